@@ -1,0 +1,112 @@
+"""Settings: pydantic trees with the paper's values as defaults; defaults < file < --set KEY=VALUE."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from touchline.errors import InputError
+
+
+class Settings(BaseModel):
+    """Base of every settings tree: frozen, and an unknown key is refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+
+SettingsT = TypeVar("SettingsT", bound=Settings)
+
+
+def load_settings(model: type[SettingsT], file: Path | None = None, overrides: Sequence[str] = ()) -> SettingsT:
+    """Settings from the defaults, then a YAML file, then `a.b=value` overrides.
+
+    Raises InputError with the nearest known key for an unknown one, and for a value that does not fit.
+    """
+    tree = read_yaml_mapping(file) if file is not None else {}
+    origin = f"{file}: " if file is not None else ""
+    for item in overrides:
+        key, separator, text = item.partition("=")
+        if not separator or not key.strip():
+            raise InputError(f"--set {item}: expected KEY=VALUE, for example --set matching.c_m=0.25")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InputError(f"--set {item}: the value is not readable ({error})") from None
+        _put(tree, key.strip().split("."), value, item)
+    try:
+        return model.model_validate(tree)
+    except ValidationError as error:
+        raise InputError(origin + _explain(model, error)) from None
+
+
+def read_yaml_mapping(path: Path) -> dict[str, Any]:
+    """A YAML file whose top level is a mapping; InputError names the file and line of what is wrong."""
+    try:
+        loaded = yaml.load(path.read_text(encoding="utf-8"), Loader=_YAML_LOADER)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        raise InputError(f"{path}{line}: is not valid YAML ({getattr(error, 'problem', error)})") from None
+    if loaded is None:
+        return {}
+    if not isinstance(loaded, dict):
+        raise InputError(f"{path}: expected keys and values at the top level, found a {type(loaded).__name__}")
+    return loaded
+
+
+_YAML_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def settings_rows(model: type[Settings], prefix: str = "") -> Iterator[tuple[str, Any, str]]:
+    """Each leaf setting as (dotted key, default, description), in the order of the tree."""
+    for name, info in model.model_fields.items():
+        key = f"{prefix}{name}"
+        if isinstance(info.annotation, type) and issubclass(info.annotation, Settings):
+            yield from settings_rows(info.annotation, f"{key}.")
+        else:
+            yield key, info.get_default(call_default_factory=True), info.description or ""
+
+
+def did_you_mean(word: str, known: Sequence[str]) -> str:
+    """A sentence that names the nearest known words, or all of them."""
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+
+
+def _put(tree: dict[str, Any], path: list[str], value: Any, item: str) -> None:
+    for part in path[:-1]:
+        tree = tree.setdefault(part, {})
+        if not isinstance(tree, dict):
+            raise InputError(f"--set {item}: '{part}' is a value, not a group of settings")
+    tree[path[-1]] = value
+
+
+def _explain(model: type[Settings], error: ValidationError) -> str:
+    known = [key for key, _, _ in settings_rows(model)]
+    sentences = []
+    for problem in error.errors():
+        key = ".".join(str(part) for part in problem["loc"])
+        if problem["type"] == "extra_forbidden":
+            sentences.append(f"unknown setting '{key}': {_nearest_key(key, known)}")
+        else:
+            sentences.append(f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})")
+    return "; ".join(sentences)
+
+
+def _nearest_key(key: str, known: Sequence[str]) -> str:
+    parent = key.rpartition(".")[0]
+    siblings = [other for other in known if other.rpartition(".")[0] == parent]
+    leaf = key.rpartition(".")[2]
+    for other in known:  # the right leaf under the wrong group
+        if other.rpartition(".")[2] == leaf:
+            return f"did you mean '{other}'?"
+    return did_you_mean(key, siblings if difflib.get_close_matches(key, siblings, cutoff=0.5) else known)
