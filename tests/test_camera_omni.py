@@ -1,0 +1,135 @@
+"""The omni camera's two mappings are each other's inverse and follow the table."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from touchline.camera import OmniCamera, open_camera
+from touchline.errors import InputError
+
+
+def camera(bearings: int = 1, handedness: int = -1) -> OmniCamera:
+    """A mirror of known closed form: range = 0.8 tan(radius / 160), the rows of a tilted one off by up to 5 %."""
+    radii = np.arange(10.0, 230.0, 2.0)
+    angles = np.arange(bearings) * 2.0 * math.pi / bearings
+    ranges = (1.0 + (0.05 if bearings > 1 else 0.0) * np.cos(angles))[:, None] * 0.8 * np.tan(radii / 160.0)
+    return OmniCamera(480, 480, (241.3, 238.2), 30.0, 225.0, handedness, 0.3, radii, angles, ranges)
+
+
+@pytest.mark.parametrize("bearings", [1, 24])
+@pytest.mark.parametrize("handedness", [1, -1])
+@settings(max_examples=60, deadline=None)
+@given(radius=st.floats(10.01, 227.9), angle=st.floats(-math.pi, math.pi))
+def test_round_trip_is_within_a_hundredth_of_a_pixel(
+    bearings: int, handedness: int, radius: float, angle: float
+) -> None:
+    cam = camera(bearings, handedness)
+    pixel = np.array([[241.3 + radius * math.cos(angle), 238.2 + radius * math.sin(angle)]])
+    assert np.abs(cam.image_from_ground(cam.ground_from_image(pixel)) - pixel).max() <= 0.01
+
+
+def test_every_pixel_of_a_recordings_camera_makes_the_round_trip(shared_data: Path) -> None:
+    cam = open_camera(shared_data / "omni_msl_track" / "camera.yaml")
+    v, u = np.mgrid[0:480:7, 0:480:7]
+    pixels = np.column_stack((u.ravel(), v.ravel())).astype(float)
+    pixels = pixels[np.hypot(*(pixels - cam.center).T) <= 219.9]
+    assert np.abs(cam.image_from_ground(cam.ground_from_image(pixels)) - pixels).max() <= 0.01
+
+
+def test_ground_point_follows_the_documented_formula() -> None:
+    cam = camera()
+    pixel = np.array([[241.3 + 90.0, 238.2]])  # along u: atan2 = 0, so the bearing is the mount's yaw
+    distance = 0.8 * math.tan(90.0 / 160.0)
+    np.testing.assert_allclose(
+        cam.ground_from_image(pixel), [[distance * math.cos(0.3), distance * math.sin(0.3)]], rtol=1e-4
+    )
+    pixel = np.array([[241.3, 238.2 + 90.0]])  # along v: a quarter turn, clockwise for handedness -1
+    bearing = 0.3 - math.pi / 2.0
+    np.testing.assert_allclose(
+        cam.ground_from_image(pixel), [[distance * math.cos(bearing), distance * math.sin(bearing)]], rtol=1e-4
+    )
+
+
+def test_between_radii_the_range_is_that_of_the_smooth_mirror() -> None:
+    cam = camera()
+    radii = np.arange(20.5, 200.0, 1.7)
+    points = cam.ground_from_image(np.column_stack((241.3 + radii, np.full_like(radii, 238.2))))
+    np.testing.assert_allclose(np.hypot(*points.T), 0.8 * np.tan(radii / 160.0), rtol=1e-3)
+
+
+def test_per_direction_rows_are_met_at_their_bearing_and_averaged_between() -> None:
+    cam = camera(bearings=8)
+    for bearing, factor in (
+        (0.0, 1.05),
+        (math.pi / 4, 1 + 0.05 * math.cos(math.pi / 4)),
+        (math.pi, 0.95),
+        (math.pi / 8, None),
+    ):
+        angle = (bearing - 0.3) * -1
+        point = cam.ground_from_image([[241.3 + 100 * math.cos(angle), 238.2 + 100 * math.sin(angle)]])[0]
+        assert math.hypot(*point) == pytest.approx(factor * 0.8 * math.tan(100 / 160), rel=1e-4)
+        assert math.atan2(point[1], point[0]) == pytest.approx(bearing if bearing < 3.1 else math.pi, abs=1e-9)
+
+
+def test_outside_the_table_there_is_no_ground() -> None:
+    cam = camera()
+    assert np.isnan(cam.ground_from_image([[241.3, 238.2], [241.3 + 229.0, 238.2]])).all()
+    assert np.isnan(cam.image_from_ground([[0.01, 0.0], [1e4, 0.0]])).all()
+
+
+def test_jacobian_is_the_slope_of_the_table() -> None:
+    cam = camera()
+    jacobian = cam.ground_jacobian([[241.3 + 120.0, 238.2]])[0]
+    slope = 0.8 / 160.0 / math.cos(120.0 / 160.0) ** 2
+    radial = np.array([math.cos(0.3), math.sin(0.3)])
+    np.testing.assert_allclose(jacobian[:, 0], slope * radial, rtol=2e-3)
+    np.testing.assert_allclose(np.linalg.norm(jacobian[:, 1]), 0.8 * math.tan(120 / 160) / 120.0, rtol=2e-3)
+
+
+GOOD = {
+    "model": "omni", "width": 10, "height": 10, "center": [5, 5], "inner_radius_px": 1, "outer_radius_px": 4,
+    "handedness": 1, "mount_yaw": 0.0, "range_table": {"radius_px": [0, 5], "range_m": [0, 1]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model": "fisheye"}, "unknown camera model 'fisheye'"),
+        ({"center": [5]}, "'center' needs two numbers"),
+        ({"center": None}, "'center' must be a list of finite numbers"),
+        ({"handedness": 2}, "'handedness' must be 1 or -1"),
+        ({"inner_radius_px": 9}, "'inner_radius_px'"),
+        ({"inner_radius_px": "a"}, "'inner_radius_px' must be a number"),
+        ({"width": 10.5}, "'width' must be a whole number"),
+        ({"range_table": {"radius_px": [0, 5]}}, "'range_table' needs"),
+        ({"range_table": {"radius_px": [0, 5, 4], "range_m": [0, 1, 2]}}, "'range_table.radius_px' must increase"),
+        ({"range_table": {"radius_px": [0, 5], "range_m": [1, float("nan")]}}, "finite"),
+        ({"range_table": {"radius_px": [0, 5], "range_m": [0, 1, 2]}}, "2 radii but 3 ranges"),
+        ({"range_table": {"radius_px": [0, 5], "bearing_rad": [0, 1], "range_m": [[0, 1]]}}, "2 bearings but 1 rows"),
+        ({"range_table": {"radius_px": [0, 5], "bearing_rad": [0, 0], "range_m": [[0, 1], [0, 1]]}}, "a bearing twice"),
+    ],
+)
+def test_a_bad_camera_file_gets_one_message_with_its_name(
+    tmp_path: Path, change: dict[str, object], message: str
+) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(yaml.safe_dump(GOOD | change))
+    with pytest.raises(InputError, match=r"camera\.yaml") as error:
+        open_camera(path)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("key", [key for key in GOOD if key != "model"])
+def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(yaml.safe_dump({k: v for k, v in GOOD.items() if k != key}))
+    with pytest.raises(InputError, match=f"'{key}' is missing"):
+        open_camera(path)
