@@ -1,1 +1,18 @@
-"""TODO"""
+"""A marked field as data: lines, crossings, posts, presets and the distance map."""
+
+from touchline.field.catalogue import open_field, preset_names
+from touchline.field.distance_map import DistanceMap, lookup
+from touchline.field.model import FieldModel, Goal, Pole, Post
+from touchline.field.reading import load_field
+
+__all__ = [
+    "DistanceMap",
+    "FieldModel",
+    "Goal",
+    "Pole",
+    "Post",
+    "load_field",
+    "lookup",
+    "open_field",
+    "preset_names",
+]

@@ -1,0 +1,34 @@
+"""The fields that come with Touchline, and how a name or a path becomes a field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from touchline.config import did_you_mean
+from touchline.errors import InputError
+from touchline.field.model import FieldModel
+from touchline.field.reading import load_field
+
+_PRESETS = Path(__file__).parent / "presets"
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names of the bundled fields, sorted."""
+    return tuple(sorted(file.stem for file in _PRESETS.glob("*.yaml")))
+
+
+def open_field(name_or_path: str | Path) -> FieldModel:
+    """A field by preset name, by the path of a field.yaml, or of a folder (a recording) that holds one.
+
+    Raises InputError for an unknown name and for a file that is no field.
+    """
+    if str(name_or_path) in preset_names():
+        return load_field(_PRESETS / f"{name_or_path}.yaml")
+    path = Path(name_or_path)
+    if path.is_dir():
+        path = path / "field.yaml"
+    if path.is_file():
+        return load_field(path)
+    if path.suffix in (".yaml", ".yml"):
+        raise InputError(f"{path}: no such field file; presets: {', '.join(preset_names())}")
+    raise InputError(f"{name_or_path}: no such field; {did_you_mean(str(name_or_path), preset_names())}")

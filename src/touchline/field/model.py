@@ -1,0 +1,177 @@
+"""A marked field: its paint as centre lines, its goals and poles, and what follows from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.field.distance_map import DistanceMap
+from touchline.field.distances import bar_table, bow_table, distances_to_lines, sample_distances
+from touchline.geometry import FloatArray
+
+_MOST_SAMPLES = 40_000_000
+_COLUMNS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A goal: x of the middles of its posts, y of each, sizes in m; post_shape is round or square."""
+
+    x: float
+    y_posts: tuple[float, ...]
+    post_width: float
+    post_shape: str
+    height: float
+    depth: float
+    color: str
+
+
+@dataclass(frozen=True, slots=True)
+class Pole:
+    """A pole beside the field: position and sizes in m, colours of its equal bands from the ground up."""
+
+    x: float
+    y: float
+    diameter: float
+    height: float
+    bands_from_ground: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Post:
+    """Something upright that a robot can see: a goal post or a pole. Position, diameter and height in m."""
+
+    kind: str
+    x: float
+    y: float
+    diameter: float
+    height: float
+    colors_from_ground: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class FieldModel:
+    """A marked field. Field frame: origin at the centre mark, x to the opponent goal, y left; m and rad.
+
+    length, width: to the outer edge of the lines. border: carpet beyond that edge.
+    segments (S, 4): x1, y1, x2, y2; circles (C, 3): cx, cy, radius; arcs (A, 5): cx, cy, radius, start, end, from
+    start counter-clockwise to end; discs (D, 3): cx, cy, diameter of a filled mark. All float64, all centre lines:
+    the paint is line_width wide and reaches half of it beyond both ends. Treat the arrays as read-only.
+    Raises InputError for sizes and shapes that are no field.
+    """
+
+    name: str
+    length: float
+    width: float
+    line_width: float
+    border: float = 1.0
+    segments: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+    circles: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    arcs: FloatArray = field(default_factory=lambda: np.zeros((0, 5)))
+    discs: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    goals: Sequence[Goal] = ()
+    poles: Sequence[Pole] = ()
+    _maps: dict[tuple[float, float], DistanceMap] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for key in ("length", "width", "line_width", "border"):
+            value = float(getattr(self, key))
+            if not math.isfinite(value) or value < 0.0 or (value == 0.0 and key != "border"):
+                raise InputError(f"{key}: expected a positive number of metres, found {getattr(self, key)!r}")
+            object.__setattr__(self, key, value)
+        for key, columns in _COLUMNS.items():
+            object.__setattr__(self, key, _checked_rows(key, getattr(self, key), columns))
+        object.__setattr__(self, "goals", tuple(self.goals))
+        object.__setattr__(self, "poles", tuple(self.poles))
+        if len(self.segments) + len(self.circles) + len(self.arcs) == 0:
+            raise InputError("segments, circles, arcs: a field needs at least one line")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, FieldModel):
+            return NotImplemented
+        plain = ("name", "length", "width", "line_width", "border", "goals", "poles")
+        return all(getattr(self, key) == getattr(other, key) for key in plain) and all(
+            np.array_equal(getattr(self, key), getattr(other, key)) for key in _COLUMNS
+        )
+
+    __hash__ = object.__hash__
+
+    @cached_property
+    def line_tables(self) -> tuple[FloatArray, FloatArray]:
+        """The lines as bars (S, 5) and bows (C + A, 10) for the loops of `touchline.field.distances`."""
+        return bar_table(self.segments), bow_table(self.circles, self.arcs)
+
+    @property
+    def posts(self) -> tuple[Post, ...]:
+        """Goal posts, then poles."""
+        of_goals = [
+            Post("goal", goal.x, y, goal.post_width, goal.height, (goal.color,))
+            for goal in self.goals
+            for y in goal.y_posts
+        ]
+        of_poles = [Post("pole", p.x, p.y, p.diameter, p.height, p.bands_from_ground) for p in self.poles]
+        return (*of_goals, *of_poles)
+
+    def line_distances(self, points: npt.ArrayLike) -> FloatArray:
+        """Exact distances (N,) in m of points (N, 2) in m, field frame, to the nearest line centre.
+
+        Filled marks are no lines. NaN points have NaN distances. Raises ValueError for another shape.
+        """
+        table = np.ascontiguousarray(points, dtype=np.float64)
+        if table.ndim != 2 or table.shape[1] != 2:
+            raise ValueError(f"points need the shape (N, 2), got {table.shape}")
+        distances: FloatArray = distances_to_lines(*self.line_tables, table)
+        return distances
+
+    def distance_map(self, resolution_m: float = 0.025, margin_m: float = 3.0) -> DistanceMap:
+        """Distance to the nearest line and its gradient on a grid that reaches margin_m beyond length and width.
+
+        The grid is centred on the centre mark, so that the map of a symmetric field is symmetric. Each sample is
+        computed from the geometry, not from a raster. The same arguments return the same map again.
+        Raises InputError for a resolution or margin that makes no map.
+        """
+        key = (float(resolution_m), float(margin_m))
+        if key not in self._maps:
+            self._maps[key] = self._sample_map(*key)
+        return self._maps[key]
+
+    def _sample_map(self, resolution_m: float, margin_m: float) -> DistanceMap:
+        if not (math.isfinite(resolution_m) and resolution_m > 0.0):
+            raise InputError(f"distance map: expected a positive resolution in metres, found {resolution_m}")
+        if not (math.isfinite(margin_m) and margin_m >= 0.0):
+            raise InputError(f"distance map: expected a margin of zero or more metres, found {margin_m}")
+        half_x, half_y = 0.5 * self.length + margin_m, 0.5 * self.width + margin_m
+        steps_x, steps_y = (math.ceil(half / resolution_m - 1e-9) for half in (half_x, half_y))
+        if (2 * steps_x + 1) * (2 * steps_y + 1) > _MOST_SAMPLES:
+            raise InputError(
+                f"distance map: {resolution_m} m is too fine for a field of {self.length} x {self.width} m"
+            )
+        origin = np.array([-steps_x * resolution_m, -steps_y * resolution_m])
+        values = np.empty((2 * steps_y + 1, 2 * steps_x + 1, 3), dtype=np.float32)
+        sample_distances(*self.line_tables, origin[0], origin[1], resolution_m, values)
+        return DistanceMap(values, origin, resolution_m)
+
+
+def _checked_rows(key: str, rows: npt.ArrayLike, columns: int) -> FloatArray:
+    """The rows as float64 (N, columns); InputError names the row that is no line."""
+    table = np.array(rows, dtype=np.float64)
+    if table.size == 0:
+        table = np.zeros((0, columns))
+    if table.ndim != 2 or table.shape[1] != columns:
+        raise InputError(f"{key}: expected rows of {columns} numbers, found the shape {table.shape}")
+    for number, row in enumerate(table, start=1):
+        if not np.all(np.isfinite(row)):
+            raise InputError(f"{key}, row {number}: holds a value that is not finite")
+        if key == "segments" and np.array_equal(row[:2], row[2:]):
+            raise InputError(f"{key}, row {number}: both ends are the same point")
+        if key != "segments" and row[2] <= 0.0:
+            raise InputError(f"{key}, row {number}: the {'diameter' if key == 'discs' else 'radius'} is not positive")
+        if key == "arcs" and row[3] == row[4]:
+            raise InputError(f"{key}, row {number}: start and end are the same angle")
+    return table
