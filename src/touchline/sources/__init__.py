@@ -1,1 +1,19 @@
-"""TODO"""
+"""Where frames come from: `open_source(path)` recognises the kind of recording by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from touchline.sources.folder import Recording
+from touchline.sources.problems import Problem, ProblemKind, ProblemLog
+from touchline.sources.source import Source, Truth
+
+__all__ = ["Problem", "ProblemKind", "ProblemLog", "Recording", "Source", "Truth", "open_source"]
+
+
+def open_source(path: str | Path) -> Recording:
+    """Open a recording folder (FORMATS.md, version 1).
+
+    Raises InputError, naming file and line, when it can't be read at all. What can be survived is in `.problems`.
+    """
+    return Recording(Path(path))

@@ -1,0 +1,131 @@
+"""sequence.yaml and camera.yaml: what has to be right before a recording can be opened at all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from touchline.config import did_you_mean, read_yaml_mapping
+from touchline.errors import InputError
+from touchline.sources.problems import ProblemKind, ProblemLog
+
+FORMAT = 1
+CAMERA_KINDS = ("omni", "pinhole")
+SEQUENCE, CAMERA, FIELD = "sequence.yaml", "camera.yaml", "field.yaml"
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """The checked part of sequence.yaml. image_size: width, height of camera.yaml, where there is one.
+
+    rate_hz: None if the file names none. field_source: a field.yaml or the name of a preset.
+    """
+
+    name: str
+    sequence: Mapping[str, Any]
+    camera_kind: str
+    camera_file: Path | None
+    image_size: tuple[int, int] | None
+    field_source: str | Path
+    rate_hz: float | None
+    events: tuple[Mapping[str, Any], ...]
+    linear: bool
+
+
+def read_description(folder: Path, log: ProblemLog) -> Description:
+    """Read and check; InputError for what no reader could do without, the log for the rest."""
+    path = folder / SEQUENCE
+    if not path.is_file():
+        raise InputError(f"{path}: is missing, so {folder} is not a recording; it has to name format, field and camera")
+    sequence = read_yaml_mapping(path)
+    _check_format(path, sequence.get("format"))
+    camera_file = folder / CAMERA
+    model = read_yaml_mapping(camera_file) if camera_file.exists() else None
+    kind = _camera_kind(path, sequence.get("camera"), camera_file, model)
+    sensor = sequence.get("sensor")
+    return Description(
+        name=str(sequence.get("name", folder.resolve().name)),
+        sequence=sequence,
+        camera_kind=kind,
+        camera_file=None if model is None else camera_file,
+        image_size=None if model is None else _image_size(camera_file, model),
+        field_source=_field_source(folder, path, sequence.get("field")),
+        rate_hz=_rate(sequence.get("rate_hz"), log),
+        events=_events(sequence.get("events"), log),
+        linear=isinstance(sensor, dict) and sensor.get("linear_png") is True,
+    )
+
+
+def _check_format(path: Path, number: object) -> None:
+    if number is None:
+        raise InputError(f"{path}: key 'format' is missing; write 'format: {FORMAT}'")
+    if number != FORMAT or isinstance(number, bool):
+        raise InputError(f"{path}: format {number!r} is not known, this version reads format {FORMAT}")
+
+
+def _camera_kind(path: Path, kind: object, camera_file: Path, model: Mapping[str, Any] | None) -> str:
+    if kind is None:
+        raise InputError(f"{path}: key 'camera' is missing; one of {', '.join(CAMERA_KINDS)}")
+    if kind not in CAMERA_KINDS:
+        raise InputError(f"{path}: camera '{kind}' is not known; {did_you_mean(str(kind), CAMERA_KINDS)}")
+    found = kind if model is None else model.get("model")
+    if found not in CAMERA_KINDS:
+        hint = "key 'model' is missing" if found is None else f"model '{found}' is not known"
+        raise InputError(f"{camera_file}: {hint}; one of {', '.join(CAMERA_KINDS)}")
+    if found != kind:
+        raise InputError(f"{camera_file}: describes a camera of model '{found}', but {path} says camera '{kind}'")
+    return str(kind)
+
+
+def _image_size(camera_file: Path, model: Mapping[str, Any]) -> tuple[int, int]:
+    width, height = model.get("width"), model.get("height")
+    for key, value in (("width", width), ("height", height)):
+        if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
+            raise InputError(f"{camera_file}: '{key}' has to be a number of pixels, found {value!r}")
+    assert isinstance(width, int)
+    assert isinstance(height, int)
+    return width, height
+
+
+def _field_source(folder: Path, path: Path, name: object) -> str | Path:
+    if (folder / FIELD).exists():
+        return folder / FIELD
+    from touchline.field import preset_names
+
+    known = list(preset_names())
+    if name is None:
+        raise InputError(f"{path}: key 'field' is missing and there is no {FIELD}; one of {', '.join(known)}")
+    if name not in known:
+        raise InputError(
+            f"{path}: field '{name}' is not known and there is no {FIELD} that describes it; "
+            f"{did_you_mean(str(name), known)}"
+        )
+    return str(name)
+
+
+def _rate(rate: object, log: ProblemLog) -> float | None:
+    if isinstance(rate, int | float) and not isinstance(rate, bool) and 0 < rate < math.inf:
+        return float(rate)
+    what = "key 'rate_hz' is missing" if rate is None else f"rate_hz {rate!r} is not a positive number"
+    log.add(ProblemKind.SEQUENCE, SEQUENCE, f"{what}; the rate is taken from the image times")
+    return None
+
+
+def _events(events: object, log: ProblemLog) -> tuple[Mapping[str, Any], ...]:
+    if events is None:
+        return ()
+    if not isinstance(events, list):
+        log.add(ProblemKind.SEQUENCE, SEQUENCE, f"events: expected a list, found {events!r}; they are left out")
+        return ()
+    good = []
+    for number, event in enumerate(events, start=1):
+        time_s = event.get("t") if isinstance(event, dict) else None
+        if isinstance(time_s, int | float) and math.isfinite(time_s) and "kind" in event:
+            good.append(event)
+        else:
+            what = f"events: number {number} needs t (s) and kind, found {event!r}; it is left out"
+            log.add(ProblemKind.SEQUENCE, SEQUENCE, what)
+    return tuple(good)

@@ -1,0 +1,182 @@
+"""A recording in the folder format: frames read lazily, in constant memory at any length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from touchline.errors import InputError
+from touchline.sources.description import Description, read_description
+from touchline.sources.images import decode_image, read_image_list, usable_image
+from touchline.sources.problems import ProblemKind, ProblemLog
+from touchline.sources.sensors import SensorStream
+from touchline.sources.source import Truth
+from touchline.sources.tables import StampArray, Table, open_table
+from touchline.sources.truth import TRUTH, read_truth
+from touchline.types import Frame, ImageArray, Samples
+
+if TYPE_CHECKING:
+    from touchline.camera import OmniCamera
+    from touchline.field import FieldModel
+
+IMAGE_LIST = "images.csv"
+SENSOR_COLUMNS = {
+    "odometry.csv": ("x", "y", "theta"),
+    "wheels.csv": ("a", "b"),
+    "imu.csv": ("roll", "pitch", "yaw", "gx", "gy", "gz"),
+}
+
+
+class Recording:
+    """A folder as FORMATS.md describes it: iterate for `Frame`s, as often as you like.
+
+    Every frame carries the samples in the half-open interval (stamp of the frame before, its own stamp]; the first one
+    all samples up to its stamp. A sensor without a sample there is None. A frame whose image is missing or broken has
+    image None and says why in `problem`.
+
+    Raises InputError when it can't be opened at all; what can be survived is in `problems`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        if not folder.exists():
+            raise InputError(f"{folder}: there is no such recording")
+        if not folder.is_dir():
+            raise InputError(f"{folder}: is not a recording; expected a folder that holds sequence.yaml and images.csv")
+        self.folder = folder
+        self._opening = ProblemLog()
+        self._pass = ProblemLog()
+        self._about: Description = read_description(folder, self._opening)
+        if not (folder / IMAGE_LIST).is_file():
+            raise InputError(f"{folder / IMAGE_LIST}: is missing; it has to list the images as t,file,exposure_ms,gain")
+        self._images = read_image_list(folder / IMAGE_LIST, self._opening)
+        self._tables: dict[str, Table] = {
+            name: open_table(folder / name, ["t", *columns])
+            for name, columns in SENSOR_COLUMNS.items()
+            if (folder / name).exists()
+        }
+        self.truth: Truth | None = None
+        """The true poses, where they are known. For evaluation only."""
+        if (folder / TRUTH).exists():
+            self.truth = read_truth(folder / TRUTH, self._images.stamp_ns, self._opening)
+        self._size = self._about.image_size
+
+    @property
+    def name(self) -> str:
+        """What the recording is called."""
+        return self._about.name
+
+    @property
+    def sequence(self) -> Mapping[str, Any]:
+        """sequence.yaml as it was written."""
+        return self._about.sequence
+
+    @property
+    def events(self) -> tuple[Mapping[str, Any], ...]:
+        """What happened, each with t and kind. For evaluation only."""
+        return self._about.events
+
+    @property
+    def camera_kind(self) -> str:
+        """`omni` or `pinhole`."""
+        return self._about.camera_kind
+
+    @property
+    def camera_file(self) -> Path | None:
+        """camera.yaml, if there is one."""
+        return self._about.camera_file
+
+    @property
+    def linear(self) -> bool:
+        """Whether the images are 16-bit linear PNG files: no image until exposure and gain are applied."""
+        return self._about.linear
+
+    @cached_property
+    def camera(self) -> OmniCamera:
+        """The camera model; InputError if there is none."""
+        from touchline.camera import open_camera
+
+        if self.camera_file is None:
+            raise InputError(
+                f"{self.folder / 'camera.yaml'}: is missing; without it pixels have no place on the ground"
+            )
+        return open_camera(self.camera_file)
+
+    @cached_property
+    def field(self) -> FieldModel:
+        """The field of field.yaml, else the preset that sequence.yaml names."""
+        from touchline.field import open_field
+
+        return open_field(self._about.field_source)
+
+    @property
+    def rate_hz(self) -> float:
+        """Nominal image rate; the median one where sequence.yaml names none (NaN for a single image)."""
+        if self._about.rate_hz is not None:
+            return self._about.rate_hz
+        steps = np.diff(self.image_stamps)
+        return 1e9 / float(np.median(steps)) if len(steps) else float("nan")
+
+    @property
+    def image_stamps(self) -> StampArray:
+        """Stamps of all frames (ns), int64 (N,)."""
+        return self._images.stamp_ns
+
+    @property
+    def problems(self) -> ProblemLog:
+        """What was odd: at opening, and so far in the latest pass over the frames."""
+        return self._opening.joined(self._pass)
+
+    def __len__(self) -> int:
+        return len(self._images)
+
+    def __iter__(self) -> Iterator[Frame]:
+        self._pass = log = ProblemLog()
+        streams = {name: SensorStream(table, SENSOR_COLUMNS[name], log) for name, table in self._tables.items()}
+        for index, stamp in enumerate(self._images.stamp_ns.tolist()):
+            taken = {name: stream.take_until(stamp) for name, stream in streams.items()}
+            name, image, problem = self._load(index, log)
+            imu = taken.get("imu.csv")
+            exposure, gain = self._images.exposure_ms[index], self._images.gain[index]
+            yield Frame(
+                stamp_ns=stamp,
+                image=image,
+                odometry=taken.get("odometry.csv"),
+                wheels=taken.get("wheels.csv"),
+                gyro=_columns(imu, 3, 6),
+                compass=_columns(imu, 2, 3),
+                tilt=_columns(imu, 0, 2),
+                exposure_ms=None if np.isnan(exposure) else float(exposure),
+                gain=None if np.isnan(gain) else float(gain),
+                name=name,
+                problem=problem,
+            )
+        for stream in streams.values():
+            stream.drain()
+
+    def image(self, index: int) -> ImageArray | None:
+        """The image of one frame by its index, uint8 (H, W, 3) BGR; None where it is missing or broken.
+
+        For a look at single frames out of order; adds nothing to `problems`.
+        """
+        return self._load(range(len(self))[index], ProblemLog())[1]
+
+    def _load(self, index: int, log: ProblemLog) -> tuple[str, ImageArray | None, str | None]:
+        """File name, image, and the problem that left no image."""
+        name = self._images.file_name(index)
+        image, outcome = usable_image(decode_image(self.folder / name), self._size)
+        if image is None:
+            kind = outcome.kind or ProblemKind.BROKEN_IMAGE
+            what = f"{name} {outcome.what}"
+            problem = log.add(kind, IMAGE_LIST, what, line=int(self._images.lines[index]), frame=index)
+            return name, None, problem.message
+        if self._size is None:
+            self._size = (image.shape[1], image.shape[0])
+        return name, image, None
+
+
+def _columns(samples: Samples | None, start: int, stop: int) -> Samples | None:
+    return None if samples is None else Samples(samples.stamp_ns, samples.values[:, start:stop])

@@ -1,0 +1,160 @@
+"""The list of images of a recording, kept compact, and the decoding of one image."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.sources.problems import ProblemKind, ProblemLog
+from touchline.sources.sensors import increasing_rows
+from touchline.sources.tables import (
+    LONGEST_LINE,
+    Line,
+    StampArray,
+    Table,
+    open_table,
+    parse_row,
+    read_lines,
+    shown,
+    to_number,
+    to_stamps,
+)
+from touchline.types import ImageArray
+
+_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_PNG_START, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ImageList:
+    """images.csv without its text: 36 bytes per image.
+
+    stamp_ns: int64 (N,), strictly increasing. exposure_ms, gain: float64 (N,), NaN where unknown.
+    lines: int64 (N,), line numbers. offsets: int64 (N,), where the line starts in the file.
+    """
+
+    table: Table
+    stamp_ns: StampArray
+    exposure_ms: FloatArray
+    gain: FloatArray
+    lines: npt.NDArray[np.int64]
+    offsets: npt.NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def file_name(self, index: int) -> str:
+        """The image's file, relative to the recording."""
+        with self.table.path.open("rb") as file:
+            file.seek(int(self.offsets[index]))
+            return _file_cell(self.table, file.readline(LONGEST_LINE).decode("utf-8", errors="replace"))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Decoded:
+    """An image as it was stored (uint8 or uint16, BGR), or why there is none."""
+
+    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | None
+    kind: ProblemKind | None = None
+    what: str = ""
+
+
+def read_image_list(path: Path, log: ProblemLog) -> ImageList:
+    """Read images.csv once; bad rows go to the log, InputError if no row is usable."""
+    table = open_table(path, ["t", "file"])
+    times, exposures, gains = array("d"), array("d"), array("d")
+    numbers, offsets = array("q"), array("q")
+    for lines in read_lines(table):
+        for line in lines:
+            row = parse_row(table, line, ["t"], log)
+            if row is None:
+                continue
+            if not _file_cell(table, line.text):
+                log.add(ProblemKind.BROKEN_ROW, table.name, "names no file; the row is left out", line=line.number)
+                continue
+            times.append(row[0])
+            exposures.append(_setting(table, line, "exposure_ms", log))
+            gains.append(_setting(table, line, "gain", log))
+            numbers.append(line.number)
+            offsets.append(line.offset)
+    if not times:
+        raise InputError(f"{path}: names no image; every line after the header has to read t,file,exposure_ms,gain")
+    stamps, lines_read = to_stamps(np.array(times)), np.array(numbers, dtype=np.int64)
+    keep = increasing_rows(stamps, np.iinfo(np.int64).min)
+    for row_index in np.flatnonzero(~keep):
+        what = f"the time {times[row_index]:.6g} s runs backwards or repeats; the image is left out"
+        log.add(ProblemKind.TIME_ORDER, table.name, what, line=int(lines_read[row_index]))
+    return ImageList(
+        table,
+        stamps[keep],
+        np.array(exposures)[keep],
+        np.array(gains)[keep],
+        lines_read[keep],
+        np.array(offsets, dtype=np.int64)[keep],
+    )
+
+
+def decode_image(path: Path) -> Decoded:
+    """Decode a file as it is stored; a file that ends early is broken even where a decoder would fill the rest."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return Decoded(None, ProblemKind.MISSING_IMAGE, "the file is missing")
+    except (OSError, ValueError) as error:
+        return Decoded(None, ProblemKind.MISSING_IMAGE, f"the file cannot be read ({error})")
+    tail = data[-4096:].rstrip(b"\0\r\n")
+    if data.startswith(_JPEG_START) and not tail.endswith(_JPEG_END):
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, "the JPEG file ends early")
+    if data.startswith(_PNG_START) and _PNG_END not in tail:
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, "the PNG file ends early")
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), _FLAGS) if data else None
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        what = "is not an image that can be decoded" if data else "the file is empty"
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, what)
+    return Decoded(pixels)  # type: ignore[arg-type]
+
+
+def usable_image(decoded: Decoded, size: tuple[int, int] | None) -> tuple[ImageArray | None, Decoded]:
+    """The pixels as perception takes them (uint8, of `size` = width, height), or None and why."""
+    pixels = decoded.pixels
+    if pixels is None:
+        return None, decoded
+    height, width = pixels.shape[:2]
+    if pixels.dtype != np.uint8:
+        what = f"holds {8 * pixels.itemsize}-bit linear values; exposure and gain have to be applied before it is seen"
+        return None, Decoded(None, ProblemKind.LINEAR_IMAGE, what)
+    if size is not None and (width, height) != size:
+        what = f"is {width}×{height} pixels, expected {size[0]}×{size[1]}"
+        return None, Decoded(None, ProblemKind.IMAGE_SIZE, what)
+    return pixels.astype(np.uint8, copy=False), decoded
+
+
+def _file_cell(table: Table, text: str) -> str:
+    cells = text.split(",")
+    position = table.columns["file"]
+    return cells[position].strip().strip('"') if position < len(cells) else ""
+
+
+def _setting(table: Table, line: Line, name: str, log: ProblemLog) -> float:
+    """An optional positive number of a row; NaN, and a report, if it is there but broken."""
+    if name not in table.columns:
+        return float("nan")
+    cell = line.text.split(",")[table.columns[name]].strip()
+    value = to_number(cell)
+    if value is not None and 0.0 < value < float("inf"):
+        return value
+    if cell:
+        what = f"column '{name}' reads {shown(cell)}, expected a positive number; the image is used without it"
+        log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
+    return float("nan")

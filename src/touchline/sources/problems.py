@@ -1,0 +1,94 @@
+"""What was odd about a recording: reported one by one, counted by kind, never fatal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import overload
+
+KEPT_PER_KIND = 100  # enough to read; the counts go on, the memory does not
+
+
+class ProblemKind(StrEnum):
+    """What sort of oddity a `Problem` is."""
+
+    MISSING_IMAGE = "missing image"
+    BROKEN_IMAGE = "broken image"
+    IMAGE_SIZE = "image size"
+    LINEAR_IMAGE = "linear image"
+    BROKEN_ROW = "broken row"
+    NOT_A_NUMBER = "not a number"
+    TIME_ORDER = "time order"
+    SENSOR_GAP = "sensor gap"
+    TRUTH = "truth"
+    SEQUENCE = "sequence"
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One oddity. file: relative to the recording; line: counted from 1; frame: index of the image, from 0.
+
+    message: a complete sentence that names file and line, or frame, by itself.
+    """
+
+    file: str
+    line: int | None
+    frame: int | None
+    kind: ProblemKind
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
+
+
+class ProblemLog(Sequence[Problem]):
+    """Problems in the order of discovery: the first `KEPT_PER_KIND` of each kind, and the count of all."""
+
+    def __init__(self) -> None:
+        self._kept: list[Problem] = []
+        self.counts: Counter[ProblemKind] = Counter()
+
+    def add(
+        self, kind: ProblemKind, file: str, what: str, *, line: int | None = None, frame: int | None = None
+    ) -> Problem:
+        """Report a problem; its message is made of the place and `what`."""
+        place = file if line is None else f"{file}, line {line}"
+        if frame is not None:
+            place += f" (frame {frame})"
+        problem = Problem(file, line, frame, kind, f"{place}: {what}")
+        if self.counts[kind] < KEPT_PER_KIND:
+            self._kept.append(problem)
+        self.counts[kind] += 1
+        return problem
+
+    @property
+    def total(self) -> int:
+        """How many problems were reported, kept or not."""
+        return sum(self.counts.values())
+
+    def joined(self, other: ProblemLog) -> ProblemLog:
+        """This log followed by the other, as a new log."""
+        both = ProblemLog()
+        both._kept = [*self._kept, *other._kept]
+        both.counts = self.counts + other.counts
+        return both
+
+    def summary(self) -> str:
+        """The counts in words, for a line of output; empty if nothing was reported."""
+        return ", ".join(f"{count} × {kind.value}" for kind, count in self.counts.items())
+
+    @overload
+    def __getitem__(self, index: int) -> Problem: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Problem]: ...
+    def __getitem__(self, index: int | slice) -> Problem | Sequence[Problem]:
+        return self._kept[index]
+
+    def __len__(self) -> int:
+        """Number of problems kept (`total` counts all)."""
+        return len(self._kept)
+
+    def __iter__(self) -> Iterator[Problem]:
+        return iter(self._kept)

@@ -1,0 +1,155 @@
+"""One sensor's file as a stream of samples, in the order of time, handed out between image stamps."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.geometry import FloatArray
+from touchline.sources.problems import ProblemKind, ProblemLog
+from touchline.sources.tables import Block, StampArray, Table, read_blocks, to_stamps
+from touchline.types import Samples
+
+HELD_ROWS = 16  # rows kept back until what follows shows whether their times were right
+GAP_NS = 100_000_000
+GAP_PERIODS = 3.5
+
+
+class SensorStream:
+    """The samples of one table, read lazily. Rows whose time runs backwards and gaps go to the log."""
+
+    def __init__(self, table: Table, names: Sequence[str], log: ProblemLog) -> None:
+        self._table = table
+        self._log = log
+        self._blocks = self._watched(in_order(table, read_blocks(table, ["t", *names], log), log))
+        self._stamps: StampArray = np.zeros(0, dtype=np.int64)
+        self._values: FloatArray = np.zeros((0, len(names)))
+        self._next = 0
+        self._gap_ns = GAP_NS
+        self._first_ns: int | None = None
+        self._last_ns: int | None = None
+        self._ended = False
+
+    def take_until(self, stamp_ns: int) -> Samples | None:
+        """The samples not handed out yet with a stamp at or before `stamp_ns`; None if there are none."""
+        parts: list[Samples] = []
+        while True:
+            rest = self._stamps[self._next :]
+            count = int(np.searchsorted(rest, stamp_ns, side="right"))
+            if count:
+                end = self._next + count
+                parts.append(Samples(self._stamps[self._next : end], self._values[self._next : end]))
+                self._next = end
+            if count < len(rest):
+                break
+            block = next(self._blocks, None)
+            if block is None:
+                self._note_end(stamp_ns)
+                break
+            if self._first_ns is None:
+                self._note_start(int(block.stamp_ns[0]), stamp_ns)
+            self._stamps, self._values, self._next = block.stamp_ns, block.values, 0
+        if len(parts) <= 1:
+            return parts[0] if parts else None
+        return Samples(
+            np.concatenate([part.stamp_ns for part in parts]), np.concatenate([part.values for part in parts])
+        )
+
+    def drain(self) -> None:
+        """Read to the end of the file, so that its last rows are checked as well."""
+        for _ in self._blocks:
+            pass
+
+    def __iter__(self) -> Iterator[Samples]:
+        """The remaining samples, block by block."""
+        return self._blocks
+
+    def _watched(self, blocks: Iterator[tuple[Block, StampArray]]) -> Iterator[Samples]:
+        for block, stamps in blocks:
+            if self._last_ns is None and len(stamps) > 1:
+                self._gap_ns = max(GAP_NS, round(GAP_PERIODS * float(np.median(np.diff(stamps)))))
+            before = stamps[:1] if self._last_ns is None else np.array([self._last_ns])
+            steps = np.diff(stamps, prepend=before)
+            for row in np.flatnonzero(steps > self._gap_ns):
+                what = (
+                    f"nothing for {steps[row] / 1e9:.3f} s before t = {stamps[row] / 1e9:.3f} s "
+                    "(sensor gap); the samples around it are used as they are"
+                )
+                self._log.add(ProblemKind.SENSOR_GAP, self._table.name, what, line=int(block.lines[row]))
+            self._last_ns = int(stamps[-1])
+            yield Samples(stamps, block.values[:, 1:])
+
+    def _note_start(self, first_ns: int, stamp_ns: int) -> None:
+        self._first_ns = first_ns
+        if first_ns - stamp_ns > self._gap_ns:
+            what = f"starts at t = {first_ns / 1e9:.3f} s, the first image is at t = {stamp_ns / 1e9:.3f} s"
+            self._log.add(ProblemKind.SENSOR_GAP, self._table.name, what)
+
+    def _note_end(self, stamp_ns: int) -> None:
+        if self._ended:
+            return
+        if self._last_ns is None:
+            self._log.add(ProblemKind.SENSOR_GAP, self._table.name, "holds no usable row")
+            self._ended = True
+        elif stamp_ns - self._last_ns > self._gap_ns:
+            what = f"ends at t = {self._last_ns / 1e9:.3f} s, images go on at t = {stamp_ns / 1e9:.3f} s"
+            self._log.add(ProblemKind.SENSOR_GAP, self._table.name, what)
+            self._ended = True
+
+
+def in_order(table: Table, blocks: Iterator[Block], log: ProblemLog) -> Iterator[tuple[Block, StampArray]]:
+    """Blocks with strictly increasing stamps: the fewest rows that break the order are reported and left out.
+
+    The last HELD_ROWS rows of a block wait for the next one, so that a single time far in the future is recognised
+    as the culprit instead of all that follows it.
+    """
+    above = np.iinfo(np.int64).min
+    held: Block | None = None
+    for block in blocks:
+        merged = block
+        if held is not None:
+            merged = Block(np.concatenate((held.lines, block.lines)), np.concatenate((held.values, block.values)))
+        done = max(len(merged.lines) - HELD_ROWS, 0)
+        held = Block(merged.lines[done:], merged.values[done:])
+        yield from (kept := list(_ordered_part(table, merged, done, above, log)))
+        if kept:
+            above = int(kept[0][1][-1])
+    if held is not None:
+        yield from _ordered_part(table, held, len(held.lines), above, log)
+
+
+def _ordered_part(
+    table: Table, block: Block, count: int, above: int, log: ProblemLog
+) -> Iterator[tuple[Block, StampArray]]:
+    """The first `count` rows of the block without those that break the order of the whole block."""
+    stamps = to_stamps(block.values[:, 0])
+    keep = increasing_rows(stamps, above)[:count]
+    for row in np.flatnonzero(~keep):
+        what = f"the time {block.values[row, 0]:.6g} s runs backwards or repeats; the row is left out"
+        log.add(ProblemKind.TIME_ORDER, table.name, what, line=int(block.lines[row]))
+    if keep.any():
+        yield Block(block.lines[:count][keep], block.values[:count][keep]), stamps[:count][keep]
+
+
+def increasing_rows(stamps: StampArray, above: int) -> npt.NDArray[np.bool_]:
+    """Mask (n,) of a longest strictly increasing run of stamps (gaps allowed) that starts above `above`."""
+    if len(stamps) == 0 or (int(stamps[0]) > above and bool((np.diff(stamps) > 0).all())):
+        return np.ones(len(stamps), dtype=np.bool_)
+    negated = (-stamps).tolist()
+    starts: list[int] = []  # negated largest first stamp of a run of each length, to the right of `row`
+    lengths = np.zeros(len(stamps), dtype=np.int64)  # longest run that starts at the row
+    for row in range(len(stamps) - 1, -1, -1):
+        if stamps[row] > above:
+            length = bisect_left(starts, negated[row])
+            starts[length : length + 1] = [negated[row]]
+            lengths[row] = length + 1
+    mask = np.zeros(len(stamps), dtype=np.bool_)
+    missing, last = len(starts), above
+    for row, stamp in enumerate(stamps.tolist()):
+        if lengths[row] == missing and missing and stamp > last:  # of equally long runs, the one that keeps early rows
+            mask[row] = True
+            missing, last = missing - 1, stamp
+    return mask

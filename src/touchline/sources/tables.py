@@ -1,0 +1,173 @@
+"""CSV files of numbers, read in blocks: constant memory at any length, bad rows reported and left out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.sources.problems import ProblemKind, ProblemLog
+
+BLOCK_BYTES = 16384
+LONGEST_LINE = 65536
+LATEST_TIME_S = 9.0e9  # int64 nanoseconds end there
+
+StampArray = npt.NDArray[np.int64]
+
+
+class Table(NamedTuple):
+    """A CSV file whose header is known. columns: name to position; width: number of columns."""
+
+    path: Path
+    columns: dict[str, int]
+    width: int
+    start: int  # byte offset of the first line after the header
+
+    @property
+    def name(self) -> str:
+        """The file's name, as problems show it."""
+        return self.path.name
+
+
+class Line(NamedTuple):
+    """number: counted from 1; offset: in bytes; text: decoded as Latin-1, so that no byte can fail."""
+
+    number: int
+    offset: int
+    text: str
+
+
+class Block(NamedTuple):
+    """Rows of numbers. lines: (n,) line numbers; values: float64 (n, k), the columns asked for."""
+
+    lines: npt.NDArray[np.int64]
+    values: FloatArray
+
+
+def open_table(path: Path, needed: Sequence[str]) -> Table:
+    """Read the header; InputError if it can't be read or lacks a needed column."""
+    try:
+        with path.open("rb") as file:
+            header = file.readline(LONGEST_LINE)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    names = [name.strip().strip('"') for name in header.decode("utf-8-sig", errors="replace").split(",")]
+    for name in needed:
+        if name not in names:
+            hint = f"found: {', '.join(names)[:200]}" if any(names) else "the file is empty"
+            raise InputError(
+                f"{path}, line 1: column '{name}' is missing from the header ({hint}); expected {','.join(needed)}"
+            )
+    return Table(path, {name: names.index(name) for name in names}, len(names), len(header))
+
+
+def read_lines(table: Table) -> Iterator[list[Line]]:
+    """The lines after the header, in lists of about BLOCK_BYTES; blank lines are skipped.
+
+    A line longer than LONGEST_LINE comes as its first LONGEST_LINE bytes: it can't be a row.
+    """
+    with table.path.open("rb") as file:
+        offset = file.seek(table.start)
+        number, carry, skipping = 2, "", False
+        while chunk := file.read(BLOCK_BYTES):
+            texts = (carry + chunk.decode("latin-1")).split("\n")
+            carry = texts.pop()
+            lines: list[Line] = []
+            for text in texts:
+                if text.strip() and not skipping:
+                    lines.append(Line(number, offset, text))
+                skipping = False
+                offset += len(text) + 1
+                number += 1
+            if len(carry) > LONGEST_LINE:
+                if not skipping:
+                    lines.append(Line(number, offset, carry[:LONGEST_LINE]))
+                offset += len(carry)
+                carry, skipping = "", True
+            if lines:
+                yield lines
+        if carry.strip() and not skipping:
+            yield [Line(number, offset, carry)]
+
+
+def read_blocks(table: Table, names: Sequence[str], log: ProblemLog) -> Iterator[Block]:
+    """The named columns as numbers, block by block; broken rows go to the log.
+
+    The first named column is the time (s) and has to lie within ±LATEST_TIME_S.
+    """
+    wanted = [table.columns[name] for name in names]
+    for lines in read_lines(table):
+        values = _parse_clean(lines, table.width)
+        if values is not None:
+            picked = values[:, wanted]
+            if np.isfinite(picked).all() and (np.abs(picked[:, 0]) < LATEST_TIME_S).all():
+                yield Block(np.array([line.number for line in lines], dtype=np.int64), picked)
+                continue
+        rows = [(line.number, row) for line in lines if (row := parse_row(table, line, names, log)) is not None]
+        if rows:
+            yield Block(np.array([number for number, _ in rows], dtype=np.int64), np.array([row for _, row in rows]))
+
+
+def parse_row(table: Table, line: Line, names: Sequence[str], log: ProblemLog) -> list[float] | None:
+    """The named columns of one line; None, and a report, if it is broken."""
+    cells = line.text.split(",")
+    if len(cells) != table.width:
+        what = f"has {len(cells)} values where the header names {table.width} columns; the row is left out"
+        log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
+        return None
+    row = []
+    for name in names:
+        cell = cells[table.columns[name]].strip()
+        value = to_number(cell)
+        if value is None:
+            what = f"column '{name}' reads {shown(cell)}, which is not a number; the row is left out"
+            log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
+            return None
+        if not math.isfinite(value):
+            what = f"column '{name}' is {value}; the row is left out"
+            log.add(ProblemKind.NOT_A_NUMBER, table.name, what, line=line.number)
+            return None
+        row.append(value)
+    if abs(row[0]) >= LATEST_TIME_S:
+        what = f"the time {row[0]:g} s is beyond any clock; the row is left out"
+        log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
+        return None
+    return row
+
+
+def to_number(cell: str) -> float | None:
+    """A decimal number as text; None for anything else (underscores, which Python would take, included)."""
+    if "_" in cell:
+        return None
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def shown(cell: str) -> str:
+    """A cell as messages quote it."""
+    if not cell:
+        return "empty"
+    return repr(cell if len(cell) <= 30 else cell[:30] + "…")
+
+
+def to_stamps(times_s: FloatArray) -> StampArray:
+    """Seconds as integer nanoseconds."""
+    stamps: StampArray = np.rint(times_s * 1e9).astype(np.int64)
+    return stamps
+
+
+def _parse_clean(lines: Sequence[Line], width: int) -> FloatArray | None:
+    """All columns of well-formed rows at once; None if any row isn't."""
+    try:
+        values = np.loadtxt([line.text for line in lines], delimiter=",", comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return values if values.shape == (len(lines), width) else None

@@ -1,0 +1,82 @@
+"""ground_truth.tum: the true poses, for evaluation only."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from pathlib import Path
+
+import numpy as np
+
+from touchline.errors import InputError
+from touchline.geometry import wrap_angles
+from touchline.sources.problems import ProblemKind, ProblemLog
+from touchline.sources.sensors import increasing_rows
+from touchline.sources.source import Truth
+from touchline.sources.tables import LATEST_TIME_S, StampArray, to_number, to_stamps
+
+TRUTH = "ground_truth.tum"
+_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+def read_truth(path: Path, image_stamps: StampArray, log: ProblemLog) -> Truth | None:
+    """The poses of a TUM file (`t x y z qx qy qz qw` a line, # for comments); None if there is no usable line.
+
+    Broken lines, times out of order and another length than the images' go to the log.
+    """
+    rows, lines = array("d"), array("q")
+    number = 0
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            for number, text in enumerate(file, start=1):
+                row = _pose_row(path.name, number, text, log)
+                if row is not None:
+                    rows.extend(row)
+                    lines.append(number)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    table = np.array(rows).reshape(-1, 4)
+    stamps = to_stamps(table[:, 0])
+    keep = increasing_rows(stamps, np.iinfo(np.int64).min)
+    for row_index in np.flatnonzero(~keep):
+        what = f"the time {table[row_index, 0]:.6g} s runs backwards or repeats; the pose is left out"
+        log.add(ProblemKind.TIME_ORDER, path.name, what, line=lines[row_index])
+    stamps, poses = stamps[keep], table[keep, 1:]
+    if len(stamps) != len(image_stamps):
+        what = f"holds {len(stamps)} usable poses for {len(image_stamps)} images; the nearest in time is used"
+        log.add(ProblemKind.TRUTH, path.name, what)
+    elif not np.array_equal(stamps, image_stamps):
+        index = int(np.flatnonzero(stamps != image_stamps)[0])
+        what = (
+            f"pose {index} is at t = {stamps[index] / 1e9:.4f} s, its image at "
+            f"{image_stamps[index] / 1e9:.4f} s; the nearest in time is used"
+        )
+        log.add(ProblemKind.TRUTH, path.name, what)
+    return Truth(stamps, np.column_stack((poses[:, :2], wrap_angles(poses[:, 2])))) if len(stamps) else None
+
+
+def _pose_row(file: str, number: int, text: str, log: ProblemLog) -> tuple[float, float, float, float] | None:
+    """t, x, y, heading of one line; None for a comment, a blank line, or (reported) a broken one."""
+    if not text.strip() or text.startswith("#"):
+        return None
+    cells = text.split()
+    if len(cells) != len(_COLUMNS):
+        what = f"has {len(cells)} values, expected 8 ({' '.join(_COLUMNS)}); the pose is left out"
+        log.add(ProblemKind.BROKEN_ROW, file, what, line=number)
+        return None
+    values = []
+    for name, cell in zip(_COLUMNS, cells, strict=True):
+        value = to_number(cell)
+        if value is None:
+            log.add(ProblemKind.BROKEN_ROW, file, f"{name} reads {cell[:30]!r}; the pose is left out", line=number)
+            return None
+        if not math.isfinite(value):
+            log.add(ProblemKind.NOT_A_NUMBER, file, f"{name} is {value}; the pose is left out", line=number)
+            return None
+        values.append(value)
+    time_s, x, y, _, _, _, qz, qw = values
+    if abs(time_s) >= LATEST_TIME_S or math.hypot(qz, qw) < 1e-6:
+        what = "needs a time of a clock and a rotation about z; the pose is left out"
+        log.add(ProblemKind.BROKEN_ROW, file, what, line=number)
+        return None
+    return time_s, x, y, 2.0 * math.atan2(qz, qw)
