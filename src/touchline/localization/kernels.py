@@ -1,0 +1,172 @@
+"""Numba loops of matching: the error function with its derivatives, and RPROP.
+
+Everywhere: points (N, 2) robot frame in m; weights (N,) that sum to 1; values, origin_x, origin_y, resolution_m: those
+of a `DistanceMap`; poses as x, y (m), heading (rad) in the field frame; c_m the width of the error function (m).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from touchline.field.distance_map import lookup
+
+
+@numba.njit(cache=True)
+def error_and_gradient(points, weights, values, origin_x, origin_y, resolution_m, x, y, heading, c_m):  # type: ignore[no-untyped-def]
+    """Mean error of a pose and its derivatives by x, y, heading (Xiong et al., equations 1 and 2).
+
+    e(t) = 1 - c² / (c² + t²), so e'(t) = 2 c² t / (c² + t²)².
+    """
+    cosine, sine = math.cos(heading), math.sin(heading)
+    inverse_c2 = 1.0 / (c_m * c_m)
+    error = slope_x = slope_y = slope_heading = 0.0
+    for i in range(points.shape[0]):
+        px, py = points[i, 0], points[i, 1]
+        turned_x = cosine * px - sine * py
+        turned_y = sine * px + cosine * py
+        d, gx, gy = lookup(values, origin_x, origin_y, resolution_m, x + turned_x, y + turned_y)
+        k = 1.0 / (1.0 + d * d * inverse_c2)
+        slope = weights[i] * k * k * d
+        error += weights[i] * (1.0 - k)
+        slope_x += slope * gx
+        slope_y += slope * gy
+        slope_heading += slope * (gy * turned_x - gx * turned_y)
+    scale = 2.0 * inverse_c2
+    return error, scale * slope_x, scale * slope_y, scale * slope_heading
+
+
+@numba.njit(cache=True)
+def mean_error(points, weights, values, origin_x, origin_y, resolution_m, x, y, heading, c_m):  # type: ignore[no-untyped-def]
+    """Mean error of a pose from the nearest map samples: as equation (2), without interpolation, for coarse grids."""
+    cosine, sine = math.cos(heading), math.sin(heading)
+    inverse_c2 = 1.0 / (c_m * c_m)
+    inverse_resolution = 1.0 / resolution_m
+    last_x, last_y = float(values.shape[1] - 1), float(values.shape[0] - 1)
+    shift_x, shift_y = (x - origin_x) * inverse_resolution + 0.5, (y - origin_y) * inverse_resolution + 0.5
+    error = 0.0
+    for i in range(points.shape[0]):
+        px, py = points[i, 0] * inverse_resolution, points[i, 1] * inverse_resolution
+        fx = shift_x + cosine * px - sine * py
+        fy = shift_y + sine * px + cosine * py
+        fx = min(fx, last_x) if fx > 0.0 else 0.0  # written so that NaN never becomes an index
+        fy = min(fy, last_y) if fy > 0.0 else 0.0
+        d = values[np.uint64(int(fy)), np.uint64(int(fx)), 0]
+        error += weights[i] * (1.0 - 1.0 / (1.0 + d * d * inverse_c2))
+    return error
+
+
+@numba.njit(cache=True)
+def grid_errors(points, weights, values, origin_x, origin_y, resolution_m, positions, headings, c_m):  # type: ignore[no-untyped-def]
+    """`mean_error` (H, K) of every heading (H,) at every position (K, 2)."""
+    errors = np.empty((headings.shape[0], positions.shape[0]))
+    for h in range(headings.shape[0]):
+        for k in range(positions.shape[0]):
+            errors[h, k] = mean_error(
+                points,
+                weights,
+                values,
+                origin_x,
+                origin_y,
+                resolution_m,
+                positions[k, 0],
+                positions[k, 1],
+                headings[h],
+                c_m,
+            )
+    return errors
+
+
+@numba.njit(cache=True)
+def rprop(  # type: ignore[no-untyped-def]
+    points,
+    weights,
+    values,
+    origin_x,
+    origin_y,
+    resolution_m,
+    start,
+    c_m,
+    iterations,
+    first_steps,
+    smallest_steps,
+    largest_steps,
+    grow,
+    shrink,
+    record,
+):
+    """Best pose seen (3,) and its error, of `iterations` RPROP steps from start (3,).
+
+    Each parameter has its own step. It moves against the sign of its derivative; the step grows while the sign stays
+    and shrinks where it changes (Riedmiller and Braun 1993; Lauer et al. 2006). The variant without a step back
+    (Rprop-): on a change of sign the parameter turns round with the shortened step, as in figure 9 of Xiong et al.,
+    where the error rises once and the step then shortens. The error comes free with each gradient, so the best pose
+    seen is kept, and what a step back would save is not lost.
+
+    first_steps, smallest_steps, largest_steps: (3,) in m, m, rad. record: (iterations + 1, 4), filled with x, y,
+    heading, error of each pose visited, or an empty (0, 4) array.
+    """
+    pose = start.copy()
+    best = start.copy()
+    best_error = np.inf
+    steps = first_steps.copy()
+    before = np.zeros(3)
+    gradient = np.zeros(3)
+    for iteration in range(iterations + 1):
+        error, gradient[0], gradient[1], gradient[2] = error_and_gradient(
+            points, weights, values, origin_x, origin_y, resolution_m, pose[0], pose[1], pose[2], c_m
+        )
+        if error < best_error:
+            best_error = error
+            best[:] = pose
+        if record.shape[0] > 0:
+            record[iteration, :3] = pose
+            record[iteration, 3] = error
+        if iteration == iterations:
+            break
+        for k in range(3):
+            agreement = gradient[k] * before[k]
+            if agreement > 0.0:
+                steps[k] = min(steps[k] * grow, largest_steps[k])
+            elif agreement < 0.0:
+                steps[k] = max(steps[k] * shrink, smallest_steps[k])
+            pose[k] -= np.sign(gradient[k]) * steps[k]
+            before[k] = gradient[k]
+    return best, best_error
+
+
+@numba.njit(cache=True)
+def moments(points, weights, values, origin_x, origin_y, resolution_m, x, y, heading, c_m):  # type: ignore[no-untyped-def]
+    """What the error function says about its own accuracy at a pose.
+
+    Returns curvature (3, 3): sum of w max(e'', 0) u uᵀ with u the derivative of a point's distance by x, y, heading;
+    mean_curvature: sum of w max(e'', 0); slope_power: sum of w² e'²; mean_distance_m: sum of w d.
+    """
+    cosine, sine = math.cos(heading), math.sin(heading)
+    c2 = c_m * c_m
+    curvature = np.zeros((3, 3))
+    mean_curvature = slope_power = mean_distance_m = 0.0
+    u = np.zeros(3)
+    for i in range(points.shape[0]):
+        px, py = points[i, 0], points[i, 1]
+        turned_x = cosine * px - sine * py
+        turned_y = sine * px + cosine * py
+        d, u[0], u[1] = lookup(values, origin_x, origin_y, resolution_m, x + turned_x, y + turned_y)
+        # Beside a line the interpolated gradient is shorter than one; its direction is what counts here.
+        length = math.hypot(u[0], u[1])
+        if length > 1e-6:
+            u[0] /= length
+            u[1] /= length
+        u[2] = u[1] * turned_x - u[0] * turned_y
+        s = c2 + d * d
+        first = 2.0 * c2 * d / (s * s)
+        second = weights[i] * max(2.0 * c2 * (c2 - 3.0 * d * d) / (s * s * s), 0.0)
+        mean_distance_m += weights[i] * d
+        mean_curvature += second
+        slope_power += (weights[i] * first) ** 2
+        for a in range(3):
+            for b in range(3):
+                curvature[a, b] += second * u[a] * u[b]
+    return curvature, mean_curvature, slope_power, mean_distance_m
