@@ -136,9 +136,10 @@ class Recording:
     def __iter__(self) -> Iterator[Frame]:
         self._pass = log = ProblemLog()
         streams = {name: SensorStream(table, SENSOR_COLUMNS[name], log) for name, table in self._tables.items()}
-        for index, stamp in enumerate(self._images.stamp_ns.tolist()):
+        for index, name in enumerate(self._images.file_names()):
+            stamp = int(self._images.stamp_ns[index])
             taken = {name: stream.take_until(stamp) for name, stream in streams.items()}
-            name, image, problem = self._load(index, log)
+            image, problem = self._load(index, name, log)
             imu = taken.get("imu.csv")
             exposure, gain = self._images.exposure_ms[index], self._images.gain[index]
             yield Frame(
@@ -162,20 +163,19 @@ class Recording:
 
         For a look at single frames out of order; adds nothing to `problems`.
         """
-        return self._load(range(len(self))[index], ProblemLog())[1]
+        index = range(len(self))[index]
+        return self._load(index, next(self._images.file_names(index)), ProblemLog())[0]
 
-    def _load(self, index: int, log: ProblemLog) -> tuple[str, ImageArray | None, str | None]:
-        """File name, image, and the problem that left no image."""
-        name = self._images.file_name(index)
+    def _load(self, index: int, name: str, log: ProblemLog) -> tuple[ImageArray | None, str | None]:
+        """The image of one frame, or the problem that left none."""
         image, outcome = usable_image(decode_image(self.folder / name), self._size)
         if image is None:
             kind = outcome.kind or ProblemKind.BROKEN_IMAGE
-            what = f"{name} {outcome.what}"
-            problem = log.add(kind, IMAGE_LIST, what, line=int(self._images.lines[index]), frame=index)
-            return name, None, problem.message
+            line = int(self._images.lines[index])
+            return None, log.add(kind, IMAGE_LIST, f"{name} {outcome.what}", line=line, frame=index).message
         if self._size is None:
             self._size = (image.shape[1], image.shape[0])
-        return name, image, None
+        return image, None
 
 
 def _columns(samples: Samples | None, start: int, stop: int) -> Samples | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,11 +52,12 @@ class ImageList:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
-    def file_name(self, index: int) -> str:
-        """The image's file, relative to the recording."""
+    def file_names(self, start: int = 0) -> Iterator[str]:
+        """The images' files, relative to the recording, from one index on."""
         with self.table.path.open("rb") as file:
-            file.seek(int(self.offsets[index]))
-            return _file_cell(self.table, file.readline(LONGEST_LINE).decode("utf-8", errors="replace"))
+            for offset in self.offsets[start:]:
+                file.seek(offset)
+                yield _file_cell(self.table, file.readline(LONGEST_LINE).decode("utf-8", errors="replace"))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -38,7 +38,7 @@ class SensorStream:
         parts: list[Samples] = []
         while True:
             rest = self._stamps[self._next :]
-            count = int(np.searchsorted(rest, stamp_ns, side="right"))
+            count = int(rest.searchsorted(stamp_ns, side="right"))
             if count:
                 end = self._next + count
                 parts.append(Samples(self._stamps[self._next : end], self._values[self._next : end]))
