@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
+from touchline.field.crossings import Crossing, find_crossings
 from touchline.field.distance_map import DistanceMap
-from touchline.field.distances import bar_table, bow_table, distances_to_lines, sample_distances
+from touchline.field.distances import arc_sweep, bar_table, bow_table, distances_to_lines, sample_distances
+from touchline.field.writing import field_to_text
 from touchline.geometry import FloatArray
 
 _MOST_SAMPLES = 40_000_000
@@ -63,6 +66,7 @@ class FieldModel:
     segments (S, 4): x1, y1, x2, y2; circles (C, 3): cx, cy, radius; arcs (A, 5): cx, cy, radius, start, end, from
     start counter-clockwise to end; discs (D, 3): cx, cy, diameter of a filled mark. All float64, all centre lines:
     the paint is line_width wide and reaches half of it beyond both ends. Treat the arrays as read-only.
+    letters: the rulebook letters (m) it was built from, if known; they and the description are no part of equality.
     Raises InputError for sizes and shapes that are no field.
     """
 
@@ -77,6 +81,8 @@ class FieldModel:
     discs: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     goals: Sequence[Goal] = ()
     poles: Sequence[Pole] = ()
+    description: str = ""
+    letters: Mapping[str, float] = field(default_factory=dict)
     _maps: dict[tuple[float, float], DistanceMap] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -107,6 +113,17 @@ class FieldModel:
         """The lines as bars (S, 5) and bows (C + A, 10) for the loops of `touchline.field.distances`."""
         return bar_table(self.segments), bow_table(self.circles, self.arcs)
 
+    @cached_property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """Where lines meet, typed L, T and X with orientation; see `touchline.field.crossings`."""
+        return find_crossings(self.segments, self.circles, self.arcs, self.line_width)
+
+    @cached_property
+    def is_symmetric(self) -> bool:
+        """Whether the lines look the same after half a turn about the centre mark, so that each pose has a twin."""
+        turned = -np.concatenate(self.polylines(0.1))
+        return bool(np.all(self.line_distances(turned) < 1e-5))
+
     @property
     def posts(self) -> tuple[Post, ...]:
         """Goal posts, then poles."""
@@ -117,6 +134,32 @@ class FieldModel:
         ]
         of_poles = [Post("pole", p.x, p.y, p.diameter, p.height, p.bands_from_ground) for p in self.poles]
         return (*of_goals, *of_poles)
+
+    def polylines(self, step_m: float = 0.05) -> list[FloatArray]:
+        """Centre lines as polylines (M, 2) in m, field frame, for plots and for projection into images.
+
+        One each for segments, circles (closed) and arcs, in this order; neighbouring points are at most step_m apart.
+        """
+        lines: list[FloatArray] = []
+        for x1, y1, x2, y2 in self.segments:
+            steps = max(1, math.ceil(math.hypot(x2 - x1, y2 - y1) / step_m))
+            lines.append(np.linspace((x1, y1), (x2, y2), steps + 1))
+        turns = [(cx, cy, radius, 0.0, 2.0 * math.pi) for cx, cy, radius in self.circles]
+        turns += [(cx, cy, radius, start, arc_sweep(start, end)) for cx, cy, radius, start, end in self.arcs]
+        for cx, cy, radius, start, sweep in turns:
+            angles = start + np.linspace(0.0, sweep, max(8, math.ceil(radius * sweep / step_m)) + 1)
+            lines.append(np.column_stack((cx + radius * np.cos(angles), cy + radius * np.sin(angles))))
+        return lines
+
+    def to_yaml(self, path: Path) -> None:
+        """Write a field.yaml that loads as an equal field. Raises InputError where a file is already, or cannot be."""
+        try:
+            with path.open("x", encoding="utf-8") as file:
+                file.write(field_to_text(self))
+        except FileExistsError:
+            raise InputError(f"{path}: exists already and is not overwritten; choose another name") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
     def line_distances(self, points: npt.ArrayLike) -> FloatArray:
         """Exact distances (N,) in m of points (N, 2) in m, field frame, to the nearest line centre.

@@ -14,8 +14,8 @@ from touchline.field.model import FieldModel, Goal, Pole
 
 _SIZES = ("length", "width", "line_width")
 _ROWS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
-_REMARKS = ("frame", "measured_to", "primitives", "description", "source", "format")
-_KNOWN = ("name", *_SIZES, "border", *_ROWS, "goals", "poles", *_REMARKS)
+_REMARKS = ("frame", "measured_to", "primitives", "format")
+_KNOWN = ("name", "description", *_SIZES, "border", "letters", *_ROWS, "goals", "poles", *_REMARKS)
 _GOAL = ("x", "y_posts", "post_width", "post_shape", "height", "depth", "color")
 _POLE = ("x", "y", "diameter", "height", "bands_from_ground")
 
@@ -50,6 +50,8 @@ def _field_from_mapping(mapping: dict[str, Any], default_name: str) -> FieldMode
         border=_number("border", mapping.get("border", 1.0)),
         goals=[_goal(f"goals, row {i}", row) for i, row in enumerate(_list("goals", mapping), start=1)],
         poles=[_pole(f"poles, row {i}", row) for i, row in enumerate(_list("poles", mapping), start=1)],
+        description=str(mapping.get("description", "")),
+        letters=_letters(mapping.get("letters")),
         **{key: _number_rows(key, _list(key, mapping), columns) for key, columns in _ROWS.items()},
     )
 
@@ -61,6 +63,14 @@ def _list(key: str, mapping: dict[str, Any]) -> list[Any]:
     if not isinstance(value, list):
         raise InputError(f"{key}: expected a list of rows, found {value!r}")
     return value
+
+
+def _letters(value: Any) -> dict[str, float]:
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise InputError(f"letters: expected rulebook letters and metres, found {value!r}")
+    return {str(letter): _number("letters", metres) for letter, metres in value.items()}
 
 
 def _number(where: str, value: Any) -> float:

@@ -1,0 +1,157 @@
+"""A field from the letters of the Middle Size League's rulebook (version 24.1, 2023, law 1): A to Q, in metres.
+
+All sizes include the lines: they reach to the outer edge. A letter of zero leaves its part out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from touchline.errors import InputError
+from touchline.field.catalogue import open_field
+from touchline.field.model import FieldModel
+
+LETTERS: Mapping[str, str] = {
+    "A": "field length",
+    "B": "field width",
+    "C": "penalty area width",
+    "D": "goal area width",
+    "E": "penalty area depth",
+    "F": "goal area depth",
+    "G": "corner arc radius",
+    "H": "centre circle diameter",
+    "I": "penalty mark, distance from the goal line's outer edge to the middle of the mark",
+    "J": "diameter of the marks",
+    "K": "line width",
+    "L": "border: carpet beyond the lines",
+    "M": "technical area, distance from the touch line (draws nothing)",
+    "N": "technical area, length (draws nothing)",
+    "O": "technical area, width (draws nothing)",
+    "P": "technical area, distance from the halfway line (draws nothing)",
+    "Q": "restart spots, distance from the field's long axis (draws nothing: they are no lines)",
+}
+_NEEDED = ("A", "B", "K")
+
+
+def field_from_letters(name: str, letters: Mapping[str, float], base: str | Path = "msl-22x14") -> FieldModel:
+    """A field from rulebook letters (m); those not given are the base's, as are goals and poles, moved with the edge.
+
+    Raises InputError for an unknown letter, a size that is no length, parts that do not fit into each other, and a
+    base whose letters are not known.
+    """
+    origin = open_field(base)
+    if not origin.letters:
+        raise InputError(f"{base}: has no rulebook letters to start from; use a preset as the base")
+    values = {**origin.letters, **{key: _length(key, value) for key, value in letters.items()}}
+    for key in _NEEDED:
+        if values.get(key, 0.0) <= 0.0:
+            raise InputError(f"letter {key}, the {LETTERS[key]}: must be positive")
+    size = {key: values.get(key, 0.0) for key in LETTERS}
+    _check_fit(size)
+    shift_x, shift_y = 0.5 * (size["A"] - origin.length), 0.5 * (size["B"] - origin.width)
+    goals = [replace(goal, x=_moved(goal.x, shift_x)) for goal in origin.goals]
+    for goal in goals:
+        if max(map(abs, goal.y_posts)) + 0.5 * goal.post_width > 0.5 * size["B"]:
+            raise InputError(f"letter B, the field width of {size['B']:g} m: the goal of {base} does not fit")
+    poles = [replace(pole, x=_moved(pole.x, shift_x), y=_moved(pole.y, shift_y)) for pole in origin.poles]
+    return FieldModel(
+        name=name,
+        length=size["A"],
+        width=size["B"],
+        line_width=size["K"],
+        border=size["L"],
+        goals=goals,
+        poles=poles,
+        letters=values,
+        **_paint(size),
+    )
+
+
+def _moved(coordinate: float, outwards: float) -> float:
+    """A coordinate moved away from the field's axis; one on the axis stays there."""
+    return round(coordinate + math.copysign(1.0, coordinate) * outwards, 9) if coordinate else 0.0
+
+
+def _length(key: str, value: float) -> float:
+    if key not in LETTERS:
+        raise InputError(f"letter {key}: is not one of the rulebook's, A to Q")
+    if not math.isfinite(value) or value < 0.0:
+        raise InputError(f"letter {key}, the {LETTERS[key]}: expected metres, found {value!r}")
+    return float(value)
+
+
+def _check_fit(size: Mapping[str, float]) -> None:
+    """Refuse parts that do not fit into each other; each check leaves green between two lines."""
+    for one, other, part in (("C", "E", "penalty area"), ("D", "F", "goal area")):
+        if (size[one] > 0.0) != (size[other] > 0.0):
+            raise InputError(f"letters {one}, {other}: a {part} needs both its width and its depth, or neither")
+    line = size["K"]
+    rules = (  # smaller side: letter, its extent; larger side: letter, its extent
+        ("K", 3.0 * line, "A", size["A"]),
+        ("K", 3.0 * line, "B", size["B"]),
+        ("K", 2.0 * line, "C", size["C"]),
+        ("K", line, "E", size["E"]),
+        ("K", 2.0 * line, "D", size["D"]),
+        ("K", line, "F", size["F"]),
+        ("K", line, "G", size["G"]),
+        ("K", 2.0 * line, "H", size["H"]),
+        ("C", size["C"] + 2.0 * line, "B", size["B"]),
+        ("E", 2.0 * size["E"] + line, "A", size["A"]),
+        ("D", size["D"] + 2.0 * line, "C", size["C"]),
+        ("F", size["F"] + line, "E", size["E"]),
+        ("D", size["D"] + 2.0 * line, "B", size["B"]),
+        ("F", 2.0 * size["F"] + line, "A", size["A"]),
+        ("H", size["H"] + 2.0 * line, "B", size["B"]),
+        ("H", size["H"] + 2.0 * line, "A", size["A"]),
+        ("G", 2.0 * size["G"], "B", size["B"]),
+        ("G", 2.0 * size["G"], "A", size["A"]),
+        ("I", 2.0 * size["I"], "A", size["A"]),
+    )
+    for small, needed, large, available in rules:
+        if size[small] > 0.0 and size[large] > 0.0 and needed >= available:
+            raise InputError(
+                f"letters {small}, {large}: the {_short(small)} of {size[small]:g} m does not fit into "
+                f"the {_short(large)} of {size[large]:g} m"
+            )
+
+
+def _short(key: str) -> str:
+    return LETTERS[key].partition(",")[0].partition(":")[0]
+
+
+def _paint(size: Mapping[str, float]) -> dict[str, Any]:
+    """Centre lines of the paint: rows of segments, circles, arcs and discs."""
+    half = 0.5 * size["K"]
+    x, y = 0.5 * size["A"] - half, 0.5 * size["B"] - half
+    segments = [[-x, y, x, y], [-x, -y, x, -y], [x, -y, x, y], [-x, -y, -x, y], [0.0, -y, 0.0, y]]
+    for width, depth in (("C", "E"), ("D", "F")):
+        if size[width] > 0.0:
+            front, side = 0.5 * size["A"] - size[depth] + half, 0.5 * size[width] - half
+            for s in (1.0, -1.0):
+                segments.append([s * front, -side, s * front, side])
+                segments += [[s * front, -side, s * x, -side], [s * front, side, s * x, side]]
+    circles = [[0.0, 0.0, 0.5 * size["H"] - half]] if size["H"] > 0.0 else []
+    corners = ((1.0, 1.0, 2), (-1.0, 1.0, 3), (-1.0, -1.0, 0), (1.0, -1.0, 1))  # signs of x, y; first quarter turn
+    arcs = [
+        [
+            sx * 0.5 * size["A"],
+            sy * 0.5 * size["B"],
+            size["G"] - half,
+            quarter * math.pi / 2,
+            (quarter + 1) * math.pi / 2,
+        ]
+        for sx, sy, quarter in corners
+        if size["G"] > 0.0
+    ]
+    discs = [[0.0, 0.0, size["J"]]] if size["J"] > 0.0 else []
+    if size["I"] > 0.0 and discs:
+        discs += [[s * (0.5 * size["A"] - size["I"]), 0.0, size["J"]] for s in (1.0, -1.0)]
+    paint = {"segments": segments, "circles": circles, "arcs": arcs, "discs": discs}
+    # Rounded to a nanometre: 0.5 * 4.05 - 0.025 is 2.0 on the field and should be in the file.
+    return {key: np.round(np.array(rows, dtype=np.float64), 9) for key, rows in paint.items() if rows}
