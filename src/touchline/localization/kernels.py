@@ -1,7 +1,7 @@
 """Numba loops of matching: the error function with its derivatives, and RPROP.
 
 Everywhere: points (N, 2) robot frame in m; weights (N,) that sum to 1; values, origin_x, origin_y, resolution_m: those
-of a `DistanceMap`; poses as x, y (m), heading (rad) in the field frame; c_m the width of the error function (m).
+of a `DistanceMap`; poses (3,) as x, y (m), heading (rad) in the field frame; c_m the width of the error function (m).
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from touchline.field.distance_map import lookup
 
 
 @numba.njit(cache=True)
-def error_and_gradient(points, weights, values, origin_x, origin_y, resolution_m, x, y, heading, c_m):  # type: ignore[no-untyped-def]
+def error_and_gradient(points, weights, values, origin_x, origin_y, resolution_m, pose, c_m):  # type: ignore[no-untyped-def]
     """Mean error of a pose and its derivatives by x, y, heading (Xiong et al., equations 1 and 2).
 
     e(t) = 1 - c² / (c² + t²), so e'(t) = 2 c² t / (c² + t²)².
     """
+    x, y, heading = pose[0], pose[1], pose[2]
     cosine, sine = math.cos(heading), math.sin(heading)
     inverse_c2 = 1.0 / (c_m * c_m)
     error = slope_x = slope_y = slope_heading = 0.0
@@ -39,14 +40,14 @@ def error_and_gradient(points, weights, values, origin_x, origin_y, resolution_m
 
 
 @numba.njit(cache=True)
-def mean_error(points, weights, values, origin_x, origin_y, resolution_m, x, y, heading, c_m):  # type: ignore[no-untyped-def]
-    """Mean error of a pose from the nearest map samples: as equation (2), without interpolation, for coarse grids."""
-    cosine, sine = math.cos(heading), math.sin(heading)
+def mean_error(points, values, origin_x, origin_y, resolution_m, pose, c_m):  # type: ignore[no-untyped-def]
+    """Mean error of a pose, all points alike, from the nearest map samples: equation (2), for coarse grids."""
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     inverse_c2 = 1.0 / (c_m * c_m)
     inverse_resolution = 1.0 / resolution_m
     last_x, last_y = float(values.shape[1] - 1), float(values.shape[0] - 1)
-    shift_x, shift_y = (x - origin_x) * inverse_resolution + 0.5, (y - origin_y) * inverse_resolution + 0.5
-    error = 0.0
+    shift_x, shift_y = (pose[0] - origin_x) * inverse_resolution + 0.5, (pose[1] - origin_y) * inverse_resolution + 0.5
+    likeness = 0.0
     for i in range(points.shape[0]):
         px, py = points[i, 0] * inverse_resolution, points[i, 1] * inverse_resolution
         fx = shift_x + cosine * px - sine * py
@@ -54,28 +55,20 @@ def mean_error(points, weights, values, origin_x, origin_y, resolution_m, x, y, 
         fx = min(fx, last_x) if fx > 0.0 else 0.0  # written so that NaN never becomes an index
         fy = min(fy, last_y) if fy > 0.0 else 0.0
         d = values[np.uint64(int(fy)), np.uint64(int(fx)), 0]
-        error += weights[i] * (1.0 - 1.0 / (1.0 + d * d * inverse_c2))
-    return error
+        likeness += 1.0 / (1.0 + d * d * inverse_c2)
+    return 1.0 - likeness / points.shape[0]
 
 
 @numba.njit(cache=True)
-def grid_errors(points, weights, values, origin_x, origin_y, resolution_m, positions, headings, c_m):  # type: ignore[no-untyped-def]
+def grid_errors(points, values, origin_x, origin_y, resolution_m, positions, headings, c_m):  # type: ignore[no-untyped-def]
     """`mean_error` (H, K) of every heading (H,) at every position (K, 2)."""
     errors = np.empty((headings.shape[0], positions.shape[0]))
+    pose = np.empty(3)
     for h in range(headings.shape[0]):
+        pose[2] = headings[h]
         for k in range(positions.shape[0]):
-            errors[h, k] = mean_error(
-                points,
-                weights,
-                values,
-                origin_x,
-                origin_y,
-                resolution_m,
-                positions[k, 0],
-                positions[k, 1],
-                headings[h],
-                c_m,
-            )
+            pose[:2] = positions[k]
+            errors[h, k] = mean_error(points, values, origin_x, origin_y, resolution_m, pose, c_m)
     return errors
 
 
@@ -116,7 +109,7 @@ def rprop(  # type: ignore[no-untyped-def]
     gradient = np.zeros(3)
     for iteration in range(iterations + 1):
         error, gradient[0], gradient[1], gradient[2] = error_and_gradient(
-            points, weights, values, origin_x, origin_y, resolution_m, pose[0], pose[1], pose[2], c_m
+            points, weights, values, origin_x, origin_y, resolution_m, pose, c_m
         )
         if error < best_error:
             best_error = error
@@ -138,12 +131,13 @@ def rprop(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def moments(points, weights, values, origin_x, origin_y, resolution_m, x, y, heading, c_m):  # type: ignore[no-untyped-def]
+def moments(points, weights, values, origin_x, origin_y, resolution_m, pose, c_m):  # type: ignore[no-untyped-def]
     """What the error function says about its own accuracy at a pose.
 
     Returns curvature (3, 3): sum of w max(e'', 0) u uᵀ with u the derivative of a point's distance by x, y, heading;
     mean_curvature: sum of w max(e'', 0); slope_power: sum of w² e'²; mean_distance_m: sum of w d.
     """
+    x, y, heading = pose[0], pose[1], pose[2]
     cosine, sine = math.cos(heading), math.sin(heading)
     c2 = c_m * c_m
     curvature = np.zeros((3, 3))

@@ -98,14 +98,20 @@ class Matcher:
         """
         points, weights = checked_points(positions_m, weights)
         pose, error, trace = self.descend(points, weights, start.as_array(), record)
-        found = moments(points, weights, *map_arguments(self.distance_map), *pose, self.final_c_m)
-        return Match(
-            as_pose(pose),
-            error,
-            found[3],
-            visual_covariance(points, weights, found, self.final_c_m, self.settings.uncertainty),
-            trace if record else None,
-        )
+        return self.assess(points, weights, pose, error, trace if record else None)
+
+    def assess(
+        self,
+        points: FloatArray,
+        weights: FloatArray,
+        pose: FloatArray,
+        error: float,
+        iterations: FloatArray | None = None,
+    ) -> Match:
+        """The match at a pose (3,) that `descend` found with this error; arguments as for `descend`."""
+        found = moments(points, weights, *map_arguments(self.distance_map), pose, self.final_c_m)
+        covariance = visual_covariance(points, weights, found, self.final_c_m, self.settings.uncertainty)
+        return Match(as_pose(pose), error, found[3], covariance, iterations)
 
     @property
     def final_c_m(self) -> float:
@@ -131,7 +137,7 @@ class Matcher:
 
     def error(self, points: FloatArray, weights: FloatArray, pose: FloatArray) -> float:
         """Mean error of a pose (3,), equation (2), with c_m; arguments as for `descend`."""
-        found = error_and_gradient(points, weights, *map_arguments(self.distance_map), *pose, self.settings.c_m)
+        found = error_and_gradient(points, weights, *map_arguments(self.distance_map), pose, self.settings.c_m)
         return float(found[0])
 
     def _rprop(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -11,17 +12,19 @@ from touchline.config import Settings
 from touchline.geometry import FloatArray
 
 Moments: TypeAlias = tuple[FloatArray, float, float, float]
+_DIAGONAL = np.diag_indices(3)
 
 
 class UncertaintySettings(Settings):
     """How curvature becomes a covariance. The paper only says that the second derivatives measure it."""
 
     clutter_share: float = Field(
-        0.05,
+        0.1,
         ge=0,
         lt=1,
         description="share of the points' information that clutter alone may bring into any direction; taken off "
-        "every direction, so that a few stray points don't fix what no line observes",
+        "every direction, so that a few stray points don't fix what no line observes. With 0.1 the errors on "
+        "simulated points with 5 % clutter have just the covariance stated",
     )
     least_residual_m: float = Field(
         0.01, gt=0, description="smallest believed deviation of a point (m): the error of the distance map and carpet"
@@ -60,18 +63,17 @@ def visual_covariance(
     curvature, mean_curvature, slope_power, _ = moments
     s = settings
     n = len(points)
-    lever_m = max(float(np.sqrt(weights @ np.sum(points**2, axis=1))), 0.1)
-    unscale = np.diag([1.0, 1.0, 1.0 / lever_m])
-    unknown = np.diag([s.unknown_position_m, s.unknown_position_m, s.unknown_heading_rad]) ** 2
-    least = np.diag([s.least_position_m, s.least_position_m, s.least_heading_rad]) ** 2
+    unknown = np.array([s.unknown_position_m, s.unknown_position_m, s.unknown_heading_rad]) ** 2
     if n <= 3 or mean_curvature <= 0.0:
-        return unknown
+        return np.diag(unknown)
     # Three parameters were fitted to n residuals; a perfect fit still has the least residual.
     power = max(slope_power / (n - 3), (2.0 * s.least_residual_m / c_m**2) ** 2 * float(weights @ weights) / n)
-    variance_over_curvature = power / (mean_curvature / n)
-    information = unscale @ curvature @ unscale / variance_over_curvature
-    values, vectors = np.linalg.eigh(information)
+    lever_m = max(math.sqrt(float(weights @ (points * points).sum(axis=1))), 0.1)
+    scale = np.array([1.0, 1.0, lever_m])
+    values, vectors = np.linalg.eigh(curvature / np.outer(scale, scale) * (mean_curvature / (n * power)))
     values = np.maximum(values - s.clutter_share * values.sum() / 3.0, 0.0)
-    information = np.linalg.inv(unscale) @ (vectors * values) @ vectors.T @ np.linalg.inv(unscale)
-    covariance = np.linalg.inv(information + np.linalg.inv(unknown)) + least
+    information = (vectors * values) @ vectors.T * np.outer(scale, scale)
+    information[_DIAGONAL] += 1.0 / unknown
+    covariance = np.linalg.inv(information)
+    covariance[_DIAGONAL] += np.array([s.least_position_m, s.least_position_m, s.least_heading_rad]) ** 2
     return np.asarray(0.5 * (covariance + covariance.T))
