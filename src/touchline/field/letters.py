@@ -26,15 +26,15 @@ LETTERS: Mapping[str, str] = {
     "F": "goal area depth",
     "G": "corner arc radius",
     "H": "centre circle diameter",
-    "I": "penalty mark, distance from the goal line's outer edge to the middle of the mark",
+    "I": "penalty mark: its middle from the goal line's outer edge",
     "J": "diameter of the marks",
     "K": "line width",
     "L": "border: carpet beyond the lines",
-    "M": "technical area, distance from the touch line (draws nothing)",
-    "N": "technical area, length (draws nothing)",
-    "O": "technical area, width (draws nothing)",
-    "P": "technical area, distance from the halfway line (draws nothing)",
-    "Q": "restart spots, distance from the field's long axis (draws nothing: they are no lines)",
+    "M": "technical area, first size of four (draws nothing)",
+    "N": "technical area, second size (draws nothing)",
+    "O": "technical area, third size (draws nothing)",
+    "P": "technical area, fourth size (draws nothing)",
+    "Q": "restart spots, off-centre distance (draws nothing: they are no lines)",
 }
 _NEEDED = ("A", "B", "K")
 

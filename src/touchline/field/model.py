@@ -106,7 +106,8 @@ class FieldModel:
             np.array_equal(getattr(self, key), getattr(other, key)) for key in _COLUMNS
         )
 
-    __hash__ = object.__hash__
+    def __hash__(self) -> int:
+        return hash((self.name, self.length, self.width, self.line_width))
 
     @cached_property
     def line_tables(self) -> tuple[FloatArray, FloatArray]:

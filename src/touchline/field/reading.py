@@ -115,12 +115,12 @@ def _goal(where: str, row: Any) -> Goal:
     if entries["post_shape"] not in ("round", "square"):
         raise InputError(f"{where}: post_shape is round or square, found {entries['post_shape']!r}")
     return Goal(
-        x=_number(where, entries["x"]),
-        y_posts=tuple(_number(where, y) for y in posts),
-        post_width=_positive(where, entries["post_width"]),
+        x=_number(f"{where}: x", entries["x"]),
+        y_posts=tuple(_number(f"{where}: y_posts", y) for y in posts),
+        post_width=_positive(f"{where}: post_width", entries["post_width"]),
         post_shape=entries["post_shape"],
-        height=_positive(where, entries["height"]),
-        depth=_positive(where, entries["depth"]),
+        height=_positive(f"{where}: height", entries["height"]),
+        depth=_positive(f"{where}: depth", entries["depth"]),
         color=str(entries["color"]),
     )
 
@@ -131,10 +131,10 @@ def _pole(where: str, row: Any) -> Pole:
     if not isinstance(bands, list) or not bands:
         raise InputError(f"{where}: bands_from_ground needs a list of colours, found {bands!r}")
     return Pole(
-        x=_number(where, entries["x"]),
-        y=_number(where, entries["y"]),
-        diameter=_positive(where, entries["diameter"]),
-        height=_positive(where, entries["height"]),
+        x=_number(f"{where}: x", entries["x"]),
+        y=_number(f"{where}: y", entries["y"]),
+        diameter=_positive(f"{where}: diameter", entries["diameter"]),
+        height=_positive(f"{where}: height", entries["height"]),
         bands_from_ground=tuple(str(band) for band in bands),
     )
 

@@ -1,0 +1,195 @@
+"""`touchline fields`: the preset fields, one field shown and drawn, and a team's own field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from touchline.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from touchline.field import FieldModel
+
+
+class _FieldsGroup(TyperGroup):
+    """A first word that is no subcommand is the name of a field, shown by the hidden command `show`."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        return super().resolve_command(ctx, args if args[0] == "new" else ["show", *args])
+
+
+fields_app = typer.Typer(cls=_FieldsGroup, subcommand_metavar="[NAME|FILE | new NAME ...]")
+
+
+@fields_app.callback(invoke_without_command=True)
+def fields(ctx: typer.Context) -> None:
+    """List the preset fields; with NAME or FILE show one field; with new make your own.
+
+    touchline fields msl-18x12 --output field.png   shows and draws one.
+    """
+    if ctx.invoked_subcommand is None:
+        _list_presets()
+
+
+@fields_app.command("show", hidden=True)
+def show(
+    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, a field.yaml or a recording.")],
+    output: Annotated[
+        Path | None, typer.Option(metavar="PICTURE.png", help="Draw the field into a new picture.", show_default=False)
+    ] = None,
+    scale: Annotated[float, typer.Option(min=1.0, max=500.0, help="Pixels per metre of the picture.")] = 50.0,
+) -> None:
+    """Show one field: its sizes, lines, crossings, posts and poles."""
+    from touchline.field import open_field
+
+    field = open_field(name)
+    out = _console()
+    out.print(f"{field.name}: {field.description}" if field.description else field.name, markup=False)
+    out.print(_sizes(field))
+    out.print(_counts(field))
+    if output is not None:
+        _draw(field, output, scale)
+        out.print(f"drawn into {output}", markup=False)
+
+
+@fields_app.command("new")
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the new field.")],
+    letters: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="LETTER=METRES...",
+            help="Sizes by the Middle Size League's letters, as A=18 B=12. The rest is as in the base field; "
+            "0 leaves a part out. touchline fields msl-22x14 explains each letter.",
+            show_default=False,
+        ),
+    ] = None,
+    base: Annotated[str, typer.Option(help="The field that the other sizes are taken from.")] = "msl-22x14",
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The new file (default: NAME.yaml).", show_default=False)
+    ] = None,
+) -> None:
+    """Write a field.yaml of your own field from a few rulebook letters."""
+    sizes = _parse_letters(letters or [])
+    from touchline.field import field_from_letters
+
+    field = field_from_letters(name, sizes, base)
+    path = output if output is not None else Path(f"{name}.yaml")
+    field.to_yaml(path)
+    out = _console()
+    out.print(_sizes(field))
+    out.print(_counts(field))
+    out.print(f"written to {path}; touchline fields {path} shows it", markup=False)
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console(highlight=False, soft_wrap=True)
+
+
+def _parse_letters(items: list[str]) -> dict[str, float]:
+    letters: dict[str, float] = {}
+    for item in items:
+        letter, separator, text = item.partition("=")
+        try:
+            metres = float(text)
+        except ValueError:
+            separator = ""
+        if not separator:
+            raise InputError(f"{item}: expected LETTER=METRES, for example A=18")
+        key = letter.strip().upper()
+        if key in letters:
+            raise InputError(f"{item}: the letter {key} is given twice")
+        letters[key] = metres
+    return letters
+
+
+def _list_presets() -> None:
+    from touchline.field import open_field, preset_names
+
+    table = _table("name", "description", "length", "width", "line", "L", "T", "X", numbers_from=2)
+    for name in preset_names():
+        field = open_field(name)
+        sizes = [f"{size:g} m" for size in (field.length, field.width, field.line_width)]
+        table.add_row(name, field.description, *sizes, *map(str, _crossing_counts(field)))
+    out = _console()
+    out.print(table)
+    out.print("sizes include the lines; L, T, X: crossings. touchline fields NAME shows one", style="dim")
+
+
+def _sizes(field: FieldModel) -> Table:
+    """Rulebook letters where they are known, otherwise the four sizes that each field has."""
+    from touchline.field import LETTERS
+
+    table = _table("", "size, including the lines", "metres", numbers_from=2)
+    if field.letters:
+        for letter, meaning in LETTERS.items():
+            metres = field.letters.get(letter, 0.0)
+            table.add_row(letter, meaning, f"{metres:g}" if metres > 0.0 else "none")
+        return table
+    rows = (
+        ("length", field.length),
+        ("width", field.width),
+        ("line width", field.line_width),
+        ("border", field.border),
+    )
+    for meaning, metres in rows:
+        table.add_row("", meaning, f"{metres:g}")
+    return table
+
+
+def _counts(field: FieldModel) -> Table:
+    goal_posts = [post for post in field.posts if post.kind == "goal"]
+    poles = [post for post in field.posts if post.kind == "pole"]
+    corners, tees, crosses = _crossing_counts(field)
+    table = _table("what", "count")
+    table.add_row("segments, circles, arcs", f"{len(field.segments)}, {len(field.circles)}, {len(field.arcs)}")
+    table.add_row("marks", str(len(field.discs)))
+    table.add_row("crossings L, T, X", f"{corners}, {tees}, {crosses}")
+    table.add_row("goal posts", _with_colors(goal_posts))
+    table.add_row("poles", _with_colors(poles))
+    table.add_row("same after half a turn", "yes" if field.is_symmetric else "no")
+    return table
+
+
+def _with_colors(posts: list[Any]) -> str:
+    looks = sorted({"-".join(post.colors_from_ground) for post in posts})
+    return f"{len(posts)} ({', '.join(looks)})" if posts else "0"
+
+
+def _crossing_counts(field: FieldModel) -> tuple[int, int, int]:
+    kinds = [crossing.kind.value for crossing in field.crossings]
+    return kinds.count("L"), kinds.count("T"), kinds.count("X")
+
+
+def _table(*titles: str, numbers_from: int | None = None) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
+    for index, title in enumerate(titles):
+        right = numbers_from is not None and index >= numbers_from
+        table.add_column(title, justify="right" if right else "left", no_wrap=right)
+    return table
+
+
+def _draw(field: FieldModel, path: Path, pixels_per_metre: float) -> None:
+    import cv2
+
+    from touchline.field.drawing import draw_field
+
+    if path.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise InputError(f"{path}: pictures are written as .png or .jpg")
+    if path.exists():
+        raise InputError(f"{path}: exists already and is not overwritten; choose another name")
+    encoded = cv2.imencode(path.suffix.lower(), draw_field(field, pixels_per_metre))[1]
+    try:
+        path.write_bytes(encoded.tobytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
