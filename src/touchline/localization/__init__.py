@@ -1,1 +1,28 @@
-"""TODO"""
+"""Estimators: matching, global search, Kalman fusion, failure detection, and the pose of one observation."""
+
+from touchline.localization.compass import CompassCorrection, CompassSettings
+from touchline.localization.failure import FailureDetector, FailureSettings
+from touchline.localization.global_search import OWN_HALF, GlobalFix, GlobalSearch, GlobalSearchSettings, Region
+from touchline.localization.matching import Match, Matcher, MatchingSettings
+from touchline.localization.tracking import FusionSettings, PoseFilter
+from touchline.localization.weights import WeightSettings, precision_weights, range_weights
+
+__all__ = [
+    "OWN_HALF",
+    "CompassCorrection",
+    "CompassSettings",
+    "FailureDetector",
+    "FailureSettings",
+    "FusionSettings",
+    "GlobalFix",
+    "GlobalSearch",
+    "GlobalSearchSettings",
+    "Match",
+    "Matcher",
+    "MatchingSettings",
+    "PoseFilter",
+    "Region",
+    "WeightSettings",
+    "precision_weights",
+    "range_weights",
+]

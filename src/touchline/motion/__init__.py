@@ -1,1 +1,6 @@
-"""TODO"""
+"""Wheels, gyro and compass: the motion between two stamps with its noise, and the heading at one."""
+
+from touchline.motion.compass import CompassTrack, CompassTrackSettings
+from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
+
+__all__ = ["CompassTrack", "CompassTrackSettings", "Motion", "OdometrySettings", "OdometryTrack"]

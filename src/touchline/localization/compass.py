@@ -1,0 +1,56 @@
+"""Correction of the compass by the heading that the lines gave (Xiong et al., section 4.2)."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.geometry import wrap_angle
+
+
+class CompassSettings(Settings):
+    """When and how fast the compass is corrected. The paper says: after several good frames."""
+
+    good_deviation_m: float = Field(
+        0.12,
+        gt=0,
+        description="mean distance of the points to the lines (m) below which a frame is good; a right pose "
+        "has 0.03 to 0.1",
+    )
+    good_frames: int = Field(
+        5, ge=1, description="good frames in a row before the compass is corrected, as many as mean failure"
+    )
+    gain: float = Field(
+        0.2,
+        gt=0,
+        le=1,
+        description="share of the difference that a frame corrects; averages over the compass noise of half a degree, "
+        "yet follows a drift within a second",
+    )
+
+
+class CompassCorrection:
+    """The offset that makes the compass agree with the lines."""
+
+    def __init__(self, settings: CompassSettings | None = None) -> None:
+        self.settings = settings or CompassSettings()
+        self.offset_rad = 0.0
+        self.good_frames = 0
+
+    def heading(self, compass_rad: float) -> float:
+        """The corrected compass heading (rad)."""
+        return wrap_angle(compass_rad + self.offset_rad)
+
+    def update(self, mean_distance_m: float, heading_rad: float, compass_rad: float) -> bool:
+        """Learn from one match and the compass's own reading at its time; whether the offset was corrected."""
+        good = mean_distance_m < self.settings.good_deviation_m
+        self.good_frames = self.good_frames + 1 if good else 0
+        if self.good_frames < self.settings.good_frames:
+            return False
+        difference = wrap_angle(heading_rad - self.heading(compass_rad))
+        self.offset_rad = wrap_angle(self.offset_rad + self.settings.gain * difference)
+        return True
+
+    def interrupt(self) -> None:
+        """A frame without a match: good frames must follow each other anew."""
+        self.good_frames = 0

@@ -1,0 +1,74 @@
+"""Detection of wrong localization (Xiong et al., section 4.2; Lu et al. 2013, section 4)."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from touchline.config import Settings
+
+
+class FailureSettings(Settings):
+    """When the pose is believed to be wrong. The papers name the rule and five frames, but no thresholds."""
+
+    deviation_m: float = Field(
+        0.25,
+        gt=0,
+        description="mean distance of the points to the lines (m) from which a frame may be bad; a right pose has 0.03 "
+        "to 0.1, a wrong one mostly 0.3 and more",
+    )
+    heading_rad: float = Field(
+        0.35,
+        gt=0,
+        description="difference between heading and compass (rad) which, together with deviation_m, makes a frame bad; "
+        "well above the usual compass error of up to 0.2",
+    )
+    frames: int = Field(5, ge=1, description="bad frames in a row that mean failure: the five cycles of Lu et al. 2013")
+    lone_rules: bool = Field(
+        True,
+        description="let lone_deviation_m and frames without usable points count as bad without the compass: a robot "
+        "put down elsewhere with nearly its old heading never trips the paper's rule",
+    )
+    lone_deviation_m: float = Field(
+        0.35, gt=0, description="mean distance (m) that makes a frame bad whatever the compass says"
+    )
+    blind_frames: int = Field(
+        2,
+        ge=1,
+        description="frames without usable points in a row that mean failure by themselves (with lone_rules): whoever "
+        "was covered may have been carried, and looking once over the whole field costs a millisecond",
+    )
+    least_points: int = Field(10, ge=1, description="points without which a frame is not usable: fewer fit anywhere")
+
+
+class FailureDetector:
+    """Counts bad frames in a row."""
+
+    def __init__(self, settings: FailureSettings | None = None) -> None:
+        self.settings = settings or FailureSettings()
+        self.bad_frames = 0
+        self.blind_frames = 0
+
+    def update(self, points: int, mean_distance_m: float, heading_error_rad: float | None) -> bool:
+        """Judge one frame; True once the localization has failed.
+
+        points: number of line points; mean_distance_m: of the match (ignored without usable points);
+        heading_error_rad: heading minus corrected compass, None without a compass.
+        """
+        s = self.settings
+        self.bad_frames = self.bad_frames + 1 if self.is_bad(points, mean_distance_m, heading_error_rad) else 0
+        self.blind_frames = self.blind_frames + 1 if points < s.least_points else 0
+        blind = s.lone_rules and self.blind_frames >= s.blind_frames
+        return blind or self.bad_frames >= s.frames
+
+    def is_bad(self, points: int, mean_distance_m: float, heading_error_rad: float | None) -> bool:
+        """Whether this frame alone speaks against the pose; arguments as for `update`."""
+        s = self.settings
+        if points < s.least_points:
+            return s.lone_rules
+        strays = heading_error_rad is not None and abs(heading_error_rad) > s.heading_rad
+        far_off = s.lone_rules and mean_distance_m > s.lone_deviation_m
+        return far_off or (mean_distance_m > s.deviation_m and strays)
+
+    def reset(self) -> None:
+        """Start counting anew, after the robot was localized again."""
+        self.bad_frames = self.blind_frames = 0

@@ -1,0 +1,74 @@
+"""Compass and gyro: the heading at a stamp."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.geometry import wrap_angle
+from touchline.motion.history import NANOSECONDS, History
+from touchline.types import Samples
+
+
+class CompassTrackSettings(Settings):
+    """How the heading at a stamp follows from samples before it."""
+
+    lag_s: float = Field(
+        0.02,
+        ge=0,
+        description="how late the compass reports (s): a sample shows the heading of this long before its "
+        "stamp; 20 ms by FORMATS.md",
+    )
+    rate_window_s: float = Field(
+        0.1,
+        gt=0,
+        description="time over which the compass's own turning rate is taken (s) to bridge the lag without a gyro: "
+        "long enough to average its noise of half a degree",
+    )
+    oldest_s: float = Field(
+        0.3, gt=0, description="age of the newest sample beyond which there is no heading (s): three image periods"
+    )
+
+
+class CompassTrack:
+    """The compass and gyro readings of the last seconds."""
+
+    def __init__(self, settings: CompassTrackSettings | None = None) -> None:
+        self.settings = settings or CompassTrackSettings()
+        self.compass = History(columns=1, angles=(0,))
+        self.gyro = History(columns=3)
+
+    def add(self, compass: Samples | None, gyro: Samples | None = None) -> None:
+        """Append samples that came with a frame: yaw (rad, field frame) and gx, gy, gz (rad/s)."""
+        self.compass.add(compass)
+        self.gyro.add(gyro)
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        self.compass.clear()
+        self.gyro.clear()
+
+    def heading_at(self, stamp_ns: int) -> float | None:
+        """The compass heading (rad, field frame, uncorrected) at a stamp; None if there's no recent sample.
+
+        The reading for this instant comes lag_s later. While it isn't there yet, the turning rate bridges the time.
+        """
+        if len(self.compass) == 0:
+            return None
+        wanted_ns = stamp_ns + int(self.settings.lag_s * NANOSECONDS)
+        beyond_s = (wanted_ns - int(self.compass.stamp_ns[-1])) / NANOSECONDS
+        before_s = (int(self.compass.stamp_ns[0]) - wanted_ns) / NANOSECONDS
+        if max(beyond_s - self.settings.lag_s, before_s) > self.settings.oldest_s:
+            return None
+        heading = float(self.compass.at(wanted_ns)[0])
+        if beyond_s > 0.0:
+            heading += self._rate_rad_s(stamp_ns, beyond_s) * beyond_s
+        return wrap_angle(heading)
+
+    def _rate_rad_s(self, stamp_ns: int, bridged_s: float) -> float:
+        """Turning rate over the bridged time before the stamp."""
+        recent = self.gyro.stamp_ns >= stamp_ns - int(bridged_s * NANOSECONDS)
+        recent &= self.gyro.stamp_ns <= stamp_ns
+        if recent.any():
+            return float(self.gyro.values[recent, 2].mean())
+        return float(self.compass.slope(self.settings.rate_window_s)[0])

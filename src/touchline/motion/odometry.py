@@ -1,0 +1,123 @@
+"""Odometry: how the robot moved between two stamps, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.motion.history import NANOSECONDS, History
+from touchline.types import Samples
+
+
+class OdometrySettings(Settings):
+    """The noise of dead reckoning, and what to assume without it."""
+
+    forward_scale: float = Field(0.03, ge=0, description="relative error of forward travel: 2 to 3 % by FORMATS.md")
+    sideways_scale: float = Field(0.03, ge=0, description="relative error of sideways travel: 2 to 3 % by FORMATS.md")
+    turn_scale: float = Field(0.03, ge=0, description="relative error of rotation: 2 to 3 % by FORMATS.md")
+    travel_noise_m: float = Field(
+        0.01, ge=0, description="random position error after one metre (m), growing with the root of the travel"
+    )
+    travel_noise_rad: float = Field(
+        0.01, ge=0, description="random heading error after one metre (rad), growing with the root of the travel"
+    )
+    turn_noise_rad: float = Field(
+        0.01, ge=0, description="random heading error after one radian (rad), growing with the root of the turn"
+    )
+    drift_m: float = Field(
+        0.01, ge=0, description="random position error after one second even at rest (m, root of time): being nudged"
+    )
+    drift_rad: float = Field(0.01, ge=0, description="random heading error after one second even at rest (rad)")
+    extrapolation_s: float = Field(
+        0.1, ge=0, description="how long the last motion is believed to go on without samples (s): one image period"
+    )
+    unknown_speed_m_s: float = Field(
+        1.0, ge=0, description="speed that may have been driven while the odometry was missing (m/s): a brisk robot"
+    )
+    unknown_turn_rad_s: float = Field(
+        1.5, ge=0, description="rate that may have been turned at while the odometry was missing (rad/s)"
+    )
+
+
+class Motion(NamedTuple):
+    """Motion between two stamps: `before_from_after`, covariance (3, 3) in the robot frame before it (m, m, rad).
+
+    missing_s: time of it that no odometry covers; there zero motion is assumed, with a wide covariance.
+    """
+
+    pose: Pose
+    covariance: FloatArray
+    missing_s: float
+
+
+class OdometryTrack:
+    """The odometry of the last seconds."""
+
+    def __init__(self, settings: OdometrySettings | None = None) -> None:
+        self.settings = settings or OdometrySettings()
+        self.history = History(columns=3, angles=(2,))
+
+    def add(self, samples: Samples | None) -> None:
+        """Append the samples x, y, theta (m, m, rad; odometry frame) that came with a frame."""
+        self.history.add(samples)
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        self.history.clear()
+
+    def between(self, start_ns: int, end_ns: int) -> Motion:
+        """The robot's motion from one stamp to a later one. Raises ValueError if they run backwards."""
+        if end_ns < start_ns:
+            raise ValueError(f"motion runs forward in time, got {start_ns} to {end_ns} ns")
+        duration_s = (end_ns - start_ns) / NANOSECONDS
+        if len(self.history) == 0:
+            still = Pose(0.0, 0.0, 0.0)
+            return Motion(still, self._covariance(still, 0.0, 0.0, duration_s, duration_s), duration_s)
+        start, end = self._pose_at(start_ns), self._pose_at(end_ns)
+        pose = start.inverse().compose(end)
+        missing_s = self._missing_s(start_ns, end_ns)
+        travel_m, turn_rad = self._travel(start_ns, end_ns, pose)
+        return Motion(pose, self._covariance(pose, travel_m, turn_rad, duration_s, missing_s), missing_s)
+
+    def _pose_at(self, stamp_ns: int) -> Pose:
+        """Pose in the odometry frame, carried on a little beyond the newest sample."""
+        pose = Pose(*(float(value) for value in self.history.at(stamp_ns)))
+        beyond_s = (stamp_ns - int(self.history.stamp_ns[-1])) / NANOSECONDS
+        if beyond_s <= 0.0:
+            return Pose(pose.x, pose.y, wrap_angle(pose.heading))
+        step = self.history.slope(self.settings.extrapolation_s) * min(beyond_s, self.settings.extrapolation_s)
+        return Pose(pose.x + float(step[0]), pose.y + float(step[1]), wrap_angle(pose.heading + float(step[2])))
+
+    def _missing_s(self, start_ns: int, end_ns: int) -> float:
+        """Time between the stamps before the first sample and after the end of the extrapolation."""
+        first_ns = int(self.history.stamp_ns[0])
+        last_ns = int(self.history.stamp_ns[-1]) + int(self.settings.extrapolation_s * NANOSECONDS)
+        covered_ns = max(min(end_ns, last_ns) - max(start_ns, first_ns), 0)
+        return (end_ns - start_ns - covered_ns) / NANOSECONDS
+
+    def _travel(self, start_ns: int, end_ns: int, pose: Pose) -> tuple[float, float]:
+        """Length of the way (m) and sum of the turns (rad): at least those of the motion as a whole."""
+        inside = (self.history.stamp_ns >= start_ns) & (self.history.stamp_ns <= end_ns)
+        steps = np.diff(self.history.values[inside], axis=0)
+        way_m, turn_rad = float(np.sum(np.hypot(steps[:, 0], steps[:, 1]))), float(np.sum(np.abs(steps[:, 2])))
+        return max(way_m, math.hypot(pose.x, pose.y)), max(turn_rad, abs(pose.heading))
+
+    def _covariance(
+        self, pose: Pose, travel_m: float, turn_rad: float, duration_s: float, missing_s: float
+    ) -> FloatArray:
+        s = self.settings
+        position = s.travel_noise_m**2 * travel_m + s.drift_m**2 * duration_s + (s.unknown_speed_m_s * missing_s) ** 2
+        heading = s.travel_noise_rad**2 * travel_m + s.turn_noise_rad**2 * turn_rad + s.drift_rad**2 * duration_s
+        heading += (s.unknown_turn_rad_s * missing_s) ** 2
+        return np.diag(
+            [
+                (s.forward_scale * pose.x) ** 2 + position,
+                (s.sideways_scale * pose.y) ** 2 + position,
+                (s.turn_scale * turn_rad) ** 2 + heading,
+            ]
+        )
