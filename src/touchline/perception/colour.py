@@ -1,0 +1,180 @@
+"""Colours of the field, learned from its own images: green first, then white relative to the green beside it.
+
+Pixels of one surface under brighter or darker light lie on a ray through the origin of R, G, B (a power-law response
+keeps rays). The carpet is the most frequent greenish ray near the robot. White is what rises above the green beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from touchline.config import Settings
+from touchline.errors import TouchlineError
+from touchline.geometry import FloatArray
+from touchline.types import ImageArray
+
+OTHER, GREEN, WHITE = 0, 1, 2
+_BITS = 6  # of the look-up table per channel: 64³ bytes stay in the second-level cache
+_CELLS = 64  # of the chromaticity histogram per axis
+
+
+class ColourSettings(Settings):
+    """How the carpet's colour is learned; nothing here depends on the light."""
+
+    frames: int = 5
+    green_sigmas: float = 3.5
+    darkest_green: float = 0.2
+    whitest_green: float = 0.45
+
+
+@dataclass(frozen=True, eq=False)
+class ColourModel:
+    """The learned colours.
+
+    table: uint8 (64, 64, 64) class of a colour (B, G, R each shifted right by 2). green, white: (3,) B, G, R of the
+    carpet and of the paint in the same light. noise: standard deviation (grey levels) of a carpet pixel against its
+    neighbours. signal: (3,) weights of B, G, R; `signal @ colour` rises by 1 from this green to this white.
+    """
+
+    table: npt.NDArray[np.uint8]
+    green: FloatArray
+    white: FloatArray
+    noise: float
+    signal: FloatArray
+
+    def classify(self, image: ImageArray) -> npt.NDArray[np.uint8]:
+        """Class (H, W) of every pixel of an image (H, W, 3): OTHER, GREEN or WHITE."""
+        cells = image >> (8 - _BITS)
+        return self.table[cells[..., 0], cells[..., 1], cells[..., 2]]
+
+
+def learn_colours(
+    images: Sequence[ImageArray],
+    near: npt.NDArray[np.bool_],
+    around: npt.NDArray[np.bool_],
+    noise: float,
+    settings: ColourSettings,
+    white: FloatArray | None = None,
+) -> ColourModel:
+    """Learn from images (H, W, 3): green is the most frequent greenish colour in `near`, its spread that in `around`.
+
+    near, around: (H, W) masks, the ring about the robot that is mostly carpet, and all of the field that is looked at.
+    noise: `pixel_noise` of the images. white (3,): the paint's B, G, R in the light of the mean green, where it is known.
+    Raises TouchlineError when no greenish colour is frequent near the robot.
+    """
+    coarse = [cv2.GaussianBlur(image, (0, 0), 2.5) for image in images]
+    center = _most_frequent_green(np.concatenate([image[near] for image in coarse]).astype(np.float64))
+    pixels = np.concatenate([image[around] for image in images]).astype(np.float64)
+    blurred = np.concatenate([image[around] for image in coarse]).astype(np.float64)
+    carpet = pixels[_members(blurred, center)]
+    green = np.median(carpet, axis=0)
+    spread = np.cov(chromaticity(carpet).T) + np.eye(2) * 0.004**2
+    center = np.mean(chromaticity(carpet), axis=0)
+    paint = _neutral_white(green) if white is None else white
+    signal = _signal_weights(carpet, green, paint, noise)
+    table = _build_table(center, spread, green, paint, signal, settings)
+    return ColourModel(table, green, paint, noise, signal)
+
+
+def chromaticity(colours: FloatArray) -> FloatArray:
+    """(N, 2) shares of blue and red in colours (N, 3) B, G, R; independent of brightness."""
+    total = np.maximum(colours.sum(axis=-1, keepdims=True), 1.0)
+    shares: FloatArray = (colours / total)[..., [0, 2]]
+    return shares
+
+
+def _most_frequent_green(pixels: FloatArray) -> FloatArray:
+    """Chromaticity (2,) of the most frequent greenish colour among pixels (N, 3)."""
+    greenish = (pixels[:, 1] > 1.06 * pixels[:, 2]) & (pixels[:, 1] > 0.95 * pixels[:, 0]) & (pixels.max(axis=1) < 250)
+    greenish &= pixels.sum(axis=1) > 60.0
+    if greenish.sum() < 0.05 * max(len(pixels), 1):
+        raise TouchlineError(
+            "no green carpet found around the robot: is the camera covered, or its center or inner_radius_px wrong?"
+        )
+    blue, red = chromaticity(pixels[greenish]).T
+    histogram, edges, _ = np.histogram2d(blue, red, bins=_CELLS, range=[[0.0, 0.6], [0.0, 0.6]])
+    smooth = _box_blur(histogram)
+    i, j = np.unravel_index(int(np.argmax(smooth)), smooth.shape)
+    return np.array([edges[i] + edges[i + 1], edges[j] + edges[j + 1]]) / 2.0
+
+
+def _members(blurred: FloatArray, center: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which of the blurred pixels (N, 3) belong to the colour at `center`: its mode is narrowed down, then widened."""
+    shares = chromaticity(blurred)
+    usable = (blurred.max(axis=1) < 250.0) & (blurred.sum(axis=1) > 60.0)
+    spread = np.eye(2) * 0.015**2
+    near = usable
+    for _ in range(6):
+        offset = shares - center
+        near = usable & (np.einsum("ni,ij,nj->n", offset, np.linalg.inv(spread), offset) < 2.5**2)
+        center = shares[near].mean(axis=0)
+        # undoes the truncation at 2.5 sigmas; never narrower than the grey levels' own steps
+        spread = np.cov(shares[near].T) * 1.25 + np.eye(2) * 0.004**2
+    return near
+
+
+def _box_blur(histogram: FloatArray) -> FloatArray:
+    padded = np.pad(histogram, 1)
+    return sum(padded[i : i + _CELLS, j : j + _CELLS] for i in range(3) for j in range(3))  # type: ignore[return-value]
+
+
+def pixel_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_]) -> float:
+    """Standard deviation (grey levels) of the green channel against its neighbours in the mask, from second differences."""
+    both = mask[:, 1:-1] & mask[:, 2:] & mask[:, :-2]
+    spreads = []
+    for image in images:
+        channel = image[..., 1].astype(np.float64)
+        second = channel[:, 1:-1] - 0.5 * (channel[:, 2:] + channel[:, :-2])
+        spreads.append(np.mean(np.minimum(np.abs(second[both]), 40.0)))
+    return float(np.median(spreads)) * np.sqrt(np.pi / 2.0) / np.sqrt(1.5)
+
+
+def _neutral_white(green: FloatArray) -> FloatArray:
+    """What paint looks like before any was seen: neutral, and as bright as paint beside carpet usually is."""
+    return np.full(3, min(255.0, 1.6 * float(green.max())))
+
+
+def _signal_weights(carpet: FloatArray, green: FloatArray, white: FloatArray, noise: float) -> FloatArray:
+    """Fisher's direction from green to white: blind to how bright the green is, as far as that varies here."""
+    ray = green / np.linalg.norm(green)
+    along = float(np.var(carpet @ ray)) + (0.1 * float(np.linalg.norm(green))) ** 2
+    across = carpet - np.outer(carpet @ ray, ray)
+    covariance = along * np.outer(ray, ray) + np.cov(across.T) + np.eye(3) * max(noise, 2.0) ** 2
+    weights = np.linalg.solve(covariance, white - green)
+    scaled: FloatArray = weights / float(weights @ (white - green))
+    return scaled
+
+
+def _build_table(
+    center: FloatArray,
+    spread: FloatArray,
+    green: FloatArray,
+    white: FloatArray,
+    signal: FloatArray,
+    settings: ColourSettings,
+) -> npt.NDArray[np.uint8]:
+    levels = (np.arange(1 << _BITS) + 0.5) * (1 << (8 - _BITS))
+    colours = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
+    brightness = colours.sum(axis=1) / green.sum()
+    offset = chromaticity(colours) - center
+    distance = np.sqrt(np.einsum("ni,ij,nj->n", offset, np.linalg.inv(spread), offset))
+    # noise weighs more in the chromaticity of dark pixels, less in that of bright ones
+    is_green = distance < settings.green_sigmas * np.clip(1.0 / brightness, 0.6, 3.0)
+    is_green |= _overexposed_green(colours, green)
+    is_green &= (brightness > settings.darkest_green) & ((colours - green) @ signal < settings.whitest_green)
+    excess, toward = colours - green, white - green
+    cosine = (excess @ toward) / np.maximum(np.linalg.norm(excess, axis=1) * np.linalg.norm(toward), 1e-9)
+    is_white = ~is_green & (cosine > 0.8) & (excess @ toward > 0.3 * float(toward @ toward))
+    return np.where(is_green, GREEN, np.where(is_white, WHITE, OTHER)).astype(np.uint8).reshape((1 << _BITS,) * 3)
+
+
+def _overexposed_green(colours: FloatArray, green: FloatArray) -> npt.NDArray[np.bool_]:
+    """Sun-lit carpet whose G is at its limit: B and R still go on together."""
+    blue, limited, red = colours.T
+    follows = np.abs(blue - red * green[0] / green[2]) < 25.0
+    return (limited > 246.0) & (red < 0.8 * limited) & follows

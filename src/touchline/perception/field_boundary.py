@@ -1,0 +1,67 @@
+"""Where the field's green ends in each direction, so that nothing beyond it is taken for a line."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from touchline.camera import OmniCamera
+from touchline.geometry import FloatArray
+
+_GREEN = 1
+
+
+def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: float) -> npt.NDArray[np.int64]:
+    """How many samples of a ray, counted from `inner_px`, are `gap_m` on the ground at each of its samples; (S,)."""
+    radii = np.arange(inner_px, outer_px)
+    slope = np.gradient(np.mean(camera.range_m, axis=0), camera.radius_px)
+    metres_per_px = np.interp(radii, camera.radius_px, slope)
+    return np.ceil(np.clip(gap_m / metres_per_px, 6, 80)).astype(np.int64)
+
+
+@njit(cache=True)
+def green_ends(
+    starts: npt.NDArray[np.int64],
+    rays: int,
+    classes: npt.NDArray[np.uint8],
+    gaps: npt.NDArray[np.int64],
+    inner_px: float,
+    ends: FloatArray,
+) -> None:
+    """Radius (px) of the last green sample of each full ray before a gap longer than any line, into ends (rays,).
+
+    starts, classes: of the scan lines; the full rays are the paths 0, 2, 4, ... gaps: `gap_lengths`. Each end is then
+    the middle one of three neighbours, so that a rod or a stain in one direction does not cut the field.
+    """
+    single = np.empty(rays)
+    for ray in range(rays):
+        low, high = starts[2 * ray], starts[2 * ray + 1]
+        last, missing = 0, 0
+        for k in range(high - low):
+            if classes[low + k] == _GREEN:
+                last, missing = k, 0
+            else:
+                missing += 1
+                if missing > gaps[min(k, len(gaps) - 1)]:
+                    break
+        single[ray] = inner_px + last
+    for ray in range(rays):
+        a, b, c = single[ray - 1], single[ray], single[(ray + 1) % rays]
+        ends[ray] = max(min(a, b), min(max(a, b), c))
+
+
+@njit(cache=True)
+def inside_green(
+    crossings: FloatArray, u0: float, v0: float, ends: FloatArray, margin_px: float
+) -> npt.NDArray[np.bool_]:
+    """Whether crossings (N, >= 4; columns 2, 3 are u, v) lie within the green's end of a ray beside them; (N,)."""
+    rays = len(ends)
+    inside = np.empty(len(crossings), dtype=np.bool_)
+    for i in range(len(crossings)):
+        du, dv = crossings[i, 2] - u0, crossings[i, 3] - v0
+        position = np.arctan2(dv, du) / (2.0 * np.pi) * rays
+        ray = int(np.floor(position)) % rays
+        end = max(ends[ray], ends[(ray + 1) % rays])
+        inside[i] = np.sqrt(du * du + dv * dv) <= end + margin_px
+    return inside

@@ -1,0 +1,189 @@
+"""Image -> points on white lines, in metres, each with the covariance that its place in the image deserves.
+
+After section 4.1 of Xiong et al. and section 4 of Lu et al. (2013): colour classes from a look-up table, scan lines,
+green-white-green transitions. Colours are learned from the recording's own first images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from touchline.camera import OmniCamera
+from touchline.config import Settings
+from touchline.errors import InputError, TouchlineError
+from touchline.geometry import FloatArray
+from touchline.perception.colour import GREEN, ColourModel, ColourSettings, learn_colours, pixel_noise
+from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
+from touchline.perception.profiles import COLUMNS, find_crossings, sample_paths
+from touchline.perception.scan_lines import ScanLines, build_scan_lines
+from touchline.types import ImageArray, LinePoints
+
+
+class LinePointSettings(Settings):
+    """Detection of line points. Lengths in the image are in pixels, so they hold for images of about 500 pixels."""
+
+    radial_scan_lines: int = Field(72, ge=8, description="rays from the robot outwards; both NuBot papers use 72")
+    circles: int = Field(24, ge=0, description="circles about the robot, for lines that point at it")
+    line_width_m: float | None = Field(None, gt=0, description="width of the paint; none: that of the field")
+    least_contrast: float = Field(
+        0.2, gt=0, lt=1, description="least height of a line over its green, as a share of learned white over green"
+    )
+    least_whiteness: float = Field(0.8, gt=0, lt=1, description="least cosine between a line's excess and white's")
+    flank_px: int = Field(4, ge=2, description="length of the green wanted on both sides of a line")
+    longest_run_px: int = Field(60, ge=5, description="longest way from green through white to green")
+    steepest_crossing: float = Field(2.2, gt=1, description="longest way through a line, in line widths")
+    blur_px: float = Field(3.5, ge=0, description="how much wider blur may make a line")
+    coarsest_px_m: float = Field(0.25, gt=0, description="nothing is looked for where a pixel is longer than this (m)")
+    field_gap_m: float = Field(0.6, gt=0, description="a gap in the green longer than this ends the field")
+    noise_px: float = Field(0.3, gt=0, description="standard deviation of a point in the image")
+    noise_m: float = Field(
+        0.01, ge=0, description="standard deviation of a point on the ground that has no pixel's reason"
+    )
+    colour: ColourSettings = ColourSettings()
+
+
+class LinePointDetector:
+    """Finds line points in the images of one camera. `learn` first, then `detect` each image."""
+
+    def __init__(
+        self, camera: OmniCamera, settings: LinePointSettings | None = None, line_width_m: float = 0.125
+    ) -> None:
+        self.camera = camera
+        self.settings = settings or LinePointSettings()
+        s = self.settings
+        self.line_width_m = s.line_width_m or line_width_m
+        self.outer_px = _usable_radius(camera, s.coarsest_px_m)
+        self.scan_lines: ScanLines = build_scan_lines(
+            camera, s.radial_scan_lines, s.circles, camera.inner_radius_px, self.outer_px
+        )
+        self.body = np.zeros((camera.height, camera.width), dtype=np.bool_)
+        self.colours: ColourModel | None = None
+        self.green_ends_px = np.full(s.radial_scan_lines, self.outer_px)
+        self._gaps = gap_lengths(camera, camera.inner_radius_px, self.outer_px, s.field_gap_m)
+        self._smoothing_px = 0.0
+        n = len(self.scan_lines.samples)
+        self._samples = (np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.uint8))
+        self._found = np.empty((2048, COLUMNS))
+
+    def learn(self, images: Sequence[ImageArray]) -> None:
+        """Learn green, white and the robot's own body from a few images (H, W, 3), B, G, R, of this camera.
+
+        Raises TouchlineError where no green carpet is seen, InputError for an image of another size.
+        """
+        for image in images:
+            self._check_size(image)
+        near, around = (self._ring(self.camera.inner_radius_px, share * self.outer_px) for share in (0.65, 0.9))
+        noise = pixel_noise(images, near)
+        self._smoothing_px = _smoothing_for(noise)
+        smooth = [self._smoothed(image) for image in images]
+        self.body[:] = False
+        self.colours = learn_colours(smooth, near, around, noise, self.settings.colour)
+        white = self._white_on_lines(smooth)
+        if white is not None:
+            self.colours = learn_colours(smooth, near, around, noise, self.settings.colour, white)
+        self.body = self._own_body(smooth)
+
+    def detect(self, image: ImageArray) -> LinePoints:
+        """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""
+        self._check_size(image)
+        found = self._crossings(self._smoothed(image))
+        covariances = self._covariances(found[:, 2:4])
+        confidences = np.clip(found[:, 4], 0.0, 1.0)
+        return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
+
+    def _crossings(self, image: ImageArray) -> FloatArray:
+        model, lines, s, camera = self.colours, self.scan_lines, self.settings, self.camera
+        if model is None:
+            raise TouchlineError("the detector has learned no colours yet: call learn() with a few images first")
+        sample_paths(image, lines.samples, self.body, model.signal, model.table, *self._samples)
+        width = self.line_width_m
+        limits = np.array(
+            [s.least_contrast, s.flank_px, s.longest_run_px, 0.5 * width, s.steepest_crossing * width, s.blur_px, s.least_whiteness]
+        )  # fmt: skip
+        count = find_crossings(
+            lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,
+            (camera.lookup_constants, camera.bearings_rad, camera.lookup_table), self._found,
+        )  # fmt: skip
+        found = self._found[:count]
+        green_ends(
+            lines.starts, s.radial_scan_lines, self._samples[2], self._gaps, camera.inner_radius_px, self.green_ends_px
+        )
+        kept: FloatArray = found[inside_green(found, *camera.center, self.green_ends_px, 2.0)]
+        return kept
+
+    def _covariances(self, pixels: FloatArray) -> FloatArray:
+        """(N, 2, 2): the pixel's noise through the mirror, and the ground's own."""
+        jacobians = self.camera.ground_jacobian(pixels)
+        covariances: FloatArray = self.settings.noise_px**2 * jacobians @ jacobians.transpose(0, 2, 1)
+        return covariances + np.eye(2) * self.settings.noise_m**2
+
+    def _smoothed(self, image: ImageArray) -> ImageArray:
+        if self._smoothing_px == 0.0:
+            return image
+        blurred: ImageArray = cv2.GaussianBlur(image, (0, 0), self._smoothing_px)  # type: ignore[assignment]
+        return blurred
+
+    def _ring(self, inner_px: float, outer_px: float) -> npt.NDArray[np.bool_]:
+        v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]
+        radius = np.hypot(u - self.camera.center[0], v - self.camera.center[1])
+        ring: npt.NDArray[np.bool_] = (radius > inner_px) & (radius < outer_px)
+        return ring
+
+    def _white_on_lines(self, images: Sequence[ImageArray]) -> FloatArray | None:
+        """B, G, R (3,) of the paint, from the clearest half of the lines that a guessed white has found."""
+        colours = []
+        for image in images:
+            found = self._crossings(image)
+            u, v = np.rint(found[:, 2:4]).astype(int).T
+            colours.append(np.column_stack((image[v, u], found[:, 4])))
+        rows = np.concatenate(colours)
+        if len(rows) < 20:
+            return None
+        clear = rows[rows[:, 3] >= np.median(rows[:, 3])]
+        white: FloatArray = np.median(clear[:, :3], axis=0)
+        return white
+
+    def _own_body(self, images: Sequence[ImageArray]) -> npt.NDArray[np.bool_]:
+        """Pixels near the centre that are green in none of the images and hang together with the robot.
+
+        What is as narrow as a line is left out: the robot may stand on one.
+        """
+        assert self.colours is not None
+        inner = self.camera.inner_radius_px
+        disc = self._ring(-1.0, inner)
+        solid = self._ring(-1.0, 2.2 * inner)
+        for image in images:
+            solid &= (self.colours.classify(image) != GREEN) | disc
+        metres_per_px = float(np.diff(self.camera.range_m.mean(axis=0)).min() / np.diff(self.camera.radius_px).max())
+        size = int(1.3 * self.line_width_m / max(metres_per_px, 1e-3)) | 1
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        opened = cv2.morphologyEx((solid | disc).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+        _, labels = cv2.connectedComponents(opened)
+        u0, v0 = (round(c) for c in self.camera.center)
+        own = (labels == labels[v0, u0]).astype(np.uint8)
+        return cv2.dilate(own, np.ones((5, 5), np.uint8)).astype(np.bool_)
+
+    def _check_size(self, image: ImageArray) -> None:
+        wanted = (self.camera.height, self.camera.width, 3)
+        if image.shape != wanted or image.dtype != np.uint8:
+            raise InputError(
+                f"the image is {image.shape} {image.dtype}, but the camera file says {wanted} (height, width, 3) of 8 bits"
+            )
+
+
+def _usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
+    steps = np.diff(camera.range_m, axis=1).max(axis=0) / np.diff(camera.radius_px)
+    too_coarse = np.nonzero(steps > coarsest_px_m)[0]
+    limit = camera.radius_px[too_coarse[0]] if len(too_coarse) else camera.radius_px[-1]
+    return float(min(limit, camera.outer_radius_px))
+
+
+def _smoothing_for(noise: float) -> float:
+    """Standard deviation (px) of the blur that brings white noise down to 2.5 grey levels; 0 where it is low already."""
+    sigma = noise / (2.0 * np.sqrt(np.pi) * 2.5)
+    return sigma if sigma > 0.45 else 0.0

@@ -1,0 +1,63 @@
+"""Where to look: the pixel paths along which lines are searched.
+
+Radial scan lines (the papers' 72) cross whatever runs around the robot; circles cross whatever points at it. Between the
+radial scan lines shorter ones fill the outer part of the image, where neighbours have drifted apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.camera import OmniCamera
+from touchline.geometry import FloatArray
+
+_CIRCLE_OVERLAP_PX = 60  # a circle goes on past its start so that a line lying there is seen whole
+
+
+@dataclass(frozen=True, eq=False)
+class ScanLines:
+    """Paths of samples one pixel apart.
+
+    samples: (N, 2) u, v of all paths, one after the other. starts: (P + 1,) first sample of each path.
+    closed: (P,) number of samples after which a path repeats itself, 0 for an open one.
+    """
+
+    samples: FloatArray
+    starts: npt.NDArray[np.int64]
+    closed: npt.NDArray[np.int64]
+
+
+def build_scan_lines(
+    camera: OmniCamera, radial: int, circles: int, inner_px: float, outer_px: float, fill_from: float = 0.5
+) -> ScanLines:
+    """`radial` rays from `inner_px` to `outer_px`, as many short ones between them that start at `fill_from` of the
+    outer radius, and `circles` circles at equal distances in the image. All stay two pixels inside the image.
+    """
+    u0, v0 = camera.center
+    paths: list[FloatArray] = []
+    closed: list[int] = []
+    for index in range(2 * radial):
+        angle = np.pi * index / radial
+        first = inner_px if index % 2 == 0 else max(inner_px, fill_from * outer_px)
+        radii = np.arange(first, outer_px)
+        paths.append(np.column_stack((u0 + radii * np.cos(angle), v0 + radii * np.sin(angle))))
+        closed.append(0)
+    for radius in np.linspace(inner_px, outer_px, circles + 2)[1:-1]:
+        count = round(2.0 * np.pi * radius)
+        angles = 2.0 * np.pi / count * np.arange(count + _CIRCLE_OVERLAP_PX)
+        paths.append(np.column_stack((u0 + radius * np.cos(angles), v0 + radius * np.sin(angles))))
+        closed.append(count)
+    inside = [_inside(path, camera) for path in paths]
+    starts = np.concatenate(([0], np.cumsum([len(path) for path in inside]))).astype(np.int64)
+    # a circle that left the image is an open path
+    lengths = [count if len(kept) == len(path) else 0 for path, kept, count in zip(paths, inside, closed, strict=True)]
+    return ScanLines(np.concatenate(inside), starts, np.array(lengths, dtype=np.int64))
+
+
+def _inside(path: FloatArray, camera: OmniCamera) -> FloatArray:
+    u, v = path.T
+    kept: FloatArray = path[(u >= 2) & (u <= camera.width - 3) & (v >= 2) & (v <= camera.height - 3)]
+    return kept
