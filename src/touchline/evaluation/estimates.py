@@ -1,0 +1,113 @@
+"""estimates.csv of a run: one row per image, everything an estimate says but its rivals."""
+
+from __future__ import annotations
+
+import csv
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.evaluation.tum import fixed, seconds_text, stamp_from_text
+from touchline.geometry import FloatArray
+from touchline.types import Estimate, Samples, Status
+
+HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
+COLUMNS = tuple(HEADER.split(","))
+_STATUSES = tuple(Status)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EstimateTable:
+    """The estimates of one run as compact columns of N rows.
+
+    trajectory: stamps (N,) and x, y, heading (N, 3) in (m, m, rad). std: (N, 3) standard deviations (m, m, rad).
+    status: (N,) index in `tuple(Status)`. residual_m: (N,), NaN without points. points: (N,).
+    perception_ms, localization_ms: (N,).
+    """
+
+    trajectory: Samples
+    std: npt.NDArray[np.float32]
+    status: npt.NDArray[np.int8]
+    residual_m: npt.NDArray[np.float32]
+    points: npt.NDArray[np.int32]
+    perception_ms: npt.NDArray[np.float32]
+    localization_ms: npt.NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.trajectory)
+
+    def has_status(self, status: Status) -> npt.NDArray[np.bool_]:
+        """Which rows (N,) have this status."""
+        return self.status == _STATUSES.index(status)
+
+
+def csv_row(estimate: Estimate) -> str:
+    """One line of estimates.csv; a residual without points stays empty."""
+    covariance: FloatArray = estimate.covariance
+    upper = (covariance[i, j] for i in range(3) for j in range(i, 3))
+    fields = [
+        seconds_text(estimate.stamp_ns),
+        *(fixed(value, 6) for value in estimate.pose),
+        *(f"{value:.6e}" for value in upper),
+        estimate.status.value,
+        "" if np.isnan(estimate.residual_m) else fixed(estimate.residual_m, 6),
+        str(estimate.points),
+        fixed(estimate.perception_ms, 4),
+        fixed(estimate.localization_ms, 4),
+    ]
+    return ",".join(fields) + "\n"
+
+
+def read_estimates(path: Path) -> EstimateTable:
+    """Read a whole estimates.csv (about 60 bytes of memory per row).
+
+    Raises InputError that names file and line.
+    """
+    stamps, numbers, statuses = array("q"), array("d"), array("b")
+    details, points = array("f"), array("i")
+    for number, row in _rows(path):
+        try:
+            stamps.append(stamp_from_text(row[0]))
+            numbers.extend(float(text) for text in row[1:4])
+            statuses.append(_STATUSES.index(Status(row[10])))
+            details.extend(float(row[column]) ** 0.5 for column in (4, 7, 9))
+            details.extend(float(text or "nan") for text in (row[11], row[13], row[14]))
+            points.append(int(row[12]))
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{path}, line {number}: {error}") from None
+        if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
+            raise InputError(f"{path}, line {number}: the time does not increase")
+    more = np.array(details, dtype=np.float32).reshape(-1, 6)
+    poses = np.array(numbers, dtype=np.float64).reshape(-1, 3)
+    return EstimateTable(
+        trajectory=Samples(np.array(stamps, dtype=np.int64), poses),
+        std=more[:, :3],
+        status=np.array(statuses, dtype=np.int8),
+        residual_m=more[:, 3],
+        points=np.array(points, dtype=np.int32),
+        perception_ms=more[:, 4],
+        localization_ms=more[:, 5],
+    )
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.reader(file)
+            if tuple(next(reader, ())) != COLUMNS:
+                raise InputError(f"{path}, line 1: expected the header {HEADER}")
+            for row in reader:
+                if len(row) != len(COLUMNS):
+                    raise InputError(
+                        f"{path}, line {reader.line_num}: expected {len(COLUMNS)} values, found {len(row)}"
+                    )
+                yield reader.line_num, row
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise InputError(f"{path}: is not a CSV file") from None

@@ -1,0 +1,53 @@
+"""Time spent per frame, in constant memory: counts in logarithmic bins instead of every value."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from touchline.geometry import FloatArray
+
+FIRST_MS = 1e-3
+LAST_MS = 1e5
+BINS_PER_DECADE = 200
+
+
+class LatencyHistogram:
+    """Counts of durations (ms) in bins 1.2 % wide, 1 µs to 100 s; what lies outside falls in the end bins.
+
+    Median and percentiles are the middle of their bin: within 0.6 % of the exact value.
+    """
+
+    def __init__(self) -> None:
+        decades = math.log10(LAST_MS / FIRST_MS)
+        self.edges_ms: FloatArray = np.logspace(
+            math.log10(FIRST_MS), math.log10(LAST_MS), round(decades * BINS_PER_DECADE) + 1
+        )
+        self.counts = np.zeros(len(self.edges_ms) - 1, dtype=np.int64)
+        self.max_ms = 0.0
+
+    def add(self, duration_ms: float) -> None:
+        """Count one frame."""
+        place = int((math.log10(max(duration_ms, FIRST_MS)) - math.log10(FIRST_MS)) * BINS_PER_DECADE)
+        self.counts[min(place, len(self.counts) - 1)] += 1
+        self.max_ms = max(self.max_ms, duration_ms)
+
+    def __len__(self) -> int:
+        return int(self.counts.sum())
+
+    def percentile_ms(self, percent: float) -> float:
+        """The duration that `percent` of the frames do not exceed; NaN without frames."""
+        total = len(self)
+        if total == 0:
+            return math.nan
+        rank = max(1, math.ceil(total * percent / 100.0))
+        place = int(np.searchsorted(np.cumsum(self.counts), rank))
+        return min(math.sqrt(float(self.edges_ms[place] * self.edges_ms[place + 1])), self.max_ms)
+
+    def summary(self) -> dict[str, float | None]:
+        """median, p99 and maximum (ms) for JSON; None without frames."""
+        if len(self) == 0:
+            return {"median": None, "p99": None, "max": None}
+        values = {"median": self.percentile_ms(50), "p99": self.percentile_ms(99), "max": self.max_ms}
+        return {name: round(value, 4) for name, value in values.items()}

@@ -1,0 +1,195 @@
+"""Error statistics of a trajectory against the truth, as the papers print them.
+
+Mean and median are of |error|; the standard deviation is given of the signed error and of |error|, because the papers
+differ: compare like with like. Black images and frames before the first estimate are left out and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.geometry import FloatArray, wrap_angles
+from touchline.types import Samples
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorStatistics:
+    """Of N errors in one unit (m or rad): mean, median, maximum of |error|, and both standard deviations (of N)."""
+
+    mean: float
+    median: float
+    std_signed: float
+    std_abs: float
+    max: float
+
+    @classmethod
+    def of(cls, errors: FloatArray) -> ErrorStatistics:
+        """From signed errors (N,), N >= 1."""
+        size = np.abs(errors)
+        return cls(
+            float(size.mean()), float(np.median(size)), float(errors.std()), float(size.std()), float(size.max())
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTable:
+    """Errors of x, y, position (m, field frame) and heading (rad), and what was counted and what was left out.
+
+    `frames` were counted. Left out: `skipped` first frames as asked, `black` images, frames `before_first` estimate,
+    frames `without_truth` nearer than half a frame.
+    """
+
+    x: ErrorStatistics
+    y: ErrorStatistics
+    position: ErrorStatistics
+    heading: ErrorStatistics
+    frames: int
+    skipped: int = 0
+    black: int = 0
+    before_first: int = 0
+    without_truth: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: metres and radians, as the keys say."""
+        counts = asdict(self)
+        tables = {f"{name}_{unit}": counts.pop(name) for name, unit in _UNITS}
+        return {**tables, **counts}
+
+    def rows(self) -> list[tuple[str, list[str]]]:
+        """Printable rows, cm and degrees: name, then mean, median, std of error, std of |error|, maximum."""
+        table = []
+        for name, unit in _UNITS:
+            statistics: ErrorStatistics = getattr(self, name)
+            scale, decimals = (100.0, 2) if unit == "m" else (float(np.degrees(1.0)), 3)
+            numbers = [f"{scale * value:.{decimals}f}" for value in asdict(statistics).values()]
+            table.append((f"{name} ({'cm' if unit == 'm' else '°'})", numbers))
+        return table
+
+    def left_out(self) -> str:
+        """A sentence about what was counted and left out."""
+        parts = [
+            (self.skipped, "first frames, as asked"),
+            (self.before_first, "before the first estimate"),
+            (self.black, "black images"),
+            (self.without_truth, "without truth"),
+        ]
+        said = ", ".join(f"{count} {what}" for count, what in parts if count)
+        return f"{self.frames} frames counted; left out: {said or 'none'}"
+
+    def __str__(self) -> str:
+        head = f"{'':<16}" + "".join(f"{title:>13}" for title in COLUMNS)
+        body = [f"{name:<16}" + "".join(f"{value:>13}" for value in values) for name, values in self.rows()]
+        return "\n".join([head, *body, self.left_out()])
+
+
+COLUMNS = ("mean |e|", "median |e|", "std e", "std |e|", "max |e|")
+_UNITS = (("x", "m"), ("y", "m"), ("position", "m"), ("heading", "rad"))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Errors:
+    """Signed errors, estimate minus truth, of the frames that have a truth.
+
+    rows: (M,) index of each in the trajectory. stamp_ns: (M,). values: (M, 3) x, y (m, field frame), heading (rad,
+    wrapped).
+    """
+
+    rows: IntArray
+    stamp_ns: IntArray
+    values: FloatArray
+
+    def position_m(self) -> FloatArray:
+        """Distance from the truth (M,)."""
+        return np.hypot(self.values[:, 0], self.values[:, 1])
+
+
+def associate(stamp_ns: IntArray, truth_stamp_ns: IntArray) -> IntArray:
+    """Index (N,) of the truth nearest in time to each stamp; -1 if none lies within half a frame.
+
+    A frame is the median step of `stamp_ns`; a lone stamp takes the step of the truth.
+    Both arrays increase strictly.
+    """
+    if len(truth_stamp_ns) == 0 or len(stamp_ns) == 0:
+        return np.full(len(stamp_ns), -1, dtype=np.int64)
+    steps = np.diff(stamp_ns if len(stamp_ns) > 1 else truth_stamp_ns)
+    half_frame_ns = 0.5 * float(np.median(steps)) if len(steps) else 0.0
+    after = np.clip(np.searchsorted(truth_stamp_ns, stamp_ns), 1, max(1, len(truth_stamp_ns) - 1))
+    after = np.minimum(after, len(truth_stamp_ns) - 1)
+    before = np.maximum(after - 1, 0)
+    nearer_before = stamp_ns - truth_stamp_ns[before] <= truth_stamp_ns[after] - stamp_ns
+    nearest = np.where(nearer_before, before, after)
+    near = np.abs(truth_stamp_ns[nearest] - stamp_ns) <= half_frame_ns
+    return np.where(near, nearest, -1).astype(np.int64)
+
+
+def signed_errors(trajectory: Samples, truth: Samples) -> Errors:
+    """Estimate minus truth where both exist; trajectory and truth have values (N, 3): x, y, heading (m, m, rad)."""
+    match = associate(trajectory.stamp_ns, truth.stamp_ns)
+    rows = np.flatnonzero(match >= 0)
+    values = trajectory.values[rows, :3] - truth.values[match[rows], :3]
+    values[:, 2] = wrap_angles(values[:, 2])
+    return Errors(rows, trajectory.stamp_ns[rows], values)
+
+
+def error_table(
+    trajectory: Samples,
+    truth: Samples,
+    *,
+    located: BoolArray | None = None,
+    black_ns: Sequence[tuple[int, int]] = (),
+    skip: int = 0,
+) -> ErrorTable:
+    """Statistics of a trajectory (N, 3) against the truth (M, 3), both x, y, heading (m, m, rad).
+
+    located: (N,) whether the system was tracking; frames before the first of them are left out. None: all were.
+    black_ns: first and last stamp of every stretch of black images. skip: leave out this many frames at the start.
+
+    Raises InputError if nothing is left to compare.
+    """
+    keep = np.arange(len(trajectory)) >= skip
+    first = 0 if located is None else int(np.argmax(located)) if located.any() else len(trajectory)
+    begun = np.arange(len(trajectory)) >= first
+    black = within(trajectory.stamp_ns, black_ns)
+    errors = signed_errors(trajectory, truth)
+    known = np.zeros(len(trajectory), dtype=np.bool_)
+    known[errors.rows] = True
+    counted = (keep & begun & ~black & known)[errors.rows]
+    if not counted.any():
+        raise InputError(_why_nothing_is_left(keep, begun, known))
+    values = errors.values[counted]
+    return ErrorTable(
+        x=ErrorStatistics.of(values[:, 0]),
+        y=ErrorStatistics.of(values[:, 1]),
+        position=ErrorStatistics.of(np.hypot(values[:, 0], values[:, 1])),
+        heading=ErrorStatistics.of(values[:, 2]),
+        frames=len(values),
+        skipped=int(np.sum(~keep)),
+        before_first=int(np.sum(keep & ~begun)),
+        black=int(np.sum(keep & begun & black)),
+        without_truth=int(np.sum(keep & begun & ~black & ~known)),
+    )
+
+
+def within(stamp_ns: IntArray, stretches_ns: Sequence[tuple[int, int]]) -> BoolArray:
+    """Whether each stamp (N,) lies in one of the stretches (first, last), ends included."""
+    inside = np.zeros(len(stamp_ns), dtype=np.bool_)
+    for first, last in stretches_ns:
+        inside[np.searchsorted(stamp_ns, first, "left") : np.searchsorted(stamp_ns, last, "right")] = True
+    return inside
+
+
+def _why_nothing_is_left(keep: BoolArray, begun: BoolArray, known: BoolArray) -> str:
+    if not known.any():
+        return "no estimate has a truth within half a frame: do both come from the same recording and clock?"
+    if not (keep & begun).any():
+        return "no frame is left to compare: the system never found its place, or all frames were left out"
+    return "no frame is left to compare: all images with a truth are black or come before the first estimate"

@@ -1,0 +1,200 @@
+"""report.html: one self-contained page about a run, readable on a phone, by day and by night."""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from touchline.evaluation.figures import RunData, error_figure, field_figure, latency_figure, status_figure
+from touchline.evaluation.metrics import COLUMNS, ErrorTable
+from touchline.evaluation.report_style import STYLE
+from touchline.evaluation.run_folder import REPORT
+from touchline.types import ImageArray
+
+_JPEG_QUALITY = 82
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Picture:
+    """An image (H, W, 3) BGR of the report with what it shows."""
+
+    title: str
+    caption: str
+    image: ImageArray
+
+
+def write_report(
+    folder: Path,
+    summary: dict[str, Any],
+    data: RunData,
+    errors: ErrorTable | None,
+    pictures: Sequence[Picture] = (),
+) -> Path:
+    """Write report.html into the folder of a run; summary is what summary.json holds. Returns its path."""
+    sections = [
+        _header(summary),
+        _key_figures(summary, errors),
+        _error_table(errors),
+        _figure("Path", field_figure(data), "Each dot is one image, coloured by the status of its estimate.")
+        if len(data.table)
+        else "",
+        _figure("Error over time", error_figure(data), "Estimate minus truth, in the field frame.")
+        if data.errors is not None and len(data.errors.rows)
+        else "",
+        *_time_figures(data),
+        _gallery(pictures),
+        _problems(summary),
+        _settings(summary),
+        _footer(summary),
+    ]
+    title = html.escape(f"{summary['recording']['name']} · {summary['system']} · Touchline")
+    page = (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
+        + "\n".join(section for section in sections if section)
+        + "\n</main>\n</body>\n</html>\n"
+    )
+    path = folder / REPORT
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _header(summary: dict[str, Any]) -> str:
+    recording, name = summary["recording"], html.escape(summary["recording"]["name"])
+    told = {
+        "complete": "",
+        "interrupted": "The run was interrupted; this is what was done until then.",
+        "failed": f"The run failed: {summary.get('failure')}. This is what was done until then.",
+    }[summary["ended"]]
+    note = f'<p class="warning">{html.escape(told)}</p>' if told else ""
+    facts = [
+        f"system <strong>{html.escape(summary['system'])}</strong>",
+        f"field {html.escape(str(recording['field']))}",
+        f"{summary['frames']} images in {summary['duration_s']:.1f} s",
+        html.escape(str(summary["started"])[:16].replace("T", " ")),
+    ]
+    description = html.escape(str(recording.get("description") or ""))
+    return (
+        f"<header><p class='brand'>Touchline</p><h1>{name}</h1><p class='facts'>{' · '.join(facts)}</p>"
+        f"<p class='description'>{description}</p>{note}</header>"
+    )
+
+
+def _key_figures(summary: dict[str, Any], errors: ErrorTable | None) -> str:
+    tiles: list[tuple[str, str, str]] = []
+    if errors is not None:
+        tiles += [
+            ("mean |x|", f"{100 * errors.x.mean:.2f}", "cm"),
+            ("mean |y|", f"{100 * errors.y.mean:.2f}", "cm"),
+            ("mean |heading|", f"{math.degrees(errors.heading.mean):.2f}", "°"),
+            ("largest position error", f"{100 * errors.position.max:.1f}", "cm"),
+        ]
+    frames = summary["frames"]
+    if frames:
+        tiles.append(("images tracked", f"{100 * summary['status']['tracking'] / frames:.1f}", "%"))
+    latency = summary["latency_ms"]["total"]
+    if latency["median"] is not None:
+        tiles.append(("time per image, median", f"{latency['median']:.2f}", "ms"))
+        tiles.append(("time per image, p99", f"{latency['p99']:.2f}", "ms"))
+    if summary["rate_fps"] is not None:
+        tiles.append(("rate, reading included", f"{summary['rate_fps']:.0f}", "images/s"))
+    cells = "".join(
+        f"<div class='tile'><dt>{label}</dt><dd>{value}<span>{'' if unit == '°' else ' '}{unit}</span></dd></div>"
+        for label, value, unit in tiles
+    )
+    return f"<dl class='tiles'>{cells}</dl>"
+
+
+def _error_table(errors: ErrorTable | None) -> str:
+    if errors is None:
+        return "<section><h2>Errors</h2><p>The recording holds no truth to compare with.</p></section>"
+    head = "".join(f"<th>{title}</th>" for title in COLUMNS)
+    rows = "".join(
+        f"<tr><th>{name}</th>{''.join(f'<td>{value}</td>' for value in values)}</tr>" for name, values in errors.rows()
+    )
+    note = "std e is of the signed error, std |e| of its size."
+    return (
+        f"<section><h2>Errors</h2><div class='scroll'><table class='errors'><thead><tr><th></th>{head}</tr></thead>"
+        f"<tbody>{rows}</tbody></table></div><p class='note'>{errors.left_out()}. {note}</p></section>"
+    )
+
+
+def _figure(title: str, svg: str, caption: str) -> str:
+    drawing = f"<div class='scroll'>{svg}</div><figcaption>{caption}</figcaption>"
+    return f"<section><h2>{title}</h2><figure>{drawing}</figure></section>"
+
+
+def _time_figures(data: RunData) -> list[str]:
+    if not len(data.table):
+        return []
+    return [
+        _figure(
+            "Status over time",
+            status_figure(data),
+            "<span class='key tracking'></span>tracking <span class='key searching'></span>searching "
+            "<span class='key lost'></span>lost. Residual: mean distance of the line points to the nearest line.",
+        ),
+        _figure("Latency", latency_figure(data), "Perception and localization together, without reading and decoding."),
+    ]
+
+
+def _gallery(pictures: Sequence[Picture]) -> str:
+    if not pictures:
+        return ""
+    items = []
+    for picture in pictures:
+        done, code = cv2.imencode(".jpg", picture.image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        if not done:
+            continue
+        source = "data:image/jpeg;base64," + base64.b64encode(code.tobytes()).decode("ascii")
+        items.append(
+            f"<figure><img alt='{html.escape(picture.title)}' loading='lazy' src='{source}'>"
+            f"<figcaption><strong>{html.escape(picture.title)}</strong> {html.escape(picture.caption)}</figcaption>"
+            "</figure>"
+        )
+    return f"<section><h2>Images</h2><div class='gallery'>{''.join(items)}</div></section>"
+
+
+def _problems(summary: dict[str, Any]) -> str:
+    problems = summary["problems"]
+    if not problems["counts"]:
+        return "<section><h2>Problems of the recording</h2><p>None were found while reading it.</p></section>"
+    counts = "".join(f"<li>{count} × {html.escape(kind)}</li>" for kind, count in problems["counts"].items())
+    lines = "".join(f"<li>{html.escape(message)}</li>" for message in problems["messages"])
+    return (
+        f"<section><h2>Problems of the recording</h2><ul>{counts}</ul>"
+        f"<details><summary>The first {len(problems['messages'])}</summary><ol class='small'>{lines}</ol></details>"
+        "</section>"
+    )
+
+
+def _settings(summary: dict[str, Any]) -> str:
+    rows = "".join(
+        f"<tr><th>{html.escape(key)}</th><td>{html.escape(str(value))}</td></tr>"
+        for key, value in _leaves(summary["settings"])
+    )
+    table = f"<div class='scroll'><table>{rows}</table></div>"
+    return f"<section><h2>Settings</h2><details><summary>All of this run</summary>{table}</details></section>"
+
+
+def _leaves(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    leaves: list[tuple[str, Any]] = []
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            leaves += _leaves(value, f"{prefix}{key}.")
+        else:
+            leaves.append((f"{prefix}{key}", value))
+    return leaves
+
+
+def _footer(summary: dict[str, Any]) -> str:
+    versions = " · ".join(f"{html.escape(name)} {html.escape(str(v))}" for name, v in summary["versions"].items())
+    return f"<footer>seed {summary['seed']} · {html.escape(str(summary['cpu']))} · {versions}</footer>"

@@ -1,0 +1,98 @@
+"""A finished run, read back from its folder, and its errors against the truth."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from touchline.errors import InputError
+from touchline.evaluation.estimates import EstimateTable, read_estimates
+from touchline.evaluation.metrics import ErrorTable, error_table
+from touchline.evaluation.run_folder import ESTIMATES, REPORT, SUMMARY, read_summary
+from touchline.evaluation.tum import read_tum
+from touchline.sources import Truth, open_source
+from touchline.types import Samples, Status
+
+
+class Run:
+    """The folder of a run: `errors`, `estimates` and `summary` are read when first asked for.
+
+    Raises InputError if the folder is not that of a run.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        self.summary: dict[str, Any] = read_summary(self.folder)
+
+    @property
+    def report(self) -> Path:
+        """Where report.html is."""
+        return self.folder / REPORT
+
+    @cached_property
+    def estimates(self) -> EstimateTable:
+        """All estimates, N rows."""
+        return read_estimates(self.folder / ESTIMATES)
+
+    @cached_property
+    def truth(self) -> Samples | None:
+        """The recording's true poses (M, 3): x, y, heading (m, m, rad); None if it holds none.
+
+        Raises InputError if the recording is no longer where it was.
+        """
+        return samples_of(open_source(self._recording()["path"]).truth)
+
+    @cached_property
+    def errors(self) -> ErrorTable | None:
+        """Errors against the recording's truth; None if there is none, or no frame to compare."""
+        try:
+            return None if self.truth is None else self.errors_against(self.truth)
+        except InputError:
+            return None
+
+    def errors_against(self, truth: Samples, skip: int = 0) -> ErrorTable:
+        """Errors against a truth (M, 3), the first `skip` frames left out. Raises InputError if no frame is left."""
+        located = self.estimates.has_status(Status.TRACKING)
+        return error_table(self.estimates.trajectory, truth, located=located, black_ns=self._black_ns(), skip=skip)
+
+    def _black_ns(self) -> list[tuple[int, int]]:
+        try:
+            return [(int(first), int(last)) for first, last in self.summary["black_images"]["stretches_ns"]]
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{self.folder / SUMMARY}: 'black_images' is not as `touchline run` writes it") from None
+
+    def _recording(self) -> dict[str, Any]:
+        recording = self.summary.get("recording")
+        if not isinstance(recording, dict) or "path" not in recording:
+            raise InputError(f"{self.folder / SUMMARY}: does not name its recording; give the truth with --truth FILE")
+        return recording
+
+    def __repr__(self) -> str:
+        return f"Run({str(self.folder)!r})"
+
+
+def samples_of(truth: Truth | None) -> Samples | None:
+    """A source's truth as samples (M, 3) of x, y, heading (m, m, rad)."""
+    return None if truth is None else Samples(truth.stamp_ns, np.asarray(truth.poses, dtype=np.float64))
+
+
+def evaluate(run: Path, truth: Path | None = None, skip: int = 0) -> ErrorTable:
+    """Errors of a run folder or of a trajectory in TUM format, as `touchline evaluate` prints them.
+
+    truth: a TUM file; without it, a run folder's recording is asked. A trajectory file has no statuses and no black
+    images, so all its frames count. Raises InputError if there is nothing to compare with.
+    """
+    if not run.exists():
+        raise InputError(f"{run}: there is no such run; expected the folder of a run or a trajectory.tum")
+    if not run.is_dir():
+        if truth is None:
+            raise InputError(f"{run}: a trajectory alone has no truth; give it with --truth FILE")
+        return error_table(read_tum(run), read_tum(truth), skip=skip)
+    finished = Run(run)
+    known = read_tum(truth) if truth is not None else finished.truth
+    if known is None:
+        raise InputError(f"{finished.summary['recording']['path']}: holds no truth; give it with --truth FILE")
+    return finished.errors_against(known, skip)

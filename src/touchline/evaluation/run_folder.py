@@ -1,0 +1,104 @@
+"""The folder of one run: written row by row while the run goes on, never over an older one."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from touchline.errors import InputError
+from touchline.evaluation.estimates import HEADER, csv_row
+from touchline.evaluation.tum import tum_line
+from touchline.types import Estimate
+
+TRAJECTORY = "trajectory.tum"
+ESTIMATES = "estimates.csv"
+SUMMARY = "summary.json"
+REPORT = "report.html"
+RUNS = Path("runs")
+
+
+def new_folder(output: Path | None, name: str, parent: Path = RUNS) -> Path:
+    """Make the folder `output`, or the first free `parent/name-N`.
+
+    Raises InputError if `output` exists already or the folder cannot be made.
+    """
+    try:
+        if output is not None:
+            output.mkdir(parents=True)
+            return output
+        parent.mkdir(parents=True, exist_ok=True)
+        for number in itertools.count(1):
+            folder = parent / f"{name}-{number}"
+            try:
+                folder.mkdir()
+            except FileExistsError:
+                continue
+            return folder
+    except FileExistsError:
+        raise InputError(f"{output or parent}: exists already; nothing is overwritten, choose another folder") from None
+    except OSError as error:
+        raise InputError(f"{error.filename}: the folder cannot be made ({error.strerror}); see --output") from None
+    raise AssertionError("unreachable: itertools.count does not end")
+
+
+class RunFolder:
+    """Writes trajectory.tum and estimates.csv as estimates come in, and summary.json at the end."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder
+        self._trajectory = (folder / TRAJECTORY).open("x", encoding="utf-8", newline="\n")
+        self._estimates = (folder / ESTIMATES).open("x", encoding="utf-8", newline="\n")
+        self._estimates.write(HEADER + "\n")
+
+    def write(self, estimate: Estimate) -> None:
+        """Add one line to each file: the estimate, or the prediction while the robot is lost."""
+        row = csv_row(estimate)
+        self._trajectory.write(tum_line(estimate.stamp_ns, estimate.pose))
+        self._estimates.write(row)
+
+    def close(self) -> None:
+        """Bring all rows to the disk."""
+        self._trajectory.close()
+        self._estimates.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    """Write summary.json; what is not a finite number becomes null."""
+    text = json.dumps(_finite(summary), indent=2, ensure_ascii=False, allow_nan=False)
+    (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Read summary.json. Raises InputError if it is missing or not what `run` writes."""
+    path = folder / SUMMARY
+    try:
+        loaded = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); is {folder} the folder of a run?") from None
+    except ValueError:
+        raise InputError(f"{path}: is not valid JSON") from None
+    if not isinstance(loaded, dict):
+        raise InputError(f"{path}: expected a JSON object, as `touchline run` writes it")
+    return loaded
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

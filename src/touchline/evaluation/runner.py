@@ -1,0 +1,177 @@
+"""One run: frames from a source through a system into a run folder, in constant memory."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from touchline.evaluation.latency import LatencyHistogram
+from touchline.evaluation.run_folder import RunFolder
+from touchline.types import Estimate, Frame, ImageArray, Status, System
+
+_BLACK_LEVEL = 40  # of 255: sensor noise under a covered lens stays below it, white lines in any playable light do not
+_BLACK_SHARE = 0.01  # of the pixels may be brighter
+_MOST_PICTURES = 6
+
+OnFrame = Callable[[Frame, Estimate], None]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class KeptFrame:
+    """A frame kept for the report: its place in the run, why it was kept, the image and what was made of it."""
+
+    index: int
+    reason: str
+    frame: Frame
+    estimate: Estimate
+
+
+@dataclass(eq=False, slots=True)
+class RunTally:
+    """What is known of a run at its end. ended: complete, interrupted, or failed."""
+
+    ended: str = "complete"
+    failure: BaseException | None = None
+    frames: int = 0
+    first_ns: int | None = None
+    last_ns: int | None = None
+    wall_s: float = 0.0
+    statuses: Counter[Status] = field(default_factory=Counter)
+    black_ns: list[tuple[int, int]] = field(default_factory=list)
+    black: int = 0
+    missing_images: int = 0
+    perception: LatencyHistogram = field(default_factory=LatencyHistogram)
+    localization: LatencyHistogram = field(default_factory=LatencyHistogram)
+    total: LatencyHistogram = field(default_factory=LatencyHistogram)
+    pictures: FramePicker | None = None
+
+    def add(self, frame: Frame, estimate: Estimate, was_black: bool) -> None:
+        """Count one frame; was_black: the frame before was black too, so its stretch goes on."""
+        self.frames += 1
+        self.first_ns = frame.stamp_ns if self.first_ns is None else self.first_ns
+        self.last_ns = frame.stamp_ns
+        self.statuses[estimate.status] += 1
+        if frame.image is not None and is_black(frame.image):
+            self.black += 1
+            first_ns = self.black_ns.pop()[0] if was_black else frame.stamp_ns
+            self.black_ns.append((first_ns, frame.stamp_ns))
+        if frame.image is None and frame.points is None:
+            self.missing_images += 1
+        self.perception.add(estimate.perception_ms)
+        self.localization.add(estimate.localization_ms)
+        self.total.add(estimate.perception_ms + estimate.localization_ms)
+
+    def summary(self) -> dict[str, Any]:
+        """Counts, rates and latencies for summary.json."""
+        duration_s = 0.0 if self.first_ns is None or self.last_ns is None else (self.last_ns - self.first_ns) / 1e9
+        return {
+            "ended": self.ended,
+            "failure": None if self.failure is None else f"{type(self.failure).__name__}: {self.failure}",
+            "frames": self.frames,
+            "duration_s": round(duration_s, 6),
+            "recording_rate_hz": round((self.frames - 1) / duration_s, 4) if duration_s > 0 else None,
+            "rate_fps": round(self.frames / self.wall_s, 2) if self.wall_s > 0 else None,
+            "status": {status.value: self.statuses[status] for status in Status},
+            "missing_images": self.missing_images,
+            "black_images": {"count": self.black, "stretches_ns": self.black_ns},
+            "latency_ms": {
+                "perception": self.perception.summary(),
+                "localization": self.localization.summary(),
+                "total": self.total.summary(),
+            },
+        }
+
+
+class FramePicker:
+    """Keeps a handful of frames for the report: evenly spread over the run, and the worst-fitting tracked one."""
+
+    def __init__(self, expected_frames: int) -> None:
+        count = min(_MOST_PICTURES - 1, expected_frames)
+        self._wanted = {round((i + 0.5) * expected_frames / count - 0.5) for i in range(count)}
+        self._even: list[KeptFrame] = []
+        self._worst: KeptFrame | None = None
+
+    def consider(self, index: int, frame: Frame, estimate: Estimate) -> None:
+        """Keep the frame if it is one of the chosen or fits worse than all before."""
+        if frame.image is None:
+            return
+        if index in self._wanted:
+            self._even.append(KeptFrame(index, "evenly chosen", frame, estimate))
+        worst = self._worst.estimate.residual_m if self._worst is not None else 0.0
+        if estimate.status is Status.TRACKING and estimate.residual_m > worst:
+            self._worst = KeptFrame(index, "largest residual", frame, estimate)
+
+    def kept(self) -> list[KeptFrame]:
+        """The frames in the order of time, each once."""
+        chosen = {kept.index: kept for kept in self._even}
+        if self._worst is not None:
+            chosen[self._worst.index] = self._worst
+        return [chosen[index] for index in sorted(chosen)]
+
+
+class FrameSource(Protocol):
+    """What a run needs of a source: frames in the order of time, and how many to expect."""
+
+    def __iter__(self) -> Any: ...
+    def __len__(self) -> int: ...
+
+
+def run_frames(
+    source: FrameSource,
+    system: System,
+    folder: RunFolder,
+    *,
+    on_frame: Sequence[OnFrame] = (),
+    stop: Callable[[], bool] = lambda: False,
+) -> RunTally:
+    """Step the system through all frames and write every estimate.
+
+    A frame without image (`frame.problem` says why) goes to the system like any other. `stop` is asked after every
+    frame; if it says so, the run ends as interrupted. An exception of the system or the source ends the run as
+    failed and is kept in the tally: what was done until then is in the folder.
+    """
+    tally = RunTally(pictures=FramePicker(len(source)))
+    start_s = time.perf_counter()
+    try:
+        _step_through(source, system, folder, tally, on_frame, stop)
+    except KeyboardInterrupt:
+        tally.ended = "interrupted"
+    except Exception as error:
+        tally.ended, tally.failure = "failed", error
+    tally.wall_s = time.perf_counter() - start_s
+    return tally
+
+
+def _step_through(
+    frames: Iterable[Frame],
+    system: System,
+    folder: RunFolder,
+    tally: RunTally,
+    on_frame: Sequence[OnFrame],
+    stop: Callable[[], bool],
+) -> None:
+    was_black = False
+    for index, frame in enumerate(frames):
+        estimate = system.step(frame)
+        folder.write(estimate)
+        black = tally.black
+        tally.add(frame, estimate, was_black)
+        was_black = tally.black > black
+        if tally.pictures is not None:
+            tally.pictures.consider(index, frame, estimate)
+        for tell in on_frame:
+            tell(frame, estimate)
+        if stop():
+            tally.ended = "interrupted"
+            return
+
+
+def is_black(image: ImageArray) -> bool:
+    """Whether an image (H, W, 3) shows nothing, as if the lens were covered; looks at every eighth pixel."""
+    sample = image[::8, ::8]
+    return bool(np.count_nonzero(sample > _BLACK_LEVEL) <= _BLACK_SHARE * sample.size)

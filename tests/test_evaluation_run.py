@@ -1,0 +1,238 @@
+"""The run: frames through a system into a folder, and what the folder says afterwards."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fakes import STEP_NS, FakeSource, FakeSystem, true_pose, true_samples
+
+from touchline.errors import InputError
+from touchline.evaluation import Run, evaluate, read_tum, write_tum
+from touchline.evaluation.estimates import csv_row, read_estimates
+from touchline.evaluation.latency import LatencyHistogram
+from touchline.evaluation.run_folder import RunFolder, new_folder, read_summary, write_summary
+from touchline.evaluation.runner import RunTally, is_black, run_frames
+from touchline.types import Estimate, Frame, Status
+
+HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
+
+
+def run_into(folder: Path, source: FakeSource, system: FakeSystem | None = None) -> RunTally:
+    folder.mkdir()
+    with RunFolder(folder) as writer:
+        tally = run_frames(source, system or FakeSystem(np.random.default_rng(0)), writer)
+    write_summary(folder, {"recording": {"path": str(folder / "gone")}, **tally.summary()})
+    return tally
+
+
+def test_every_image_has_one_line_in_both_files(tmp_path: Path) -> None:
+    tally = run_into(tmp_path / "run", FakeSource(9))
+    trajectory = read_tum(tmp_path / "run" / "trajectory.tum")
+    table = read_estimates(tmp_path / "run" / "estimates.csv")
+    assert tally.frames == len(trajectory) == len(table) == 9
+    assert np.array_equal(trajectory.stamp_ns, table.trajectory.stamp_ns)
+    np.testing.assert_allclose(trajectory.values, table.trajectory.values, atol=2e-6)
+
+
+def test_estimates_csv_holds_all_that_the_estimate_said(tmp_path: Path) -> None:
+    covariance = np.array([[0.04, 0.001, 0.002], [0.001, 0.09, 0.003], [0.002, 0.003, 0.01]])
+    estimate = Estimate(1_234_567_890, true_pose(3), covariance, Status.LOST, 0.123, 45, (), 1.25, 0.5)
+    path = tmp_path / "estimates.csv"
+    path.write_text(HEADER + "\n" + csv_row(estimate))
+    header, row = path.read_text().splitlines()
+    fields = dict(zip(header.split(","), row.split(","), strict=True))
+    assert fields["t"] == "1.234567890"
+    assert [float(fields[key]) for key in ("x", "y", "theta")] == pytest.approx(list(true_pose(3)), abs=1e-6)
+    written = [float(fields[f"cov_{key}"]) for key in ("xx", "xy", "xt", "yy", "yt", "tt")]
+    assert written == pytest.approx([0.04, 0.001, 0.002, 0.09, 0.003, 0.01])
+    assert (fields["status"], fields["points"], fields["residual_m"]) == ("lost", "45", "0.123000")
+    assert (float(fields["perception_ms"]), float(fields["localization_ms"])) == (1.25, 0.5)
+    table = read_estimates(path)
+    np.testing.assert_allclose(table.std[0], [0.2, 0.3, 0.1], rtol=1e-6)
+    assert table.has_status(Status.LOST).tolist() == [True]
+
+
+def test_a_residual_without_points_is_empty_and_read_as_nan(tmp_path: Path) -> None:
+    estimate = replace(Estimate(0, true_pose(0), np.eye(3), Status.LOST), residual_m=math.nan)
+    (tmp_path / "e.csv").write_text(HEADER + "\n" + csv_row(estimate))
+    assert ",lost,,0," in (tmp_path / "e.csv").read_text()
+    assert math.isnan(read_estimates(tmp_path / "e.csv").residual_m[0])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda rows: ["t,x,y", *rows[1:]], "line 1: expected the header"),
+        (lambda rows: [*rows[:2], "1,2,3", *rows[3:]], "line 3: expected 15 values, found 3"),
+        (lambda rows: [*rows[:2], rows[2].replace("tracking", "dreaming")], "line 3: 'dreaming'"),
+        (lambda rows: [*rows, rows[1]], "line 4: the time does not increase"),
+        (lambda rows: [*rows[:2], rows[2].replace(rows[2].split(",")[1], "north")], "line 3: could not convert"),
+    ],
+)
+def test_a_broken_estimates_file_is_refused_with_the_line(tmp_path: Path, change, said: str) -> None:
+    estimates = [Estimate(k * STEP_NS, true_pose(k + 1), np.eye(3), Status.TRACKING) for k in range(2)]
+    rows = [HEADER, *(csv_row(estimate).strip() for estimate in estimates)]
+    (tmp_path / "e.csv").write_text("\n".join(change(rows)) + "\n")
+    with pytest.raises(InputError, match=said):
+        read_estimates(tmp_path / "e.csv")
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name, seed in (("a", 7), ("b", 7), ("c", 8)):
+        run_into(tmp_path / name, FakeSource(20), FakeSystem(np.random.default_rng(seed)))
+    first, second, other = ((tmp_path / name / "trajectory.tum").read_bytes() for name in "abc")
+    assert first == second
+    assert first != other
+
+
+def test_frames_without_image_reach_the_system_and_are_counted(tmp_path: Path) -> None:
+    system = FakeSystem(np.random.default_rng(0))
+    tally = run_into(tmp_path / "run", FakeSource(8, missing=(3, 4)), system)
+    assert [frame.image is None for frame in system.seen] == [k in (3, 4) for k in range(8)]
+    assert tally.missing_images == 2
+    assert tally.frames == 8
+
+
+def test_black_stretches_are_found(tmp_path: Path) -> None:
+    tally = run_into(tmp_path / "run", FakeSource(10, black=(2, 3, 4, 7)))
+    assert tally.black == 4
+    assert tally.black_ns == [(2 * STEP_NS, 4 * STEP_NS), (7 * STEP_NS, 7 * STEP_NS)]
+
+
+def test_black_means_that_next_to_nothing_is_bright() -> None:
+    image = np.full((96, 96, 3), 20, dtype=np.uint8)
+    assert is_black(image)
+    image[::8, 0] = 200  # one column in twelve of the sample
+    assert not is_black(image)
+
+
+def test_a_failure_keeps_what_was_done(tmp_path: Path) -> None:
+    class Breaking(FakeSystem):
+        def step(self, frame: Frame) -> Estimate:
+            if len(self.seen) == 4:
+                raise ZeroDivisionError("by design")
+            return super().step(frame)
+
+    tally = run_into(tmp_path / "run", FakeSource(10), Breaking(np.random.default_rng(0)))
+    assert (tally.ended, tally.frames) == ("failed", 4)
+    assert len(read_tum(tmp_path / "run" / "trajectory.tum")) == 4
+    assert read_summary(tmp_path / "run")["failure"] == "ZeroDivisionError: by design"
+
+
+def test_a_wish_to_stop_ends_the_run_after_the_frame_at_hand(tmp_path: Path) -> None:
+    done: list[Frame] = []
+    with RunFolder(tmp_path) as writer:
+        tally = run_frames(
+            FakeSource(10),
+            FakeSystem(np.random.default_rng(0)),
+            writer,
+            on_frame=[lambda frame, estimate: done.append(frame)],
+            stop=lambda: len(done) == 3,
+        )
+    assert (tally.ended, tally.frames) == ("interrupted", 3)
+    assert len(read_tum(tmp_path / "trajectory.tum")) == 3
+
+
+def test_summary_counts_and_rates(tmp_path: Path) -> None:
+    summary = run_into(tmp_path / "run", FakeSource(11)).summary()
+    assert summary["frames"] == 11
+    assert summary["status"] == {"tracking": 10, "searching": 1, "lost": 0}
+    assert summary["duration_s"] == pytest.approx(1.0)
+    assert summary["recording_rate_hz"] == pytest.approx(10.0)
+    assert summary["latency_ms"]["perception"]["median"] == pytest.approx(1.0, rel=0.01)
+    assert summary["latency_ms"]["total"]["p99"] == pytest.approx(1.5, rel=0.01)
+
+
+def test_pictures_are_a_handful_and_hold_the_worst_fitting_frame(tmp_path: Path) -> None:
+    tally = run_into(tmp_path / "run", FakeSource(200))
+    assert tally.pictures is not None
+    kept = tally.pictures.kept()
+    assert len(kept) == 6
+    assert [frame.index for frame in kept] == sorted(frame.index for frame in kept)
+    assert kept[-1].index == 199  # the fake's residual grows
+    assert kept[-1].reason == "largest residual"
+
+
+def test_a_folder_that_exists_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="exists already") as caught:
+        new_folder(tmp_path, "name")
+    assert caught.value.exit_status == 2
+
+
+def test_new_folders_are_numbered(tmp_path: Path) -> None:
+    assert [new_folder(None, "demo", tmp_path / "runs").name for _ in range(3)] == ["demo-1", "demo-2", "demo-3"]
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError):
+        new_folder(tmp_path / "file" / "run", "name")
+
+
+def test_numbers_that_are_none_become_null(tmp_path: Path) -> None:
+    write_summary(tmp_path, {"a": math.nan, "b": [1.0, math.inf]})
+    assert json.loads((tmp_path / "summary.json").read_text()) == {"a": None, "b": [1.0, None]}
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"is .* the folder of a run"):
+        Run(tmp_path)
+    (tmp_path / "summary.json").write_text("{")
+    with pytest.raises(InputError, match="not valid JSON"):
+        Run(tmp_path)
+    (tmp_path / "summary.json").write_text("[]")
+    with pytest.raises(InputError, match="expected a JSON object"):
+        Run(tmp_path)
+
+
+def test_evaluation_of_a_folder_knows_status_and_black_images(tmp_path: Path) -> None:
+    run_into(tmp_path / "run", FakeSource(20, black=(5, 6)))
+    write_tum(tmp_path / "truth.tum", true_samples(20))
+    table = evaluate(tmp_path / "run", tmp_path / "truth.tum")
+    assert (table.frames, table.before_first, table.black) == (17, 1, 2)
+    assert 0.0 < table.x.mean < 0.03
+    assert evaluate(tmp_path / "run", tmp_path / "truth.tum", skip=4).skipped == 4
+
+
+def test_evaluation_of_a_trajectory_counts_every_frame(tmp_path: Path) -> None:
+    run_into(tmp_path / "run", FakeSource(20, black=(5, 6)))
+    write_tum(tmp_path / "truth.tum", true_samples(20))
+    assert evaluate(tmp_path / "run" / "trajectory.tum", tmp_path / "truth.tum").frames == 20
+
+
+def test_evaluation_without_truth_says_what_to_do(tmp_path: Path) -> None:
+    run_into(tmp_path / "run", FakeSource(5))
+    with pytest.raises(InputError, match="--truth FILE"):
+        evaluate(tmp_path / "run" / "trajectory.tum")
+    with pytest.raises(InputError, match="no such recording"):
+        evaluate(tmp_path / "run")  # the recording is gone
+    with pytest.raises(InputError, match="no such run"):
+        evaluate(tmp_path / "nowhere")
+    write_summary(tmp_path / "run", {"frames": 5})
+    with pytest.raises(InputError, match="does not name its recording"):
+        evaluate(tmp_path / "run")
+
+
+def test_histogram_percentiles_are_within_its_bins() -> None:
+    values = np.random.default_rng(3).lognormal(0.5, 0.8, 5000)
+    histogram = LatencyHistogram()
+    for value in values.tolist():
+        histogram.add(value)
+    assert len(histogram) == 5000
+    for percent in (1, 50, 99, 100):
+        exact = np.percentile(values, percent, method="inverted_cdf")
+        assert histogram.percentile_ms(percent) == pytest.approx(exact, rel=0.0075)
+    assert histogram.max_ms == values.max()
+
+
+def test_histogram_takes_any_duration() -> None:
+    histogram = LatencyHistogram()
+    assert histogram.summary() == {"median": None, "p99": None, "max": None}
+    for value in (0.0, 1e9):
+        histogram.add(value)
+    assert len(histogram) == 2
