@@ -1,0 +1,81 @@
+"""One image looked at closely: its points, where they put the robot, and the pictures of every stage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from touchline.camera import OmniCamera, open_camera
+from touchline.errors import InputError, NoFitError
+from touchline.evaluation.runner import is_black
+from touchline.field import FieldModel, open_field
+from touchline.geometry import Pose
+from touchline.localization import locate_points
+from touchline.perception import LinePointDetector
+from touchline.sources import Recording, open_source
+from touchline.systems import DEFAULT_SYSTEM, open_system
+from touchline.types import ImageArray, LinePoints
+from touchline.view.overlay import overlay_image
+from touchline.view.stages import stage_pictures
+
+_COLOUR_IMAGES = 5
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Look:
+    """An image (H, W, 3) BGR with what was detected in it, and the pose, if one was found; `found` says how."""
+
+    name: str
+    image: ImageArray
+    camera: OmniCamera
+    detector: LinePointDetector
+    points: LinePoints
+    field: FieldModel | None
+    field_from_robot: Pose | None
+    found: str
+
+    def overlay(self) -> ImageArray:
+        """Points and field lines over the image."""
+        return overlay_image(self.image, self.camera, self.field, self.field_from_robot, self.points)
+
+    def stages(self) -> dict[str, ImageArray]:
+        """Title -> picture of every stage."""
+        pose = self.field_from_robot
+        return stage_pictures(self.image, self.camera, self.detector, self.field, pose, self.points)
+
+    def words(self) -> str:
+        """What was found, in one line."""
+        if self.field_from_robot is None:
+            return f"{self.name}: {len(self.points)} line points; {self.found}"
+        x, y, heading = self.field_from_robot
+        place = f"x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading):.1f}°"
+        return f"{self.name}: {len(self.points)} line points; {place} ({self.found})"
+
+
+def look_at_recording(path: Path, index: int) -> Look:
+    """Image `index` (from 0) of a recording, with the pose that the default system has when it comes to it.
+
+    Raises InputError if there is no such image or it cannot be read.
+    """
+    source = open_source(path)
+    if not 0 <= index < len(source):
+        raise InputError(f"{path}: has no image {index}; its images are 0 to {len(source) - 1}")
+    image = source.image(index)
+    if image is None:
+        raise InputError(f"{path}: image {index} cannot be read; touchline check tells why")
+    system = open_system(DEFAULT_SYSTEM, source.field, source.camera, rng=np.random.default_rng(0))
+    system.reset()
+    for frame in islice(source, index + 1):
+        estimate = system.step(frame)
+    detector = LinePointDetector(source.camera)
+    detector.learn(_colour_images(source, index))
+    points = detector.detect(image)
+    name = f"{source.name}-{index}"
+    found = f"{estimate.status.value}, as {DEFAULT_SYSTEM} has it after {index + 1} images"
+    return Look(name, image, source.camera, detector, points, source.field, estimate.pose, found)
