@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -73,9 +72,49 @@ def look_at_recording(path: Path, index: int) -> Look:
     system.reset()
     for frame in islice(source, index + 1):
         estimate = system.step(frame)
-    detector = LinePointDetector(source.camera)
-    detector.learn(_colour_images(source, index))
+    detector = LinePointDetector(source.camera, line_width_m=source.field.line_width)
+    detector.learn([image, *_colour_images(source)])
     points = detector.detect(image)
     name = f"{source.name}-{index}"
     found = f"{estimate.status.value}, as {DEFAULT_SYSTEM} has it after {index + 1} images"
     return Look(name, image, source.camera, detector, points, source.field, estimate.pose, found)
+
+
+def look_at_image(path: Path, camera_file: Path, field_name: str | None = None) -> Look:
+    """One image taken through a camera; with a field (a preset's name or a file) its pose is looked for, too.
+
+    Without a compass a symmetric field has two poses that fit equally well: the first of them is drawn.
+    Raises InputError if a file cannot be read.
+    """
+    camera = open_camera(camera_file)
+    field = None if field_name is None else open_field(field_name)
+    image = read_image(path)
+    detector = LinePointDetector(camera) if field is None else LinePointDetector(camera, line_width_m=field.line_width)
+    detector.learn([image])
+    points = detector.detect(image)
+    pose, found = None, "no pose: give the field with --field NAME"
+    if field is not None:
+        try:
+            pose, found = locate_points(points.positions_m, field).pose, "or its mirror image, without a compass"
+        except NoFitError as error:
+            found = f"no pose: {error}"
+    return Look(path.stem, image, camera, detector, points, field, pose, found)
+
+
+def read_image(path: Path) -> ImageArray:
+    """An image file as (H, W, 3) BGR. Raises InputError if it is none."""
+    try:
+        code = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    image = cv2.imdecode(code, cv2.IMREAD_COLOR) if len(code) else None
+    if image is None:
+        raise InputError(f"{path}: is not an image that can be decoded")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _colour_images(source: Recording) -> list[ImageArray]:
+    """A few images spread over the recording, to learn the colours from; not the missing and the black ones."""
+    indices = np.unique(np.linspace(0, len(source) - 1, _COLOUR_IMAGES).astype(int))
+    images = [source.image(int(index)) for index in indices]
+    return [image for image in images if image is not None and not is_black(image)]
