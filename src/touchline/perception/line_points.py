@@ -96,15 +96,21 @@ class LinePointDetector:
         confidences = np.clip(found[:, 4], 0.0, 1.0)
         return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
 
+    @property
+    def green_share(self) -> float:
+        """Share of the last image's samples that were green."""
+        return float(np.mean(self._samples[2] == GREEN))
+
     def _crossings(self, image: ImageArray) -> FloatArray:
         model, lines, s, camera = self.colours, self.scan_lines, self.settings, self.camera
         if model is None:
             raise TouchlineError("the detector has learned no colours yet: call learn() with a few images first")
         sample_paths(image, lines.samples, self.body, model.signal, model.table, *self._samples)
         width = self.line_width_m
+        chords = 0.5 * width, s.steepest_crossing * width
         limits = np.array(
-            [s.least_contrast, s.flank_px, s.longest_run_px, 0.5 * width, s.steepest_crossing * width, s.blur_px, s.least_whiteness]
-        )  # fmt: skip
+            [s.least_contrast, s.flank_px, s.longest_run_px, *chords, s.blur_px, s.least_whiteness], dtype=np.float64
+        )
         count = find_crossings(
             lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,
             (camera.lookup_constants, camera.bearings_rad, camera.lookup_table), self._found,
@@ -172,7 +178,7 @@ class LinePointDetector:
         wanted = (self.camera.height, self.camera.width, 3)
         if image.shape != wanted or image.dtype != np.uint8:
             raise InputError(
-                f"the image is {image.shape} {image.dtype}, but the camera file says {wanted} (height, width, 3) of 8 bits"
+                f"the image is {image.shape} of {image.dtype}; the camera file says {wanted} (height, width, 3), uint8"
             )
 
 
@@ -184,6 +190,6 @@ def _usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
 
 
 def _smoothing_for(noise: float) -> float:
-    """Standard deviation (px) of the blur that brings white noise down to 2.5 grey levels; 0 where it is low already."""
+    """Standard deviation (px) of the blur that brings white noise down to 2.5 grey levels; 0 where it is low."""
     sigma = noise / (2.0 * np.sqrt(np.pi) * 2.5)
     return sigma if sigma > 0.45 else 0.0

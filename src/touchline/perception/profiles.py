@@ -29,9 +29,8 @@ def sample_paths(
     levels: npt.NDArray[np.float32],
     classes: npt.NDArray[np.uint8],
 ) -> None:
-    """Fill colours (N, 3) with the bilinear B, G, R at samples (N, 2), levels (N,) with `signal` (3,) of it, classes (N,).
-
-    masked (H, W) pixels (the robot's own body) and the class table (64, 64, 64) decide the class.
+    """Fill, for samples (N, 2) u, v of an image: colours (N, 3) B, G, R, bilinear; levels (N,), `signal` (3,) of the
+    colour; classes (N,) by the table (64, 64, 64), 0 where masked (H, W) says that it is the robot itself.
     """
     for k in range(len(samples)):
         u, v = samples[k, 0], samples[k, 1]
