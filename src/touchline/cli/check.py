@@ -36,7 +36,9 @@ def check(
     if json:
         typer.echo(_as_json(source.name, findings, counts))
     else:
-        console.print(_table(findings), soft_wrap=False, width=None if console.is_terminal else _PIPE_WIDTH)
+        if not console.is_terminal:
+            console.width = _PIPE_WIDTH  # one line for each finding, for grep
+        console.print(_table(findings), soft_wrap=False)
         words = ", ".join(f"{count} {severity}" for severity, count in reversed(counts.items()))
         console.print(f"{source.name}: {len(source)} images, {words}", markup=False)
     if counts["error"]:
