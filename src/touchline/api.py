@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import sys
 from collections.abc import Callable, Sequence
@@ -25,7 +26,7 @@ from touchline.geometry import Pose
 from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo, open_system
 from touchline.types import Prior, System
-from touchline.view.overlay import overlay_image
+from touchline.view.overlay import overlay_image, pose_text
 
 _LIBRARIES = ("touchline", "numpy", "numba", "opencv-python-headless")
 
@@ -175,11 +176,8 @@ def _pictures(source: Recording, tally: RunTally) -> list[Picture]:
             continue
         points = None if estimate.observation is None else estimate.observation.points
         title = f"Image {kept.index} at {kept.frame.stamp_ns / 1e9:.2f} s"
-        residual = (
-            f", residual {100 * estimate.residual_m:.1f} cm" if estimate.residual_m == estimate.residual_m else ""
-        )
-        x, y, heading = estimate.pose
-        caption = f"{estimate.status.value}: x {x:.2f} m, y {y:.2f} m, heading {np.degrees(heading):.1f}°{residual}"
+        residual = "" if math.isnan(estimate.residual_m) else f", residual {100 * estimate.residual_m:.1f} cm"
+        caption = f"{estimate.status.value}: {pose_text(estimate.pose)}{residual}"
         caption += f" ({kept.reason})" if kept.reason != "evenly chosen" else ""
         overlay = overlay_image(image, source.camera, source.field, estimate.pose, points)
         pictures.append(Picture(title, caption, overlay))

@@ -151,7 +151,8 @@ def print_run(finished: Run) -> None:
     if total["median"] is not None:
         console.print(
             f"{summary['frames']} images at {summary['rate_fps']:.0f} images/s; time per image "
-            f"{total['median']:.2f} ms median, {total['p99']:.2f} ms p99"
+            f"{total['median']:.3g} ms median, {total['p99']:.3g} ms p99; the first one, which learns the colours, "
+            f"{summary['latency_ms']['first_image']:.3g} ms"
         )
     console.print(", ".join(f"{name} {count}" for name, count in status.items() if count) or "no images")
     problems = summary["problems"]["counts"]

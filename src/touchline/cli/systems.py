@@ -13,8 +13,9 @@ def systems(
     """List the systems, or one system's settings with their defaults."""
     from rich.table import Table
 
+    from touchline.api import system_info
     from touchline.cli.console import output
-    from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
+    from touchline.systems import DEFAULT_SYSTEM, SYSTEMS
 
     table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
     if name is None:

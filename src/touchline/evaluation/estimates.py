@@ -43,7 +43,8 @@ class EstimateTable:
 
     def has_status(self, status: Status) -> npt.NDArray[np.bool_]:
         """Which rows (N,) have this status."""
-        return self.status == _STATUSES.index(status)
+        has: npt.NDArray[np.bool_] = self.status == _STATUSES.index(status)
+        return has
 
 
 def csv_row(estimate: Estimate) -> str:

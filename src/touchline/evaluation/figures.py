@@ -236,7 +236,7 @@ def latency_figure(data: RunData) -> str:
             ticks = [n * 10.0**k for k in range(-3, 6) for n in (1, 2, 5) if low <= n * 10.0**k <= high]
         else:
             ticks = [tick for tick in MaxNLocator(7).tick_values(low, high) if low <= tick <= high]
-        axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.set(xlabel="time per frame (ms)", ylabel="frames", xlim=(low, high))
         top = axes.get_ylim()[1]

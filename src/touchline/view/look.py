@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -20,7 +19,7 @@ from touchline.perception import LinePointDetector
 from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, open_system
 from touchline.types import ImageArray, LinePoints
-from touchline.view.overlay import overlay_image
+from touchline.view.overlay import overlay_image, pose_text
 from touchline.view.stages import stage_pictures
 
 _COLOUR_IMAGES = 5
@@ -52,9 +51,7 @@ class Look:
         """What was found, in one line."""
         if self.field_from_robot is None:
             return f"{self.name}: {len(self.points)} line points; {self.found}"
-        x, y, heading = self.field_from_robot
-        place = f"x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading):.1f}°"
-        return f"{self.name}: {len(self.points)} line points; {place} ({self.found})"
+        return f"{self.name}: {len(self.points)} line points; {pose_text(self.field_from_robot)} ({self.found})"
 
 
 def look_at_recording(path: Path, index: int) -> Look:
