@@ -110,18 +110,17 @@ def _edge(levels, foot, base, peak, step):  # type: ignore[no-untyped-def]
 
     `step` leads from the foot to the peak. The paint's height is that near this edge: its light may vary along the way.
     """
-    top = levels[peak]
-    near = foot
-    while near != peak and abs(near - foot) < 8:
-        near += step
-        top = max(top, levels[near])
-    half = 0.5 * (base + top)
-    k = near
-    while levels[k] > half and abs(k - near) < 12:
+    k, m = foot, foot
+    while m != peak and abs(m - foot) < 8:
+        m += step
+        if levels[m] > levels[k]:
+            k = m
+    half = 0.5 * (base + levels[k])
+    for _ in range(12):
         k -= step
-    if levels[k] > half:
-        return -1.0
-    return k + step * (half - levels[k]) / (levels[k + step] - levels[k])
+        if levels[k] <= half:
+            return k + step * (half - levels[k]) / (levels[k + step] - levels[k])
+    return -1.0
 
 
 @njit(cache=True)

@@ -26,6 +26,7 @@ from touchline.localization.compass import CompassCorrection, CompassSettings
 from touchline.localization.failure import FailureDetector, FailureSettings
 from touchline.localization.global_search import OWN_HALF, GlobalFix, GlobalSearch, GlobalSearchSettings
 from touchline.localization.matching import Match, Matcher, MatchingSettings
+from touchline.localization.mirror_tilt import MirrorTilt, MirrorTiltSettings
 from touchline.localization.tracking import FusionSettings, PoseFilter
 from touchline.localization.weights import WeightSettings, precision_weights
 from touchline.motion.compass import CompassTrack, CompassTrackSettings
@@ -49,6 +50,7 @@ class NubotMtiSettings(Settings):
     map: MapSettings = MapSettings()
     weights: WeightSettings = WeightSettings()
     matching: MatchingSettings = MatchingSettings()
+    mirror_tilt: MirrorTiltSettings = MirrorTiltSettings()
     global_search: GlobalSearchSettings = GlobalSearchSettings()
     fusion: FusionSettings = FusionSettings()
     compass: CompassSettings = CompassSettings()
@@ -71,6 +73,7 @@ class NubotMti:
             else SelfLearningDetector(camera, settings.line_points, settings.learning, field.line_width)
         )
         self.matcher = Matcher(field.distance_map(settings.map.resolution_m, settings.map.margin_m), settings.matching)
+        self.tilt = MirrorTilt(field, settings.mirror_tilt)
         self.search = GlobalSearch(self.matcher, field.length, field.width, settings.global_search)
         self.reset()
 
@@ -85,6 +88,7 @@ class NubotMti:
         self.failure = FailureDetector(s.failure)
         self.filter = PoseFilter(prior.pose or Pose(0.0, 0.0, 0.0), None, s.fusion)
         self.status = Status.TRACKING if prior.pose is not None else Status.SEARCHING
+        self.tilt.reset()
         self.rivals: tuple[Hypothesis, ...] = ()
         self.stamp_ns: int | None = None
         if self.detector is not None:
@@ -139,17 +143,27 @@ class NubotMti:
 
     def _track(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
         """Section 4.2: matching from the odometry's prediction, then Kalman fusion."""
-        match = self.matcher.match(points.positions_m, weights, self.filter.pose)
         good = self.settings.global_search.accepted_error
+        positions_m = self.tilt.corrected(points.positions_m)
+        match = self.matcher.match(positions_m, weights, self.filter.pose)
         if match.error > good and compass_rad is not None:
             # a shove turns the robot, too; the compass feels what the odometry doesn't
             turned = self.filter.pose._replace(heading=self.correction.heading(compass_rad))
-            other = self.matcher.match(points.positions_m, weights, turned)
+            other = self.matcher.match(positions_m, weights, turned)
             match = min(match, other, key=lambda m: m.error)
+        match = self._upright(points, weights, match)
         self.filter.update(match.pose, match.covariance, trusted=match.error < good)
         if compass_rad is not None:
             self.correction.update(match.mean_distance_m, match.pose.heading, compass_rad)
         return match
+
+    def _upright(self, points: LinePoints, weights: FloatArray, match: Match) -> Match:
+        """The match once more, with this frame's own tilt of the mirror taken out of the points."""
+        if not self.settings.mirror_tilt.enabled or match.mean_distance_m > self.settings.compass.good_deviation_m:
+            return match
+        bend = self.tilt.update(points, match.pose)
+        again = self.matcher.match(self.tilt.corrected(points.positions_m, bend), weights, match.pose)
+        return min(match, again, key=lambda m: m.error)
 
     def _failed(self, match: Match | None, points: int, compass_rad: float | None) -> bool:
         """Section 4.2: mean deviation and heading against the compass, for several frames in a row."""
@@ -167,10 +181,11 @@ class NubotMti:
         """Section 4.1: global localization; a pose that has just failed stays if no other fits the lines better."""
         if compass_rad is None:
             return tracked
-        fix = self.search.locate(points.positions_m, weights, self.correction.heading(compass_rad), self.region)
+        positions_m = self.tilt.corrected(points.positions_m)
+        fix = self.search.locate(positions_m, weights, self.correction.heading(compass_rad), self.region)
         if fix is None:
             return tracked
-        match, accepted = fix.match, fix.accepted
+        match, accepted = self._upright(points, weights, fix.match), fix.accepted
         if tracked is not None and tracked.error <= match.error:
             match, accepted = tracked, tracked.error < self.settings.global_search.accepted_error
         self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
