@@ -127,6 +127,8 @@ def test_a_nan_point_has_a_nan_distance_and_others_keep_theirs() -> None:
 def test_points_of_another_shape_are_refused() -> None:
     with pytest.raises(ValueError, match=r"\(N, 2\)"):
         open_field("indoor-9x6").line_distances([1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match=r"\(N, 2\)"):
+        open_field_once().distance_map(0.1, 1.0).look_up(np.zeros(2))
 
 
 @settings(max_examples=20, deadline=None)

@@ -40,6 +40,24 @@ def test_each_letter_is_described_and_each_preset_knows_its_own() -> None:
         assert {"A", "B", "K"} <= set(open_field(name).letters) <= set(LETTERS)
 
 
+def test_sizes_measured_to_the_middle_put_the_middle_of_the_lines_there() -> None:
+    sizes = {"A": 18, "B": 12, "C": 6.5, "D": 3.5, "E": 2.25, "F": 0.75, "G": 0.75, "H": 4, "I": 3, "K": 0.1}
+    field = field_from_letters("tape", sizes, measured_to="middle")
+    assert (field.length, field.width, field.line_width) == (18.1, 12.1, 0.1)
+    places = [(9.0, 0.5), (4.0, 6.0), (6.75, 0.5), (7.5, 3.25), (8.25, 0.5), (8.5, 1.75), (2.0, 0.0)]
+    np.testing.assert_allclose(field.line_distances(places), 0.0, atol=1e-9)
+    assert [6.0, 0.0] in field.discs[:, :2].tolist()
+    arc = next(c for c in field.crossings if c.curved and c.x > 8.0 and c.y > 5.9)
+    assert (arc.x, arc.y) == pytest.approx((8.25, 6.0), abs=0.003)
+
+
+def test_sizes_of_the_spl_rule_book_measured_to_the_middle_give_its_preset() -> None:
+    sizes = {"A": 9, "B": 6, "C": 4, "D": 2.2, "E": 1.65, "F": 0.6, "G": 0, "H": 1.5, "I": 1.3, "J": 0.1, "K": 0.05}
+    built, preset = field_from_letters("f", sizes, "spl-9x6", measured_to="middle"), open_field("spl-9x6")
+    for key in ROWS:
+        np.testing.assert_allclose(getattr(built, key), getattr(preset, key), atol=1e-9)
+
+
 @pytest.mark.parametrize("letter", "MNOPQ")
 def test_letters_of_the_technical_area_and_restart_spots_draw_nothing(letter: str) -> None:
     plain, given_letter = field_from_letters("f", {}), field_from_letters("f", {letter: 2.2})

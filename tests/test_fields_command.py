@@ -105,6 +105,12 @@ def test_the_new_file_has_the_name_of_the_field_unless_told(tmp_path: Path, monk
     assert open_field("hall.yaml").length == 14.5
 
 
+def test_sizes_may_be_measured_to_the_middle_of_the_lines(tmp_path: Path) -> None:
+    path = tmp_path / "tape.yaml"
+    answer("new", "tape", "A=18", "--measured-to", "middle", "--output", str(path))
+    assert load_field(path).length == 18.125
+
+
 def test_an_existing_file_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "my-field.yaml"
     path.write_text("mine", encoding="utf-8")
@@ -120,6 +126,7 @@ def test_an_existing_file_is_left_alone(tmp_path: Path) -> None:
         (["A=18", "a=19"], "a=19: the letter A is given twice"),
         (["Z=1"], "letter Z: is not one of the rulebook's"),
         (["C=15"], "letters C, B: the penalty area width of 15 m does not fit"),
+        (["--measured-to", "rim"], "--measured-to rim: expected edge or middle"),
         (["--base", "nowhere"], "nowhere: no such field"),
     ],
 )
