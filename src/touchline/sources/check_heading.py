@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from touchline.geometry import FloatArray, wrap_angles
+from touchline.sources.description import finite_number
 from touchline.sources.findings import Finding, Severity
 from touchline.sources.survey import Survey
 
@@ -61,8 +62,7 @@ def check_compass_lag(survey: Survey) -> Iterator[Finding]:
     if deviation > 0.02:
         return
     imu = survey.recording.sequence.get("imu")
-    documented = imu.get("tilt_and_yaw_lag_s", 0.0) if isinstance(imu, dict) else 0.0
-    expected = float(documented) if isinstance(documented, int | float) else 0.0
+    expected = finite_number(imu.get("tilt_and_yaw_lag_s")) or 0.0 if isinstance(imu, dict) else 0.0
     what = f"the compass is {1000 * lag:.0f} ± {1000 * deviation:.0f} ms late, {1000 * expected:.0f} ms documented"
     if abs(lag - expected) > _LAG_TOLERANCE_S + 3.0 * deviation:
         advice = "Write imu: tilt_and_yaw_lag_s into sequence.yaml, or correct the time stamps."

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.geometry import FloatArray, wrap_angles
+from touchline.sources.description import finite_number
 from touchline.sources.findings import Finding, Severity
 from touchline.sources.problems import ProblemKind
 from touchline.sources.survey import Survey
@@ -98,7 +99,7 @@ def check_wheels(survey: Survey) -> Iterator[Finding]:
     if not np.isfinite(survey.column("a")).any():
         return
     named = [directions.get(key) if isinstance(directions, dict) else None for key in ("a_dir_rad", "b_dir_rad")]
-    angles = [float(angle) for angle in named if isinstance(angle, int | float) and math.isfinite(angle)]
+    angles = [angle for value in named if (angle := finite_number(value)) is not None]
     if len(angles) < 2:
         advice = "Write wheels: {a_dir_rad: …, b_dir_rad: …}; without it the wheels are of no use."
         yield Finding("wheels", Severity.WARNING, "sequence.yaml", "names no rolling directions of the wheels", advice)

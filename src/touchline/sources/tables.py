@@ -118,7 +118,8 @@ def parse_row(table: Table, line: Line, names: Sequence[str], log: ProblemLog) -
     """The named columns of one line; None, and a report, if it is broken."""
     cells = line.text.split(",")
     if len(cells) != table.width:
-        what = f"has {len(cells)} values where the header names {table.width} columns; the row is left out"
+        values = "1 value" if len(cells) == 1 else f"{len(cells)} values"
+        what = f"has {values} where the header names {table.width} columns; the row is left out"
         log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
         return None
     row = []
