@@ -51,7 +51,8 @@ def run(
     """
     prior = Prior(None if start is None else Pose(*start), own_half)
     prepared = prepare(recording, system, prior=prior, config=config, overrides=overrides, seed=seed)
-    finished, failure = prepared.execute(None if output is None else Path(output))
+    folder = new_folder(None if output is None else Path(output), prepared.source.name)
+    finished, failure = prepared.execute(folder)
     if failure is not None:
         raise failure
     return finished
@@ -70,31 +71,30 @@ class PreparedRun:
 
     def execute(
         self,
-        output: Path | None = None,
+        folder: Path,
         *,
-        name: str | None = None,
         on_frame: Sequence[OnFrame] = (),
         stop: Callable[[], bool] = lambda: False,
     ) -> tuple[Run, BaseException | None]:
-        """Run to the end, to a failure, or until `stop` says so; the folder is finished in each case.
+        """Run to the end, to a failure, or until `stop` says so; the (new, empty) folder is finished in each case.
 
-        Returns the run, and the exception that ended it, if one did. Raises InputError if `output` exists.
+        Returns the run, and the exception that ended it, if one did.
         """
         started = datetime.now(UTC).isoformat(timespec="seconds")
-        with RunFolder(new_folder(output, name or self.source.name)) as folder:
-            tally = run_frames(self.source, self.system, folder, on_frame=on_frame, stop=stop)
+        with RunFolder(folder) as rows:
+            tally = run_frames(self.source, self.system, rows, on_frame=on_frame, stop=stop)
         summary = {**self._description(started), **tally.summary(), "errors": None}
         summary["problems"] = _problems(self.source)
-        write_summary(folder.path, summary)
-        finished = Run(folder.path)
+        write_summary(folder, summary)
+        finished = Run(folder)
         truth = samples_of(self.source.truth)
         errors = _errors_or_none(finished, truth)
         if errors is not None:
             summary["errors"] = finished.summary["errors"] = errors.as_dict()
-            write_summary(folder.path, summary)
+            write_summary(folder, summary)
         known = None if truth is None else signed_errors(finished.estimates.trajectory, truth)
         data = RunData(finished.estimates, self.source.field, truth, known)
-        write_report(folder.path, summary, data, errors, _pictures(self.source, tally))
+        write_report(folder, summary, data, errors, _pictures(self.source, tally))
         return finished, tally.failure
 
     def _description(self, started: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from touchline.cli import evaluate, run, systems, view
+from touchline.cli import check, evaluate, fields, run, systems, view
 from touchline.cli.console import DEBUG_VARIABLE, complain
 from touchline.cli.run import INTERRUPTED
 from touchline.errors import TouchlineError
@@ -25,8 +25,10 @@ app = typer.Typer(
 app.command("demo")(run.demo)
 app.command("run")(run.run)
 app.command("evaluate")(evaluate.evaluate)
+app.command("check")(check.check)
 app.command("view")(view.view)
 app.command("systems")(systems.systems)
+app.add_typer(fields.fields_app, name="fields")
 
 # Click's errors, wherever this version of Typer keeps Click: BadParameter is a UsageError is a ClickException.
 _CLICK_EXCEPTION: type[Exception] = typer.BadParameter.__mro__[2]

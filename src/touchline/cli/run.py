@@ -94,6 +94,9 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     """Run with a progress bar and print what came out. Raises what ended the run, after its folder is finished."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from touchline.evaluation.run_folder import new_folder
+
+    folder = new_folder(output, name or prepared.source.name)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -108,7 +111,7 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
             speed = progress.tasks[0].speed
             progress.update(task, advance=1, rate="" if speed is None else f"{speed:.0f} frames/s")
 
-        finished, failure = prepared.execute(output, name=name, on_frame=[advance], stop=stop)
+        finished, failure = prepared.execute(folder, on_frame=[advance], stop=stop)
     print_run(finished)
     if failure is not None:
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
@@ -151,8 +154,8 @@ def print_run(finished: Run) -> None:
     if total["median"] is not None:
         console.print(
             f"{summary['frames']} images at {summary['rate_fps']:.0f} images/s; time per image "
-            f"{total['median']:.3g} ms median, {total['p99']:.3g} ms p99; the first one, which learns the colours, "
-            f"{summary['latency_ms']['first_image']:.3g} ms"
+            f"{total['median']:.3g} ms median, {total['p99']:.3g} ms p99, {total['max']:.3g} ms at most "
+            "(while the colours are learned)"
         )
     console.print(", ".join(f"{name} {count}" for name, count in status.items() if count) or "no images")
     problems = summary["problems"]["counts"]
