@@ -145,8 +145,8 @@ def _time_figures(data: RunData) -> list[str]:
         _figure(
             "Latency",
             latency_figure(data),
-            "Perception and localization together, without reading and decoding. The first images, which learn the "
-            "colours and load compiled code, take longest.",
+            "Perception and localization together, without reading and decoding. The first images take longest: the "
+            "colours are learned from them.",
         ),
     ]
 

@@ -48,7 +48,6 @@ class RunTally:
     perception: LatencyHistogram = field(default_factory=LatencyHistogram)
     localization: LatencyHistogram = field(default_factory=LatencyHistogram)
     total: LatencyHistogram = field(default_factory=LatencyHistogram)
-    first_ms: float | None = None
     pictures: FramePicker | None = None
 
     def add(self, frame: Frame, estimate: Estimate, was_black: bool) -> None:
@@ -65,9 +64,7 @@ class RunTally:
             self.missing_images += 1
         self.perception.add(estimate.perception_ms)
         self.localization.add(estimate.localization_ms)
-        spent_ms = estimate.perception_ms + estimate.localization_ms
-        self.total.add(spent_ms)
-        self.first_ms = spent_ms if self.first_ms is None else self.first_ms
+        self.total.add(estimate.perception_ms + estimate.localization_ms)
 
     def summary(self) -> dict[str, Any]:
         """Counts, rates and latencies for summary.json."""
@@ -86,7 +83,6 @@ class RunTally:
                 "perception": self.perception.summary(),
                 "localization": self.localization.summary(),
                 "total": self.total.summary(),
-                "first_image": None if self.first_ms is None else round(self.first_ms, 4),
             },
         }
 
