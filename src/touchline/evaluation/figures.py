@@ -117,7 +117,7 @@ def field_figure(data: RunData) -> str:
         axes.spines[:].set_visible(False)
         axes.set_xlabel("x (m)")
         axes.set_ylabel("y (m)")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=5, markerscale=1.6, borderaxespad=1.0)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=5, markerscale=1.5, handleheight=1.8)
 
     return _svg(draw, _WIDTH_IN, _WIDTH_IN * height / width + 0.5, "Field with the estimated and the true path")
 
