@@ -135,13 +135,25 @@ def _box_blur(histogram: FloatArray) -> FloatArray:
 
 def pixel_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_]) -> float:
     """Standard deviation (grey levels) of G against its neighbours inside the mask, from second differences."""
-    both = mask[:, 1:-1] & mask[:, 2:] & mask[:, :-2]
+    spreads = [np.median(_differences(image[..., 1].astype(np.float64), mask, lag=1)) for image in images]
+    return float(np.median(spreads)) / 0.6745
+
+
+def signal_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_], model: ColourModel) -> float:
+    """Standard deviation of the signal on green against green four pixels away, where noise is independent again."""
     spreads = []
     for image in images:
-        channel = image[..., 1].astype(np.float64)
-        second = channel[:, 1:-1] - 0.5 * (channel[:, 2:] + channel[:, :-2])
-        spreads.append(np.mean(np.minimum(np.abs(second[both]), 40.0)))
-    return float(np.median(spreads) * np.sqrt(np.pi / 2.0) / np.sqrt(1.5))
+        green = mask & (model.classify(image) == GREEN)
+        spreads.append(np.median(_differences(image @ model.signal, green, lag=4)))
+    return float(np.median(spreads)) / 0.6745
+
+
+def _differences(channel: FloatArray, mask: npt.NDArray[np.bool_], lag: int) -> FloatArray:
+    """Absolute deviations of pixels from the mean of two neighbours in their row; scaled to the noise of one pixel."""
+    inside = mask[:, lag:-lag] & mask[:, 2 * lag :] & mask[:, : -2 * lag]
+    second = channel[:, lag:-lag] - 0.5 * (channel[:, 2 * lag :] + channel[:, : -2 * lag])
+    deviations: FloatArray = np.abs(second[inside]) / np.sqrt(1.5)
+    return deviations if len(deviations) else np.zeros(1)
 
 
 def _neutral_white(green: FloatArray) -> FloatArray:

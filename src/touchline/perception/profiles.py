@@ -105,6 +105,20 @@ def _foot(samples, peak, step, count, reach, least, low, high, mean):  # type: i
 
 
 @njit(cache=True)
+def _falls(levels, peak, step, reach, low, high, least):  # type: ignore[no-untyped-def]
+    """Whether the level falls by `least` on that side, tried at a few distances: most maxima are noise of the green."""
+    distance = 2
+    while distance < reach:
+        k = peak + step * distance
+        if k < low or k >= high:
+            return False
+        if levels[peak] - levels[k] >= least:
+            return True
+        distance += distance // 3 + 1
+    return False
+
+
+@njit(cache=True)
 def _edge(levels, foot, base, peak, step):  # type: ignore[no-untyped-def]
     """Position (samples) at half height between the green from `foot` on (level `base`) and the paint at `peak`.
 
@@ -164,6 +178,9 @@ def find_crossings(path, starts, closed, samples, paint, limits, camera, out):  
             peak = k
             k += 1
             if levels[peak] < levels[peak - 1] or levels[peak] < levels[peak + 1]:
+                continue
+            if not (_falls(levels, peak, -1, reach, low, high, 0.5 * contrast)
+                    and _falls(levels, peak, 1, reach, low, high, 0.5 * contrast)):  # fmt: skip
                 continue
             left, left_level = _foot(samples, peak, -1, count, reach, 0.5 * contrast, low, high, left_mean)
             if left < 0:
