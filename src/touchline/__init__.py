@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from touchline.camera import open_camera
     from touchline.evaluation import evaluate
     from touchline.field import open_field
-    from touchline.localization import locate_points as locate
+    from touchline.localization import locate
     from touchline.sources import open_source
     from touchline.systems import open_system
 
@@ -26,7 +26,7 @@ __all__ = ["evaluate", "locate", "open_camera", "open_field", "open_source", "op
 _PLACES = {
     "run": ("touchline.api", "run"),
     "evaluate": ("touchline.evaluation", "evaluate"),
-    "locate": ("touchline.localization", "locate_points"),
+    "locate": ("touchline.localization", "locate"),
     "open_camera": ("touchline.camera", "open_camera"),
     "open_field": ("touchline.field", "open_field"),
     "open_source": ("touchline.sources", "open_source"),
