@@ -10,6 +10,7 @@ from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
 
 _GREEN = 1
+_BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line sees no green itself
 
 
 def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: float) -> npt.NDArray[np.int64]:
@@ -56,13 +57,15 @@ def green_ends(
 def inside_green(
     crossings: FloatArray, u0: float, v0: float, ends: FloatArray, margin_px: float
 ) -> npt.NDArray[np.bool_]:
-    """Whether crossings (N, >= 4; columns 2, 3 are u, v) lie within the green's end of a ray beside them; (N,)."""
+    """Whether crossings (N, >= 4; columns 2, 3 are u, v) lie within the green's end of one of the rays about them."""
     rays = len(ends)
     inside = np.empty(len(crossings), dtype=np.bool_)
     for i in range(len(crossings)):
         du, dv = crossings[i, 2] - u0, crossings[i, 3] - v0
         position = np.arctan2(dv, du) / (2.0 * np.pi) * rays
         ray = int(np.floor(position)) % rays
-        end = max(ends[ray], ends[(ray + 1) % rays])
+        end = 0.0
+        for beside in range(ray - _BESIDE, ray + _BESIDE + 2):
+            end = max(end, ends[beside % rays])
         inside[i] = np.sqrt(du * du + dv * dv) <= end + margin_px
     return inside
