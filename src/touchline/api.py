@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from touchline.config import Settings, did_you_mean, load_settings
 from touchline.errors import InputError
-from touchline.evaluation.figures import RunData
-from touchline.evaluation.metrics import ErrorTable, signed_errors
-from touchline.evaluation.report import Picture, write_report
+from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run, samples_of
 from touchline.evaluation.run_folder import RunFolder, new_folder, write_summary
 from touchline.evaluation.runner import OnFrame, RunTally, run_frames
@@ -27,6 +25,9 @@ from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo, open_system
 from touchline.types import Prior, System
 from touchline.view.overlay import overlay_image, pose_text
+
+if TYPE_CHECKING:
+    from touchline.evaluation.report import Picture
 
 _LIBRARIES = ("touchline", "numpy", "numba", "opencv-python-headless")
 
@@ -87,14 +88,11 @@ class PreparedRun:
         summary["problems"] = _problems(self.source)
         write_summary(folder, summary)
         finished = Run(folder)
-        truth = samples_of(self.source.truth)
-        errors = _errors_or_none(finished, truth)
-        if errors is not None:
-            summary["errors"] = finished.summary["errors"] = errors.as_dict()
+        finished.truth = samples_of(self.source.truth)
+        if finished.errors is not None:
+            summary["errors"] = finished.summary["errors"] = finished.errors.as_dict()
             write_summary(folder, summary)
-        known = None if truth is None else signed_errors(finished.estimates.trajectory, truth)
-        data = RunData(finished.estimates, self.source.field, truth, known)
-        write_report(folder, summary, data, errors, _pictures(self.source, tally))
+        _write_report(finished, self.source, tally)
         return finished, tally.failure
 
     def _description(self, started: str) -> dict[str, Any]:
@@ -161,14 +159,19 @@ def _problems(source: Recording) -> dict[str, Any]:
     return {"counts": counts, "messages": [str(problem) for problem in source.problems]}
 
 
-def _errors_or_none(finished: Run, truth: Any) -> ErrorTable | None:
-    try:
-        return None if truth is None else finished.errors_against(truth)
-    except InputError:
-        return None  # nothing to compare, for example never located: the summary and the report say so
+def _write_report(finished: Run, source: Recording, tally: RunTally) -> None:
+    from touchline.evaluation.figures import RunData  # Matplotlib takes its time: the first frame need not wait for it
+    from touchline.evaluation.report import write_report
+
+    truth, trajectory = finished.truth, finished.estimates.trajectory
+    errors = None if truth is None else signed_errors(trajectory, truth)
+    data = RunData(finished.estimates, source.field, truth, errors)
+    write_report(finished.folder, finished.summary, data, finished.errors, _pictures(source, tally))
 
 
 def _pictures(source: Recording, tally: RunTally) -> list[Picture]:
+    from touchline.evaluation.report import Picture
+
     pictures = []
     for kept in [] if tally.pictures is None else tally.pictures.kept():
         estimate, image = kept.estimate, kept.frame.image
