@@ -83,7 +83,8 @@ def check_stuck(survey: Survey) -> Iterator[Finding]:
         still &= np.isfinite(survey.column(own)[1:])
         for start, stop in _runs(still):
             seconds = survey.stamps_s[stop] - survey.stamps_s[start]
-            moved = [abs(np.nansum(steps[start:stop])) for name, steps in others.items() if name != own]
+            seen = float(np.nansum(others[own][start:stop]))  # a gyro may well be constant, in a steady turn
+            moved = [abs(np.nansum(steps[start:stop]) - seen) for name, steps in others.items() if name != own]
             if seconds >= _LEAST_STUCK_S and max(moved) > limit:
                 what = (
                     f"{' and '.join(names)} stay the same from t = {survey.stamps_s[start]:.2f} s for {seconds:.1f} s, "

@@ -146,7 +146,7 @@ def check_truth(survey: Survey) -> Iterator[Finding]:
     limits = np.array([field.length, field.width]) / 2 + _HALL_M
     outside = np.flatnonzero((np.abs(truth.poses[:, :2]) > limits).any(axis=1)).tolist()
     if outside:
-        what = f"{len(outside)} poses lie more than {_HALL_M:g} m outside the lines: {frames_in_words(outside)}"
+        what = f"poses more than {_HALL_M:g} m outside the lines: {frames_in_words(outside)}"
         yield Finding("truth", Severity.ERROR, TRUTH, what, "Metres, from the centre mark?")
     nearest = [truth.nearest_index(int(stamp)) for stamp in survey.recording.image_stamps]
     subject = ("truth", TRUTH, "the true poses", "Check frames and units of both.")
@@ -175,7 +175,13 @@ def _check_pinhole(model: dict[str, object]) -> Iterator[Finding]:
         what = f"cx, cy ({model.get('cx')!r}, {model.get('cy')!r}) lie outside the image of {width:g}×{height:g} pixels"
         yield Finding("camera", Severity.ERROR, CAMERA, what, "Calibrate again.")
     elif not number("z", model.get("mount")) > 0:
-        yield Finding("camera", Severity.ERROR, CAMERA, "mount: z, the camera's height, has to be positive (m)")
+        yield Finding(
+            "camera",
+            Severity.ERROR,
+            CAMERA,
+            "mount: z, the camera's height, has to be positive (m)",
+            "Calibrate again.",
+        )
     else:
         what = f"pinhole, {width:g}×{height:g} pixels, {number('z', model.get('mount')):g} m high"
         yield Finding("camera", Severity.OK, CAMERA, what)
