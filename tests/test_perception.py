@@ -15,7 +15,7 @@ from touchline.perception import LinePointDetector, LinePointSettings, SelfLearn
 from touchline.perception.colour import GREEN as GREEN_CLASS
 from touchline.perception.colour import WHITE as WHITE_CLASS
 from touchline.perception.field_boundary import green_ends, inside_green
-from touchline.perception.profiles import sample_paths
+from touchline.perception.profiles import BODY, sample_paths
 from touchline.perception.scan_lines import build_scan_lines
 from touchline.types import Frame, ImageArray, LinePoints
 
@@ -229,7 +229,7 @@ def test_sampling_is_bilinear() -> None:
     np.testing.assert_allclose(colours, wanted, atol=1e-3)
     np.testing.assert_allclose(levels, wanted @ signal, atol=2e-3)
     b, g, r = (colours.astype(int) >> 2).T
-    np.testing.assert_array_equal(classes, np.where(masked[i, j], 0, table[b, g, r]))
+    np.testing.assert_array_equal(classes, np.where(masked[i, j], BODY, table[b, g, r]))
 
 
 def test_scan_lines_cover_all_directions_and_stay_inside() -> None:

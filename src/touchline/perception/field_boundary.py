@@ -8,6 +8,7 @@ from numba import njit
 
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
+from touchline.perception.profiles import BODY
 
 _GREEN = 1
 _BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line sees no green itself
@@ -43,7 +44,7 @@ def green_ends(
         for k in range(high - low):
             if classes[low + k] == _GREEN:
                 last, missing = k, 0
-            else:
+            elif classes[low + k] != BODY:
                 missing += 1
                 if missing > gaps[min(k, len(gaps) - 1)]:
                     break

@@ -190,8 +190,8 @@ class LinePointDetector:
         _, labels = cv2.connectedComponents(opened)
         u0, v0 = (round(c) for c in self.camera.center)
         own = (labels == labels[v0, u0]).astype(np.uint8)
-        whole = cv2.dilate(own, kernel) & (solid | disc)  # opening has cut the corners
-        return cv2.dilate(whole, np.ones((5, 5), np.uint8)).astype(np.bool_)
+        whole = cv2.dilate(own, kernel).astype(np.bool_) & (solid | disc)  # opening has cut the corners
+        return cv2.dilate(whole.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(np.bool_)
 
     def _check_size(self, image: ImageArray) -> None:
         wanted = (self.camera.height, self.camera.width, 3)

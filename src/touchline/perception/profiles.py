@@ -14,6 +14,7 @@ from touchline.camera.omni import ground_from_pixel
 from touchline.geometry import FloatArray
 from touchline.types import ImageArray
 
+BODY = 3  # a fourth class of samples: the robot itself
 _GREEN = 1
 COLUMNS = 7  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path
 
@@ -30,7 +31,7 @@ def sample_paths(
     classes: npt.NDArray[np.uint8],
 ) -> None:
     """Fill, for samples (N, 2) u, v of an image: colours (N, 3) B, G, R, bilinear; levels (N,), `signal` (3,) of the
-    colour; classes (N,) by the table (64, 64, 64), 0 where masked (H, W) says that it is the robot itself.
+    colour; classes (N,) by the table (64, 64, 64), or BODY where masked (H, W) says that it is the robot itself.
     """
     for k in range(len(samples)):
         u, v = samples[k, 0], samples[k, 1]
@@ -44,7 +45,7 @@ def sample_paths(
         colours[k, 0], colours[k, 1], colours[k, 2] = b, g, r
         levels[k] = signal[0] * b + signal[1] * g + signal[2] * r
         if masked[i, j]:
-            classes[k] = 0
+            classes[k] = BODY
         else:
             classes[k] = table[int(b) >> 2, int(g) >> 2, int(r) >> 2]
 
@@ -166,7 +167,7 @@ def find_crossings(path, starts, closed, samples, paint, limits, camera, out):  
     run (samples), least and greatest chord (m), blur (px), least cosine of the excess. camera: constants, bearings,
     ranges of the OmniCamera's look-up.
     """
-    levels = samples[1]
+    _, levels, classes = samples
     green, white = paint
     contrast, count, reach = limits[0], int(limits[1]), int(limits[2])
     left_mean, right_mean = np.zeros(3), np.zeros(3)
@@ -177,7 +178,7 @@ def find_crossings(path, starts, closed, samples, paint, limits, camera, out):  
         while k < high - count and found < len(out):
             peak = k
             k += 1
-            if levels[peak] < levels[peak - 1] or levels[peak] < levels[peak + 1]:
+            if levels[peak] < levels[peak - 1] or levels[peak] < levels[peak + 1] or classes[peak] == BODY:
                 continue
             if not (_falls(levels, peak, -1, reach, low, high, 0.5 * contrast)
                     and _falls(levels, peak, 1, reach, low, high, 0.5 * contrast)):  # fmt: skip
