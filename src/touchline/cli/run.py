@@ -143,6 +143,8 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 
 def print_run(finished: Run) -> None:
     """The error table, rates, problems and where the report is."""
+    from touchline.evaluation.latency import milliseconds
+
     console, summary = output_console(), finished.summary
     if summary["ended"] == "interrupted":
         console.print(f"interrupted: {summary['frames']} images were done", style="yellow")
@@ -152,11 +154,9 @@ def print_run(finished: Run) -> None:
         console.print("no errors to show: the recording holds no truth, or the robot was never located")
     total, status = summary["latency_ms"]["total"], summary["status"]
     if total["median"] is not None:
-        console.print(
-            f"{summary['frames']} images at {summary['rate_fps']:.0f} images/s; time per image "
-            f"{total['median']:.3g} ms median, {total['p99']:.3g} ms p99, {total['max']:.3g} ms at most "
-            "(while the colours are learned)"
-        )
+        median, p99, most = (milliseconds(total[name]) for name in ("median", "p99", "max"))
+        console.print(f"{summary['frames']} images at {summary['rate_fps']:.0f} images/s, reading included")
+        console.print(f"time per image: {median} ms median, {p99} ms p99, {most} ms at most (learning the colours)")
     console.print(", ".join(f"{name} {count}" for name, count in status.items() if count) or "no images")
     problems = summary["problems"]["counts"]
     if problems:

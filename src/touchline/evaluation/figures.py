@@ -18,7 +18,7 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from touchline.evaluation.estimates import EstimateTable
-from touchline.evaluation.latency import LatencyHistogram
+from touchline.evaluation.latency import LatencyHistogram, milliseconds
 from touchline.evaluation.metrics import Errors
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
@@ -242,7 +242,7 @@ def latency_figure(data: RunData) -> str:
         top = axes.get_ylim()[1]
         for value, name, side in ((median_ms, "median", "right"), (p99_ms, "p99", "left")):
             axes.axvline(value, color=INK, linewidth=1.0)
-            axes.text(value, 1.04 * top, f" {name} {value:.3g} ms ", ha=side, va="bottom", fontsize=9)
+            axes.text(value, 1.04 * top, f" {name} {milliseconds(value)} ms ", ha=side, va="bottom", fontsize=9)
 
     return _svg(draw, _WIDTH_IN, 2.8, "Histogram of the time per frame")
 

@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 
 from touchline.evaluation.figures import RunData, error_figure, field_figure, latency_figure, status_figure
+from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorTable
 from touchline.evaluation.report_style import STYLE
 from touchline.evaluation.run_folder import REPORT
@@ -102,8 +103,8 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None) -> str:
         tiles.append(("images tracked", f"{100 * summary['status']['tracking'] / frames:.1f}", "%"))
     latency = summary["latency_ms"]["total"]
     if latency["median"] is not None:
-        tiles.append(("time per image, median", f"{latency['median']:.3g}", "ms"))
-        tiles.append(("time per image, p99", f"{latency['p99']:.3g}", "ms"))
+        tiles.append(("time per image, median", milliseconds(latency["median"]), "ms"))
+        tiles.append(("time per image, p99", milliseconds(latency["p99"]), "ms"))
     if summary["rate_fps"] is not None:
         tiles.append(("rate, reading included", f"{summary['rate_fps']:.0f}", "images/s"))
     cells = "".join(
