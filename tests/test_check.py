@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from small_recordings import borrow, delete_lines, edit_line, replace_line, write_recording
+from test_sources_broken import BROKEN_IMAGES, IMAGE_ROWS, ROWS, TRUTHS
 
 from touchline.sources import open_source
 from touchline.sources.check import CHECKS, check_recording, register_check
@@ -411,6 +412,30 @@ def test_a_recording_that_is_open_can_be_checked_and_tells_its_progress(arc: Pat
     source = open_source(arc)
     assert check_recording(source, lambda: ticks.append(1)) == check_recording(arc)
     assert len(ticks) == 31
+
+
+DAMAGES = {
+    f"{group} {case}": damages[case][0]
+    for group, damages in (("image", BROKEN_IMAGES), ("row", ROWS), ("image row", IMAGE_ROWS), ("truth", TRUTHS))
+    for case in damages
+}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("case", DAMAGES)
+def test_whatever_is_reported_while_reading_is_a_finding(tmp_path: Path, case: str) -> None:
+    folder = write_recording(tmp_path / "small", frames=8, wheels=WHEELS)
+    DAMAGES[case](folder)
+    findings = check_recording(folder)
+    assert any(finding.severity in BAD for finding in findings if finding.check in ("images", "rows"))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_mirror_too_small_to_measure_is_survived(arc: Path) -> None:
+    camera = "model: omni\nwidth: 48\nheight: 32\ncenter: [24, 16]\ninner_radius_px: 2\nouter_radius_px: 3\n"
+    table = "range_table: {radius_px: [0, 8, 16], range_m: [0, 1, 8]}\n"
+    (arc / "camera.yaml").write_text(camera + "handedness: 1\nmount_yaw: 0\n" + table)
+    assert found(arc, "camera").severity is Severity.OK
 
 
 def test_a_recording_of_one_image_can_be_checked(tmp_path: Path) -> None:

@@ -202,7 +202,20 @@ ROWS: dict[str, tuple[Damage, ProblemKind, str, int, str]] = {
     "NaN": (edit("odometry.csv", 15, 3, "nan"), ProblemKind.NOT_A_NUMBER, "odometry.csv", 15, "column 'theta' is nan"),
     "infinity": (edit("wheels.csv", 15, 1, "-inf"), ProblemKind.NOT_A_NUMBER, "wheels.csv", 15, "column 'a' is -inf"),
     "NaN time": (edit("imu.csv", 15, 0, "nan"), ProblemKind.NOT_A_NUMBER, "imu.csv", 15, "column 't' is nan"),
-    "time beyond clocks": (edit("imu.csv", 15, 0, "1e30"), ProblemKind.BROKEN_ROW, "imu.csv", 15, "beyond any clock"),
+    "time beyond clocks": (
+        edit("imu.csv", 15, 0, "1e30"),
+        ProblemKind.BROKEN_ROW,
+        "imu.csv",
+        15,
+        "'t' is 1e.30, beyond",
+    ),
+    "a value beyond sense": (
+        edit("wheels.csv", 15, 2, "-1e99"),
+        ProblemKind.BROKEN_ROW,
+        "wheels.csv",
+        15,
+        "'b' is -1e",
+    ),
     "time running backwards": (
         edit("odometry.csv", 15, 0, "0.100"),
         ProblemKind.TIME_ORDER,

@@ -51,7 +51,8 @@ def check_rows(survey: Survey) -> Iterator[Finding]:
             if len(found) < problems.counts[kind]:
                 more += f"; {problems.counts[kind]} in all files"
             where = file if of_file[0].line is None else f"{file}, line {of_file[0].line}"
-            yield Finding("rows", Severity.WARNING, where, f"{of_file[0].message}{more}", advice)
+            what = of_file[0].message.partition(": ")[2]
+            yield Finding("rows", Severity.WARNING, where, f"{what}{more}", advice)
     if not any(problems.counts[kind] for kind in _ROW_ADVICE):
         yield Finding("rows", Severity.OK, "*.csv", "every row can be read, times run forwards, no sensor gap")
 
@@ -84,8 +85,9 @@ def check_stuck(survey: Survey) -> Iterator[Finding]:
         for start, stop in _runs(still):
             seconds = survey.stamps_s[stop] - survey.stamps_s[start]
             seen = float(np.nansum(others[own][start:stop]))  # a gyro may well be constant, in a steady turn
-            moved = [abs(np.nansum(steps[start:stop]) - seen) for name, steps in others.items() if name != own]
-            if seconds >= _LEAST_STUCK_S and max(moved) > limit:
+            witnesses = [steps[start:stop] for name, steps in others.items() if name != own]
+            moved = [abs(np.nansum(steps) - seen) for steps in witnesses if np.isfinite(steps).all()]
+            if seconds >= _LEAST_STUCK_S and max(moved, default=0.0) > limit:
                 what = (
                     f"{' and '.join(names)} stay the same from t = {survey.stamps_s[start]:.2f} s for {seconds:.1f} s, "
                     f"while another sensor sees {max(moved):.2f} {unit} of motion"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from touchline.sources.findings import Finding, Severity, frames_in_words
 from touchline.sources.problems import ProblemKind
 from touchline.sources.survey import Survey
 from touchline.sources.truth import TRUTH
+
+if TYPE_CHECKING:
+    from touchline.camera import OmniCamera
 
 _RIM_SUPPORT = 0.5
 _RIM_OFF_PX = 3.0
@@ -40,38 +44,22 @@ def check_camera(survey: Survey) -> Iterator[Finding]:
     except InputError as error:
         yield Finding("camera", Severity.ERROR, CAMERA, str(error), "Correct the file, or calibrate again.")
         return
-    u, v = camera.center
-    room = min(u, v, camera.width - 1 - u, camera.height - 1 - v)
-    reach = float(np.max(camera.range_m))
-    if not (0 <= u < camera.width and 0 <= v < camera.height):
-        what = f"center ({u:g}, {v:g}) lies outside the image of {camera.width}×{camera.height} pixels"
-        yield Finding("camera", Severity.ERROR, CAMERA, what, "Calibrate again.")
-    elif camera.outer_radius_px > room + 0.1 * min(camera.width, camera.height):
-        what = f"outer_radius_px {camera.outer_radius_px:g} reaches beyond the image ({room:g} px from center to edge)"
-        yield Finding("camera", Severity.WARNING, CAMERA, what, "Check center and radii.")
-    if camera.radius_px[0] > camera.inner_radius_px or camera.radius_px[-1] < camera.outer_radius_px - 1.0:
-        what = (
-            f"range_table covers {camera.radius_px[0]:g} to {camera.radius_px[-1]:g} px, the field is seen from "
-            f"{camera.inner_radius_px:g} to {camera.outer_radius_px:g} px"
-        )
-        yield Finding("camera", Severity.WARNING, CAMERA, what, "What lies outside the table can't be used.")
-    if reach < 2.0:
-        what = f"range_table ends at {reach:.2f} m"
-        yield Finding("camera", Severity.WARNING, CAMERA, what, "Are its ranges in metres? Lines are farther away.")
-    if not any(recording.problems.counts[kind] for kind in (ProblemKind.IMAGE_SIZE,)):
-        what = f"omni, {camera.width}×{camera.height} pixels, ranges up to {reach:.3g} m"
+    oddities = list(_omni_oddities(camera))
+    yield from oddities
+    if not oddities and not recording.problems.counts[ProblemKind.IMAGE_SIZE]:
+        what = f"omni, {camera.width}×{camera.height} pixels, ranges up to {float(np.max(camera.range_m)):.3g} m"
         yield Finding("camera", Severity.OK, CAMERA, what)
 
 
 def check_mirror(survey: Survey) -> Iterator[Finding]:
     """The edge of the mirror's disc in the images against camera.yaml's center and outer radius."""
     rims = np.array([rim for _, rim in survey.rims if rim.support >= _RIM_SUPPORT]).reshape(-1, 4)
-    if survey.recording.camera_kind != "omni" or not survey.rims:
+    camera = survey.omni
+    if camera is None or not survey.rims:
         return
     if len(rims) < 0.5 * len(survey.rims):
         yield Finding("mirror", Severity.NOTE, CAMERA, "not measured: the edge of the mirror is hard to see")
         return
-    camera = survey.recording.camera
     u, v, radius = np.median(rims[:, :3], axis=0)
     off = math.hypot(u - camera.center[0], v - camera.center[1])
     shake = math.hypot(*(1.4826 * np.median(np.abs(rims[:, :2] - (u, v)), axis=0)))
@@ -90,7 +78,7 @@ def check_mirror(survey: Survey) -> Iterator[Finding]:
 def check_handedness(survey: Survey) -> Iterator[Finding]:
     """Whether the image turns the way that handedness says when the robot turns."""
     scores = survey.turn_score[np.isfinite(survey.turn_score)]
-    if survey.recording.camera_kind != "omni" or survey.recording.camera_file is None:
+    if survey.omni is None:
         return
     if len(scores) < _LEAST_TURNS or abs(float(np.mean(scores))) < 0.1:
         what = "handedness is not tested: the robot hardly turns from image to image"
@@ -151,6 +139,27 @@ def check_truth(survey: Survey) -> Iterator[Finding]:
     nearest = [truth.nearest_index(int(stamp)) for stamp in survey.recording.image_stamps]
     subject = ("truth", TRUTH, "the true poses", "Check frames and units of both.")
     yield from compare_travel(survey, subject, _true_steps(truth.poses[nearest], survey.stamps_s))
+
+
+def _omni_oddities(camera: OmniCamera) -> Iterator[Finding]:
+    u, v = camera.center
+    room = min(u, v, camera.width - 1 - u, camera.height - 1 - v)
+    if not (0 <= u < camera.width and 0 <= v < camera.height):
+        what = f"center ({u:g}, {v:g}) lies outside the image of {camera.width}×{camera.height} pixels"
+        yield Finding("camera", Severity.ERROR, CAMERA, what, "Calibrate again.")
+    elif camera.outer_radius_px > room + 0.1 * min(camera.width, camera.height):
+        what = f"outer_radius_px {camera.outer_radius_px:g} reaches beyond the image ({room:g} px from center to edge)"
+        yield Finding("camera", Severity.WARNING, CAMERA, what, "Check center and radii.")
+    if camera.radius_px[0] > camera.inner_radius_px or camera.radius_px[-1] < camera.outer_radius_px - 1.0:
+        what = (
+            f"range_table covers {camera.radius_px[0]:g} to {camera.radius_px[-1]:g} px, the field is seen from "
+            f"{camera.inner_radius_px:g} to {camera.outer_radius_px:g} px"
+        )
+        yield Finding("camera", Severity.WARNING, CAMERA, what, "What lies outside the table can't be used.")
+    reach = float(np.max(camera.range_m))
+    if reach < 2.0:
+        what = f"range_table ends at {reach:.2f} m"
+        yield Finding("camera", Severity.WARNING, CAMERA, what, "Are its ranges in metres? Lines are farther away.")
 
 
 def _true_steps(poses: FloatArray, stamps_s: FloatArray) -> FloatArray:

@@ -129,6 +129,8 @@ def _falls_along_rays(gray: GrayArray, center: tuple[float, float], outer_px: fl
     window = 8  # samples of half a pixel on each side of an edge
     angle = np.arange(_RAYS) * (2.0 * np.pi / _RAYS)
     radius = np.arange(0.8 * outer_px, 1.25 * outer_px, 0.5)
+    if len(radius) < 2 * window:
+        return np.zeros((0, 2))
     u = center[0] + np.outer(np.cos(angle), radius)
     v = center[1] + np.outer(np.sin(angle), radius)
     height, width = gray.shape

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +23,9 @@ from touchline.sources.image_measures import (
     ring_mask,
 )
 from touchline.types import Frame, ImageArray, Samples
+
+if TYPE_CHECKING:
+    from touchline.camera import OmniCamera
 
 RIM_IMAGES = 24  # images whose rim is fitted, spread over the recording
 MOTION_COLUMNS = ("x", "y", "theta", "a", "b", "roll", "pitch", "yaw", "gx", "gy", "gz")
@@ -48,6 +53,16 @@ class Survey:
     turn_rad: FloatArray
     turn_score: FloatArray
     rims: list[tuple[int, Rim]] = field(default_factory=list)
+
+    @cached_property
+    def omni(self) -> OmniCamera | None:
+        """The omnidirectional camera; None if there is none or its file is broken (the check of it says so)."""
+        if self.recording.camera_kind != "omni" or self.recording.camera_file is None:
+            return None
+        try:
+            return self.recording.camera
+        except InputError:
+            return None
 
     @property
     def stamps_s(self) -> FloatArray:
@@ -140,12 +155,8 @@ class _ImageTaker:
         self._gauge: TurnGauge | None = None
         self._circle: tuple[tuple[float, float], float] | None = None
         self._handedness = 0
-        recording = survey.recording
-        if recording.camera_kind == "omni" and recording.camera_file is not None:
-            try:
-                camera = recording.camera
-            except InputError:
-                return  # the check of camera.yaml reports it
+        camera = survey.omni
+        if camera is not None and camera.outer_radius_px <= max(camera.width, camera.height):
             self._circle, self._handedness = (camera.center, camera.outer_radius_px), camera.handedness
             self._mask = ring_mask(
                 camera.width, camera.height, camera.center, camera.inner_radius_px, camera.outer_radius_px
