@@ -146,8 +146,8 @@ def _time_figures(data: RunData) -> list[str]:
         _figure(
             "Latency",
             latency_figure(data),
-            "Perception and localization together, without reading and decoding. The first images take longest: the "
-            "colours are learned from them.",
+            "Perception and localization together, without reading and decoding. The first images take longest: "
+            "compiled code is loaded and the colours are learned.",
         ),
     ]
 
