@@ -1,9 +1,9 @@
 """The mirror's tilt, from how the lines bend: measured in every frame, so that a vibrating head does no harm.
 
-A mirror tilted by a little turns every reflected ray by a little about one horizontal axis. On the ground that is, to
-first order, p -> p + (g·p) p + constant, with g (1/m) towards the side that is seen too near: a projective bend that
-grows with the square of the range. The constant part (millimetres) can't be told from a shift of the robot and is
-left to it. Lines that should be straight, parallel and in their known places show g next to the pose.
+A mirror tilted by a little turns every reflected ray by a little about one horizontal axis. For rays from the height h
+that moves a ground point, to first order, p -> p + (g·p) p + h² g, with g (1/m) towards the side that is seen too near:
+a bend that grows with the square of the range. Lines that should be straight, parallel and in their known places show
+g next to the pose. The shift h² g can't be seen in one image; it follows from g.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ class MirrorTiltSettings(Settings):
     """How much tilt is expected, and how fast it may change. None of this is in the paper."""
 
     enabled: bool = Field(True, description="estimate the tilt; without it a mirror 0.2 degrees off costs 5 cm")
+    height_m: float = Field(0.75, ge=0, description="height of the mirror (m): MSL robots may be 0.8 m high")
     unknown_per_m: float = Field(
         0.015, gt=0, description="standard deviation of g (1/m) before the first frame: a mirror 0.3 degrees off"
     )
@@ -56,7 +57,7 @@ class MirrorTilt:
     def corrected(self, positions_m: FloatArray, bend_per_m: FloatArray | None = None) -> FloatArray:
         """Points (N, 2) as an upright mirror would have seen them; with the mean bend, or the one given."""
         bend = self.mean_per_m if bend_per_m is None else bend_per_m
-        return bent(positions_m, bend)
+        return bent(positions_m, bend, self.settings.height_m)
 
     def update(self, points: LinePoints, pose: Pose) -> FloatArray:
         """This frame's bend (2,), from points as seen and a pose that fits them but for the bend."""
@@ -72,7 +73,7 @@ class MirrorTilt:
         widths = [s.first_width_m] * 3 * unsure + [s.width_m] * s.iterations
         for width_m in widths:
             matrix, vector = normal_equations(
-                points.positions_m, points.covariances_m2, state, width_m, s.least_noise_m, *self._lines
+                points.positions_m, points.covariances_m2, state, s.height_m, width_m, s.least_noise_m, *self._lines
             )
             state = state + np.linalg.solve(matrix + information, vector + information @ (start - state))
         bend = state[3:]
@@ -92,27 +93,28 @@ class MirrorTilt:
         self.covariance = (np.eye(2) - gain) @ self.covariance + np.eye(2) * s.drift_per_m**2
 
 
-def bent(positions_m: FloatArray, bend_per_m: FloatArray) -> FloatArray:
-    """Points (N, 2) moved by (g·p) p, g (2,) in 1/m."""
-    moved: FloatArray = positions_m * (1.0 + positions_m @ bend_per_m)[:, np.newaxis]
+def bent(positions_m: FloatArray, bend_per_m: FloatArray, height_m: float) -> FloatArray:
+    """Points (N, 2) moved by (g·p) p + h² g, g (2,) in 1/m, h in m."""
+    moved: FloatArray = positions_m * (1.0 + positions_m @ bend_per_m)[:, np.newaxis] + height_m**2 * bend_per_m
     return moved
 
 
 @njit(cache=True)
-def normal_equations(points, covariances, state, width_m, least_noise_m, bars, bows):  # type: ignore[no-untyped-def]
+def normal_equations(points, covariances, state, height_m, width_m, least_noise_m, bars, bows):  # type: ignore[no-untyped-def]
     """Robust Gauss-Newton equations of the distances to the lines: matrix (5, 5) and vector (5,) of a step.
 
     points (N, 2) and covariances (N, 2, 2): as seen, robot frame, m. state: x, y, heading (field frame; m, rad) and the
-    bend g (1/m). width_m: c of the error function. bars, bows: FieldModel.line_tables.
+    bend g (1/m). height_m: of the mirror. width_m: c of the error function. bars, bows: FieldModel.line_tables.
     """
     matrix = np.zeros((5, 5))
     vector = np.zeros(5)
     row = np.empty(5)
+    square = height_m * height_m
     cosine, sine = np.cos(state[2]), np.sin(state[2])
     for i in range(len(points)):
         px, py = points[i, 0], points[i, 1]
         stretch = 1.0 + state[3] * px + state[4] * py
-        bx, by = stretch * px, stretch * py
+        bx, by = stretch * px + square * state[3], stretch * py + square * state[4]
         fx, fy = state[0] + cosine * bx - sine * by, state[1] + sine * bx + cosine * by
         distance, line_x, line_y = nearest_line_point(bars, bows, fx, fy)
         if distance < 1e-7:
@@ -122,7 +124,7 @@ def normal_equations(points, covariances, state, width_m, least_noise_m, bars, b
         radial = rx * px + ry * py
         row[0], row[1] = nx, ny
         row[2] = ry * bx - rx * by
-        row[3], row[4] = radial * px, radial * py
+        row[3], row[4] = radial * px + square * rx, radial * py + square * ry
         variance = least_noise_m * least_noise_m + (
             rx * rx * covariances[i, 0, 0] + 2.0 * rx * ry * covariances[i, 0, 1] + ry * ry * covariances[i, 1, 1]
         )
