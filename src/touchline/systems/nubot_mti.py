@@ -34,6 +34,9 @@ from touchline.motion.odometry import OdometrySettings, OdometryTrack
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector
 from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Status
 
+# Without a compass the whole circle is searched; matching turns by half a step and more.
+_ALL_HEADINGS = tuple(float(heading) for heading in np.arange(24) * np.pi / 12.0 - np.pi)
+
 
 class MapSettings(Settings):
     """The table of distances to the lines."""
@@ -74,6 +77,7 @@ class NubotMti:
         )
         self.matcher = Matcher(field.distance_map(settings.map.resolution_m, settings.map.margin_m), settings.matching)
         self.tilt = MirrorTilt(field, settings.mirror_tilt)
+        self.symmetric = field.is_symmetric
         self.search = GlobalSearch(self.matcher, field.length, field.width, settings.global_search)
         self.reset()
 
@@ -82,6 +86,7 @@ class NubotMti:
         s = self.settings
         prior = prior or Prior()
         self.region = OWN_HALF if prior.own_half else None
+        self.side_known = True
         self.odometry = OdometryTrack(s.odometry)
         self.compass = CompassTrack(s.compass_track)
         self.correction = CompassCorrection(s.compass)
@@ -118,11 +123,15 @@ class NubotMti:
             self.status,
             float("nan") if match is None else match.mean_distance_m,
             len(points),
-            self.rivals,
+            self.rivals if self.side_known else (*self.rivals, self._twin(match)),
             1e3 * (seen - started),
             1e3 * (done - seen),
             Observation(frame.stamp_ns, points),
         )
+
+    def _twin(self, match: Match | None) -> Hypothesis:
+        """The pose at the other end of a symmetric field, which the lines alone can't exclude."""
+        return Hypothesis(self.filter.pose.mirrored(), float("nan") if match is None else match.mean_distance_m)
 
     def _line_points(self, frame: Frame) -> LinePoints:
         """Section 4.1: line points of the panoramic image."""
@@ -152,10 +161,24 @@ class NubotMti:
             other = self.matcher.match(positions_m, weights, turned)
             match = min(match, other, key=lambda m: m.error)
         match = self._upright(points, weights, match)
-        self.filter.update(match.pose, match.covariance, trusted=match.error < good)
+        covariance = self._covariance_without_sliding(positions_m, weights, match)
+        self.filter.update(match.pose, covariance, trusted=match.error < good)
         if compass_rad is not None:
             self.correction.update(match.mean_distance_m, match.pose.heading, compass_rad)
         return match
+
+    def _covariance_without_sliding(self, positions_m: FloatArray, weights: FloatArray, match: Match) -> FloatArray:
+        """Covariance of the match: that at the prediction, if the match went far away from it for nothing.
+
+        Where a single line is seen, RPROP may slide along it to a place where the same points look unambiguous.
+        """
+        if self.filter.distance2_to(match.pose, match.covariance) <= self.settings.fusion.gate:
+            return match.covariance
+        predicted = self.filter.pose.as_array()
+        error = self.matcher.error(positions_m, weights, predicted)
+        if error > max(2.0 * match.error, match.error + 0.02):
+            return match.covariance
+        return self.matcher.assess(positions_m, weights, predicted, error).covariance
 
     def _upright(self, points: LinePoints, weights: FloatArray, match: Match) -> Match:
         """The match once more, with this frame's own tilt of the mirror taken out of the points."""
@@ -179,10 +202,10 @@ class NubotMti:
         self, points: LinePoints, weights: FloatArray, compass_rad: float | None, tracked: Match | None
     ) -> Match | None:
         """Section 4.1: global localization; a pose that has just failed stays if no other fits the lines better."""
-        if compass_rad is None:
-            return tracked
         positions_m = self.tilt.corrected(points.positions_m)
-        fix = self.search.locate(positions_m, weights, self.correction.heading(compass_rad), self.region)
+        headings = _ALL_HEADINGS if compass_rad is None else (self.correction.heading(compass_rad),)
+        fixes = [self.search.locate(positions_m, weights, heading, self.region) for heading in headings]
+        fix = min((f for f in fixes if f is not None), key=lambda f: f.match.error, default=None)
         if fix is None:
             return tracked
         match, accepted = self._upright(points, weights, fix.match), fix.accepted
@@ -192,6 +215,7 @@ class NubotMti:
         self.rivals = _rivals(fix)
         self.status = Status.TRACKING if accepted else Status.SEARCHING
         if accepted:
+            self.side_known = compass_rad is not None or self.region is not None or not self.symmetric
             self.region = None
             self.failure.reset()
             self.correction.interrupt()
