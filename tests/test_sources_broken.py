@@ -117,6 +117,18 @@ def cut(name: str, share: float) -> Damage:
     return damage
 
 
+def overwritten(name: str, with_bytes: bytes) -> Damage:
+    """Put other bytes in the middle of a file."""
+
+    def damage(folder: Path) -> None:
+        data = bytearray((folder / name).read_bytes())
+        middle = len(data) // 2
+        data[middle : middle + len(with_bytes)] = with_bytes
+        (folder / name).write_bytes(data)
+
+    return damage
+
+
 def image_of(name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> Damage:
     """Write another image under the name, as PNG whatever the name says."""
     pixels = np.full(shape, 9, dtype=dtype)
@@ -124,6 +136,7 @@ def image_of(name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> Dama
 
 
 IMAGE = "images/000003.jpg"
+NOISE = np.random.default_rng(3).integers(0, 256, 600, dtype=np.uint8).tobytes()
 PLACE = r"images\.csv, line 5 \(frame 3\): images/000003\.jpg "
 BROKEN_IMAGES: dict[str, tuple[Damage, ProblemKind, str]] = {
     "missing": (remove(IMAGE), ProblemKind.MISSING_IMAGE, "the file is missing"),
@@ -134,6 +147,7 @@ BROKEN_IMAGES: dict[str, tuple[Damage, ProblemKind, str]] = {
     ),
     "empty": (cut(IMAGE, 0.0), ProblemKind.BROKEN_IMAGE, "the file is empty"),
     "cut off": (cut(IMAGE, 0.7), ProblemKind.BROKEN_IMAGE, "the JPEG file ends early"),
+    "noise inside": (overwritten(IMAGE, NOISE), ProblemKind.BROKEN_IMAGE, "the JPEG file is damaged"),
     "text": (write(IMAGE, "not an image"), ProblemKind.BROKEN_IMAGE, "is not an image that can be decoded"),
     "of another size": (image_of(IMAGE, (40, 48, 3), np.uint8), ProblemKind.IMAGE_SIZE, "is 48×40 .* expected 48×32"),
     "16-bit": (image_of(IMAGE, (32, 48, 3), np.uint16), ProblemKind.LINEAR_IMAGE, "holds 16-bit"),
@@ -166,6 +180,33 @@ def test_a_jpeg_padded_with_zeros_is_whole(folder: Path) -> None:
         file.write(bytes(700))
     source = open_source(folder)
     assert all(frame.image is not None for frame in source)
+
+
+@pytest.mark.parametrize("filling", [b"", bytes(4000), b"\xff" * 4000, NOISE * 4])
+def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, shared_data: Path, filling: bytes) -> None:
+    """OpenCV decodes these: an upper half that is right, below it a picture of its own."""
+    data = (shared_data / "omni_msl_track" / "images" / "000010.jpg").read_bytes()
+    middle = len(data) // 2
+    (folder / IMAGE).write_bytes(data[:middle] + filling + data[middle + 4000 :])
+    assert cv2.imread(str(folder / IMAGE)) is not None
+    assert "the JPEG file is damaged" in (list(open_source(folder))[3].problem or "")
+
+
+def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
+    """The thumbnail in the header ends like an image, and a camera may write what it likes behind the image."""
+    data = (folder / IMAGE).read_bytes()
+    header = b"Exif\0\0" + data
+    segment = b"\xff\xe1" + (len(header) + 2).to_bytes(2) + header
+    (folder / IMAGE).write_bytes(data[:2] + segment + data[2:] + b"\xff\x01trailer")
+    assert all(frame.image is not None for frame in open_source(folder))
+    cut(IMAGE, 0.8)(folder)
+    source = open_source(folder)
+    assert "the JPEG file ends early" in (list(source)[3].problem or "")
+
+
+def test_a_gray_card_is_no_damage(folder: Path) -> None:
+    (folder / IMAGE).write_bytes(cv2.imencode(".jpg", np.full((32, 48, 3), 128, np.uint8))[1].tobytes())
+    assert all(frame.image is not None for frame in open_source(folder))
 
 
 def test_a_gray_image_is_given_as_bgr(folder: Path) -> None:
