@@ -37,7 +37,7 @@ class ColourSettings(Settings):
         description="least brightness of green as a share of the usual: a deep shadow still has a third",
     )
     whitest_green: float = Field(
-        0.45, gt=0, lt=1, description="how far green may go towards white (1) along the direction that tells them apart"
+        0.4, gt=0, lt=1, description="how far green may go towards white (1) along the direction that tells them apart"
     )
 
 
