@@ -58,7 +58,7 @@ class Location:
     pose, covariance (3, 3) in (m, m, rad): field frame. error: weighted mean of the error function.
     mean_distance_m, median_distance_m: of the points to the nearest line centre, all points alike, exact distances.
     rivals: other poses of similar error, the better first; residual_m is their mean_distance_m.
-    points: different points used. chance: the error against that of shuffled points.
+    points: different points used. chance: the error against that of the same points rearranged.
     """
 
     pose: Pose
@@ -96,7 +96,7 @@ def locate_points(
     """Best pose of line points (N, 2) in m, robot frame, with all its rivals.
 
     heading: from a compass (rad, field frame); None searches the whole circle. weights (N,): relative; None weighs by
-    the generic range noise. seed: of the shuffles in the test against chance.
+    the generic range noise. seed: of the test against chance.
     Raises NoFitError for too few points and for points that fit no pose better than chance, InputError for points
     that are no numbers.
     """
@@ -195,8 +195,8 @@ def _scatter_message(points: int, best: Match, mean_distance_m: float, chance: C
     x, y, heading = best.pose
     return (
         f"the {points} points fit no pose better than scatter would: the best one ({x:.2f} m, {y:.2f} m, {heading:.3f} "
-        f"rad) leaves them {mean_distance_m:.2f} m from the lines on average; its error {chance.error:.2f} is "
-        f"{chance.significance:.1f} deviations below the {chance.mean:.2f} of the same points with shuffled bearings, "
-        f"{s.chance.least_significance:.0f} are needed. Check the field, the unit (metres) and the axes (x forward, "
+        f"rad) leaves them {mean_distance_m:.2f} m from the lines on average, and rearranged pieces of the same points "
+        f"fit as well (error {chance.error:.2f} against {chance.mean:.2f}: {chance.significance:.1f} deviations, "
+        f"{s.chance.least_significance:.0f} are needed). Check the field, the unit (metres) and the axes (x forward, "
         "y left)"
     )
