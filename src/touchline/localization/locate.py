@@ -24,8 +24,14 @@ class LocateSettings(Settings):
     """The search of `locate_points`."""
 
     least_points: int = Field(8, ge=4, description="different points needed: a pose has three unknowns, and clutter")
-    spacing_m: float = Field(0.5, gt=0, description="distance of the sample positions (m)")
-    beyond_m: float = Field(1.0, ge=0, description="how far beyond the field the samples reach (m)")
+    spacing_m: float = Field(
+        0.5,
+        gt=0,
+        description="distance of the sample positions (m): half the paper's, for no compass narrows the search",
+    )
+    beyond_m: float = Field(
+        1.0, ge=0, description="how far beyond the field the samples reach (m): as far as the paper's"
+    )
     spacing_rad: float = Field(
         0.0873, gt=0, description="distance of the sample headings (rad): 5°, half a metre at 6 m as spacing_m"
     )
@@ -33,15 +39,27 @@ class LocateSettings(Settings):
         0.5, gt=0, description="width c of the error function for ranking the samples (m): as spacing_m"
     )
     sample_points: int = Field(
-        150, ge=10, description="points, evenly over the ground, that rank and refine the samples"
+        150,
+        ge=10,
+        description="points, evenly over the ground, that rank and refine the samples: more only take longer",
     )
-    candidates: int = Field(80, ge=1, description="samples that are refined")
-    finalists: int = Field(20, ge=1, description="refined poses that are matched again with all points")
+    candidates: int = Field(
+        80, ge=1, description="samples that are refined, of some 86 000: without a heading many look alike"
+    )
+    finalists: int = Field(
+        20, ge=1, description="refined poses that are matched again with all points; rivals are among them"
+    )
     heading_tolerance_rad: float = Field(
         0.6, gt=0, description="how far the heading may be from a given one (rad): twice the usual worst compass error"
     )
-    same_m: float = Field(0.15, gt=0, description="poses nearer to each other than this (m) and same_rad are one")
-    same_rad: float = Field(0.1, gt=0, description="poses with headings nearer than this (rad) and same_m are one")
+    same_m: float = Field(
+        0.15,
+        gt=0,
+        description="poses nearer to each other than this (m) and same_rad are one: above the accuracy, below two lines",
+    )
+    same_rad: float = Field(
+        0.1, gt=0, description="poses with headings nearer than this (rad) and same_m are one: as same_m"
+    )
     rival_factor: float = Field(
         1.25, ge=1, description="a rival's mean error is at most this factor, plus rival_margin, above the best"
     )

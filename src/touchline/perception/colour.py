@@ -28,7 +28,10 @@ class ColourSettings(Settings):
     """How the carpet's colour is learned; nothing here depends on the light."""
 
     green_sigmas: float = Field(
-        3.5, gt=0, description="chromaticities within so many standard deviations of the carpet's are green"
+        3.5,
+        gt=0,
+        description="chromaticities within so many standard deviations of the carpet's are green: 3.5 leave out one carpet "
+        "pixel in 460",
     )
     darkest_green: float = Field(
         0.2,
@@ -37,7 +40,11 @@ class ColourSettings(Settings):
         description="least brightness of green as a share of the usual: a deep shadow still has a third",
     )
     whitest_green: float = Field(
-        0.4, gt=0, lt=1, description="how far green may go towards white (1) along the direction that tells them apart"
+        0.4,
+        gt=0,
+        lt=1,
+        description="how far green may go towards white (1) along the direction that tells them apart: "
+        "below the half height at which edges are taken",
     )
 
 

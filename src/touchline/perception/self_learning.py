@@ -14,7 +14,11 @@ from touchline.types import Frame, ImageArray, LinePoints, empty_points
 class LearningSettings(Settings):
     """When colours are learned."""
 
-    frames: int = Field(5, ge=1, description="first images that the colours are learned from, one after the other")
+    frames: int = Field(
+        5,
+        ge=1,
+        description="first images that the colours are learned from: the first serves at once, five average over places",
+    )
     faded_green: float = Field(
         0.6,
         gt=0,
@@ -22,7 +26,10 @@ class LearningSettings(Settings):
         description="share of the usual green below which the light is believed to have changed; robots hide a third",
     )
     faded_frames: int = Field(
-        5, ge=1, description="images in a row with faded green before the colours are learned again"
+        5,
+        ge=1,
+        description="images in a row with faded green before the colours are learned again: a robot that hides the view "
+        "for a moment changes nothing",
     )
     black_level: float = Field(
         12.0, ge=0, description="mean grey level under which the camera is covered: noise of a dark image has 2 to 8"
