@@ -55,7 +55,7 @@ class LocateSettings(Settings):
     same_m: float = Field(
         0.15,
         gt=0,
-        description="poses nearer to each other than this (m) and same_rad are one: above the accuracy, below two lines",
+        description="poses nearer to each other than this (m) and same_rad are one: less than two lines are apart",
     )
     same_rad: float = Field(
         0.1, gt=0, description="poses with headings nearer than this (rad) and same_m are one: as same_m"

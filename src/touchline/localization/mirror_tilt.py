@@ -36,7 +36,7 @@ class MirrorTiltSettings(Settings):
     width_m: float = Field(
         0.1,
         gt=0,
-        description="distance to the line (m) from which a point loses influence: below matching's c, as the pose is known",
+        description="distance to the line (m) from which a point loses influence; the pose is already matched",
     )
     first_width_m: float = Field(0.25, gt=0, description="the same while the tilt is still unknown (m); Lauer's c")
     least_noise_m: float = Field(

@@ -30,8 +30,8 @@ class ColourSettings(Settings):
     green_sigmas: float = Field(
         3.5,
         gt=0,
-        description="chromaticities within so many standard deviations of the carpet's are green: 3.5 leave out one carpet "
-        "pixel in 460",
+        description="chromaticities within so many standard deviations of the carpet's are green: 3.5 leave out one "
+        "carpet pixel in 460",
     )
     darkest_green: float = Field(
         0.2,

@@ -57,7 +57,7 @@ class LinePointSettings(Settings):
     flank_px: int = Field(
         4,
         ge=2,
-        description="length of the green wanted on both sides of a line (px): averages the noise, yet fits between two lines",
+        description="length of the green wanted on both sides of a line (px): averages noise, fits between two lines",
     )
     longest_run_px: int = Field(
         60,
@@ -67,7 +67,7 @@ class LinePointSettings(Settings):
     steepest_crossing: float = Field(
         2.2,
         gt=1,
-        description="longest way through a line, in line widths: 2.2 is a crossing at 27°; a flatter one is left to the circles",
+        description="longest way through a line, in line widths: 2.2 is a crossing at 27°; circles find the flatter",
     )
     blur_px: float = Field(
         3.5, ge=0, description="how much wider blur may make a line (px): lens, motion and demosaicing together"
@@ -75,8 +75,8 @@ class LinePointSettings(Settings):
     coarsest_px_m: float = Field(
         0.25,
         gt=0,
-        description="nothing is looked for where a pixel is longer than this on the ground (m): a point there would be good "
-        "to 8 cm at best",
+        description="nothing is looked for where a pixel is longer than this on the ground (m): a point there would be "
+        "good to 8 cm at best",
     )
     field_gap_m: float = Field(
         0.6,

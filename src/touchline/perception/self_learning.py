@@ -17,7 +17,7 @@ class LearningSettings(Settings):
     frames: int = Field(
         5,
         ge=1,
-        description="first images that the colours are learned from: the first serves at once, five average over places",
+        description="first images that the colours are learned from: one serves at once, five average over places",
     )
     faded_green: float = Field(
         0.6,
@@ -28,8 +28,8 @@ class LearningSettings(Settings):
     faded_frames: int = Field(
         5,
         ge=1,
-        description="images in a row with faded green before the colours are learned again: a robot that hides the view "
-        "for a moment changes nothing",
+        description="images in a row with faded green before the colours are learned again: a robot that hides the "
+        "view for a moment changes nothing",
     )
     black_level: float = Field(
         12.0, ge=0, description="mean grey level under which the camera is covered: noise of a dark image has 2 to 8"
