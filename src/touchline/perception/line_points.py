@@ -200,6 +200,7 @@ class LinePointDetector:
         return covariances + np.eye(2) * self.settings.noise_m**2
 
     def _smoothed(self, image: ImageArray) -> ImageArray:
+        image = np.ascontiguousarray(image)
         if self._smoothing_px == 0.0:
             return image
         blurred: ImageArray = cv2.GaussianBlur(image, (0, 0), self._smoothing_px)  # type: ignore[assignment]
