@@ -17,7 +17,15 @@ from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
-from touchline.perception.colour import GREEN, ColourModel, ColourSettings, learn_colours, pixel_noise, signal_noise
+from touchline.perception.colour import (
+    GREEN,
+    ColourModel,
+    ColourSettings,
+    colour_model,
+    learn_carpet,
+    pixel_noise,
+    signal_noise,
+)
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
 from touchline.perception.profiles import COLUMNS, find_crossings, sample_paths
 from touchline.perception.scan_lines import ScanLines, build_scan_lines
@@ -130,10 +138,11 @@ class LinePointDetector:
         self._smoothing_px = _smoothing_for(noise)
         smooth = [self._smoothed(image) for image in images]
         self._see_body(np.zeros_like(self.body))
-        self.colours = learn_colours(smooth, near, around, noise, self.settings.colour)
+        carpet = learn_carpet(smooth, near, around, noise)
+        self.colours = colour_model(carpet, self.settings.colour)
         white = self._white_on_lines(smooth)
         if white is not None:
-            self.colours = learn_colours(smooth, near, around, noise, self.settings.colour, white)
+            self.colours = colour_model(carpet, self.settings.colour, white)
         self._noise = signal_noise(smooth, near, self.colours)
         self._see_body(self._own_body(smooth))
 
