@@ -17,7 +17,7 @@ class CompassTrackSettings(Settings):
         0.02,
         ge=0,
         description="how late the compass reports (s): a sample shows the heading of this long before its "
-        "stamp; 20 ms by FORMATS.md",
+        "stamp; 20 ms are usual of filtered headings",
     )
     rate_window_s: float = Field(
         0.1,

@@ -17,9 +17,11 @@ from touchline.types import Samples
 class OdometrySettings(Settings):
     """The noise of dead reckoning, and what to assume without it."""
 
-    forward_scale: float = Field(0.03, ge=0, description="relative error of forward travel: 2 to 3 % by FORMATS.md")
-    sideways_scale: float = Field(0.03, ge=0, description="relative error of sideways travel: 2 to 3 % by FORMATS.md")
-    turn_scale: float = Field(0.03, ge=0, description="relative error of rotation: 2 to 3 % by FORMATS.md")
+    forward_scale: float = Field(
+        0.03, ge=0, description="relative error of forward travel: driven wheels err by 2 to 3 %"
+    )
+    sideways_scale: float = Field(0.03, ge=0, description="relative error of sideways travel: as forward")
+    turn_scale: float = Field(0.03, ge=0, description="relative error of rotation: as forward")
     travel_noise_m: float = Field(
         0.01, ge=0, description="random position error after one metre (m), growing with the root of the travel"
     )
