@@ -66,7 +66,8 @@ class LocateSettings(Settings):
     rival_margin: float = Field(0.02, ge=0, description="see rival_factor; what noise alone changes in the mean error")
     chance: ChanceSettings = ChanceSettings()
     matching: MatchingSettings = MatchingSettings()
-    weights: WeightSettings = WeightSettings()
+    # The mirror of an unknown robot is off by more than its range noise: near points must not decide alone.
+    weights: WeightSettings = WeightSettings(floor_m=0.1)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
