@@ -70,6 +70,7 @@ class NubotMti:
     ) -> None:
         """camera: None if frames bring their points. rng is not needed: nothing here is left to chance."""
         self.settings = settings
+        self.field = field
         self.detector = (
             None
             if camera is None
@@ -77,7 +78,6 @@ class NubotMti:
         )
         self.matcher = Matcher(field.distance_map(settings.map.resolution_m, settings.map.margin_m), settings.matching)
         self.tilt = MirrorTilt(field, settings.mirror_tilt)
-        self.symmetric = field.is_symmetric
         self.search = GlobalSearch(self.matcher, field.length, field.width, settings.global_search)
         self.reset()
 
@@ -218,7 +218,7 @@ class NubotMti:
         self.rivals = _rivals(fix)
         self.status = Status.TRACKING if accepted else Status.SEARCHING
         if accepted:
-            self.side_known = compass_rad is not None or self.region is not None or not self.symmetric
+            self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
             self.region = None
             self.failure.reset()
             self.correction.interrupt()
