@@ -24,6 +24,12 @@ class FusionSettings(Settings):
         description="squared Mahalanobis distance between prediction and match above which they contradict each other: "
         "the 99.9 % quantile of chi square with 3 degrees of freedom",
     )
+    trusted_error: float = Field(
+        0.1,
+        gt=0,
+        le=1,
+        description="mean error of a match up to which it is believed against the prediction; as accepted_error",
+    )
     start_position_m: float = Field(
         0.3, gt=0, description="standard deviation of x and y of a pose told by a person (m)"
     )

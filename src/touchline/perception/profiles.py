@@ -131,6 +131,8 @@ def _edge(levels, foot, base, peak, step):  # type: ignore[no-untyped-def]
         m += step
         if levels[m] > levels[k]:
             k = m
+    if levels[k] <= base:
+        return -1.0
     half = 0.5 * (base + levels[k])
     for _ in range(12):
         k -= step

@@ -7,6 +7,7 @@ from pydantic import Field
 from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.errors import TouchlineError
+from touchline.perception.covered import LEAST_CONTRAST, is_covered
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, LinePoints, empty_points
 
@@ -32,7 +33,7 @@ class LearningSettings(Settings):
         "view for a moment changes nothing",
     )
     least_contrast: float = Field(
-        1.5,
+        LEAST_CONTRAST,
         ge=0,
         description="standard deviation (grey levels) between parts of the image below which the camera is covered: "
         "a covered one has 0.2, the dimmest usable image 3",
@@ -65,7 +66,7 @@ class SelfLearningDetector:
         """Line points of a frame: its own if it has them already, none where no field is to be seen."""
         if frame.points is not None:
             return frame.points
-        if frame.image is None or contrast(frame.image) < self.settings.least_contrast:
+        if frame.image is None or is_covered(frame.image, self.settings.least_contrast):
             return empty_points()
         if len(self._images) < self.settings.frames and not self._learn(frame.image):
             return empty_points()
@@ -95,11 +96,3 @@ class SelfLearningDetector:
         if self._faded >= self.settings.faded_frames:
             self.reset()
             self._learn(image)
-
-
-def contrast(image: ImageArray) -> float:
-    """Standard deviation (grey levels) of the mean brightness of 10 x 10 parts of an image (H, W, 3)."""
-    thin = image[::4, ::4]
-    rows, columns = (size // 10 for size in thin.shape[:2])
-    parts = thin[: 10 * rows, : 10 * columns].reshape(10, rows, 10, columns, 3)
-    return float(parts.mean(axis=(1, 3, 4)).std())

@@ -32,7 +32,7 @@ from touchline.localization.weights import WeightSettings, precision_weights
 from touchline.motion.compass import CompassTrack, CompassTrackSettings
 from touchline.motion.odometry import OdometrySettings, OdometryTrack
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector
-from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Status
+from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Status, empty_points
 
 # Without a compass the whole circle is searched; matching turns by half a step and more.
 _ALL_HEADINGS = tuple(float(heading) for heading in np.arange(24) * np.pi / 12.0 - np.pi)
@@ -93,6 +93,8 @@ class NubotMti:
         self.failure = FailureDetector(s.failure)
         self.filter = PoseFilter(prior.pose or Pose(0.0, 0.0, 0.0), None, s.fusion)
         self.status = Status.TRACKING if prior.pose is not None else Status.SEARCHING
+        self.placed = prior.pose is not None
+        self.confirmations = 0
         self.tilt.reset()
         self.rivals: tuple[Hypothesis, ...] = ()
         self.stamp_ns: int | None = None
@@ -108,9 +110,10 @@ class NubotMti:
         compass_rad = self.compass.heading_at(frame.stamp_ns)
         weights = precision_weights(points, self.settings.weights)
         usable = len(points) >= self.settings.failure.least_points
-        match = None
+        match = self._match_from_prediction(points, weights, compass_rad) if usable and self.placed else None
         if self.status is Status.TRACKING:
-            match = self._track(points, weights, compass_rad) if usable else None
+            if match is not None:
+                self._fuse(points, weights, match, compass_rad)
             if self._failed(match, len(points), compass_rad):
                 self.status = Status.LOST
         if self.status is not Status.TRACKING and usable:
@@ -136,9 +139,8 @@ class NubotMti:
     def _line_points(self, frame: Frame) -> LinePoints:
         """Section 4.1: line points of the panoramic image."""
         if self.detector is not None:
-            return self.detector.detect(frame)
-        assert frame.points is not None, "a frame without points needs a camera"
-        return frame.points
+            return self.detector.detect(frame).finite()
+        return empty_points() if frame.points is None else frame.points.finite()
 
     def _predict(self, frame: Frame) -> None:
         """Section 4.2: the odometry carries the pose on to this frame."""
@@ -150,23 +152,24 @@ class NubotMti:
         self.stamp_ns = frame.stamp_ns
         self.rivals = ()
 
-    def _track(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
-        """Section 4.2: matching from the odometry's prediction, then Kalman fusion."""
-        good = self.settings.global_search.accepted_error
+    def _match_from_prediction(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
+        """Section 4.2: matching that starts where the odometry says."""
         positions_m = self.tilt.corrected(points.positions_m)
         pose, error, _ = self.matcher.descend(positions_m, weights, self.filter.pose.as_array())
-        if error > good and compass_rad is not None:
+        if error > self.settings.fusion.trusted_error and compass_rad is not None:
             # a shove turns the robot, too; the compass feels what the odometry doesn't
             turned = self.filter.pose._replace(heading=self.correction.heading(compass_rad))
             other, other_error, _ = self.matcher.descend(positions_m, weights, turned.as_array())
             if other_error < error:
                 pose, error = other, other_error
-        match = self._upright(points, weights, pose, error)
-        covariance = self._covariance_without_sliding(positions_m, weights, match)
-        self.filter.update(match.pose, covariance, trusted=match.error < good)
+        return self._upright(points, weights, pose, error)
+
+    def _fuse(self, points: LinePoints, weights: FloatArray, match: Match, compass_rad: float | None) -> None:
+        """Section 4.2: Kalman fusion of prediction and match, and correction of the compass."""
+        covariance = self._covariance_without_sliding(self.tilt.corrected(points.positions_m), weights, match)
+        self.filter.update(match.pose, covariance, trusted=match.error < self.settings.fusion.trusted_error)
         if compass_rad is not None:
             self.correction.update(match.mean_distance_m, match.pose.heading, compass_rad)
-        return match
 
     def _covariance_without_sliding(self, positions_m: FloatArray, weights: FloatArray, match: Match) -> FloatArray:
         """Covariance of the match: that at the prediction, if the match went far away from it for nothing.
@@ -183,7 +186,8 @@ class NubotMti:
 
     def _upright(self, points: LinePoints, weights: FloatArray, pose: FloatArray, error: float) -> Match:
         """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
-        if self.settings.mirror_tilt.enabled and error < self.settings.global_search.accepted_error:
+        tilt = self.settings.mirror_tilt
+        if tilt.enabled and error < tilt.most_error:
             positions_m = self.tilt.corrected(points.positions_m, self.tilt.update(points, as_pose(pose)))
             refined, refined_error, _ = self.matcher.descend(positions_m, weights, pose)
             if refined_error <= error:
@@ -201,36 +205,52 @@ class NubotMti:
         return self.failure.update(points, match.mean_distance_m, strays)
 
     def _localize(
-        self, points: LinePoints, weights: FloatArray, compass_rad: float | None, tracked: Match | None
+        self, points: LinePoints, weights: FloatArray, compass_rad: float | None, held: Match | None
     ) -> Match | None:
-        """Section 4.1: global localization; a pose that has just failed stays if no other fits the lines better."""
+        """Section 4.1: global localization. held: the match from the prediction, which stays unless another is better.
+
+        A pose that isn't accepted is followed as the best there is, and believed once it has held against the search
+        for some frames in a row.
+        """
+        s = self.settings.global_search
+        fix = self._search(points, weights, compass_rad)
+        if fix is None and held is None:
+            return None
+        if held is not None and (fix is None or held.error <= s.rival_factor * fix.match.error + s.rival_margin):
+            match, accepted = held, held.error < s.accepted_error
+            self._fuse(points, weights, held, compass_rad)
+            self.confirmations += 1
+        else:
+            assert fix is not None
+            match = self._upright(points, weights, fix.match.pose.as_array(), fix.match.error)
+            accepted = fix.accepted
+            self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
+            self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
+            self.placed, self.confirmations = True, 0
+        self.rivals = () if fix is None else self._rivals(fix, match, points, weights)
+        if accepted or self.confirmations >= s.confirmations:
+            self.status, self.region, self.confirmations = Status.TRACKING, None, 0
+            self.failure.reset()
+            self.correction.interrupt()
+        else:
+            self.status = Status.SEARCHING
+        return match
+
+    def _search(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> GlobalFix | None:
+        """The best of the sampled search with the compass heading, or with headings all around without a compass."""
         positions_m = self.tilt.corrected(points.positions_m)
         headings = _ALL_HEADINGS if compass_rad is None else (self.correction.heading(compass_rad),)
         fixes = [self.search.locate(positions_m, weights, heading, self.region) for heading in headings]
-        fix = min((f for f in fixes if f is not None), key=lambda f: f.match.error, default=None)
-        if fix is None:
-            return tracked
-        accepted = fix.accepted
-        match = self._upright(points, weights, fix.match.pose.as_array(), fix.match.error)
-        if tracked is not None and tracked.error <= match.error:
-            match, accepted = tracked, tracked.error < self.settings.global_search.accepted_error
-        self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
-        self.rivals = _rivals(fix)
-        self.status = Status.TRACKING if accepted else Status.SEARCHING
-        if accepted:
-            self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
-            self.region = None
-            self.failure.reset()
-            self.correction.interrupt()
-        return match
+        return min((fix for fix in fixes if fix is not None), key=lambda fix: fix.match.error, default=None)
 
-
-def _rivals(fix: GlobalFix) -> tuple[Hypothesis, ...]:
-    """Refined samples elsewhere whose error comes near the best one's."""
-    best = fix.match
-    near: list[Hypothesis] = []
-    for candidate in sorted(fix.rounds[-1].candidates, key=lambda c: c.error):
-        elsewhere = all(candidate.pose.distance_to(p) > 0.5 for p in (best.pose, *(h.pose for h in near)))
-        if elsewhere and candidate.error < 2.0 * best.error:
-            near.append(Hypothesis(candidate.pose, candidate.error))
-    return tuple(near)
+    def _rivals(self, fix: GlobalFix, chosen: Match, points: LinePoints, weights: FloatArray) -> tuple[Hypothesis, ...]:
+        """Refined samples elsewhere that explain the points nearly as well as the chosen pose."""
+        s = self.settings.global_search
+        positions_m = self.tilt.corrected(points.positions_m)
+        rivals: list[Hypothesis] = []
+        for candidate in sorted(fix.rounds[-1].candidates, key=lambda c: c.error):
+            elsewhere = all(candidate.pose.distance_to(p) > 0.5 for p in (chosen.pose, *(r.pose for r in rivals)))
+            if elsewhere and candidate.error <= s.rival_factor * chosen.error + s.rival_margin:
+                match = self.matcher.assess(positions_m, weights, candidate.pose.as_array(), candidate.error)
+                rivals.append(Hypothesis(candidate.pose, match.mean_distance_m))
+        return tuple(rivals)
