@@ -95,10 +95,11 @@ class Frame:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Observation:
-    """What was seen in one frame, in the robot frame."""
+    """What was seen in one frame, in the robot frame. problem: why nothing could be seen, if so."""
 
     stamp_ns: int
     points: LinePoints
+    problem: str | None = None
 
 
 class Status(StrEnum):

@@ -17,5 +17,5 @@ def contrast(image: ImageArray) -> float:
 
 
 def is_covered(image: ImageArray, least_contrast: float = LEAST_CONTRAST) -> bool:
-    """Whether an image (H, W, 3) shows nothing but noise, as if the lens were covered. A dim hall still has contrast."""
+    """Whether an image (H, W, 3) shows nothing but noise, as under a covered lens; a dim hall has contrast."""
     return contrast(image) < least_contrast

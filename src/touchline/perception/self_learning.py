@@ -6,7 +6,7 @@ from pydantic import Field
 
 from touchline.camera import OmniCamera
 from touchline.config import Settings
-from touchline.errors import TouchlineError
+from touchline.perception.colour import NoCarpetError
 from touchline.perception.covered import LEAST_CONTRAST, is_covered
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, LinePoints, empty_points
@@ -52,21 +52,30 @@ class SelfLearningDetector:
     ) -> None:
         self.detector = LinePointDetector(camera, settings, line_width_m)
         self.settings = learning or LearningSettings()
+        self.problem: str | None = None  # why nothing can be seen in the last frame
+        self._begin_anew()
+
+    def reset(self) -> None:
+        """Forget the colours."""
+        self.detector.forget()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Learn from the next images; the old colours serve until then."""
         self._images: list[ImageArray] = []
         self._usual_green = 0.0
         self._faded = 0
 
-    def reset(self) -> None:
-        """Forget the colours."""
-        self._images = []
-        self._usual_green = 0.0
-        self._faded = 0
-
     def detect(self, frame: Frame) -> LinePoints:
-        """Line points of a frame: its own if it has them already, none where no field is to be seen."""
+        """Line points of a frame: its own if it has them already, none where no field is to be seen (see `problem`)."""
+        self.problem = None
         if frame.points is not None:
             return frame.points
-        if frame.image is None or is_covered(frame.image, self.settings.least_contrast):
+        if frame.image is None:
+            self.problem = frame.problem or "there is no image"
+            return empty_points()
+        if is_covered(frame.image, self.settings.least_contrast):
+            self.problem = "the image is black, or shows nothing at all"
             return empty_points()
         if len(self._images) < self.settings.frames and not self._learn(frame.image):
             return empty_points()
@@ -82,8 +91,9 @@ class SelfLearningDetector:
             return self.detector.colours is not None
         try:
             self.detector.learn(self._images)
-        except TouchlineError:
+        except NoCarpetError as error:
             self._images.pop()
+            self.problem = str(error)
         return self.detector.colours is not None
 
     def _watch_green(self, image: ImageArray) -> None:
@@ -94,5 +104,5 @@ class SelfLearningDetector:
             self._faded = 0
             self._usual_green += 0.1 * (share - self._usual_green) if self._usual_green else share
         if self._faded >= self.settings.faded_frames:
-            self.reset()
+            self._begin_anew()
             self._learn(image)

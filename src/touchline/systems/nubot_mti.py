@@ -129,7 +129,7 @@ class NubotMti:
             self.rivals if self.side_known else (*self.rivals, self._twin(match)),
             1e3 * (seen - started),
             1e3 * (done - seen),
-            Observation(frame.stamp_ns, points),
+            Observation(frame.stamp_ns, points, None if self.detector is None else self.detector.problem),
         )
 
     def _twin(self, match: Match | None) -> Hypothesis:
