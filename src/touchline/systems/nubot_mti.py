@@ -95,6 +95,7 @@ class NubotMti:
         self.status = Status.TRACKING if prior.pose is not None else Status.SEARCHING
         self.placed = prior.pose is not None
         self.confirmations = 0
+        self.told = prior.pose is not None
         self.tilt.reset()
         self.rivals: tuple[Hypothesis, ...] = ()
         self.stamp_ns: int | None = None
@@ -114,8 +115,10 @@ class NubotMti:
         if self.status is Status.TRACKING:
             if match is not None:
                 self._fuse(points, weights, match, compass_rad)
-            if self._failed(match, len(points), compass_rad):
+            failed = self._failed(match, len(points), compass_rad)
+            if failed or (self.told and self.failure.bad_frames > 0):  # a told pose that nothing has confirmed yet
                 self.status = Status.LOST
+            self.told = self.told and match is None
         if self.status is not Status.TRACKING and usable:
             match = self._localize(points, weights, compass_rad, match)
         done = time.perf_counter()
@@ -156,9 +159,12 @@ class NubotMti:
         """Section 4.2: matching that starts where the odometry says."""
         positions_m = self.tilt.corrected(points.positions_m)
         pose, error, _ = self.matcher.descend(positions_m, weights, self.filter.pose.as_array())
-        if error > self.settings.fusion.trusted_error and compass_rad is not None:
+        heading = self.filter.pose.heading if compass_rad is None else self.correction.heading(compass_rad)
+        turn_rad = abs(wrap_angle(heading - self.filter.pose.heading))
+        s = self.settings.fusion
+        if turn_rad > s.shoved_rad or (error > s.poor_error and turn_rad > 0.0):
             # a shove turns the robot, too; the compass feels what the odometry doesn't
-            turned = self.filter.pose._replace(heading=self.correction.heading(compass_rad))
+            turned = self.filter.pose._replace(heading=heading)
             other, other_error, _ = self.matcher.descend(positions_m, weights, turned.as_array())
             if other_error < error:
                 pose, error = other, other_error
@@ -166,23 +172,20 @@ class NubotMti:
 
     def _fuse(self, points: LinePoints, weights: FloatArray, match: Match, compass_rad: float | None) -> None:
         """Section 4.2: Kalman fusion of prediction and match, and correction of the compass."""
-        covariance = self._covariance_without_sliding(self.tilt.corrected(points.positions_m), weights, match)
-        self.filter.update(match.pose, covariance, trusted=match.error < self.settings.fusion.trusted_error)
+        s = self.settings.fusion
+        covariance, trusted = match.covariance, True
+        if self.filter.distance2_to(match.pose, covariance) > s.gate:
+            positions_m = self.tilt.corrected(points.positions_m)
+            predicted = self.filter.pose.as_array()
+            error = self.matcher.error(positions_m, weights, predicted)
+            trusted = error > max(s.better_factor * match.error, match.error + s.better_margin)
+            if not trusted:
+                # RPROP may slide along a lone line to where the same points look unambiguous: what counts is what
+                # they say at the prediction, which explains them as well
+                covariance = self.matcher.assess(positions_m, weights, predicted, error).covariance
+        self.filter.update(match.pose, covariance, trusted)
         if compass_rad is not None:
             self.correction.update(match.mean_distance_m, match.pose.heading, compass_rad)
-
-    def _covariance_without_sliding(self, positions_m: FloatArray, weights: FloatArray, match: Match) -> FloatArray:
-        """Covariance of the match: that at the prediction, if the match went far away from it for nothing.
-
-        Where a single line is seen, RPROP may slide along it to a place where the same points look unambiguous.
-        """
-        if self.filter.distance2_to(match.pose, match.covariance) <= self.settings.fusion.gate:
-            return match.covariance
-        predicted = self.filter.pose.as_array()
-        error = self.matcher.error(positions_m, weights, predicted)
-        if error > max(2.0 * match.error, match.error + 0.02):
-            return match.covariance
-        return self.matcher.assess(positions_m, weights, predicted, error).covariance
 
     def _upright(self, points: LinePoints, weights: FloatArray, pose: FloatArray, error: float) -> Match:
         """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
