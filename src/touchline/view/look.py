@@ -11,11 +11,11 @@ import numpy as np
 
 from touchline.camera import OmniCamera, open_camera
 from touchline.errors import InputError, NoFitError
-from touchline.evaluation.runner import is_black
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.perception import LinePointDetector
+from touchline.perception.covered import is_covered
 from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, open_system
 from touchline.types import ImageArray, LinePoints
@@ -113,7 +113,7 @@ def read_image(path: Path) -> ImageArray:
 
 
 def _colour_images(source: Recording) -> list[ImageArray]:
-    """A few images spread over the recording, to learn the colours from; not the missing and the black ones."""
+    """A few images spread over the recording that show something, to learn the colours from."""
     indices = np.unique(np.linspace(0, len(source) - 1, _COLOUR_IMAGES).astype(int))
     images = [source.image(int(index)) for index in indices]
-    return [image for image in images if image is not None and not is_black(image)]
+    return [image for image in images if image is not None and not is_covered(image)]
