@@ -231,6 +231,18 @@ def test_evaluation_of_a_folder_knows_status_and_black_images(tmp_path: Path) ->
     assert evaluate(tmp_path / "run", tmp_path / "truth.tum", skip=4).skipped == 4
 
 
+def test_a_run_says_why_it_has_no_errors(tmp_path: Path) -> None:
+    run_into(tmp_path / "run", FakeSource(5), FakeSystem(np.random.default_rng(0), searching=tuple(range(5))))
+    run = Run(tmp_path / "run")
+    run.truth = true_samples(5)
+    assert run.errors is None
+    assert run.why_no_errors.endswith("the robot was never located")
+    run = Run(tmp_path / "run")
+    run.truth = None
+    assert run.errors is None
+    assert run.why_no_errors == "the recording holds no truth to compare with"
+
+
 def test_evaluation_of_a_trajectory_counts_every_frame(tmp_path: Path) -> None:
     run_into(tmp_path / "run", FakeSource(20, black=(5, 6)))
     write_tum(tmp_path / "truth.tum", true_samples(20))
@@ -243,6 +255,8 @@ def test_evaluation_without_truth_says_what_to_do(tmp_path: Path) -> None:
         evaluate(tmp_path / "run" / "trajectory.tum")
     with pytest.raises(InputError, match="no such recording"):
         evaluate(tmp_path / "run")  # the recording is gone
+    with pytest.raises(InputError, match="no such recording"):
+        _ = Run(tmp_path / "run").errors
     with pytest.raises(InputError, match="no such run"):
         evaluate(tmp_path / "nowhere")
     write_summary(tmp_path / "run", {"frames": 5})

@@ -11,15 +11,17 @@ import numpy as np
 
 from touchline.camera import OmniCamera, open_camera
 from touchline.errors import InputError, NoFitError
+from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.perception import LinePointDetector
 from touchline.perception.covered import is_covered
 from touchline.sources import Recording, open_source
+from touchline.sources.findings import counted
 from touchline.systems import DEFAULT_SYSTEM, open_system
 from touchline.types import ImageArray, LinePoints
-from touchline.view.overlay import overlay_image, pose_text
+from touchline.view.overlay import overlay_image
 from touchline.view.stages import stage_pictures
 
 _COLOUR_IMAGES = 5
@@ -73,7 +75,7 @@ def look_at_recording(path: Path, index: int) -> Look:
     detector.learn([image, *_colour_images(source)])
     points = detector.detect(image)
     name = f"{source.name}-{index}"
-    found = f"{estimate.status.value}, as {DEFAULT_SYSTEM} has it after {index + 1} images"
+    found = f"{estimate.status.value}, as {DEFAULT_SYSTEM} has it after {counted(index + 1, 'image')}"
     return Look(name, image, source.camera, detector, points, source.field, estimate.pose, found)
 
 
