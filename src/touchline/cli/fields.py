@@ -160,8 +160,8 @@ def _list_presets() -> None:
         sizes = [f"{size:g} m" for size in (field.length, field.width, field.line_width)]
         words = (name,) if narrow else (name, field.description)
         table.add_row(*words, *sizes, *map(str, _crossing_counts(field)))
-    # Names are for typing: rather let the terminal break a line than cut one.
-    out.width = max(out.width, out.measure(table, options=out.options.update(width=200)).minimum)
+    if narrow:  # names are for typing: rather let the terminal break a line than cut one
+        out.width = max(out.width, out.measure(table, options=out.options.update(width=200)).maximum)
     out.print(table)
     out.print("sizes include the lines; L, T, X: crossings. touchline fields NAME shows one", style="dim")
 
