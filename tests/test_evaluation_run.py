@@ -14,7 +14,7 @@ from fakes import STEP_NS, FakeSource, FakeSystem, true_pose, true_samples
 from touchline.errors import InputError
 from touchline.evaluation import Run, evaluate, read_tum, write_tum
 from touchline.evaluation.estimates import csv_row, read_estimates
-from touchline.evaluation.latency import LatencyHistogram
+from touchline.evaluation.latency import LatencyHistogram, milliseconds
 from touchline.evaluation.run_folder import RunFolder, new_folder, read_summary, write_summary
 from touchline.evaluation.runner import RunTally, is_black, run_frames
 from touchline.types import Estimate, Frame, Status
@@ -236,3 +236,7 @@ def test_histogram_takes_any_duration() -> None:
     for value in (0.0, 1e9):
         histogram.add(value)
     assert len(histogram) == 2
+
+
+def test_durations_are_printed_with_three_digits() -> None:
+    assert [milliseconds(value) for value in (0.01234, 2.3612, 99.94, 1514.2)] == ["0.0123", "2.36", "99.9", "1514"]

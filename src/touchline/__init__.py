@@ -1,1 +1,51 @@
-"""Touchline tells a soccer robot where it stands, from the white lines of the field."""
+"""Touchline tells a soccer robot where it stands, from the white lines of the field.
+
+>>> import touchline
+>>> run = touchline.run("recording", system="nubot-mti")
+>>> print(run.errors)
+
+Everything here is imported when it is first used, so that `import touchline` costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from touchline.api import run
+    from touchline.camera import open_camera
+    from touchline.evaluation import evaluate
+    from touchline.field import open_field
+    from touchline.localization import locate
+    from touchline.sources import open_source
+    from touchline.systems import open_system
+
+__all__ = ["evaluate", "locate", "open_camera", "open_field", "open_source", "open_system", "run"]
+
+_PLACES = {
+    "run": ("touchline.api", "run"),
+    "evaluate": ("touchline.evaluation", "evaluate"),
+    "locate": ("touchline.localization", "locate"),
+    "open_camera": ("touchline.camera", "open_camera"),
+    "open_field": ("touchline.field", "open_field"),
+    "open_source": ("touchline.sources", "open_source"),
+    "open_system": ("touchline.systems", "open_system"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("touchline")
+    if name not in _PLACES:
+        raise AttributeError(f"module 'touchline' has no attribute {name!r}")
+    module, attribute = _PLACES[name]
+    value = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__, "__version__"])

@@ -71,15 +71,20 @@ def new(
         ),
     ] = None,
     base: Annotated[str, typer.Option(help="The field that the other sizes are taken from.")] = "msl-22x14",
+    measured_to: Annotated[
+        str, typer.Option(metavar="edge|middle", help="What the sizes reach to: the lines' outer edge or middle.")
+    ] = "edge",
     output: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The new file (default: NAME.yaml).", show_default=False)
     ] = None,
 ) -> None:
     """Write a field.yaml of your own field from a few rulebook letters."""
     sizes = _parse_letters(letters or [])
+    if measured_to not in ("edge", "middle"):
+        raise InputError(f"--measured-to {measured_to}: expected edge or middle")
     from touchline.field import field_from_letters
 
-    field = field_from_letters(name, sizes, base)
+    field = field_from_letters(name, sizes, base, "middle" if measured_to == "middle" else "edge")
     path = output if output is not None else Path(f"{name}.yaml")
     field.to_yaml(path)
     out = _console()

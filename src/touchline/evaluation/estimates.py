@@ -7,6 +7,7 @@ from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -43,7 +44,8 @@ class EstimateTable:
 
     def has_status(self, status: Status) -> npt.NDArray[np.bool_]:
         """Which rows (N,) have this status."""
-        return self.status == _STATUSES.index(status)
+        has: npt.NDArray[np.bool_] = self.status == _STATUSES.index(status)
+        return has
 
 
 def csv_row(estimate: Estimate) -> str:
@@ -82,17 +84,22 @@ def read_estimates(path: Path) -> EstimateTable:
             raise InputError(f"{path}, line {number}: {error}") from None
         if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
             raise InputError(f"{path}, line {number}: the time does not increase")
-    more = np.array(details, dtype=np.float32).reshape(-1, 6)
-    poses = np.array(numbers, dtype=np.float64).reshape(-1, 3)
+    more = _as_numpy(details).reshape(-1, 6)
+    poses = _as_numpy(numbers).reshape(-1, 3)
     return EstimateTable(
-        trajectory=Samples(np.array(stamps, dtype=np.int64), poses),
+        trajectory=Samples(_as_numpy(stamps), poses),
         std=more[:, :3],
-        status=np.array(statuses, dtype=np.int8),
+        status=_as_numpy(statuses),
         residual_m=more[:, 3],
-        points=np.array(points, dtype=np.int32),
+        points=_as_numpy(points),
         perception_ms=more[:, 4],
         localization_ms=more[:, 5],
     )
+
+
+def _as_numpy(values: array[Any]) -> npt.NDArray[Any]:
+    """The same memory as a NumPy array: a long run is held once only."""
+    return np.frombuffer(values, dtype=values.typecode) if len(values) else np.zeros(0, dtype=values.typecode)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:

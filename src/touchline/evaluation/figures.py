@@ -18,7 +18,7 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from touchline.evaluation.estimates import EstimateTable
-from touchline.evaluation.latency import LatencyHistogram
+from touchline.evaluation.latency import LatencyHistogram, milliseconds
 from touchline.evaluation.metrics import Errors
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
@@ -117,7 +117,7 @@ def field_figure(data: RunData) -> str:
         axes.spines[:].set_visible(False)
         axes.set_xlabel("x (m)")
         axes.set_ylabel("y (m)")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=5, markerscale=1.6, borderaxespad=1.0)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=5, markerscale=1.5, handleheight=1.8)
 
     return _svg(draw, _WIDTH_IN, _WIDTH_IN * height / width + 0.5, "Field with the estimated and the true path")
 
@@ -236,13 +236,13 @@ def latency_figure(data: RunData) -> str:
             ticks = [n * 10.0**k for k in range(-3, 6) for n in (1, 2, 5) if low <= n * 10.0**k <= high]
         else:
             ticks = [tick for tick in MaxNLocator(7).tick_values(low, high) if low <= tick <= high]
-        axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.set(xlabel="time per frame (ms)", ylabel="frames", xlim=(low, high))
         top = axes.get_ylim()[1]
         for value, name, side in ((median_ms, "median", "right"), (p99_ms, "p99", "left")):
             axes.axvline(value, color=INK, linewidth=1.0)
-            axes.text(value, 1.04 * top, f" {name} {value:.3g} ms ", ha=side, va="bottom", fontsize=9)
+            axes.text(value, 1.04 * top, f" {name} {milliseconds(value)} ms ", ha=side, va="bottom", fontsize=9)
 
     return _svg(draw, _WIDTH_IN, 2.8, "Histogram of the time per frame")
 

@@ -51,3 +51,8 @@ class LatencyHistogram:
             return {"median": None, "p99": None, "max": None}
         values = {"median": self.percentile_ms(50), "p99": self.percentile_ms(99), "max": self.max_ms}
         return {name: round(value, 4) for name, value in values.items()}
+
+
+def milliseconds(value_ms: float) -> str:
+    """A duration with three digits that matter: 0.0123, 2.36, 1510."""
+    return f"{value_ms:.0f}" if value_ms >= 100.0 else f"{value_ms:.3g}"

@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 
 from touchline.evaluation.figures import RunData, error_figure, field_figure, latency_figure, status_figure
+from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorTable
 from touchline.evaluation.report_style import STYLE
 from touchline.evaluation.run_folder import REPORT
@@ -102,8 +103,8 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None) -> str:
         tiles.append(("images tracked", f"{100 * summary['status']['tracking'] / frames:.1f}", "%"))
     latency = summary["latency_ms"]["total"]
     if latency["median"] is not None:
-        tiles.append(("time per image, median", f"{latency['median']:.2f}", "ms"))
-        tiles.append(("time per image, p99", f"{latency['p99']:.2f}", "ms"))
+        tiles.append(("time per image, median", milliseconds(latency["median"]), "ms"))
+        tiles.append(("time per image, p99", milliseconds(latency["p99"]), "ms"))
     if summary["rate_fps"] is not None:
         tiles.append(("rate, reading included", f"{summary['rate_fps']:.0f}", "images/s"))
     cells = "".join(
@@ -142,7 +143,12 @@ def _time_figures(data: RunData) -> list[str]:
             "<span class='key tracking'></span>tracking <span class='key searching'></span>searching "
             "<span class='key lost'></span>lost. Residual: mean distance of the line points to the nearest line.",
         ),
-        _figure("Latency", latency_figure(data), "Perception and localization together, without reading and decoding."),
+        _figure(
+            "Latency",
+            latency_figure(data),
+            "Perception and localization together, without reading and decoding. The first images take longest: "
+            "compiled code is loaded and the colours are learned.",
+        ),
     ]
 
 

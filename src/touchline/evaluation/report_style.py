@@ -41,6 +41,8 @@ svg * { stroke-linejoin:round; stroke-linecap:butt; }
 .gallery { display:grid; grid-template-columns:repeat(auto-fit,minmax(min(100%,25rem),1fr)); gap:1rem; }
 .gallery img { display:block; width:100%; height:auto; border-radius:.4rem; background:#181818; }
 .gallery figcaption strong { color:var(--ink); font-weight:600; }
+@media (max-width:34rem) { section { padding:.9rem .8rem; } th, td { padding:.35rem .3rem; font-size:.85rem; }
+  figure svg { min-width:26rem; } }
 .key { display:inline-block; width:.7em; height:.7em; border-radius:50%; margin:0 .3em 0 .5em; }
 .key.tracking { background:var(--tracking); margin-left:0; } .key.searching { background:var(--searching); }
 .key.lost { background:var(--lost); }

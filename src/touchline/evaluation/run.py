@@ -79,12 +79,13 @@ def samples_of(truth: Truth | None) -> Samples | None:
     return None if truth is None else Samples(truth.stamp_ns, np.asarray(truth.poses, dtype=np.float64))
 
 
-def evaluate(run: Path, truth: Path | None = None, skip: int = 0) -> ErrorTable:
+def evaluate(run: str | Path, truth: str | Path | None = None, skip: int = 0) -> ErrorTable:
     """Errors of a run folder or of a trajectory in TUM format, as `touchline evaluate` prints them.
 
     truth: a TUM file; without it, a run folder's recording is asked. A trajectory file has no statuses and no black
     images, so all its frames count. Raises InputError if there is nothing to compare with.
     """
+    run, truth = Path(run), None if truth is None else Path(truth)
     if not run.exists():
         raise InputError(f"{run}: there is no such run; expected the folder of a run or a trajectory.tum")
     if not run.is_dir():

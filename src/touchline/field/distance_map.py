@@ -44,8 +44,9 @@ def lookup(values, origin_x, origin_y, resolution_m, x, y):  # type: ignore[no-u
     value of the nearest point of its edge; a NaN is safe and lands on the lower edge.
     """
     last_x, last_y = values.shape[1] - 1, values.shape[0] - 1
-    fx = (x - origin_x) / resolution_m
-    fy = (y - origin_y) / resolution_m
+    samples_per_m = 1.0 / resolution_m  # computed once per loop, where this is inlined
+    fx = (x - origin_x) * samples_per_m
+    fy = (y - origin_y) * samples_per_m
     # Written so that NaN fails the comparison: it must not become an index.
     fx = min(fx, float(last_x)) if fx > 0.0 else 0.0
     fy = min(fy, float(last_y)) if fy > 0.0 else 0.0
@@ -53,8 +54,9 @@ def lookup(values, origin_x, origin_y, resolution_m, x, y):  # type: ignore[no-u
     iy = min(int(fy), last_y - 1)
     fx -= ix
     fy -= iy
-    w00, w01 = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy)
-    w10, w11 = (1.0 - fx) * fy, fx * fy
+    w11 = fx * fy
+    w01, w10 = fx - w11, fy - w11
+    w00 = 1.0 - fx - w10
     d = (
         w00 * values[iy, ix, 0]
         + w01 * values[iy, ix + 1, 0]

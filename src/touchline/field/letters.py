@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -37,18 +37,32 @@ LETTERS: Mapping[str, str] = {
     "Q": "restart spots, off-centre distance (draws nothing: they are no lines)",
 }
 _NEEDED = ("A", "B", "K")
+# What a size measured to the middle of the lines grows by, in line widths, when measured to their outer edge.
+_FROM_MIDDLE = {"A": 1.0, "B": 1.0, "C": 1.0, "D": 1.0, "E": 1.0, "F": 1.0, "G": 1.0, "H": 1.0, "I": 0.5, "L": -0.5}
 
 
-def field_from_letters(name: str, letters: Mapping[str, float], base: str | Path = "msl-22x14") -> FieldModel:
+def field_from_letters(
+    name: str,
+    letters: Mapping[str, float],
+    base: str | Path = "msl-22x14",
+    measured_to: Literal["edge", "middle"] = "edge",
+) -> FieldModel:
     """A field from rulebook letters (m); those not given are the base's, as are goals and poles, moved with the edge.
 
+    measured_to: what the letters given here reach to, the outer edge of the lines as in the rules or their middle; the
+    radius G of a corner arc is then how far it reaches along the lines. The field's own letters are to the edge.
     Raises InputError for an unknown letter, a size that is no length, parts that do not fit into each other, and a
     base whose letters are not known.
     """
     origin = open_field(base)
     if not origin.letters:
         raise InputError(f"{base}: has no rulebook letters to start from; use a preset as the base")
-    values = {**origin.letters, **{key: _length(key, value) for key, value in letters.items()}}
+    given = {key: _length(key, value) for key, value in letters.items()}
+    if measured_to == "middle":
+        line = given.get("K", origin.line_width)
+        for key in given.keys() & _FROM_MIDDLE.keys():
+            given[key] = round(max(given[key] + _FROM_MIDDLE[key] * line, 0.0), 9) if given[key] > 0.0 else 0.0
+    values = {**origin.letters, **given}
     for key in _NEEDED:
         if values.get(key, 0.0) <= 0.0:
             raise InputError(f"letter {key}, the {LETTERS[key]}: must be positive")

@@ -1,5 +1,6 @@
 """Image -> observation: colour classes, scan lines, the field's boundary, line points."""
 
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
+from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
 
-__all__ = ["LinePointDetector", "LinePointSettings"]
+__all__ = ["LearningSettings", "LinePointDetector", "LinePointSettings", "SelfLearningDetector"]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
 from touchline.config import Settings
 from touchline.errors import TouchlineError
@@ -26,10 +27,18 @@ _CELLS = 64  # of the chromaticity histogram per axis
 class ColourSettings(Settings):
     """How the carpet's colour is learned; nothing here depends on the light."""
 
-    frames: int = 5
-    green_sigmas: float = 3.5
-    darkest_green: float = 0.2
-    whitest_green: float = 0.45
+    green_sigmas: float = Field(
+        3.5, gt=0, description="chromaticities within so many standard deviations of the carpet's are green"
+    )
+    darkest_green: float = Field(
+        0.2,
+        ge=0,
+        lt=1,
+        description="least brightness of green as a share of the usual: a deep shadow still has a third",
+    )
+    whitest_green: float = Field(
+        0.4, gt=0, lt=1, description="how far green may go towards white (1) along the direction that tells them apart"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +59,8 @@ class ColourModel:
     def classify(self, image: ImageArray) -> npt.NDArray[np.uint8]:
         """Class (H, W) of every pixel of an image (H, W, 3): OTHER, GREEN or WHITE."""
         cells = image >> (8 - _BITS)
-        return self.table[cells[..., 0], cells[..., 1], cells[..., 2]]
+        classes: npt.NDArray[np.uint8] = self.table[cells[..., 0], cells[..., 1], cells[..., 2]]
+        return classes
 
 
 def learn_colours(
@@ -64,7 +74,7 @@ def learn_colours(
     """Learn from images (H, W, 3): green is the most frequent greenish colour in `near`, its spread that in `around`.
 
     near, around: (H, W) masks, the ring about the robot that is mostly carpet, and all of the field that is looked at.
-    noise: `pixel_noise` of the images. white (3,): the paint's B, G, R in the light of the mean green, where it is known.
+    noise: `pixel_noise` of the images. white (3,): the paint's B, G, R in the light of the mean green, if known.
     Raises TouchlineError when no greenish colour is frequent near the robot.
     """
     coarse = [cv2.GaussianBlur(image, (0, 0), 2.5) for image in images]
@@ -108,7 +118,7 @@ def _members(blurred: FloatArray, center: FloatArray) -> npt.NDArray[np.bool_]:
     shares = chromaticity(blurred)
     usable = (blurred.max(axis=1) < 250.0) & (blurred.sum(axis=1) > 60.0)
     spread = np.eye(2) * 0.015**2
-    near = usable
+    near: npt.NDArray[np.bool_] = usable
     for _ in range(6):
         offset = shares - center
         near = usable & (np.einsum("ni,ij,nj->n", offset, np.linalg.inv(spread), offset) < 2.5**2)
@@ -124,14 +134,26 @@ def _box_blur(histogram: FloatArray) -> FloatArray:
 
 
 def pixel_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_]) -> float:
-    """Standard deviation (grey levels) of the green channel against its neighbours in the mask, from second differences."""
-    both = mask[:, 1:-1] & mask[:, 2:] & mask[:, :-2]
+    """Standard deviation (grey levels) of G against its neighbours inside the mask, from second differences."""
+    spreads = [np.median(_differences(image[..., 1].astype(np.float64), mask, lag=1)) for image in images]
+    return float(np.median(spreads)) / 0.6745
+
+
+def signal_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_], model: ColourModel) -> float:
+    """Standard deviation of the signal on green against green four pixels away, where noise is independent again."""
     spreads = []
     for image in images:
-        channel = image[..., 1].astype(np.float64)
-        second = channel[:, 1:-1] - 0.5 * (channel[:, 2:] + channel[:, :-2])
-        spreads.append(np.mean(np.minimum(np.abs(second[both]), 40.0)))
-    return float(np.median(spreads)) * np.sqrt(np.pi / 2.0) / np.sqrt(1.5)
+        green = mask & (model.classify(image) == GREEN)
+        spreads.append(np.median(_differences(image @ model.signal, green, lag=4)))
+    return float(np.median(spreads)) / 0.6745
+
+
+def _differences(channel: FloatArray, mask: npt.NDArray[np.bool_], lag: int) -> FloatArray:
+    """Absolute deviations of pixels from the mean of two neighbours in their row; scaled to the noise of one pixel."""
+    inside = mask[:, lag:-lag] & mask[:, 2 * lag :] & mask[:, : -2 * lag]
+    second = channel[:, lag:-lag] - 0.5 * (channel[:, 2 * lag :] + channel[:, : -2 * lag])
+    deviations: FloatArray = np.abs(second[inside]) / np.sqrt(1.5)
+    return deviations if len(deviations) else np.zeros(1)
 
 
 def _neutral_white(green: FloatArray) -> FloatArray:
@@ -177,4 +199,5 @@ def _overexposed_green(colours: FloatArray, green: FloatArray) -> npt.NDArray[np
     """Sun-lit carpet whose G is at its limit: B and R still go on together."""
     blue, limited, red = colours.T
     follows = np.abs(blue - red * green[0] / green[2]) < 25.0
-    return (limited > 246.0) & (red < 0.8 * limited) & follows
+    overexposed: npt.NDArray[np.bool_] = (limited > 246.0) & (red < 0.8 * limited) & follows
+    return overexposed

@@ -8,8 +8,10 @@ from numba import njit
 
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
+from touchline.perception.profiles import BODY
 
 _GREEN = 1
+_BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line sees no green itself
 
 
 def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: float) -> npt.NDArray[np.int64]:
@@ -17,7 +19,8 @@ def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: flo
     radii = np.arange(inner_px, outer_px)
     slope = np.gradient(np.mean(camera.range_m, axis=0), camera.radius_px)
     metres_per_px = np.interp(radii, camera.radius_px, slope)
-    return np.ceil(np.clip(gap_m / metres_per_px, 6, 80)).astype(np.int64)
+    lengths: npt.NDArray[np.int64] = np.ceil(np.clip(gap_m / metres_per_px, 6, 80)).astype(np.int64)
+    return lengths
 
 
 @njit(cache=True)
@@ -41,7 +44,7 @@ def green_ends(
         for k in range(high - low):
             if classes[low + k] == _GREEN:
                 last, missing = k, 0
-            else:
+            elif classes[low + k] != BODY:
                 missing += 1
                 if missing > gaps[min(k, len(gaps) - 1)]:
                     break
@@ -55,13 +58,15 @@ def green_ends(
 def inside_green(
     crossings: FloatArray, u0: float, v0: float, ends: FloatArray, margin_px: float
 ) -> npt.NDArray[np.bool_]:
-    """Whether crossings (N, >= 4; columns 2, 3 are u, v) lie within the green's end of a ray beside them; (N,)."""
+    """Whether crossings (N, >= 4; columns 2, 3 are u, v) lie within the green's end of one of the rays about them."""
     rays = len(ends)
     inside = np.empty(len(crossings), dtype=np.bool_)
     for i in range(len(crossings)):
         du, dv = crossings[i, 2] - u0, crossings[i, 3] - v0
         position = np.arctan2(dv, du) / (2.0 * np.pi) * rays
         ray = int(np.floor(position)) % rays
-        end = max(ends[ray], ends[(ray + 1) % rays])
+        end = 0.0
+        for beside in range(ray - _BESIDE, ray + _BESIDE + 2):
+            end = max(end, ends[beside % rays])
         inside[i] = np.sqrt(du * du + dv * dv) <= end + margin_px
     return inside

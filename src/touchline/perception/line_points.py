@@ -17,10 +17,11 @@ from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
-from touchline.perception.colour import GREEN, ColourModel, ColourSettings, learn_colours, pixel_noise
+from touchline.perception.colour import GREEN, ColourModel, ColourSettings, learn_colours, pixel_noise, signal_noise
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
 from touchline.perception.profiles import COLUMNS, find_crossings, sample_paths
 from touchline.perception.scan_lines import ScanLines, build_scan_lines
+from touchline.perception.stages import draw_stages
 from touchline.types import ImageArray, LinePoints
 
 
@@ -33,6 +34,7 @@ class LinePointSettings(Settings):
     least_contrast: float = Field(
         0.2, gt=0, lt=1, description="least height of a line over its green, as a share of learned white over green"
     )
+    least_sigmas: float = Field(4.0, ge=0, description="the same in standard deviations of the noise on green")
     least_whiteness: float = Field(0.8, gt=0, lt=1, description="least cosine between a line's excess and white's")
     flank_px: int = Field(4, ge=2, description="length of the green wanted on both sides of a line")
     longest_run_px: int = Field(60, ge=5, description="longest way from green through white to green")
@@ -66,6 +68,7 @@ class LinePointDetector:
         self.green_ends_px = np.full(s.radial_scan_lines, self.outer_px)
         self._gaps = gap_lengths(camera, camera.inner_radius_px, self.outer_px, s.field_gap_m)
         self._smoothing_px = 0.0
+        self._noise = 0.0
         n = len(self.scan_lines.samples)
         self._samples = (np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.uint8))
         self._found = np.empty((2048, COLUMNS))
@@ -86,6 +89,7 @@ class LinePointDetector:
         white = self._white_on_lines(smooth)
         if white is not None:
             self.colours = learn_colours(smooth, near, around, noise, self.settings.colour, white)
+        self._noise = signal_noise(smooth, near, self.colours)
         self.body = self._own_body(smooth)
 
     def detect(self, image: ImageArray) -> LinePoints:
@@ -96,15 +100,35 @@ class LinePointDetector:
         confidences = np.clip(found[:, 4], 0.0, 1.0)
         return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
 
+    def stages(self, image: ImageArray) -> dict[str, ImageArray]:
+        """Title -> picture (H, W, 3), B, G, R, of each step of `detect` on an image."""
+        points = self.detect(image)
+        assert self.colours is not None
+        return draw_stages(self, self.colours, self._smoothed(image), points)
+
+    @property
+    def green_share(self) -> float:
+        """Share of the last image's samples that were green."""
+        return float(np.mean(self._samples[2] == GREEN))
+
     def _crossings(self, image: ImageArray) -> FloatArray:
         model, lines, s, camera = self.colours, self.scan_lines, self.settings, self.camera
         if model is None:
             raise TouchlineError("the detector has learned no colours yet: call learn() with a few images first")
         sample_paths(image, lines.samples, self.body, model.signal, model.table, *self._samples)
         width = self.line_width_m
+        chords = 0.5 * width, s.steepest_crossing * width
         limits = np.array(
-            [s.least_contrast, s.flank_px, s.longest_run_px, 0.5 * width, s.steepest_crossing * width, s.blur_px, s.least_whiteness]
-        )  # fmt: skip
+            [
+                max(s.least_contrast, s.least_sigmas * self._noise),
+                s.flank_px,
+                s.longest_run_px,
+                *chords,
+                s.blur_px,
+                s.least_whiteness,
+            ],
+            dtype=np.float64,
+        )
         count = find_crossings(
             lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,
             (camera.lookup_constants, camera.bearings_rad, camera.lookup_table), self._found,
@@ -166,13 +190,14 @@ class LinePointDetector:
         _, labels = cv2.connectedComponents(opened)
         u0, v0 = (round(c) for c in self.camera.center)
         own = (labels == labels[v0, u0]).astype(np.uint8)
-        return cv2.dilate(own, np.ones((5, 5), np.uint8)).astype(np.bool_)
+        whole = cv2.dilate(own, kernel).astype(np.bool_) & (solid | disc)  # opening has cut the corners
+        return cv2.dilate(whole.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(np.bool_)
 
     def _check_size(self, image: ImageArray) -> None:
         wanted = (self.camera.height, self.camera.width, 3)
         if image.shape != wanted or image.dtype != np.uint8:
             raise InputError(
-                f"the image is {image.shape} {image.dtype}, but the camera file says {wanted} (height, width, 3) of 8 bits"
+                f"the image is {image.shape} of {image.dtype}; the camera file says {wanted} (height, width, 3), uint8"
             )
 
 
@@ -184,6 +209,6 @@ def _usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
 
 
 def _smoothing_for(noise: float) -> float:
-    """Standard deviation (px) of the blur that brings white noise down to 2.5 grey levels; 0 where it is low already."""
+    """Standard deviation (px) of the blur that brings white noise down to 2.5 grey levels; 0 where it is low."""
     sigma = noise / (2.0 * np.sqrt(np.pi) * 2.5)
     return sigma if sigma > 0.45 else 0.0

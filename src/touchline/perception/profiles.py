@@ -14,6 +14,7 @@ from touchline.camera.omni import ground_from_pixel
 from touchline.geometry import FloatArray
 from touchline.types import ImageArray
 
+BODY = 3  # a fourth class of samples: the robot itself
 _GREEN = 1
 COLUMNS = 7  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path
 
@@ -29,9 +30,8 @@ def sample_paths(
     levels: npt.NDArray[np.float32],
     classes: npt.NDArray[np.uint8],
 ) -> None:
-    """Fill colours (N, 3) with the bilinear B, G, R at samples (N, 2), levels (N,) with `signal` (3,) of it, classes (N,).
-
-    masked (H, W) pixels (the robot's own body) and the class table (64, 64, 64) decide the class.
+    """Fill, for samples (N, 2) u, v of an image: colours (N, 3) B, G, R, bilinear; levels (N,), `signal` (3,) of the
+    colour; classes (N,) by the table (64, 64, 64), or BODY where masked (H, W) says that it is the robot itself.
     """
     for k in range(len(samples)):
         u, v = samples[k, 0], samples[k, 1]
@@ -45,7 +45,7 @@ def sample_paths(
         colours[k, 0], colours[k, 1], colours[k, 2] = b, g, r
         levels[k] = signal[0] * b + signal[1] * g + signal[2] * r
         if masked[i, j]:
-            classes[k] = 0
+            classes[k] = BODY
         else:
             classes[k] = table[int(b) >> 2, int(g) >> 2, int(r) >> 2]
 
@@ -106,23 +106,36 @@ def _foot(samples, peak, step, count, reach, least, low, high, mean):  # type: i
 
 
 @njit(cache=True)
+def _falls(levels, peak, step, reach, low, high, least):  # type: ignore[no-untyped-def]
+    """Whether the level falls by `least` on that side, tried at a few distances: most maxima are noise of the green."""
+    distance = 2
+    while distance < reach:
+        k = peak + step * distance
+        if k < low or k >= high:
+            return False
+        if levels[peak] - levels[k] >= least:
+            return True
+        distance += distance // 3 + 1
+    return False
+
+
+@njit(cache=True)
 def _edge(levels, foot, base, peak, step):  # type: ignore[no-untyped-def]
     """Position (samples) at half height between the green from `foot` on (level `base`) and the paint at `peak`.
 
     `step` leads from the foot to the peak. The paint's height is that near this edge: its light may vary along the way.
     """
-    top = levels[peak]
-    near = foot
-    while near != peak and abs(near - foot) < 8:
-        near += step
-        top = max(top, levels[near])
-    half = 0.5 * (base + top)
-    k = near
-    while levels[k] > half and abs(k - near) < 12:
+    k, m = foot, foot
+    while m != peak and abs(m - foot) < 8:
+        m += step
+        if levels[m] > levels[k]:
+            k = m
+    half = 0.5 * (base + levels[k])
+    for _ in range(12):
         k -= step
-    if levels[k] > half:
-        return -1.0
-    return k + step * (half - levels[k]) / (levels[k + step] - levels[k])
+        if levels[k] <= half:
+            return k + step * (half - levels[k]) / (levels[k + step] - levels[k])
+    return -1.0
 
 
 @njit(cache=True)
@@ -154,7 +167,7 @@ def find_crossings(path, starts, closed, samples, paint, limits, camera, out):  
     run (samples), least and greatest chord (m), blur (px), least cosine of the excess. camera: constants, bearings,
     ranges of the OmniCamera's look-up.
     """
-    levels = samples[1]
+    _, levels, classes = samples
     green, white = paint
     contrast, count, reach = limits[0], int(limits[1]), int(limits[2])
     left_mean, right_mean = np.zeros(3), np.zeros(3)
@@ -165,7 +178,10 @@ def find_crossings(path, starts, closed, samples, paint, limits, camera, out):  
         while k < high - count and found < len(out):
             peak = k
             k += 1
-            if levels[peak] < levels[peak - 1] or levels[peak] < levels[peak + 1]:
+            if levels[peak] < levels[peak - 1] or levels[peak] < levels[peak + 1] or classes[peak] == BODY:
+                continue
+            if not (_falls(levels, peak, -1, reach, low, high, 0.5 * contrast)
+                    and _falls(levels, peak, 1, reach, low, high, 0.5 * contrast)):  # fmt: skip
                 continue
             left, left_level = _foot(samples, peak, -1, count, reach, 0.5 * contrast, low, high, left_mean)
             if left < 0:

@@ -1,7 +1,7 @@
 """Where to look: the pixel paths along which lines are searched.
 
-Radial scan lines (the papers' 72) cross whatever runs around the robot; circles cross whatever points at it. Between the
-radial scan lines shorter ones fill the outer part of the image, where neighbours have drifted apart.
+Radial scan lines (the papers' 72) cross whatever runs around the robot; circles cross whatever points at it. Between
+the radial scan lines shorter ones fill the outer part of the image, where neighbours have drifted apart.
 """
 
 from __future__ import annotations

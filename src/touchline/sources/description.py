@@ -106,10 +106,22 @@ def _field_source(folder: Path, path: Path, name: object) -> str | Path:
     return str(name)
 
 
+def finite_number(value: object) -> float | None:
+    """A finite number of a YAML file as float; None for anything else."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
 def _rate(rate: object, log: ProblemLog) -> float | None:
-    if isinstance(rate, int | float) and not isinstance(rate, bool) and 0 < rate < math.inf:
-        return float(rate)
-    what = "key 'rate_hz' is missing" if rate is None else f"rate_hz {rate!r} is not a positive number"
+    number = finite_number(rate)
+    if number is not None and number > 0.0:
+        return number
+    what = "key 'rate_hz' is missing" if rate is None else f"rate_hz {rate!r:.50} is not a positive number"
     log.add(ProblemKind.SEQUENCE, SEQUENCE, f"{what}; the rate is taken from the image times")
     return None
 
@@ -118,14 +130,14 @@ def _events(events: object, log: ProblemLog) -> tuple[Mapping[str, Any], ...]:
     if events is None:
         return ()
     if not isinstance(events, list):
-        log.add(ProblemKind.SEQUENCE, SEQUENCE, f"events: expected a list, found {events!r}; they are left out")
+        log.add(ProblemKind.SEQUENCE, SEQUENCE, f"events: expected a list, found {events!r:.50}; they are left out")
         return ()
     good = []
     for number, event in enumerate(events, start=1):
         time_s = event.get("t") if isinstance(event, dict) else None
-        if isinstance(time_s, int | float) and math.isfinite(time_s) and "kind" in event:
+        if finite_number(time_s) is not None and "kind" in event:
             good.append(event)
         else:
-            what = f"events: number {number} needs t (s) and kind, found {event!r}; it is left out"
+            what = f"events: number {number} needs t (s) and kind, found {event!r:.50}; it is left out"
             log.add(ProblemKind.SEQUENCE, SEQUENCE, what)
     return tuple(good)

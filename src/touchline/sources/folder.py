@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from touchline.errors import InputError
+from touchline.sources.decoding import decode_image, usable_image
 from touchline.sources.description import Description, read_description
-from touchline.sources.images import decode_image, read_image_list, usable_image
+from touchline.sources.images import read_image_list
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import SensorStream
 from touchline.sources.source import Truth

@@ -1,4 +1,4 @@
-"""The list of images of a recording, kept compact, and the decoding of one image."""
+"""The list of images of a recording, kept compact."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -27,11 +26,6 @@ from touchline.sources.tables import (
     to_number,
     to_stamps,
 )
-from touchline.types import ImageArray
-
-_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
-_PNG_START, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,15 +52,6 @@ class ImageList:
             for offset in self.offsets[start:]:
                 file.seek(offset)
                 yield _file_cell(self.table, file.readline(LONGEST_LINE).decode("utf-8", errors="replace"))
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Decoded:
-    """An image as it was stored (uint8 or uint16, BGR), or why there is none."""
-
-    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | None
-    kind: ProblemKind | None = None
-    what: str = ""
 
 
 def read_image_list(path: Path, log: ProblemLog) -> ImageList:
@@ -102,44 +87,6 @@ def read_image_list(path: Path, log: ProblemLog) -> ImageList:
         lines_read[keep],
         np.array(offsets, dtype=np.int64)[keep],
     )
-
-
-def decode_image(path: Path) -> Decoded:
-    """Decode a file as it is stored; a file that ends early is broken even where a decoder would fill the rest."""
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        return Decoded(None, ProblemKind.MISSING_IMAGE, "the file is missing")
-    except (OSError, ValueError) as error:
-        return Decoded(None, ProblemKind.MISSING_IMAGE, f"the file cannot be read ({error})")
-    tail = data[-4096:].rstrip(b"\0\r\n")
-    if data.startswith(_JPEG_START) and not tail.endswith(_JPEG_END):
-        return Decoded(None, ProblemKind.BROKEN_IMAGE, "the JPEG file ends early")
-    if data.startswith(_PNG_START) and _PNG_END not in tail:
-        return Decoded(None, ProblemKind.BROKEN_IMAGE, "the PNG file ends early")
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), _FLAGS) if data else None
-    except cv2.error:
-        pixels = None
-    if pixels is None:
-        what = "is not an image that can be decoded" if data else "the file is empty"
-        return Decoded(None, ProblemKind.BROKEN_IMAGE, what)
-    return Decoded(pixels)  # type: ignore[arg-type]
-
-
-def usable_image(decoded: Decoded, size: tuple[int, int] | None) -> tuple[ImageArray | None, Decoded]:
-    """The pixels as perception takes them (uint8, of `size` = width, height), or None and why."""
-    pixels = decoded.pixels
-    if pixels is None:
-        return None, decoded
-    height, width = pixels.shape[:2]
-    if pixels.dtype != np.uint8:
-        what = f"holds {8 * pixels.itemsize}-bit linear values; exposure and gain have to be applied before it is seen"
-        return None, Decoded(None, ProblemKind.LINEAR_IMAGE, what)
-    if size is not None and (width, height) != size:
-        what = f"is {width}×{height} pixels, expected {size[0]}×{size[1]}"
-        return None, Decoded(None, ProblemKind.IMAGE_SIZE, what)
-    return pixels.astype(np.uint8, copy=False), decoded
 
 
 def _file_cell(table: Table, text: str) -> str:

@@ -17,6 +17,7 @@ from touchline.sources.problems import ProblemKind, ProblemLog
 BLOCK_BYTES = 16384
 LONGEST_LINE = 65536
 LATEST_TIME_S = 9.0e9  # int64 nanoseconds end there
+LARGEST = 1.0e9  # no metre, radian or rad/s of a robot gets there
 
 StampArray = npt.NDArray[np.int64]
 
@@ -99,14 +100,15 @@ def read_lines(table: Table) -> Iterator[list[Line]]:
 def read_blocks(table: Table, names: Sequence[str], log: ProblemLog) -> Iterator[Block]:
     """The named columns as numbers, block by block; broken rows go to the log.
 
-    The first named column is the time (s) and has to lie within ±LATEST_TIME_S.
+    The first named column is the time (s) and has to lie within ±LATEST_TIME_S, the others within ±LARGEST.
     """
     wanted = [table.columns[name] for name in names]
     for lines in read_lines(table):
         values = _parse_clean(lines, table.width)
         if values is not None:
             picked = values[:, wanted]
-            if np.isfinite(picked).all() and (np.abs(picked[:, 0]) < LATEST_TIME_S).all():
+            sizes = np.abs(picked)  # a comparison with NaN is False
+            if (sizes[:, 0] < LATEST_TIME_S).all() and (sizes[:, 1:] < LARGEST).all():
                 yield Block(np.array([line.number for line in lines], dtype=np.int64), picked)
                 continue
         rows = [(line.number, row) for line in lines if (row := parse_row(table, line, names, log)) is not None]
@@ -118,10 +120,11 @@ def parse_row(table: Table, line: Line, names: Sequence[str], log: ProblemLog) -
     """The named columns of one line; None, and a report, if it is broken."""
     cells = line.text.split(",")
     if len(cells) != table.width:
-        what = f"has {len(cells)} values where the header names {table.width} columns; the row is left out"
+        values = "1 value" if len(cells) == 1 else f"{len(cells)} values"
+        what = f"has {values} where the header names {table.width} columns; the row is left out"
         log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
         return None
-    row = []
+    row: list[float] = []
     for name in names:
         cell = cells[table.columns[name]].strip()
         value = to_number(cell)
@@ -133,11 +136,11 @@ def parse_row(table: Table, line: Line, names: Sequence[str], log: ProblemLog) -
             what = f"column '{name}' is {value}; the row is left out"
             log.add(ProblemKind.NOT_A_NUMBER, table.name, what, line=line.number)
             return None
+        if abs(value) >= (LARGEST if row else LATEST_TIME_S):
+            what = f"column '{name}' is {value:g}, beyond any measurement; the row is left out"
+            log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
+            return None
         row.append(value)
-    if abs(row[0]) >= LATEST_TIME_S:
-        what = f"the time {row[0]:g} s is beyond any clock; the row is left out"
-        log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
-        return None
     return row
 
 

@@ -13,7 +13,7 @@ from touchline.geometry import wrap_angles
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.source import Truth
-from touchline.sources.tables import LATEST_TIME_S, StampArray, to_number, to_stamps
+from touchline.sources.tables import LARGEST, LATEST_TIME_S, StampArray, to_number, to_stamps
 
 TRUTH = "ground_truth.tum"
 _COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -75,8 +75,8 @@ def _pose_row(file: str, number: int, text: str, log: ProblemLog) -> tuple[float
             return None
         values.append(value)
     time_s, x, y, _, _, _, qz, qw = values
-    if abs(time_s) >= LATEST_TIME_S or math.hypot(qz, qw) < 1e-6:
-        what = "needs a time of a clock and a rotation about z; the pose is left out"
+    if abs(time_s) >= LATEST_TIME_S or max(map(abs, values[1:])) >= LARGEST or math.hypot(qz, qw) < 1e-6:
+        what = "needs a time of a clock, metres and a rotation about z; the pose is left out"
         log.add(ProblemKind.BROKEN_ROW, file, what, line=number)
         return None
     return time_s, x, y, 2.0 * math.atan2(qz, qw)

@@ -1,1 +1,64 @@
-"""TODO"""
+"""The localization systems by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from touchline.camera import OmniCamera
+from touchline.config import Settings, did_you_mean
+from touchline.errors import InputError
+from touchline.field import FieldModel
+from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
+from touchline.types import System
+
+
+@dataclass(frozen=True, slots=True)
+class SystemInfo:
+    """One system: its name, one line about it, its settings and how it is made from field, camera, settings and rng."""
+
+    name: str
+    description: str
+    settings: type[Settings]
+    factory: Callable[[FieldModel, OmniCamera | None, Any, np.random.Generator], System]
+
+
+DEFAULT_SYSTEM = "nubot-mti"
+SYSTEMS = {
+    info.name: info
+    for info in (
+        SystemInfo(
+            "nubot-mti",
+            "compass heading, 315 grid samples, RPROP matching, Kalman fusion with odometry (Xiong et al.)",
+            NubotMtiSettings,
+            NubotMti,
+        ),
+    )
+}
+
+
+def open_system(
+    name: str,
+    field: FieldModel,
+    camera: OmniCamera | None,
+    settings: Settings | None = None,
+    rng: np.random.Generator | None = None,
+) -> System:
+    """A system that is ready for its first frame.
+
+    camera: None if the frames bring their line points. Raises InputError for an unknown name, and for settings of
+    another system.
+    """
+    if name not in SYSTEMS:
+        raise InputError(f"unknown system '{name}'; {did_you_mean(name, list(SYSTEMS))}")
+    info = SYSTEMS[name]
+    chosen = info.settings() if settings is None else settings
+    if not isinstance(chosen, info.settings):
+        raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
+    return info.factory(field, camera, chosen, np.random.default_rng(0) if rng is None else rng)
+
+
+__all__ = ["DEFAULT_SYSTEM", "SYSTEMS", "SystemInfo", "open_system"]

@@ -1,0 +1,187 @@
+"""The one-call level: a recording in, a run with its errors and its report out."""
+
+from __future__ import annotations
+
+import math
+import platform
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from touchline.config import Settings, did_you_mean, load_settings
+from touchline.errors import InputError
+from touchline.evaluation.metrics import signed_errors
+from touchline.evaluation.run import Run, samples_of
+from touchline.evaluation.run_folder import RunFolder, new_folder, write_summary
+from touchline.evaluation.runner import OnFrame, RunTally, run_frames
+from touchline.geometry import Pose
+from touchline.sources import Recording, open_source
+from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo, open_system
+from touchline.types import Prior, System
+from touchline.view.overlay import overlay_image, pose_text
+
+if TYPE_CHECKING:
+    from touchline.evaluation.report import Picture
+
+_LIBRARIES = ("touchline", "numpy", "numba", "opencv-python-headless")
+
+
+def run(
+    recording: str | Path,
+    system: str = DEFAULT_SYSTEM,
+    *,
+    output: str | Path | None = None,
+    start: tuple[float, float, float] | None = None,
+    own_half: bool = False,
+    config: str | Path | None = None,
+    overrides: Sequence[str] = (),
+    seed: int = 0,
+) -> Run:
+    """Localize a recording and write the folder of the run, as `touchline run` does.
+
+    output: the folder, which must not exist; by default a new one, runs/NAME-N. start: x, y (m), heading (rad) in the
+    field frame. config: a YAML file of settings; overrides: `key=value` each. The same seed gives the same trajectory.
+
+    Raises InputError for bad input; what the system raises is raised on, after the folder has been finished.
+    """
+    prior = Prior(None if start is None else Pose(*start), own_half)
+    prepared = prepare(recording, system, prior=prior, config=config, overrides=overrides, seed=seed)
+    folder = new_folder(None if output is None else Path(output), prepared.source.name)
+    finished, failure = prepared.execute(folder)
+    if failure is not None:
+        raise failure
+    return finished
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PreparedRun:
+    """A run whose input has been checked: nothing is written before `execute`."""
+
+    source: Recording
+    system: System
+    info: SystemInfo
+    settings: Settings
+    prior: Prior
+    seed: int
+
+    def execute(
+        self,
+        folder: Path,
+        *,
+        on_frame: Sequence[OnFrame] = (),
+        stop: Callable[[], bool] = lambda: False,
+    ) -> tuple[Run, BaseException | None]:
+        """Run to the end, to a failure, or until `stop` says so; the (new, empty) folder is finished in each case.
+
+        Returns the run, and the exception that ended it, if one did.
+        """
+        started = datetime.now(UTC).isoformat(timespec="seconds")
+        with RunFolder(folder) as rows:
+            tally = run_frames(self.source, self.system, rows, on_frame=on_frame, stop=stop)
+        summary = {**self._description(started), **tally.summary(), "errors": None}
+        summary["problems"] = _problems(self.source)
+        write_summary(folder, summary)
+        finished = Run(folder)
+        finished.truth = samples_of(self.source.truth)
+        if finished.errors is not None:
+            summary["errors"] = finished.summary["errors"] = finished.errors.as_dict()
+            write_summary(folder, summary)
+        _write_report(finished, self.source, tally)
+        return finished, tally.failure
+
+    def _description(self, started: str) -> dict[str, Any]:
+        pose = self.prior.pose
+        return {
+            "format": 1,
+            "started": started,
+            "recording": {
+                "path": str(self.source.folder.resolve()),
+                "name": self.source.name,
+                "description": str(self.source.sequence.get("description", "")),
+                "field": self.source.field.name,
+            },
+            "system": self.info.name,
+            "settings": self.settings.model_dump(mode="json"),
+            "prior": {"pose": None if pose is None else list(pose), "own_half": self.prior.own_half},
+            "seed": self.seed,
+            "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
+            "platform": sys.platform,
+            "cpu": cpu_name(),
+        }
+
+
+def prepare(
+    recording: str | Path,
+    system: str = DEFAULT_SYSTEM,
+    *,
+    prior: Prior | None = None,
+    config: str | Path | None = None,
+    overrides: Sequence[str] = (),
+    seed: int = 0,
+) -> PreparedRun:
+    """Open everything a run needs and check it. Raises InputError for what is wrong."""
+    info = system_info(system)
+    settings = load_settings(info.settings, None if config is None else Path(config), overrides)
+    source = open_source(recording)
+    rng = np.random.default_rng(seed)
+    built = open_system(system, source.field, source.camera, settings, rng)
+    prior = prior or Prior()
+    built.reset(prior)
+    return PreparedRun(source, built, info, settings, prior, seed)
+
+
+def system_info(name: str) -> SystemInfo:
+    """The named system. Raises InputError with the nearest known name."""
+    if name not in SYSTEMS:
+        raise InputError(f"unknown system '{name}': {did_you_mean(name, list(SYSTEMS))}")
+    return SYSTEMS[name]
+
+
+def cpu_name() -> str:
+    """The processor's name, which every speed figure needs beside it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass  # not Linux: what Python knows has to do
+    return platform.processor() or platform.machine()
+
+
+def _problems(source: Recording) -> dict[str, Any]:
+    counts = {kind.value: count for kind, count in source.problems.counts.items()}
+    return {"counts": counts, "messages": [str(problem) for problem in source.problems]}
+
+
+def _write_report(finished: Run, source: Recording, tally: RunTally) -> None:
+    from touchline.evaluation.figures import RunData  # Matplotlib takes its time: the first frame need not wait for it
+    from touchline.evaluation.report import write_report
+
+    truth, trajectory = finished.truth, finished.estimates.trajectory
+    errors = None if truth is None else signed_errors(trajectory, truth)
+    data = RunData(finished.estimates, source.field, truth, errors)
+    write_report(finished.folder, finished.summary, data, finished.errors, _pictures(source, tally))
+
+
+def _pictures(source: Recording, tally: RunTally) -> list[Picture]:
+    from touchline.evaluation.report import Picture
+
+    pictures = []
+    for kept in [] if tally.pictures is None else tally.pictures.kept():
+        estimate, image = kept.estimate, kept.frame.image
+        if image is None:
+            continue
+        points = None if estimate.observation is None else estimate.observation.points
+        title = f"Image {kept.index} at {kept.frame.stamp_ns / 1e9:.2f} s"
+        residual = "" if math.isnan(estimate.residual_m) else f", residual {100 * estimate.residual_m:.1f} cm"
+        caption = f"{estimate.status.value}: {pose_text(estimate.pose)}{residual}"
+        caption += f" ({kept.reason})" if kept.reason != "evenly chosen" else ""
+        overlay = overlay_image(image, source.camera, source.field, estimate.pose, points)
+        pictures.append(Picture(title, caption, overlay))
+    return pictures

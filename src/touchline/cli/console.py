@@ -1,0 +1,48 @@
+"""What the commands print: error tables in cm and degrees on stdout, complaints on stderr."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from touchline.evaluation import ErrorTable
+
+DEBUG_VARIABLE = "TOUCHLINE_DEBUG"
+
+
+def output() -> Console:
+    """The console for results: plain text where it is not a terminal, long lines unbroken."""
+    return Console(highlight=False, soft_wrap=True)
+
+
+def errors_console() -> Console:
+    """The console for progress and complaints."""
+    return Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def complain(message: str) -> None:
+    """One message on stderr."""
+    errors_console().print(Text.assemble(("error: ", "bold red"), message))
+
+
+def error_table(errors: ErrorTable) -> Table:
+    """The error statistics, cm and degrees."""
+    from touchline.evaluation.metrics import COLUMNS
+
+    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("error")
+    for title in COLUMNS:
+        table.add_column(title, justify="right")
+    for name, values in errors.rows():
+        table.add_row(name, *values)
+    return table
+
+
+def print_errors(console: Console, errors: ErrorTable) -> None:
+    """The error table and what was left out of it."""
+    console.print(error_table(errors))
+    console.print(errors.left_out(), style="dim")

@@ -1,0 +1,167 @@
+"""`touchline run` and `touchline demo`: a recording in, a run folder out."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors
+from touchline.cli.console import output as output_console
+from touchline.errors import InputError, TouchlineError
+
+if TYPE_CHECKING:
+    from touchline.api import PreparedRun
+    from touchline.evaluation import Run
+    from touchline.geometry import Pose
+
+EXAMPLE = "omni_msl_track_short"
+INTERRUPTED = 130  # what a shell expects after Ctrl-C
+
+
+def run(
+    recording: Annotated[Path, typer.Argument(help="A recording: a folder in Touchline's format.", show_default=False)],
+    system: Annotated[str | None, typer.Option(help="The system to run; see touchline systems.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="New folder for the results [default: runs/NAME-N].", show_default=False)
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option(metavar="X,Y,HEADING", help="Where the robot starts (m, m, rad), field frame.")
+    ] = None,
+    own_half: Annotated[bool, typer.Option("--own-half", help="The robot starts in its own half (x < 0).")] = False,
+    config: Annotated[Path | None, typer.Option(help="YAML file of settings.", show_default=False)] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting; may be repeated.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same trajectory.")] = 0,
+) -> None:
+    """Localise a recording: trajectory, estimates, summary and report in a new folder."""
+    if start is not None and own_half:
+        raise InputError("--start and --own-half exclude each other: give the pose, or only the half")
+    from touchline.api import prepare
+    from touchline.systems import DEFAULT_SYSTEM
+    from touchline.types import Prior
+
+    prior = Prior(parse_pose(start) if start is not None else None, own_half)
+    prepared = prepare(
+        recording, system or DEFAULT_SYSTEM, prior=prior, config=config, overrides=settings or (), seed=seed
+    )
+    execute(prepared, output)
+
+
+def demo(
+    output: Annotated[
+        Path | None, typer.Option(help="New folder for the results [default: runs/demo-N].", show_default=False)
+    ] = None,
+) -> None:
+    """Localise the bundled recording, print the error table, write a report."""
+    recording = example_recording()
+    from touchline.api import prepare
+
+    execute(prepare(recording), output, name="demo")
+
+
+def example_recording() -> Path:
+    """The bundled recording: beside the sources in a checkout, inside the package when installed."""
+    package = Path(__file__).parents[1]
+    for folder in (package / "examples" / EXAMPLE, package.parents[1] / "examples" / EXAMPLE):
+        if folder.is_dir():
+            return folder
+    raise TouchlineError(f"the bundled recording {EXAMPLE} is not beside the package in {package}; install it again")
+
+
+def parse_pose(text: str) -> Pose:
+    """The pose written as X,Y,HEADING (m, m, rad). Raises InputError for anything else."""
+    from touchline.geometry import Pose, wrap_angle
+
+    try:
+        x, y, heading = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--start {text}: expected X,Y,HEADING in m, m, rad, for example --start=-3,1.5,0") from None
+    if not all(map(math.isfinite, (x, y, heading))):
+        raise InputError(f"--start {text}: the values must be finite numbers")
+    return Pose(x, y, wrap_angle(heading))
+
+
+def execute(prepared: PreparedRun, output: Path | None, name: str | None = None) -> None:
+    """Run with a progress bar and print what came out. Raises what ended the run, after its folder is finished."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from touchline.evaluation.run_folder import new_folder
+
+    folder = new_folder(output, name or prepared.source.name)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=errors_console()) as progress, interruptible() as stop:
+        task = progress.add_task(prepared.source.name, total=len(prepared.source), rate="")
+
+        def advance(*_: object) -> None:
+            speed = progress.tasks[0].speed
+            progress.update(task, advance=1, rate="" if speed is None else f"{speed:.0f} frames/s")
+
+        finished, failure = prepared.execute(folder, on_frame=[advance], stop=stop)
+    print_run(finished)
+    if failure is not None:
+        if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
+            raise failure
+        raise TouchlineError(
+            f"the run failed after {finished.summary['frames']} frames: {type(failure).__name__}: {failure} "
+            "(touchline --debug run … shows the traceback)"
+        ) from failure
+    if finished.summary["ended"] == "interrupted":
+        raise typer.Exit(INTERRUPTED)
+
+
+@contextmanager
+def interruptible() -> Iterator[Callable[[], bool]]:
+    """Turns the first Ctrl-C into a wish to stop after the frame at hand; a second one interrupts at once."""
+    asked = False
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, ask)
+    try:
+        yield lambda: asked
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def print_run(finished: Run) -> None:
+    """The error table, rates, problems and where the report is."""
+    from touchline.evaluation.latency import milliseconds
+
+    console, summary = output_console(), finished.summary
+    if summary["ended"] == "interrupted":
+        console.print(f"interrupted: {summary['frames']} images were done", style="yellow")
+    if finished.errors is not None:
+        print_errors(console, finished.errors)
+    elif summary["errors"] is None:
+        console.print("no errors to show: the recording holds no truth, or the robot was never located")
+    total, status = summary["latency_ms"]["total"], summary["status"]
+    if total["median"] is not None:
+        median, p99, most = (milliseconds(total[name]) for name in ("median", "p99", "max"))
+        console.print(f"{summary['frames']} images at {summary['rate_fps']:.0f} images/s, reading included")
+        console.print(
+            f"time per image: {median} ms median, {p99} ms p99, {most} ms at most (first images: code is loaded, colours learned)"
+        )
+    console.print(", ".join(f"{name} {count}" for name, count in status.items() if count) or "no images")
+    problems = summary["problems"]["counts"]
+    if problems:
+        said = ", ".join(f"{count} × {kind}" for kind, count in problems.items())
+        console.print(f"problems of the recording: {said} (touchline check lists them)", style="yellow")
+    console.print(f"report: {finished.report}")

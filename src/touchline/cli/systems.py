@@ -1,0 +1,43 @@
+"""`touchline systems`: what can be run, and with which settings."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def systems(
+    name: Annotated[str | None, typer.Argument(help="Show this system's settings.", show_default=False)] = None,
+) -> None:
+    """List the systems, or one system's settings with their defaults."""
+    from rich.table import Table
+
+    from touchline.api import system_info
+    from touchline.cli.console import output
+    from touchline.systems import DEFAULT_SYSTEM, SYSTEMS
+
+    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
+    if name is None:
+        table.add_column("system", no_wrap=True)
+        table.add_column("what it is")
+        for info in SYSTEMS.values():
+            mark = " (default)" if info.name == DEFAULT_SYSTEM else ""
+            table.add_row(f"{info.name}{mark}", info.description)
+        output().print(table, soft_wrap=False)
+        return
+    from touchline.config import settings_rows
+
+    info = system_info(name)
+    table.add_column("setting", no_wrap=True)
+    table.add_column("default", justify="right")
+    table.add_column("what it means")
+    for key, default, description in settings_rows(info.settings):
+        table.add_row(key, _short(default), description)
+    console = output()
+    console.print(f"{info.name}: {info.description}")
+    console.print(table, soft_wrap=False)
+
+
+def _short(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,53 @@
+"""`touchline view`: what each stage makes of one image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from touchline.errors import InputError
+
+if TYPE_CHECKING:
+    from touchline.view.look import Look
+
+
+def view(
+    source: Annotated[
+        Path, typer.Argument(metavar="RECORDING|IMAGE", help="A recording, or one image.", show_default=False)
+    ],
+    stages: Annotated[bool, typer.Option("--stages", help="Every stage's picture and a sheet of all.")] = False,
+    frame: Annotated[int, typer.Option(min=0, metavar="N", help="Which image of a recording, from 0.")] = 0,
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image.", show_default=False)] = None,
+    field: Annotated[
+        str | None, typer.Option(metavar="NAME|FILE", help="The field an image was taken on.", show_default=False)
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="New folder for the pictures [default: runs/NAME-view-N].", show_default=False)
+    ] = None,
+) -> None:
+    """Draw points and field lines over one image; with --stages, every step on the way there."""
+    if not source.exists():
+        raise InputError(f"{source}: there is no such recording or image")
+    if source.is_dir() and (camera is not None or field is not None):
+        raise InputError("--camera and --field are for single images: a recording brings its own")
+    if not source.is_dir() and camera is None:
+        raise InputError(f"{source}: an image needs its camera model; give it with --camera FILE")
+    from touchline.evaluation.run_folder import new_folder
+    from touchline.view.look import look_at_image, look_at_recording
+    from touchline.view.stages import save_pictures
+
+    look = look_at_recording(source, frame) if camera is None else look_at_image(source, camera, field)
+    pictures = look.stages() if stages else {"overlay": look.overlay()}
+    folder = new_folder(output, f"{look.name}-view")
+    _tell(look, save_pictures(pictures, folder))
+
+
+def _tell(look: Look, written: list[Path]) -> None:
+    from touchline.cli.console import output
+
+    console = output()
+    console.print(look.words())
+    for path in written:
+        console.print(str(path))

@@ -1,0 +1,87 @@
+"""A detector that learns its colours from the images it is given, and again when the light has changed."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from touchline.camera import OmniCamera
+from touchline.config import Settings
+from touchline.errors import TouchlineError
+from touchline.perception.line_points import LinePointDetector, LinePointSettings
+from touchline.types import Frame, ImageArray, LinePoints, empty_points
+
+
+class LearningSettings(Settings):
+    """When colours are learned."""
+
+    frames: int = Field(5, ge=1, description="first images that the colours are learned from, one after the other")
+    faded_green: float = Field(
+        0.6,
+        gt=0,
+        lt=1,
+        description="share of the usual green below which the light is believed to have changed; robots hide a third",
+    )
+    faded_frames: int = Field(
+        5, ge=1, description="images in a row with faded green before the colours are learned again"
+    )
+    black_level: float = Field(
+        12.0, ge=0, description="mean grey level under which the camera is covered: noise of a dark image has 2 to 8"
+    )
+
+
+class SelfLearningDetector:
+    """Line points of frame after frame, without any colours given beforehand."""
+
+    def __init__(
+        self,
+        camera: OmniCamera,
+        settings: LinePointSettings | None = None,
+        learning: LearningSettings | None = None,
+        line_width_m: float = 0.125,
+    ) -> None:
+        self.detector = LinePointDetector(camera, settings, line_width_m)
+        self.settings = learning or LearningSettings()
+        self._images: list[ImageArray] = []
+        self._usual_green = 0.0
+        self._faded = 0
+
+    def reset(self) -> None:
+        """Forget the colours."""
+        self._images = []
+        self._usual_green = 0.0
+        self._faded = 0
+
+    def detect(self, frame: Frame) -> LinePoints:
+        """Line points of a frame: its own if it has them already, none where no field is to be seen."""
+        if frame.points is not None:
+            return frame.points
+        if frame.image is None or float(frame.image[::8, ::8].mean()) < self.settings.black_level:
+            return empty_points()
+        if len(self._images) < self.settings.frames and not self._learn(frame.image):
+            return empty_points()
+        points = self.detector.detect(frame.image)
+        self._watch_green(frame.image)
+        return points
+
+    def _learn(self, image: ImageArray) -> bool:
+        """Learn from this image and those kept; whether colours are known now."""
+        self._images.append(image)
+        # the first image serves at once, all together once they are there: learning costs as much as many frames
+        if len(self._images) not in (1, self.settings.frames):
+            return self.detector.colours is not None
+        try:
+            self.detector.learn(self._images)
+        except TouchlineError:
+            self._images.pop()
+        return self.detector.colours is not None
+
+    def _watch_green(self, image: ImageArray) -> None:
+        share = self.detector.green_share
+        if share < self.settings.faded_green * self._usual_green:
+            self._faded += 1
+        else:
+            self._faded = 0
+            self._usual_green += 0.1 * (share - self._usual_green) if self._usual_green else share
+        if self._faded >= self.settings.faded_frames:
+            self.reset()
+            self._learn(image)

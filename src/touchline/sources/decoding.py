@@ -1,0 +1,96 @@
+"""Decoding one image file: what a decoder would quietly fill in is broken here."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from touchline.sources.problems import ProblemKind
+from touchline.types import ImageArray
+
+_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+_PNG_START, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
+_JPEG_START, _JPEG_END, _JPEG_SCAN = b"\xff\xd8", b"\xff\xd9", 0xDA
+# In the coded pixels of a JPEG file 0xFF is followed by 0, a restart marker, 0xFF, or by what starts a new scan.
+_JPEG_STRAY = re.compile(rb"\xff[^\x00\xc4\xd0-\xd7\xda-\xdd\xff]")
+_FILL = 128  # what libjpeg paints where the coded pixels end before the image does
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Decoded:
+    """An image as it was stored (uint8 or uint16, BGR), or why there is none."""
+
+    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | None
+    kind: ProblemKind | None = None
+    what: str = ""
+
+
+def decode_image(path: Path) -> Decoded:
+    """Decode a file as it is stored. Files that end early or are damaged inside are broken, as far as can be told:
+    OpenCV itself would give half an image without a word.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return Decoded(None, ProblemKind.MISSING_IMAGE, "the file is missing")
+    except (OSError, ValueError) as error:
+        return Decoded(None, ProblemKind.MISSING_IMAGE, f"the file cannot be read ({error})")
+    if not data:
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, "the file is empty")
+    if (damage := _damage(data)) is not None:
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, damage)
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), _FLAGS)
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, "is not an image that can be decoded")
+    if data.startswith(_JPEG_START) and bool((pixels[-8:, -8:] == _FILL).all()) and bool((pixels != _FILL).any()):
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, "the JPEG file is damaged: its lower part is lost")
+    return Decoded(pixels)  # type: ignore[arg-type]
+
+
+def usable_image(decoded: Decoded, size: tuple[int, int] | None) -> tuple[ImageArray | None, Decoded]:
+    """The pixels as perception takes them (uint8, of `size` = width, height), or None and why."""
+    pixels = decoded.pixels
+    if pixels is None:
+        return None, decoded
+    height, width = pixels.shape[:2]
+    if pixels.dtype != np.uint8:
+        what = f"holds {8 * pixels.itemsize}-bit linear values; exposure and gain have to be applied before it is seen"
+        return None, Decoded(None, ProblemKind.LINEAR_IMAGE, what)
+    if size is not None and (width, height) != size:
+        what = f"is {width}×{height} pixels, expected {size[0]}×{size[1]}"
+        return None, Decoded(None, ProblemKind.IMAGE_SIZE, what)
+    return pixels.astype(np.uint8, copy=False), decoded
+
+
+def _damage(data: bytes) -> str | None:
+    """What is wrong with the bytes of a JPEG or PNG file; None if nothing can be seen, or for another format."""
+    if data.startswith(_PNG_START):
+        return None if _PNG_END in data[-4096:] else "the PNG file ends early"
+    if not data.startswith(_JPEG_START):
+        return None
+    start = _first_scan(data)
+    if start is None:
+        return None  # the decoder will tell
+    end = data.find(_JPEG_END, start)
+    if end < 0:
+        return "the JPEG file ends early"
+    return "the JPEG file is damaged" if _JPEG_STRAY.search(data, start, end) else None
+
+
+def _first_scan(data: bytes) -> int | None:
+    """Where the coded pixels of a JPEG file start: behind the header segments, of which one may hold a thumbnail."""
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        at += 2 + int.from_bytes(data[at + 2 : at + 4])
+        if marker == _JPEG_SCAN:
+            return at
+    return None

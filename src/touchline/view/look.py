@@ -1,0 +1,117 @@
+"""One image looked at closely: its points, where they put the robot, and the pictures of every stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from touchline.camera import OmniCamera, open_camera
+from touchline.errors import InputError, NoFitError
+from touchline.evaluation.runner import is_black
+from touchline.field import FieldModel, open_field
+from touchline.geometry import Pose
+from touchline.localization import locate_points
+from touchline.perception import LinePointDetector
+from touchline.sources import Recording, open_source
+from touchline.systems import DEFAULT_SYSTEM, open_system
+from touchline.types import ImageArray, LinePoints
+from touchline.view.overlay import overlay_image, pose_text
+from touchline.view.stages import stage_pictures
+
+_COLOUR_IMAGES = 5
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Look:
+    """An image (H, W, 3) BGR with what was detected in it, and the pose, if one was found; `found` says how."""
+
+    name: str
+    image: ImageArray
+    camera: OmniCamera
+    detector: LinePointDetector
+    points: LinePoints
+    field: FieldModel | None
+    field_from_robot: Pose | None
+    found: str
+
+    def overlay(self) -> ImageArray:
+        """Points and field lines over the image."""
+        return overlay_image(self.image, self.camera, self.field, self.field_from_robot, self.points)
+
+    def stages(self) -> dict[str, ImageArray]:
+        """Title -> picture of every stage."""
+        pose = self.field_from_robot
+        return stage_pictures(self.image, self.camera, self.detector, self.field, pose, self.points)
+
+    def words(self) -> str:
+        """What was found, in one line."""
+        if self.field_from_robot is None:
+            return f"{self.name}: {len(self.points)} line points; {self.found}"
+        return f"{self.name}: {len(self.points)} line points; {pose_text(self.field_from_robot)} ({self.found})"
+
+
+def look_at_recording(path: Path, index: int) -> Look:
+    """Image `index` (from 0) of a recording, with the pose that the default system has when it comes to it.
+
+    Raises InputError if there is no such image or it cannot be read.
+    """
+    source = open_source(path)
+    if not 0 <= index < len(source):
+        raise InputError(f"{path}: has no image {index}; its images are 0 to {len(source) - 1}")
+    image = source.image(index)
+    if image is None:
+        raise InputError(f"{path}: image {index} cannot be read; touchline check tells why")
+    system = open_system(DEFAULT_SYSTEM, source.field, source.camera, rng=np.random.default_rng(0))
+    system.reset()
+    for frame in islice(source, index + 1):
+        estimate = system.step(frame)
+    detector = LinePointDetector(source.camera, line_width_m=source.field.line_width)
+    detector.learn([image, *_colour_images(source)])
+    points = detector.detect(image)
+    name = f"{source.name}-{index}"
+    found = f"{estimate.status.value}, as {DEFAULT_SYSTEM} has it after {index + 1} images"
+    return Look(name, image, source.camera, detector, points, source.field, estimate.pose, found)
+
+
+def look_at_image(path: Path, camera_file: Path, field_name: str | None = None) -> Look:
+    """One image taken through a camera; with a field (a preset's name or a file) its pose is looked for, too.
+
+    Without a compass a symmetric field has two poses that fit equally well: the first of them is drawn.
+    Raises InputError if a file cannot be read.
+    """
+    camera = open_camera(camera_file)
+    field = None if field_name is None else open_field(field_name)
+    image = read_image(path)
+    detector = LinePointDetector(camera) if field is None else LinePointDetector(camera, line_width_m=field.line_width)
+    detector.learn([image])
+    points = detector.detect(image)
+    pose, found = None, "no pose: give the field with --field NAME"
+    if field is not None:
+        try:
+            pose, found = locate_points(points.positions_m, field).pose, "or its mirror image, without a compass"
+        except NoFitError as error:
+            found = f"no pose: {error}"
+    return Look(path.stem, image, camera, detector, points, field, pose, found)
+
+
+def read_image(path: Path) -> ImageArray:
+    """An image file as (H, W, 3) BGR. Raises InputError if it is none."""
+    try:
+        code = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    image = cv2.imdecode(code, cv2.IMREAD_COLOR) if len(code) else None
+    if image is None:
+        raise InputError(f"{path}: is not an image that can be decoded")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _colour_images(source: Recording) -> list[ImageArray]:
+    """A few images spread over the recording, to learn the colours from; not the missing and the black ones."""
+    indices = np.unique(np.linspace(0, len(source) - 1, _COLOUR_IMAGES).astype(int))
+    images = [source.image(int(index)) for index in indices]
+    return [image for image in images if image is not None and not is_black(image)]

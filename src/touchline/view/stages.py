@@ -1,0 +1,94 @@
+"""Each stage's picture, from the image to the field lines drawn over it: one file each and one sheet of all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from touchline.camera import OmniCamera
+from touchline.errors import TouchlineError
+from touchline.field import FieldModel
+from touchline.geometry import Pose
+from touchline.perception import LinePointDetector
+from touchline.types import ImageArray, LinePoints
+from touchline.view.birds_eye import birds_eye_image
+from touchline.view.overlay import overlay_image
+
+_TILE_PX = 640
+_TITLE_PX = 40
+_GAP_PX = 12
+_PAPER = (24, 24, 24)
+
+
+def stage_pictures(
+    image: ImageArray,
+    camera: OmniCamera,
+    detector: LinePointDetector,
+    field: FieldModel | None,
+    field_from_robot: Pose | None,
+    points: LinePoints,
+) -> dict[str, ImageArray]:
+    """Title -> picture (H, W, 3) BGR of every stage, in their order.
+
+    The detector must have learned its colours. Without field or pose the last picture shows the points alone.
+    """
+    return {
+        "original": image,
+        **detector.stages(image),
+        "bird's-eye view": birds_eye_image(image, camera, points),
+        "overlay": overlay_image(image, camera, field, field_from_robot, points),
+    }
+
+
+def contact_sheet(pictures: Mapping[str, ImageArray], columns: int = 3) -> ImageArray:
+    """All pictures on one sheet (H, W, 3), each under its title, in equal tiles."""
+    tiles = [_tile(f"{number}  {title}", picture) for number, (title, picture) in enumerate(pictures.items(), start=1)]
+    columns = min(columns, len(tiles))
+    blank = np.full_like(tiles[0], _PAPER[0])
+    tiles += [blank] * (-len(tiles) % columns)
+    rows = [np.hstack(tiles[first : first + columns]) for first in range(0, len(tiles), columns)]
+    return np.vstack(rows)
+
+
+def save_pictures(pictures: Mapping[str, ImageArray], folder: Path) -> list[Path]:
+    """Write NN-title.png for each picture into an existing folder, and stages.png, the sheet of all, if there are more
+    than one. Returns the paths.
+    """
+    paths = []
+    for number, (title, picture) in enumerate(pictures.items(), start=1):
+        word = "-".join("".join(c if c.isalnum() else " " for c in title.replace("'", "")).split()).lower()
+        paths.append(folder / f"{number:02d}-{word}.png")
+        save_picture(paths[-1], picture)
+    if len(pictures) > 1:
+        paths.append(folder / "stages.png")
+        save_picture(paths[-1], contact_sheet(pictures))
+    return paths
+
+
+def save_picture(path: Path, picture: ImageArray) -> None:
+    """Write a PNG file. Raises TouchlineError if that cannot be done."""
+    done, code = cv2.imencode(".png", picture)
+    try:
+        if done:
+            path.write_bytes(code.tobytes())
+            return
+        reason = "the picture cannot be encoded"
+    except OSError as error:
+        reason = str(error.strerror)
+    raise TouchlineError(f"{path}: cannot be written ({reason})")
+
+
+def _tile(title: str, picture: ImageArray) -> ImageArray:
+    height, width = picture.shape[:2]
+    scale = min(_TILE_PX / width, _TILE_PX / height)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+    tile = np.full((_TILE_PX + _TITLE_PX + _GAP_PX, _TILE_PX + 2 * _GAP_PX, 3), _PAPER[0], dtype=np.uint8)
+    left, top = _GAP_PX + (_TILE_PX - size[0]) // 2, _TITLE_PX + (_TILE_PX - size[1]) // 2
+    tile[top : top + size[1], left : left + size[0]] = small
+    ink = (235, 235, 235)
+    cv2.putText(tile, title, (_GAP_PX, _TITLE_PX - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.65, ink, 1, cv2.LINE_AA)
+    return tile

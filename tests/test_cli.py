@@ -1,0 +1,315 @@
+"""The command line: what it prints, what it refuses, and with which exit status."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fakes import FakeSystem, true_samples, write_recording
+
+from touchline.cli import main
+from touchline.config import Settings
+from touchline.errors import NoFitError
+from touchline.evaluation import write_tum
+from touchline.systems import SYSTEMS, SystemInfo
+from touchline.types import Estimate, Frame
+
+HEAVY = ("numpy", "numba", "cv2", "matplotlib", "pydantic", "yaml")
+
+
+class FakeSettings(Settings):
+    noise_m: float = 0.01
+
+
+class BrokenSystem(FakeSystem):
+    def step(self, frame: Frame) -> Estimate:
+        if len(self.seen) == 3:
+            raise ZeroDivisionError("by design")
+        return super().step(frame)
+
+
+class RefusingSystem(FakeSystem):
+    def step(self, frame: Frame) -> Estimate:
+        raise NoFitError("these points fit nothing")
+
+
+@pytest.fixture(autouse=True)
+def _workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("TOUCHLINE_DEBUG", raising=False)
+    for name, kind in (("fake", FakeSystem), ("broken", BrokenSystem), ("refusing", RefusingSystem)):
+        info = SystemInfo(
+            name, f"a {name} system", FakeSettings, lambda field, camera, s, rng, kind=kind: kind(rng, s.noise_m)
+        )
+        monkeypatch.setitem(SYSTEMS, name, info)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return write_recording(tmp_path / "tiny")
+
+
+def told(capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
+    captured = capsys.readouterr()
+    return captured.out, captured.err
+
+
+def test_nothing_heavy_is_imported_before_it_is_needed() -> None:
+    code = f"import sys, touchline, touchline.cli; print([name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_help_needs_nothing_heavy_either() -> None:
+    code = (
+        "import sys\nfrom touchline.cli import main\nstatus = main(['--help'])\n"
+        f"print(status, [name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "0 []"
+
+
+def test_the_module_can_be_run() -> None:
+    done = subprocess.run([sys.executable, "-m", "touchline.cli", "--version"], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert done.stdout.startswith("touchline ")
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["-h"]])
+def test_help_names_every_command(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 0
+    out, _ = told(capsys)
+    for command in ("demo", "run", "locate", "evaluate", "check", "view", "systems", "fields"):
+        assert f" {command} " in out
+
+
+def test_run_writes_the_four_files_and_prints_the_table(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(recording), "--system", "fake"]) == 0
+    out, _ = told(capsys)
+    folder = Path("runs/tiny-1")
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "estimates.csv",
+        "report.html",
+        "summary.json",
+        "trajectory.tum",
+    ]
+    assert "x (cm)" in out
+    assert "11 frames counted; left out: 1 before the first estimate" in out
+    assert str(folder / "report.html") in out
+
+
+def test_summary_says_what_was_run(recording: Path) -> None:
+    assert main(["run", str(recording), "--system", "fake", "--set", "noise_m=0.02", "--seed", "3"]) == 0
+    summary = json.loads(Path("runs/tiny-1/summary.json").read_text())
+    assert summary["system"] == "fake"
+    assert summary["settings"] == {"noise_m": 0.02}
+    assert summary["seed"] == 3
+    assert summary["recording"] == {
+        "path": str(recording),
+        "name": "tiny",
+        "description": "a tiny recording",
+        "field": "msl-18x12",
+    }
+    assert summary["ended"] == "complete"
+    assert summary["frames"] == 12
+    assert {"touchline", "python", "numpy", "numba"} <= set(summary["versions"])
+    assert summary["errors"]["frames"] == 11
+    assert 0.0 < summary["errors"]["x_m"]["mean"] < 0.06
+    assert summary["latency_ms"]["total"]["median"] > 0
+
+
+def test_the_same_seed_gives_the_same_trajectory(recording: Path) -> None:
+    for seed in ("1", "1", "2"):
+        assert main(["run", str(recording), "--system", "fake", "--seed", seed]) == 0
+    first, second, other = (Path(f"runs/tiny-{n}/trajectory.tum").read_bytes() for n in (1, 2, 3))
+    assert first == second
+    assert first != other
+
+
+def test_settings_come_from_a_file_and_the_command_line_wins(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text("noise_m: 0.5\n")
+    assert main(["run", str(recording), "--system", "fake", "--config", "s.yaml"]) == 0
+    assert main(["run", str(recording), "--system", "fake", "--config", "s.yaml", "--set", "noise_m=0.1"]) == 0
+    used = [json.loads(Path(f"runs/tiny-{n}/summary.json").read_text())["settings"]["noise_m"] for n in (1, 2)]
+    assert used == [0.5, 0.1]
+
+
+def test_the_start_reaches_the_system(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[FakeSystem] = []
+
+    def make(field: object, camera: object, settings: object, rng: np.random.Generator) -> FakeSystem:
+        made.append(FakeSystem(rng))
+        return made[-1]
+
+    monkeypatch.setitem(SYSTEMS, "fake", SystemInfo("fake", "", FakeSettings, make))
+    assert main(["run", str(recording), "--system", "fake", "--start=-1.5,2,0.5"]) == 0
+    assert main(["run", str(recording), "--system", "fake", "--own-half"]) == 0
+    first, second = (system.prior for system in made)
+    assert first is not None
+    assert second is not None
+    assert first.pose == (-1.5, 2.0, 0.5)
+    assert not first.own_half
+    assert (second.pose, second.own_half) == (None, True)
+
+
+def test_a_recording_without_truth_is_run_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = write_recording(tmp_path / "blind", truth=False)
+    assert main(["run", str(recording), "--system", "fake"]) == 0
+    out, _ = told(capsys)
+    assert "no truth" in out
+    assert json.loads(Path("runs/tiny-1/summary.json").read_text())["errors"] is None
+
+
+def test_a_broken_image_is_survived_counted_and_told(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (recording / "images" / "000004.png").write_bytes(b"not an image")
+    assert main(["run", str(recording), "--system", "fake"]) == 0
+    out, _ = told(capsys)
+    assert "problems of the recording: 1 × broken image" in out
+    summary = json.loads(Path("runs/tiny-1/summary.json").read_text())
+    assert summary["missing_images"] == 1
+    assert "images/000004.png" in summary["problems"]["messages"][0]
+    assert "images/000004.png" in Path("runs/tiny-1/report.html").read_text()
+
+
+def test_nothing_is_overwritten(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "out").mkdir()
+    assert main(["run", str(recording), "--system", "fake", "--output", "out"]) == 2
+    assert "exists already" in told(capsys)[1]
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_a_failed_run_has_status_1_and_keeps_what_was_done(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(recording), "--system", "broken"]) == 1
+    _, err = told(capsys)
+    assert "the run failed after 3 frames: ZeroDivisionError: by design (touchline --debug" in err
+    assert "Traceback" not in err
+    assert len(Path("runs/tiny-1/trajectory.tum").read_text().splitlines()) == 3
+    assert json.loads(Path("runs/tiny-1/summary.json").read_text())["ended"] == "failed"
+    assert "by design" in Path("runs/tiny-1/report.html").read_text()
+
+
+def test_debug_shows_where_it_failed(recording: Path) -> None:
+    with pytest.raises(ZeroDivisionError):
+        main(["--debug", "run", str(recording), "--system", "broken"])
+
+
+def test_what_the_system_refuses_is_told_as_it_says(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(recording), "--system", "refusing"]) == 1
+    assert "error: these points fit nothing\n" in told(capsys)[1]
+
+
+def test_ctrl_c_finishes_the_folder_with_what_was_done(
+    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import signal
+
+    class Interrupting(FakeSystem):
+        def step(self, frame: Frame) -> Estimate:
+            if len(self.seen) == 4:
+                signal.raise_signal(signal.SIGINT)
+            return super().step(frame)
+
+    info = SystemInfo("fake", "", FakeSettings, lambda field, camera, settings, rng: Interrupting(rng))
+    monkeypatch.setitem(SYSTEMS, "fake", info)
+    handler = signal.getsignal(signal.SIGINT)
+    assert main(["run", str(recording), "--system", "fake"]) == 130
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert "interrupted: 5 images were done" in told(capsys)[0]
+    assert len(Path("runs/tiny-1/trajectory.tum").read_text().splitlines()) == 5
+    assert "was interrupted" in Path("runs/tiny-1/report.html").read_text()
+
+
+def test_evaluate_prints_the_table_of_a_run(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["run", str(recording), "--system", "fake"])
+    printed = told(capsys)[0]
+    assert main(["evaluate", "runs/tiny-1"]) == 0
+    out, _ = told(capsys)
+    assert out.splitlines()[:6] == printed.splitlines()[:6]
+    assert main(["evaluate", "runs/tiny-1", "--skip", "5"]) == 0
+    assert "7 frames counted; left out: 5 first frames, as asked" in told(capsys)[0]
+
+
+def test_evaluate_takes_a_trajectory_and_a_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_tum(tmp_path / "a.tum", true_samples(10))
+    assert main(["evaluate", "a.tum", "--truth", "a.tum"]) == 0
+    out, _ = told(capsys)
+    assert "10 frames counted" in out
+    assert "0.00" in out
+
+
+def test_systems_are_listed_with_the_default_marked(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["systems"]) == 0
+    out, _ = told(capsys)
+    assert "nubot-mti (default)" in out
+    assert "a fake system" in out
+
+
+def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["systems", "nubot-mti"]) == 0
+    out, _ = told(capsys)
+    assert "matching.c_m" in out
+    assert "0.25" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["fly"], "fly"),
+        (["--wings"], "--wings"),
+        (["run"], "'recording'"),
+        (["run", "nowhere"], "nowhere: there is no such recording"),
+        (["run", "tiny", "--wings"], "--wings"),
+        (["run", "tiny", "--system", "fak"], "did you mean 'fake'?"),
+        (["run", "tiny", "--system", "fake", "--set", "noise=1"], "did you mean 'noise_m'?"),
+        (["run", "tiny", "--system", "fake", "--set", "noise_m"], "expected KEY=VALUE"),
+        (["run", "tiny", "--system", "fake", "--config", "none.yaml"], "none.yaml: cannot be read"),
+        (["run", "tiny", "--start", "1,2"], "expected X,Y,HEADING"),
+        (["run", "tiny", "--start", "1,2,nan"], "finite"),
+        (["run", "tiny", "--start", "1,2,3", "--own-half"], "exclude each other"),
+        (["run", "tiny", "--seed", "-1"], "--seed"),
+        (["run", "tiny", "--seed", "one"], "--seed"),
+        (["run", "tiny", "--system", "fake", "--output", "tiny"], "exists already"),
+        (["demo", "--output", "tiny"], "exists already"),
+        (["demo", "now"], "now"),
+        (["evaluate"], "'run'"),
+        (["evaluate", "nowhere"], "there is no such run"),
+        (["evaluate", "tiny"], "summary.json: cannot be read"),
+        (["evaluate", "tiny/ground_truth.tum"], "--truth FILE"),
+        (["evaluate", "tiny/ground_truth.tum", "--truth", "tiny/images.csv"], "line 1: expected 't x y z"),
+        (["evaluate", "tiny/ground_truth.tum", "--truth", "tiny/ground_truth.tum", "--skip", "99"], "left out"),
+        (["view"], "RECORDING|IMAGE"),
+        (["view", "nowhere.png"], "there is no such recording or image"),
+        (["view", "tiny/images/000000.png"], "--camera FILE"),
+        (["view", "tiny", "--camera", "tiny/camera.yaml"], "brings its own"),
+        (["view", "tiny", "--frame", "12"], "images are 0 to 11"),
+        (["view", "tiny/images.csv", "--camera", "tiny/camera.yaml"], "not an image"),
+        (["systems", "nubot"], "did you mean 'nubot-mti'?"),
+    ],
+)
+def test_bad_arguments_have_status_2_and_one_plain_line(
+    recording: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert main(arguments) == 2
+    out, err = told(capsys)
+    assert out == ""
+    assert err.startswith("error: ")
+    assert said in err
+    assert len(err.splitlines()) == 1
+    assert "Traceback" not in err
+    assert not Path("runs").exists()
+
+
+def test_an_unexpected_error_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr("touchline.evaluation.evaluate", broken)
+    assert main(["evaluate", "anything"]) == 1
+    _, err = told(capsys)
+    assert err == "error: unexpected RuntimeError: a defect (touchline --debug evaluate anything shows the traceback)\n"

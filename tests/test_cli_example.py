@@ -1,0 +1,109 @@
+"""The whole way on the bundled recording: demo, view, and the same in Python."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import pytest
+
+import touchline
+from touchline.cli import main
+from touchline.cli.run import EXAMPLE, example_recording
+from touchline.errors import InputError
+
+STAGES = ["original", "colour classes", "scan lines", "field boundary", "line points", "bird's-eye view", "overlay"]
+
+
+@pytest.fixture(autouse=True)
+def _workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_the_bundled_recording_is_small_and_whole() -> None:
+    source = touchline.open_source(example_recording())
+    assert source.name == EXAMPLE
+    assert len(source) == 60
+    assert source.truth is not None
+    assert len(source.truth) == 60
+    assert sum(path.stat().st_size for path in example_recording().rglob("*") if path.is_file()) < 6e6
+    for _ in source:
+        pass
+    assert list(source.problems) == []
+
+
+def test_demo_prints_the_table_and_the_place_of_the_report(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo"]) == 0
+    out = capsys.readouterr().out
+    assert "heading (°)" in out
+    assert "report: runs/demo-1/report.html" in out
+    page = Path("runs/demo-1/report.html").read_text()
+    assert page.count("data:image/jpeg;base64,") >= 5
+    errors = json.loads(Path("runs/demo-1/summary.json").read_text())["errors"]
+    assert errors["frames"] >= 58
+    assert errors["x_m"]["mean"] < 0.015
+    assert errors["y_m"]["mean"] < 0.015
+    assert errors["heading_rad"]["mean"] < math.radians(0.3)
+
+
+def test_three_lines_of_python_do_the_same() -> None:
+    run = touchline.run(example_recording(), system="nubot-mti")
+    assert "position (cm)" in str(run.errors)
+    assert run.errors is not None
+    assert run.errors.position.max < 0.06
+    assert run.report.is_file()
+    assert len(run.estimates) == 60
+    assert touchline.evaluate(run.folder) == run.errors
+
+
+def test_python_refuses_what_the_command_refuses() -> None:
+    with pytest.raises(InputError, match="did you mean 'nubot-mti'"):
+        touchline.run(example_recording(), system="nubot")
+    with pytest.raises(InputError, match="no such recording"):
+        touchline.run("nowhere")
+    with pytest.raises(AttributeError, match="no attribute 'walk'"):
+        touchline.walk  # noqa: B018
+    assert not Path("runs").exists()
+
+
+def test_everything_public_can_be_reached() -> None:
+    for name in touchline.__all__:
+        assert callable(getattr(touchline, name))
+        assert name in dir(touchline)
+    assert touchline.__version__
+
+
+def test_view_of_a_recording_saves_every_stage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", str(example_recording()), "--stages", "--frame", "2", "--output", "stages"]) == 0
+    out = capsys.readouterr().out
+    assert "x -5." in out
+    names = [path.name for path in sorted(Path("stages").iterdir())]
+    assert names[-1] == "stages.png"
+    titles = [name[3:-4] for name in names[:-1]]
+    kept = [stage.replace("'", "").replace(" ", "-") for stage in STAGES]
+    assert [title for title in titles if title in kept] == kept
+    sheet = cv2.imread("stages/stages.png")
+    assert sheet is not None
+    assert min(sheet.shape[:2]) > 1000
+
+
+def test_view_of_an_image_finds_its_pose_or_the_mirrored_one(capsys: pytest.CaptureFixture[str]) -> None:
+    example = example_recording()
+    image, camera = example / "images" / "000005.jpg", example / "camera.yaml"
+    assert main(["view", str(image), "--camera", str(camera), "--field", "msl-18x12", "--output", "a"]) == 0
+    out = capsys.readouterr().out
+    truth = touchline.open_source(example).truth
+    assert truth is not None
+    x = abs(float(out.split(" x ")[1].split()[0]))
+    assert x == pytest.approx(abs(truth[5].x), abs=0.1)
+    assert [path.name for path in Path("a").iterdir()] == ["01-overlay.png"]
+
+
+def test_view_of_an_image_without_field_shows_the_points(capsys: pytest.CaptureFixture[str]) -> None:
+    example = example_recording()
+    image, camera = example / "images" / "000005.jpg", example / "camera.yaml"
+    assert main(["view", str(image), "--camera", str(camera)]) == 0
+    assert "give the field with --field" in capsys.readouterr().out
+    assert Path("runs/000005-view-1/01-overlay.png").is_file()

@@ -1,0 +1,120 @@
+"""A tilted mirror shows itself in the bend of the lines."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from touchline.field import open_field
+from touchline.geometry import FloatArray, Pose
+from touchline.localization.mirror_tilt import MirrorTilt, MirrorTiltSettings, bent, normal_equations
+from touchline.types import LinePoints
+
+FIELD = open_field("msl-18x12")
+HEIGHT_M = MirrorTiltSettings().height_m
+
+
+def seen(pose: Pose, reach_m: float = 6.0) -> FloatArray:
+    """Points (N, 2) of the lines within reach, robot frame."""
+    points = np.concatenate([line[::4] for line in FIELD.polylines()])
+    robot = pose.inverse().transform(points)
+    return robot[np.hypot(*robot.T) < reach_m]
+
+
+def tilted(positions_m: FloatArray, axis: float, angle_rad: float) -> FloatArray:
+    """What a camera reports whose rays, from HEIGHT_M above the robot, are turned by an angle about a ground axis."""
+    rays = np.column_stack((positions_m, np.full(len(positions_m), -HEIGHT_M)))
+    k = np.array([math.cos(axis), math.sin(axis), 0.0])
+    turned = (
+        rays * math.cos(angle_rad)
+        + np.cross(k, rays) * math.sin(angle_rad)
+        + np.outer(rays @ k, k) * (1.0 - math.cos(angle_rad))
+    )
+    return turned[:, :2] * (HEIGHT_M / -turned[:, 2:])
+
+
+def line_points(positions_m: FloatArray, noise_m: float = 0.0) -> LinePoints:
+    n = len(positions_m)
+    noise = np.random.default_rng(3).normal(0.0, noise_m, (n, 2)) if noise_m else 0.0
+    ranges = np.hypot(*positions_m.T)
+    covariances = (0.01 + 0.003 * ranges**2)[:, None, None] ** 2 * np.eye(2)
+    return LinePoints(positions_m + noise, covariances, np.ones(n), np.full((n, 2), np.nan))
+
+
+@pytest.mark.parametrize("axis", [0.0, 1.1, -2.5])
+def test_a_tilt_is_found_and_taken_out(axis: float) -> None:
+    pose = Pose(2.0, 1.5, 0.7)
+    true = seen(pose)
+    tilt = MirrorTilt(FIELD)
+    wrong = line_points(tilted(true, axis, math.radians(0.5)), noise_m=0.005)
+    bend = tilt.update(wrong, Pose(2.05, 1.45, 0.72))
+    before = np.abs(wrong.positions_m - true).max()
+    after = np.abs(tilt.corrected(wrong.positions_m, bend) - true)
+    assert before > 0.3
+    assert np.median(after) < 0.01
+    assert after.max() < 0.06
+
+
+def test_the_mean_tilt_is_learned_and_vibration_is_followed() -> None:
+    pose = Pose(-3.0, 0.5, 0.2)
+    rng = np.random.default_rng(5)
+    tilt = MirrorTilt(FIELD)
+    true = seen(pose)
+    bends = []
+    for _ in range(60):
+        shake = math.radians(0.1) * rng.normal()
+        wrong = line_points(tilted(true, 0.4, math.radians(0.4) + shake), noise_m=0.005)
+        bend = tilt.update(wrong, pose)
+        bends.append(bend)
+        assert np.median(np.abs(tilt.corrected(wrong.positions_m, bend) - true)) < 0.01
+    np.testing.assert_allclose(tilt.mean_per_m, np.mean(bends, axis=0), atol=0.0008)
+    assert np.trace(tilt.covariance) < 1e-5
+
+
+def test_an_upright_mirror_stays_upright() -> None:
+    pose = Pose(4.0, -2.0, 2.0)
+    bend = MirrorTilt(FIELD).update(line_points(seen(pose), noise_m=0.01), pose)
+    assert np.abs(bend).max() < 0.001
+
+
+def test_one_straight_line_alone_moves_the_tilt_little() -> None:
+    y = np.linspace(-2.0, 2.0, 40)
+    ahead = np.column_stack((np.full(40, 2.0), y))
+    pose = Pose(6.9375, 0.0, 0.0)  # 2 m before the goal line
+    tilt = MirrorTilt(FIELD)
+    bend = tilt.update(line_points(ahead, noise_m=0.01), pose)
+    assert np.hypot(*bend) < 0.01
+
+
+def test_reset_forgets() -> None:
+    tilt = MirrorTilt(FIELD)
+    pose = Pose(2.0, 1.5, 0.7)
+    tilt.update(line_points(tilted(seen(pose), 0.0, 0.01)), pose)
+    assert np.any(tilt.mean_per_m != 0.0)
+    tilt.reset()
+    np.testing.assert_array_equal(tilt.mean_per_m, [0.0, 0.0])
+
+
+def test_normal_equations_are_those_of_the_numeric_derivative() -> None:
+    pose = Pose(1.0, -2.0, 0.4)
+    points = line_points(seen(pose)[::5] * 1.01)
+    state = np.array([*pose, 0.002, -0.003])
+    arguments = (points.positions_m, points.covariances_m2)
+    matrix, vector = normal_equations(*arguments, state, HEIGHT_M, 0.1, 0.01, *FIELD.line_tables)
+
+    def signed(s: FloatArray) -> FloatArray:
+        field_points = Pose(*s[:3]).transform(bent(points.positions_m, s[3:], HEIGHT_M))
+        return FIELD.line_distances(field_points)
+
+    step = 1e-6
+    rows = np.column_stack([(signed(state + step * e) - signed(state - step * e)) / (2 * step) for e in np.eye(5)])
+    distance = signed(state)
+    normals = rows[:, :2] @ np.array(
+        [[math.cos(0.4), -math.sin(0.4)], [math.sin(0.4), math.cos(0.4)]]
+    )  # field to robot frame
+    variance = 0.01**2 + np.einsum("ni,nij,nj->n", normals, points.covariances_m2, normals)
+    weight = (0.1**2 / (0.1**2 + distance**2)) ** 2 / variance
+    np.testing.assert_allclose(matrix, np.einsum("n,ni,nj->ij", weight, rows, rows), rtol=1e-4)
+    np.testing.assert_allclose(vector, -(weight * distance) @ rows, rtol=1e-4, atol=1e-3)

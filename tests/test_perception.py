@@ -1,0 +1,282 @@
+"""Line points: where painted lines are, and nowhere else."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from synthetic import BLACK, GREEN, WHITE, YELLOW, line_field, mirror_camera, paint_ground
+
+from touchline.camera import OmniCamera
+from touchline.errors import InputError, TouchlineError
+from touchline.geometry import FloatArray
+from touchline.perception import LinePointDetector, LinePointSettings, SelfLearningDetector
+from touchline.perception.colour import GREEN as GREEN_CLASS
+from touchline.perception.colour import WHITE as WHITE_CLASS
+from touchline.perception.field_boundary import green_ends, inside_green
+from touchline.perception.profiles import BODY, sample_paths
+from touchline.perception.scan_lines import build_scan_lines
+from touchline.types import Frame, ImageArray, LinePoints
+
+CAMERA = mirror_camera()
+CROSS = [(1.0, 0.0, 1.8), (0.0, 1.0, -1.2)]
+
+
+def detected(image: ImageArray, camera: OmniCamera = CAMERA, **settings: object) -> LinePoints:
+    detector = LinePointDetector(camera, LinePointSettings(**settings))  # type: ignore[arg-type]
+    detector.learn([image])
+    return detector.detect(image)
+
+
+def distances(points: LinePoints, lines: list[tuple[float, float, float]]) -> FloatArray:
+    return np.min([np.abs(points.positions_m @ (a, b) - c) for a, b, c in lines], axis=0)
+
+
+@pytest.fixture(scope="module")
+def cross_image() -> ImageArray:
+    return paint_ground(CAMERA, line_field(CROSS))
+
+
+def test_points_lie_on_the_lines_to_a_fraction_of_a_pixel(cross_image: ImageArray) -> None:
+    points = detected(cross_image)
+    ranges = np.hypot(*points.positions_m.T)
+    off = distances(points, CROSS)
+    assert len(points) >= 80
+    assert np.median(off[ranges < 3.0]) < 0.004
+    assert np.quantile(off, 0.95) < 0.05
+    pixel_m = np.abs(CAMERA.ground_jacobian(points.pixels)).max(axis=(1, 2))
+    assert np.quantile(off / pixel_m, 0.9) < 0.35
+
+
+def test_a_line_that_points_at_the_robot_is_seen_by_the_circles() -> None:
+    line = [(0.0, 1.0, 0.0)]
+    image = paint_ground(CAMERA, line_field(line))
+    ahead = detected(image)
+    without = detected(image, circles=0)
+    assert np.sum(distances(ahead, line) < 0.02) >= 12
+    assert len(ahead) > 3 * max(len(without), 1)
+    spread = ahead.positions_m[:, 0]
+    assert spread.max() > 2.5
+    assert spread.min() < -2.5
+
+
+@pytest.mark.parametrize("light", [0.35, 0.6, 1.0, 1.1])
+def test_dim_and_bright_light_need_no_other_settings(light: float) -> None:
+    image = paint_ground(CAMERA, line_field(CROSS, light=light))
+    points = detected(image)
+    assert len(points) >= 75
+    assert np.median(distances(points, CROSS)) < 0.01
+
+
+def test_the_edge_of_a_sunny_patch_is_no_line_and_hides_none() -> None:
+    plain = line_field(CROSS, light=0.5)
+
+    def sunny(points: FloatArray) -> FloatArray:
+        colours = plain(points)
+        patch = (np.abs(points[:, 0] - 0.4) < 1.0) & (np.abs(points[:, 1] + 1.6) < 0.9)
+        bars = np.abs(np.mod(points[:, 0], 0.5) - 0.25) < 0.06
+        colours[patch & ~bars] *= 1.9
+        return colours
+
+    points = detected(paint_ground(CAMERA, sunny))
+    off = distances(points, CROSS)
+    assert len(points) >= 70
+    assert np.mean(off > 0.05) < 0.03
+
+
+def test_a_ball_a_dark_robot_and_a_marker_are_no_lines() -> None:
+    def cluttered(points: FloatArray) -> FloatArray:
+        colours = np.tile(np.array(GREEN, dtype=float), (len(points), 1))
+        magenta, cyan = (200, 60, 200), (220, 200, 40)
+        for x, y, radius, colour in (
+            (1.0, 0.5, 0.11, YELLOW), (-1.2, 0.8, 0.25, BLACK), (0.2, -1.4, 0.1, magenta), (-0.5, -1.2, 0.1, cyan),
+        ):  # fmt: skip
+            colours[np.hypot(points[:, 0] - x, points[:, 1] - y) < radius] = colour
+        return colours
+
+    def with_line(points: FloatArray) -> FloatArray:
+        colours = cluttered(points)
+        colours[np.abs(points[:, 0] - 2.4) <= 0.0625] = WHITE
+        return colours
+
+    points = detected(paint_ground(CAMERA, with_line))
+    assert len(points) >= 30
+    assert np.all(distances(points, [(1.0, 0.0, 2.4)]) < 0.1)
+
+
+def test_nothing_is_found_beyond_the_green() -> None:
+    inside, outside = (1.0, 0.0, 1.5), (1.0, 0.0, 3.6)
+    lines = line_field([inside, outside])
+
+    def bounded(points: FloatArray) -> FloatArray:
+        colours = lines(points)
+        colours[(points[:, 0] > 2.0) & (points[:, 0] < 3.1)] = (120, 120, 125)  # a grey strip: the field ends here
+        return colours
+
+    points = detected(paint_ground(CAMERA, bounded))
+    assert len(points) >= 30
+    assert points.positions_m[:, 0].max() < 2.0
+
+
+def test_stripes_of_another_width_are_no_lines() -> None:
+    wide = paint_ground(CAMERA, line_field([(1.0, 0.0, 1.4)], half_width=0.35))
+    assert len(detected(wide)) <= 2
+    thin = paint_ground(CAMERA, line_field([(1.0, 0.0, 0.7)], half_width=0.008))
+    points = detected(thin)
+    near = np.hypot(*points.positions_m.T) < 0.9
+    assert near.sum() <= 2
+
+
+def test_covariance_grows_with_range_and_has_the_pixels_scale(cross_image: ImageArray) -> None:
+    points = detected(cross_image, noise_px=0.5, noise_m=0.0)
+    ranges = np.hypot(*points.positions_m.T)
+    spread = np.sqrt(np.linalg.eigvalsh(points.covariances_m2)[:, 1])
+    slope = 0.8 / 160.0 * (1.0 + (ranges / 0.8) ** 2)  # derivative of 0.8 tan(radius / 160)
+    np.testing.assert_allclose(spread, 0.5 * slope, rtol=0.03)
+
+
+def test_the_robots_own_body_is_masked() -> None:
+    """A white panel beside the robot, with green around it, hangs together with its body."""
+
+    def panel(points: FloatArray) -> FloatArray:
+        colours = line_field([(1.0, 0.0, 1.8)])(points)
+        colours[(points[:, 0] < 0.0) & (points[:, 0] > -0.42) & (np.abs(points[:, 1]) < 0.12)] = WHITE
+        return colours
+
+    points = detected(paint_ground(CAMERA, panel))
+    assert len(points) >= 30
+    assert np.all(points.positions_m[:, 0] > 1.0)
+
+
+def test_learned_classes_tell_green_from_white(cross_image: ImageArray) -> None:
+    detector = LinePointDetector(CAMERA)
+    detector.learn([cross_image])
+    assert detector.colours is not None
+    for light in (0.5, 1.0, 1.6):
+        patch = np.clip(np.array([[GREEN, WHITE, YELLOW, BLACK]]) * light, 0, 255).astype(np.uint8)
+        classes = detector.colours.classify(patch)[0]
+        assert classes[0] == GREEN_CLASS
+        assert classes[1] == WHITE_CLASS or light < 1.0  # dim white may be anything grey: the green beside it decides
+        assert classes[2] != GREEN_CLASS
+        assert classes[3] != GREEN_CLASS
+    np.testing.assert_allclose(detector.colours.green, GREEN, atol=4)
+    np.testing.assert_allclose(detector.colours.white, WHITE, atol=12)
+
+
+def test_an_image_without_carpet_is_refused_in_words() -> None:
+    grey = np.full((480, 480, 3), 120, np.uint8)
+    with pytest.raises(TouchlineError, match="no green carpet"):
+        LinePointDetector(CAMERA).learn([grey])
+
+
+def test_an_image_of_another_size_is_refused_in_words(cross_image: ImageArray) -> None:
+    detector = LinePointDetector(CAMERA)
+    detector.learn([cross_image])
+    with pytest.raises(InputError, match="the camera file says"):
+        detector.detect(cross_image[:-2])
+
+
+def test_detection_before_learning_is_refused(cross_image: ImageArray) -> None:
+    with pytest.raises(TouchlineError, match="learn"):
+        LinePointDetector(CAMERA).detect(cross_image)
+
+
+def test_self_learning_skips_covered_images_and_follows_the_light(cross_image: ImageArray) -> None:
+    black = np.zeros_like(cross_image)
+    detector = SelfLearningDetector(CAMERA)
+    assert len(detector.detect(Frame(0, black))) == 0
+    assert len(detector.detect(Frame(1, None))) == 0
+    usual = len(detector.detect(Frame(2, cross_image)))
+    for k in range(10):
+        detector.detect(Frame(3 + k, cross_image))
+    # lamps of another colour, and dim: what was green is not any more, until it is learned again
+    tinted = np.clip(cross_image * np.array([0.55, 0.75, 0.75]), 0, 255).astype(np.uint8)
+    counts = [len(detector.detect(Frame(20 + k, tinted))) for k in range(12)]
+    assert usual >= 80
+    assert counts[-1] >= 0.9 * usual
+
+
+def test_points_that_a_frame_brings_are_taken_as_they_are() -> None:
+    points = LinePoints(np.ones((3, 2)), np.zeros((3, 2, 2)), np.ones(3), np.full((3, 2), np.nan))
+    assert SelfLearningDetector(CAMERA).detect(Frame(0, points=points)) is points
+
+
+def test_noise_raises_the_threshold_instead_of_making_points() -> None:
+    empty = paint_ground(CAMERA, line_field([]), noise=25.0)
+    assert len(detected(empty)) <= 12
+    lines = paint_ground(CAMERA, line_field(CROSS), noise=25.0)
+    points = detected(lines)
+    assert np.mean(distances(points, CROSS) < 0.1) > 0.9
+    assert len(points) >= 50
+
+
+def test_sampling_is_bilinear() -> None:
+    rng = np.random.default_rng(1)
+    image = rng.integers(0, 256, (40, 50, 3)).astype(np.uint8)
+    samples = np.column_stack((rng.uniform(2, 46, 200), rng.uniform(2, 36, 200)))
+    signal, table = rng.normal(size=3), rng.integers(0, 3, (64, 64, 64)).astype(np.uint8)
+    masked = rng.random((40, 50)) < 0.1
+    colours, levels, classes = np.empty((200, 3), np.float32), np.empty(200, np.float32), np.empty(200, np.uint8)
+    sample_paths(image, samples, masked, signal, table, colours, levels, classes)
+    u, v = samples.T
+    j, i = u.astype(int), v.astype(int)
+    fu, fv = (u - j)[:, None], (v - i)[:, None]
+    grey = image.astype(float)
+    wanted = (1 - fv) * ((1 - fu) * grey[i, j] + fu * grey[i, j + 1]) + fv * (
+        (1 - fu) * grey[i + 1, j] + fu * grey[i + 1, j + 1]
+    )
+    np.testing.assert_allclose(colours, wanted, atol=1e-3)
+    np.testing.assert_allclose(levels, wanted @ signal, atol=2e-3)
+    b, g, r = (colours.astype(int) >> 2).T
+    np.testing.assert_array_equal(classes, np.where(masked[i, j], BODY, table[b, g, r]))
+
+
+def test_scan_lines_cover_all_directions_and_stay_inside() -> None:
+    lines = build_scan_lines(CAMERA, 72, 10, 42.0, 200.0)
+    assert len(lines.starts) == 2 * 72 + 10 + 1
+    u, v = lines.samples.T
+    assert u.min() >= 0
+    assert v.max() <= 479
+    first = lines.samples[lines.starts[:144:2]] - CAMERA.center
+    angles = np.sort(np.mod(np.arctan2(first[:, 1], first[:, 0]), 2 * np.pi))
+    np.testing.assert_allclose(np.diff(angles), 2 * np.pi / 72, atol=1e-9)
+    np.testing.assert_allclose(np.hypot(*first.T), 42.0)
+    for k in range(144, 154):
+        path = lines.samples[lines.starts[k] : lines.starts[k + 1]]
+        steps = np.hypot(*np.diff(path, axis=0).T)
+        assert np.all((steps > 0.9) & (steps < 1.1))
+        np.testing.assert_allclose(path[lines.closed[k]], path[0], atol=1e-9)
+
+
+def test_the_greens_end_bridges_lines_but_not_walls() -> None:
+    rays, length = 24, 100
+    starts = np.cumsum([0] + [length, 20] * rays).astype(np.int64)
+    classes = np.ones(starts[-1], np.uint8)
+    for ray in range(rays):
+        first = starts[2 * ray]
+        classes[first + 50 : first + 58] = 2  # a line across all rays
+        if ray < 12:
+            classes[first + 70 : first + length] = 0  # a wall on one side
+    classes[starts[8] : starts[9]] = 0  # a rod along one ray
+    ends = np.zeros(rays)
+    green_ends(starts, rays, classes, np.full(length, 10, np.int64), 40.0, ends)
+    np.testing.assert_array_equal(ends, [109.0] * 12 + [139.0] * 12)
+    angles = np.array([0.25, 0.25, 0.75, 0.75]) * 2 * np.pi
+    radii = np.array([105.0, 115.0, 115.0, 145.0])
+    rows = np.zeros((4, 7))
+    rows[:, 2:4] = 100.0 + radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+    np.testing.assert_array_equal(inside_green(rows, 100.0, 100.0, ends, 2.0), [True, False, True, False])
+
+
+def test_stages_are_pictures_of_each_step(cross_image: ImageArray) -> None:
+    detector = LinePointDetector(CAMERA)
+    detector.learn([cross_image])
+    pictures = detector.stages(cross_image)
+    assert list(pictures) == [
+        "colour classes", "white against this green", "scan lines", "field boundary", "line points",
+    ]  # fmt: skip
+    for picture in pictures.values():
+        assert picture.dtype == np.uint8
+        assert picture.std() > 5
+    assert math.isclose(pictures["line points"].shape[0], 960)

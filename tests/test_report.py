@@ -1,0 +1,192 @@
+"""report.html: one page that needs nothing but itself, and shows everything."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fakes import FakeSource, FakeSystem, true_samples
+
+from touchline.evaluation.estimates import read_estimates
+from touchline.evaluation.figures import RunData, thinned
+from touchline.evaluation.metrics import ErrorTable, error_table, signed_errors
+from touchline.evaluation.report import Picture, write_report
+from touchline.evaluation.run_folder import RunFolder
+from touchline.evaluation.runner import run_frames
+from touchline.field import open_field
+from touchline.types import Status
+
+VOID = {"meta", "img", "br", "hr", "link", "input"}
+
+
+class Page(HTMLParser):
+    """Collects what a page refers to, and checks that its elements are closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.references: list[str] = []
+        self.headings: list[str] = []
+        self.ids: list[str] = []
+        self.tags: list[str] = []
+        self._open: list[str] = []
+        self.feed(text)
+        assert not self._open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.references += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href", "action")]
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self._open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self._open and self._open[-1] in ("h1", "h2"):
+            self.headings.append(data)
+
+
+def write(folder: Path, frames: int = 30, truth: bool = True, **changes: Any) -> tuple[str, ErrorTable | None]:
+    folder.mkdir(exist_ok=True)
+    with RunFolder(folder) as writer:
+        tally = run_frames(FakeSource(frames, black=(9, 10)), FakeSystem(np.random.default_rng(0)), writer)
+    table = read_estimates(folder / "estimates.csv")
+    known = true_samples(frames) if truth and frames else None
+    located = table.has_status(Status.TRACKING)
+    errors = None if known is None else error_table(table.trajectory, known, located=located, black_ns=tally.black_ns)
+    summary = {
+        "recording": {"name": "walk <1>", "field": "msl-18x12", "description": "Black & white"},
+        "system": "fake",
+        "started": "2026-01-02T03:04:05+00:00",
+        "settings": {"matching": {"c_m": 0.25}},
+        "seed": 5,
+        "versions": {"touchline": "0.1.0"},
+        "cpu": "a processor",
+        "problems": {"counts": {"sensor gap": 2}, "messages": ["imu.csv, line 7: a gap", "imu.csv, line 9: <gap>"]},
+        **tally.summary(),
+        **changes,
+    }
+    data = RunData(
+        table, open_field("msl-18x12"), known, None if known is None else signed_errors(table.trajectory, known)
+    )
+    pictures = [Picture("Image 3 at 0.30 s", "tracking", np.full((40, 60, 3), 90, dtype=np.uint8))]
+    path = write_report(folder, summary, data, errors, pictures if frames else ())
+    return path.read_text(encoding="utf-8"), errors
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return write(tmp_path_factory.mktemp("report"))[0]
+
+
+def test_it_needs_nothing_from_elsewhere(page: str) -> None:
+    parsed = Page(page)
+    assert parsed.references
+    for reference in parsed.references:
+        assert reference.startswith(("#", "data:image/jpeg;base64,"))
+    assert "http" not in page
+    assert "@import" not in page
+    assert set(re.findall(r"url\((.)", page)) <= {"#"}
+    assert not {"script", "link", "iframe", "object"} & set(parsed.tags)
+
+
+def test_every_section_is_there(page: str) -> None:
+    assert Page(page).headings == [
+        "walk <1>",
+        "Errors",
+        "Path",
+        "Error over time",
+        "Status over time",
+        "Latency",
+        "Images",
+        "Problems of the recording",
+        "Settings",
+    ]
+    assert page.count("<svg") == 4
+
+
+def test_ids_of_the_figures_do_not_clash_and_are_all_defined(page: str) -> None:
+    ids = Page(page).ids
+    assert len(ids) == len(set(ids))
+    referred = set(re.findall(r'url\(#([^)]+)\)|href="#([^"]+)"', page))
+    assert {first or second for first, second in referred} <= set(ids)
+
+
+def test_figures_take_their_colours_from_the_page(page: str) -> None:
+    drawn = "".join(re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL))
+    used = set(re.findall(r"var\(--([a-z-]+)\)", drawn))
+    style = page[: page.index("</style>")]
+    day, night = style.split("prefers-color-scheme: dark")
+    assert {"truth", "tracking", "searching", "carpet", "series-heading"} <= used
+    for variable in used:
+        assert f"--{variable}:" in day
+        assert f"--{variable}:" in night
+    assert not re.findall(r"#0[0-9a-f]0[0-9a-f]0[0-9a-f]", drawn)  # no placeholder is left
+
+
+def test_the_figures_of_the_table_are_printed(tmp_path: Path) -> None:
+    page, errors = write(tmp_path)
+    assert errors is not None
+    for _, values in errors.rows():
+        for value in values:
+            assert f"<td>{value}</td>" in page
+    assert "27 frames counted; left out: 1 before the first estimate, 2 black images" in page
+
+
+def test_text_from_the_recording_is_escaped(page: str) -> None:
+    assert "walk &lt;1&gt;" in page
+    assert "Black &amp; white" in page
+    assert "imu.csv, line 9: &lt;gap&gt;" in page
+
+
+def test_settings_seed_and_versions_are_told(page: str) -> None:
+    assert "<th>matching.c_m</th><td>0.25</td>" in page
+    assert "seed 5 · a processor · touchline 0.1.0" in page
+
+
+def test_without_truth_the_page_says_so(tmp_path: Path) -> None:
+    page, _ = write(tmp_path, truth=False)
+    headings = Page(page).headings
+    assert "Error over time" not in headings
+    assert "Status over time" in headings
+    assert "holds no truth" in page
+
+
+@pytest.mark.parametrize(("ended", "said"), [("interrupted", "was interrupted"), ("failed", "The run failed: Why")])
+def test_a_run_that_did_not_end_well_says_so(tmp_path: Path, ended: str, said: str) -> None:
+    page, _ = write(tmp_path, ended=ended, failure="Why")
+    assert said in page
+
+
+def test_a_run_of_no_frames_has_a_page(tmp_path: Path) -> None:
+    page, _ = write(tmp_path, frames=0)
+    assert "Path" not in Page(page).headings
+
+
+def test_a_run_of_one_frame_has_a_page(tmp_path: Path) -> None:
+    page, _ = write(tmp_path, frames=1, truth=False)
+    assert "Status over time" in Page(page).headings
+
+
+def test_long_series_keep_their_peaks() -> None:
+    values = np.zeros(100_000)
+    values[77_777], values[12_345] = 9.0, -4.0
+    times, kept = thinned(np.arange(100_000.0), values)
+    assert len(kept) <= 1200
+    assert (kept.max(), kept.min()) == (9.0, -4.0)
+    assert np.all(np.diff(times) > 0)
+
+
+def test_a_long_run_makes_no_longer_page(tmp_path: Path) -> None:
+    short, long = (len(write(tmp_path / name, frames=frames)[0]) for name, frames in (("b", 2000), ("c", 12000)))
+    assert long < 1.7 * short

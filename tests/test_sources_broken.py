@@ -1,0 +1,441 @@
+"""Broken recordings: what can't be opened says why in one message; what can be survived is reported and counted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from small_recordings import delete_lines, edit_line, replace_line, write_recording, write_sensors
+
+from touchline.errors import InputError
+from touchline.sources import ProblemKind, open_source
+from touchline.sources.problems import KEPT_PER_KIND
+from touchline.types import Frame
+
+Damage = Callable[[Path], object]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_recording(tmp_path / "small")
+
+
+def write(name: str, text: str) -> Damage:
+    return lambda folder: (folder / name).write_text(text)
+
+
+def remove(name: str) -> Damage:
+    return lambda folder: (folder / name).unlink()
+
+
+def edit(name: str, line: int, column: int, value: str) -> Damage:
+    return lambda folder: edit_line(folder / name, line, column, value)
+
+
+def replaced(name: str, line: int, text: str) -> Damage:
+    return lambda folder: replace_line(folder / name, line, text)
+
+
+def described(**keys: object) -> Damage:
+    """sequence.yaml with other keys; None leaves a key out."""
+    about = {"format": 1, "field": "msl-18x12", "camera": "omni", "rate_hz": 10} | keys
+    lines = "".join(f"{key}: {value}\n" for key, value in about.items() if value is not None)
+    return write("sequence.yaml", lines)
+
+
+CAMERA = "model: omni\nwidth: 48\nheight: 32\n"
+MISSING_IMAGES_COLUMN = r"images\.csv, line 1: column 'file' is missing from the header \(found: t, name\)"
+
+UNREADABLE: dict[str, tuple[Damage, str]] = {
+    "no sequence.yaml": (remove("sequence.yaml"), r"sequence\.yaml: is missing.*not a recording"),
+    "no images.csv": (remove("images.csv"), r"images\.csv: is missing.*t,file,exposure_ms,gain"),
+    "sequence.yaml is no YAML": (write("sequence.yaml", "format: 1\nfield: [1"), r"sequence\.yaml, line \d: .*YAML"),
+    "sequence.yaml is a list": (write("sequence.yaml", "- 1\n"), r"sequence\.yaml: expected keys and values"),
+    "sequence.yaml is no text": (lambda f: (f / "sequence.yaml").write_bytes(b"\xff\xfe\x00"), r"not a text file"),
+    "no format": (described(format=None), r"sequence\.yaml: key 'format' is missing; write 'format: 1'"),
+    "a later format": (described(format=2), r"sequence\.yaml: format 2 is not known, this version reads format 1"),
+    "a format in words": (described(format="one"), r"sequence\.yaml: format 'one' is not known"),
+    "no field": (described(field=None), r"sequence\.yaml: key 'field' is missing.*msl-18x12"),
+    "an unknown field": (described(field="msl-18x21"), r"field 'msl-18x21' is not known.*did you mean 'msl-18x12'"),
+    "a field that is a list": (described(field="[1, 2]"), r"sequence\.yaml: field '\[1, 2\]' is not known"),
+    "no camera": (described(camera=None), r"sequence\.yaml: key 'camera' is missing; one of omni, pinhole"),
+    "an unknown camera": (described(camera="onmi"), r"sequence\.yaml: camera 'onmi' is not known; did you mean 'omni'"),
+    "an unknown camera model": (
+        write("camera.yaml", "model: fisheye\n"),
+        r"camera\.yaml: model 'fisheye' is not known",
+    ),
+    "no camera model": (write("camera.yaml", "width: 48\n"), r"camera\.yaml: key 'model' is missing"),
+    "another camera model": (write("camera.yaml", "model: pinhole\n"), r"camera\.yaml: .*'pinhole'.*camera 'omni'"),
+    "a camera without size": (write("camera.yaml", CAMERA[:-3] + "x\n"), r"camera\.yaml: 'height' has to be a number"),
+    "camera.yaml is no YAML": (write("camera.yaml", "model: {\n"), r"camera\.yaml, line 2: is not valid YAML"),
+    "images.csv is empty": (write("images.csv", ""), r"images\.csv, line 1: .*the file is empty"),
+    "images.csv has no image": (write("images.csv", "t,file\n"), r"images\.csv: names no image"),
+    "images.csv has no good row": (write("images.csv", "t,file\nx,a.jpg\n0.1\n"), r"images\.csv: names no image"),
+    "images.csv lacks a column": (write("images.csv", "t,name\n0.1,a.jpg\n"), MISSING_IMAGES_COLUMN),
+    "odometry.csv lacks a column": (replaced("odometry.csv", 1, "t,x,y,z"), r"odometry\.csv, line 1: column 'theta'"),
+    "wheels.csv is empty": (write("wheels.csv", ""), r"wheels\.csv, line 1: column 't' is missing"),
+    "imu.csv has no header": (replaced("imu.csv", 1, "0,0,0,0,0,0,0"), r"imu\.csv, line 1: column 't' is missing"),
+}
+
+
+@pytest.mark.parametrize("case", UNREADABLE)
+def test_what_cannot_be_opened_says_why_and_where(folder: Path, case: str) -> None:
+    damage, message = UNREADABLE[case]
+    damage(folder)
+    with pytest.raises(InputError) as error:
+        open_source(folder)
+    assert re.search(message, str(error.value)), str(error.value)
+    assert str(folder) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_path_that_is_no_recording_says_so(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no such recording"):
+        open_source(tmp_path / "nowhere")
+    (tmp_path / "match.bag").write_bytes(b"#ROSBAG")
+    with pytest.raises(InputError, match=r"match\.bag: is not a recording; expected a folder"):
+        open_source(tmp_path / "match.bag")
+
+
+def test_a_broken_field_file_is_refused_by_name(folder: Path) -> None:
+    (folder / "field.yaml").write_text("name: f\nlength: long\n")
+    with pytest.raises(InputError, match=r"field\.yaml"):
+        _ = open_source(folder).field
+
+
+def cut(name: str, share: float) -> Damage:
+    """Keep the first part of a file."""
+
+    def damage(folder: Path) -> None:
+        data = (folder / name).read_bytes()
+        (folder / name).write_bytes(data[: int(share * len(data))])
+
+    return damage
+
+
+def overwritten(name: str, with_bytes: bytes) -> Damage:
+    """Put other bytes in the middle of a file."""
+
+    def damage(folder: Path) -> None:
+        data = bytearray((folder / name).read_bytes())
+        middle = len(data) // 2
+        data[middle : middle + len(with_bytes)] = with_bytes
+        (folder / name).write_bytes(data)
+
+    return damage
+
+
+def image_of(name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> Damage:
+    """Write another image under the name, as PNG whatever the name says."""
+    pixels = np.full(shape, 9, dtype=dtype)
+    return lambda folder: (folder / name).write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+
+
+IMAGE = "images/000003.jpg"
+NOISE = np.random.default_rng(3).integers(0, 256, 600, dtype=np.uint8).tobytes()
+PLACE = r"images\.csv, line 5 \(frame 3\): images/000003\.jpg "
+BROKEN_IMAGES: dict[str, tuple[Damage, ProblemKind, str]] = {
+    "missing": (remove(IMAGE), ProblemKind.MISSING_IMAGE, "the file is missing"),
+    "a folder": (
+        lambda folder: ((folder / IMAGE).unlink(), (folder / IMAGE).mkdir()),
+        ProblemKind.MISSING_IMAGE,
+        "the file cannot be read",
+    ),
+    "empty": (cut(IMAGE, 0.0), ProblemKind.BROKEN_IMAGE, "the file is empty"),
+    "cut off": (cut(IMAGE, 0.7), ProblemKind.BROKEN_IMAGE, "the JPEG file ends early"),
+    "noise inside": (overwritten(IMAGE, NOISE), ProblemKind.BROKEN_IMAGE, "the JPEG file is damaged"),
+    "text": (write(IMAGE, "not an image"), ProblemKind.BROKEN_IMAGE, "is not an image that can be decoded"),
+    "of another size": (image_of(IMAGE, (40, 48, 3), np.uint8), ProblemKind.IMAGE_SIZE, "is 48×40 .* expected 48×32"),
+    "16-bit": (image_of(IMAGE, (32, 48, 3), np.uint16), ProblemKind.LINEAR_IMAGE, "holds 16-bit"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN_IMAGES)
+def test_a_broken_image_is_reported_and_survived(folder: Path, case: str) -> None:
+    damage, kind, message = BROKEN_IMAGES[case]
+    damage(folder)
+    source = open_source(folder)
+    frames = list(source)
+    assert [frame.image is None for frame in frames] == [index == 3 for index in range(8)]
+    assert re.match(PLACE + message, frames[3].problem or ""), frames[3].problem
+    assert frames[3].odometry is not None  # the sensors of that frame are there all the same
+    assert source.problems.counts == {kind: 1}
+    problem = source.problems[0]
+    assert (problem.file, problem.line, problem.frame, problem.message) == ("images.csv", 5, 3, frames[3].problem)
+
+
+def test_a_png_that_ends_early_is_broken(folder: Path) -> None:
+    image_of(IMAGE, (32, 48, 3), np.uint8)(folder)
+    cut(IMAGE, 0.8)(folder)
+    source = open_source(folder)
+    assert "the PNG file ends early" in (list(source)[3].problem or "")
+
+
+def test_a_jpeg_padded_with_zeros_is_whole(folder: Path) -> None:
+    with (folder / IMAGE).open("ab") as file:
+        file.write(bytes(700))
+    source = open_source(folder)
+    assert all(frame.image is not None for frame in source)
+
+
+@pytest.mark.parametrize("filling", [b"", bytes(4000), b"\xff" * 4000, NOISE * 4])
+def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, shared_data: Path, filling: bytes) -> None:
+    """OpenCV decodes these: an upper half that is right, below it a picture of its own."""
+    data = (shared_data / "omni_msl_track" / "images" / "000010.jpg").read_bytes()
+    middle = len(data) // 2
+    (folder / IMAGE).write_bytes(data[:middle] + filling + data[middle + 4000 :])
+    assert cv2.imread(str(folder / IMAGE)) is not None
+    assert "the JPEG file is damaged" in (list(open_source(folder))[3].problem or "")
+
+
+def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
+    """The thumbnail in the header ends like an image, and a camera may write what it likes behind the image."""
+    data = (folder / IMAGE).read_bytes()
+    header = b"Exif\0\0" + data
+    segment = b"\xff\xe1" + (len(header) + 2).to_bytes(2) + header
+    (folder / IMAGE).write_bytes(data[:2] + segment + data[2:] + b"\xff\x01trailer")
+    assert all(frame.image is not None for frame in open_source(folder))
+    cut(IMAGE, 0.8)(folder)
+    source = open_source(folder)
+    assert "the JPEG file ends early" in (list(source)[3].problem or "")
+
+
+def test_a_gray_card_is_no_damage(folder: Path) -> None:
+    (folder / IMAGE).write_bytes(cv2.imencode(".jpg", np.full((32, 48, 3), 128, np.uint8))[1].tobytes())
+    assert all(frame.image is not None for frame in open_source(folder))
+
+
+def test_a_gray_image_is_given_as_bgr(folder: Path) -> None:
+    image_of(IMAGE, (32, 48), np.uint8)(folder)
+    image = list(open_source(folder))[3].image
+    assert image is not None
+    assert image.shape == (32, 48, 3)
+
+
+def test_images_have_to_be_of_the_size_in_camera_yaml(folder: Path) -> None:
+    (folder / "camera.yaml").write_text("model: omni\nwidth: 64\nheight: 32\n")
+    source = open_source(folder)
+    assert all(frame.image is None for frame in source)
+    assert source.problems.counts == {ProblemKind.IMAGE_SIZE: 8}
+
+
+ROWS: dict[str, tuple[Damage, ProblemKind, str, int, str]] = {
+    "too few values": (
+        replaced("odometry.csv", 15, "0.260,1.0"),
+        ProblemKind.BROKEN_ROW,
+        "odometry.csv",
+        15,
+        "has 2 values where the header names 4 columns",
+    ),
+    "too many values": (
+        replaced("wheels.csv", 15, "0.260,1,2,3"),
+        ProblemKind.BROKEN_ROW,
+        "wheels.csv",
+        15,
+        "has 4 values where the header names 3 columns",
+    ),
+    "a word": (edit("imu.csv", 15, 3, "north"), ProblemKind.BROKEN_ROW, "imu.csv", 15, "column 'yaw' reads 'north'"),
+    "an empty cell": (edit("odometry.csv", 15, 2, ""), ProblemKind.BROKEN_ROW, "odometry.csv", 15, "'y' reads empty"),
+    "NaN": (edit("odometry.csv", 15, 3, "nan"), ProblemKind.NOT_A_NUMBER, "odometry.csv", 15, "column 'theta' is nan"),
+    "infinity": (edit("wheels.csv", 15, 1, "-inf"), ProblemKind.NOT_A_NUMBER, "wheels.csv", 15, "column 'a' is -inf"),
+    "NaN time": (edit("imu.csv", 15, 0, "nan"), ProblemKind.NOT_A_NUMBER, "imu.csv", 15, "column 't' is nan"),
+    "time beyond clocks": (
+        edit("imu.csv", 15, 0, "1e30"),
+        ProblemKind.BROKEN_ROW,
+        "imu.csv",
+        15,
+        "'t' is 1e.30, beyond",
+    ),
+    "a value beyond sense": (
+        edit("wheels.csv", 15, 2, "-1e99"),
+        ProblemKind.BROKEN_ROW,
+        "wheels.csv",
+        15,
+        "'b' is -1e",
+    ),
+    "time running backwards": (
+        edit("odometry.csv", 15, 0, "0.100"),
+        ProblemKind.TIME_ORDER,
+        "odometry.csv",
+        15,
+        r"the time 0\.1 s runs backwards",
+    ),
+    "a repeated time": (edit("imu.csv", 15, 0, "0.240"), ProblemKind.TIME_ORDER, "imu.csv", 15, "repeats"),
+    "a time far ahead": (edit("wheels.csv", 15, 0, "999"), ProblemKind.TIME_ORDER, "wheels.csv", 15, "the time 999 s"),
+    "no text at all": (replaced("imu.csv", 15, "\x00\x01,\x02"), ProblemKind.BROKEN_ROW, "imu.csv", 15, "has 2 values"),
+}
+
+
+@pytest.mark.parametrize("case", ROWS)
+def test_a_broken_sensor_row_is_left_out_and_reported_with_its_line(folder: Path, case: str) -> None:
+    damage, kind, file, line, message = ROWS[case]
+    damage(folder)
+    source = open_source(folder)
+    frames = list(source)
+    assert source.problems.counts == {kind: 1}
+    problem = source.problems[0]
+    assert (problem.file, problem.line, problem.kind) == (file, line, kind)
+    assert re.match(rf"{re.escape(file)}, line {line}: .*{message}", problem.message), problem.message
+    of_file = {"odometry.csv": "odometry", "wheels.csv": "wheels", "imu.csv": "gyro"}[file]
+    stamps = np.concatenate([getattr(frame, of_file).stamp_ns for frame in frames])
+    expected = np.delete(np.arange(41) * 20_000_000, 13)  # line 15 held the sample at 0.26 s
+    np.testing.assert_array_equal(stamps, expected)
+
+
+def test_broken_rows_after_the_last_image_are_reported_too(folder: Path) -> None:
+    (folder / "imu.csv").write_text((folder / "imu.csv").read_text() + "0.96,1\n")
+    source = open_source(folder)
+    list(source)
+    assert "imu.csv, line 48: has 2 values" in source.problems[0].message
+
+
+def test_a_sensor_gap_is_reported_and_survived(folder: Path) -> None:
+    delete_lines(folder / "odometry.csv", 13, 22)
+    source = open_source(folder)
+    frames = list(source)
+    assert [frame.odometry is None for frame in frames] == [False, False, True, True, False, False, False, False]
+    assert source.problems.counts == {ProblemKind.SENSOR_GAP: 1}
+    assert re.match(r"odometry\.csv, line 13: nothing for 0\.220 s before t = 0\.420 s", source.problems[0].message)
+
+
+def test_a_sensor_that_starts_late_and_ends_early_is_reported(folder: Path) -> None:
+    lines = (folder / "wheels.csv").read_text().splitlines()
+    (folder / "wheels.csv").write_text("\n".join([lines[0], *lines[20:30]]) + "\n")  # 0.38 s to 0.56 s
+    source = open_source(folder)
+    list(source)
+    assert [problem.message for problem in source.problems] == [
+        "wheels.csv: starts at t = 0.380 s, the first image is at t = 0.100 s",
+        "wheels.csv: ends at t = 0.560 s, images go on at t = 0.700 s",
+    ]
+
+
+def test_a_sensor_file_with_no_row_is_reported(folder: Path) -> None:
+    (folder / "wheels.csv").write_text("t,a,b\n")
+    source = open_source(folder)
+    assert all(frame.wheels is None for frame in source)
+    assert [problem.message for problem in source.problems] == ["wheels.csv: holds no usable row"]
+
+
+def test_a_slow_sensor_has_no_gaps(folder: Path) -> None:
+    lines = (folder / "imu.csv").read_text().splitlines()
+    (folder / "imu.csv").write_text("\n".join([lines[0], *lines[1::8]]))  # every 0.16 s
+    source = open_source(folder)
+    list(source)
+    assert source.problems.total == 0
+
+
+def test_a_clock_set_back_leaves_out_as_few_rows_as_possible(folder: Path) -> None:
+    lines = (folder / "imu.csv").read_text().splitlines()
+    repeated = lines[:21] + lines[11:]  # the ten rows from 0.20 s on come twice
+    (folder / "imu.csv").write_text("\n".join(repeated))
+    source = open_source(folder)
+    frames = list(source)
+    assert source.problems.counts == {ProblemKind.TIME_ORDER: 10}
+    assert [problem.line for problem in source.problems] == list(range(22, 32))
+    assert sum(len(frame.gyro) for frame in frames if frame.gyro is not None) == 41
+
+
+IMAGE_ROWS: dict[str, tuple[Damage, ProblemKind, str]] = {
+    "too few values": (replaced("images.csv", 5, "0.4000"), ProblemKind.BROKEN_ROW, "has 1 value where"),
+    "a word for a time": (edit("images.csv", 5, 0, "soon"), ProblemKind.BROKEN_ROW, "column 't' reads 'soon'"),
+    "NaN": (edit("images.csv", 5, 0, "nan"), ProblemKind.NOT_A_NUMBER, "column 't' is nan"),
+    "no file": (edit("images.csv", 5, 1, " "), ProblemKind.BROKEN_ROW, "names no file"),
+    "time running backwards": (edit("images.csv", 5, 0, "0.05"), ProblemKind.TIME_ORDER, "runs backwards"),
+    "a time far ahead": (edit("images.csv", 5, 0, "77"), ProblemKind.TIME_ORDER, "the time 77 s"),
+}
+
+
+@pytest.mark.parametrize("case", IMAGE_ROWS)
+def test_a_broken_image_row_is_left_out_and_reported_with_its_line(folder: Path, case: str) -> None:
+    damage, kind, message = IMAGE_ROWS[case]
+    damage(folder)
+    source = open_source(folder)
+    assert source.problems.counts == {kind: 1, ProblemKind.TRUTH: 1}  # the truth has one pose more now
+    assert re.match(rf"images\.csv, line 5: .*{message}", source.problems[0].message), source.problems[0].message
+    frames = list(source)
+    assert len(source) == len(frames) == 7
+    assert [frame.name[-5] for frame in frames] == list("0124567")
+
+
+def test_a_broken_exposure_costs_the_exposure_only(folder: Path) -> None:
+    edit_line(folder / "images.csv", 5, 2, "long")
+    edit_line(folder / "images.csv", 6, 3, "-1")
+    source = open_source(folder)
+    frames = list(source)
+    assert [frame.exposure_ms for frame in frames[2:5]] == [12.0, None, 12.0]
+    assert [frame.gain for frame in frames[2:5]] == [1.7, 1.7, None]
+    assert [problem.line for problem in source.problems] == [5, 6]
+    assert all(frame.image is not None for frame in frames)
+
+
+TRUTHS: dict[str, tuple[Damage, ProblemKind, str]] = {
+    "another length": (lambda f: delete_lines(f / "ground_truth.tum", 8, 8), ProblemKind.TRUTH, "7 usable poses for 8"),
+    "other times": (
+        replaced("ground_truth.tum", 3, "0.31 0 0 0 0 0 0 1"),
+        ProblemKind.TRUTH,
+        r"pose 2 is at t = 0\.31",
+    ),
+    "a word": (replaced("ground_truth.tum", 3, "0.3 x 0 0 0 0 0 1"), ProblemKind.BROKEN_ROW, "line 3: x reads 'x'"),
+    "too few values": (replaced("ground_truth.tum", 3, "0.3 1 2"), ProblemKind.BROKEN_ROW, "line 3: has 3 values"),
+    "NaN": (replaced("ground_truth.tum", 3, "0.3 nan 0 0 0 0 0 1"), ProblemKind.NOT_A_NUMBER, "line 3: x is nan"),
+    "no rotation": (replaced("ground_truth.tum", 3, "0.3 0 0 0 0 0 0 0"), ProblemKind.BROKEN_ROW, "line 3: needs"),
+    "backwards": (replaced("ground_truth.tum", 3, "0.1 0 0 0 0 0 0 1"), ProblemKind.TIME_ORDER, "line 3: the time 0.1"),
+}
+
+
+@pytest.mark.parametrize("case", TRUTHS)
+def test_a_broken_truth_is_reported_and_survived(folder: Path, case: str) -> None:
+    damage, kind, message = TRUTHS[case]
+    damage(folder)
+    source = open_source(folder)
+    assert re.search(rf"ground_truth\.tum.*{message}", source.problems[0].message), source.problems[0].message
+    assert source.problems[0].kind is kind
+    assert len(list(source)) == 8
+    assert source.truth is not None
+    assert len(source.truth) == (8 if case == "other times" else 7)
+
+
+def test_a_truth_without_a_usable_line_is_none(folder: Path) -> None:
+    (folder / "ground_truth.tum").write_text("nothing\n")
+    source = open_source(folder)
+    assert source.truth is None
+    assert source.problems.counts == {ProblemKind.BROKEN_ROW: 1, ProblemKind.TRUTH: 1}
+
+
+def test_broken_events_are_left_out_and_reported(tmp_path: Path) -> None:
+    source = open_source(write_recording(tmp_path / "a", events=[{"t": 0.3, "kind": "slip"}, {"kind": "slip"}, 7]))
+    assert len(source.events) == 1
+    assert source.problems.counts == {ProblemKind.SEQUENCE: 2}
+    assert not open_source(write_recording(tmp_path / "b", events="none")).events
+
+
+def test_all_problems_are_counted_and_the_first_of_each_kind_kept(folder: Path) -> None:
+    write_sensors(folder, 2000)
+    for name in ("imu.csv", "wheels.csv"):
+        lines = (folder / name).read_text().splitlines()
+        spoiled = [f"{line},extra" if number % 2 else line for number, line in enumerate(lines[1:])]
+        (folder / name).write_text("\n".join([lines[0], *spoiled]))
+    (folder / IMAGE).unlink()
+    source = open_source(folder)
+    list(source)
+    problems = source.problems
+    assert problems.counts == {ProblemKind.BROKEN_ROW: 2000, ProblemKind.MISSING_IMAGE: 1}
+    assert problems.total == 2001
+    assert len(problems) == KEPT_PER_KIND + 1
+    assert "2000 × broken row" in problems.summary()
+    assert "1 × missing image" in problems.summary()
+
+
+def test_problems_are_those_of_opening_and_of_the_latest_pass(folder: Path) -> None:
+    edit_line(folder / "images.csv", 5, 2, "long")
+    (folder / IMAGE).unlink()
+    source = open_source(folder)
+    assert source.problems.total == 1
+    for _ in range(2):
+        frames: list[Frame] = list(source)
+        assert len(frames) == 8
+        assert source.problems.counts == {ProblemKind.BROKEN_ROW: 1, ProblemKind.MISSING_IMAGE: 1}

@@ -1,0 +1,137 @@
+"""Overlays, the bird's-eye view and the sheet of stages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from fakes import CAMERA_YAML, two_points
+
+from touchline.camera import OmniCamera, open_camera
+from touchline.errors import TouchlineError
+from touchline.field import FieldModel, open_field
+from touchline.geometry import Pose
+from touchline.view.birds_eye import birds_eye_image
+from touchline.view.overlay import (
+    LINE_COLOR,
+    OFF_LINE_COLOR,
+    ON_LINE_COLOR,
+    overlay_image,
+    projected_lines,
+)
+from touchline.view.stages import contact_sheet, save_picture, save_pictures
+
+GREEN = (40, 140, 40)
+
+
+@pytest.fixture
+def camera(tmp_path: Path) -> OmniCamera:
+    (tmp_path / "camera.yaml").write_text(CAMERA_YAML)
+    return open_camera(tmp_path / "camera.yaml")
+
+
+@pytest.fixture(scope="module")
+def field() -> FieldModel:
+    return open_field("msl-18x12")
+
+
+def carpet() -> np.ndarray:
+    return np.full((96, 96, 3), GREEN, dtype=np.uint8)
+
+
+def count(image: np.ndarray, color: tuple[int, int, int]) -> int:
+    return int(np.all(image == color, axis=-1).sum())
+
+
+def test_projected_lines_lie_on_the_field_lines(camera: OmniCamera, field: FieldModel) -> None:
+    pose = Pose(1.0, -0.5, 0.7)
+    pieces = projected_lines(camera, field, pose)
+    assert pieces
+    on_field = pose.transform(camera.ground_from_image(np.concatenate(pieces)))
+    assert np.max(field.line_distances(on_field)) < 1e-3
+
+
+def test_projected_lines_stay_between_the_radii(camera: OmniCamera, field: FieldModel) -> None:
+    pixels = np.concatenate(projected_lines(camera, field, Pose(0.0, 0.0, 0.0)))
+    radius = np.hypot(*(pixels - camera.center).T)
+    assert radius.min() >= camera.inner_radius_px
+    assert radius.max() <= camera.outer_radius_px
+
+
+def test_a_line_through_the_robot_is_broken_there(camera: OmniCamera, field: FieldModel) -> None:
+    for piece in projected_lines(camera, field, Pose(0.0, 3.0, 0.0)):  # the robot stands on the halfway line
+        assert len(piece) >= 2
+        assert np.hypot(*np.diff(piece, axis=0).T).max() <= 40.0
+
+
+def test_points_are_coloured_by_their_distance_to_the_lines(camera: OmniCamera, field: FieldModel) -> None:
+    pose = Pose(-1.0, 0.6, 0.0)  # the point 1 m ahead is on the halfway line, the one to the left is not on any
+    points = two_points()
+    assert field.line_distances(pose.transform(points.positions_m)) == pytest.approx([0.0, 0.388], abs=0.01)
+    drawn = overlay_image(carpet(), camera, field, pose, points)[:192]
+    for pixel, color in zip(points.pixels, (ON_LINE_COLOR, OFF_LINE_COLOR), strict=True):
+        u, v = np.round(2 * pixel + 0.5).astype(int)
+        assert tuple(drawn[v, u].tolist()) == color
+
+
+def test_without_a_pose_only_points_are_drawn(camera: OmniCamera, field: FieldModel) -> None:
+    drawn = overlay_image(carpet(), camera, None, None, two_points())
+    assert count(drawn, LINE_COLOR) == 0
+    assert count(drawn, ON_LINE_COLOR) > 10
+
+
+def test_the_image_is_enlarged_and_not_changed(camera: OmniCamera, field: FieldModel) -> None:
+    image = carpet()
+    drawn = overlay_image(image, camera, field, Pose(0.0, 0.0, 0.0), two_points(), scale=3)
+    assert drawn.shape[1] == 288
+    assert drawn.shape[0] > 288  # the legend is below
+    assert count(image, GREEN) == 96 * 96
+
+
+def test_points_of_unknown_pixel_are_passed_over(camera: OmniCamera, field: FieldModel) -> None:
+    points = two_points()
+    points.pixels[:] = np.nan
+    drawn = overlay_image(carpet(), camera, field, Pose(0.0, 0.0, 0.0), points)[:192]
+    assert count(drawn, ON_LINE_COLOR) == count(drawn, OFF_LINE_COLOR) == 0
+
+
+def test_birds_eye_view_puts_ground_where_it_is(camera: OmniCamera) -> None:
+    image = carpet()
+    u, v = np.round(camera.image_from_ground(np.array([[0.0, 1.5]]))[0]).astype(int)  # 1.5 m to the left
+    image[v - 2 : v + 3, u - 2 : u + 3] = (0, 0, 255)
+    seen = birds_eye_image(image, camera, reach_m=2.0, pixels_per_m=40)
+    assert seen.shape == (161, 161, 3)
+    red = np.argwhere((seen[..., 2] > 200) & (seen[..., 1] < 60))
+    row, column = red.mean(axis=0)
+    assert (80 - row) / 40 == pytest.approx(0.0, abs=0.1)  # forward is up
+    assert (80 - column) / 40 == pytest.approx(1.5, abs=0.1)  # left is on the left
+
+
+def test_birds_eye_view_is_dark_where_nothing_is_seen(camera: OmniCamera) -> None:
+    seen = birds_eye_image(carpet(), camera, reach_m=9.0, pixels_per_m=10)
+    assert seen[0, 0].max() < 40  # farther than the table reaches
+    assert seen[85, 85].max() > 100  # half a metre away: carpet
+
+
+def test_stage_pictures_are_saved_in_order_with_a_sheet(tmp_path: Path) -> None:
+    pictures = {"original": carpet(), "bird's-eye view": np.zeros((50, 120, 3), dtype=np.uint8)}
+    paths = save_pictures(pictures, tmp_path)
+    assert [path.name for path in paths] == ["01-original.png", "02-birds-eye-view.png", "stages.png"]
+    assert cv2.imread(str(paths[0])).shape == (96, 96, 3)
+    assert cv2.imread(str(paths[2])).shape == contact_sheet(pictures).shape
+
+
+def test_the_sheet_has_a_tile_for_every_picture() -> None:
+    one = contact_sheet({"a": carpet()})
+    assert contact_sheet({name: carpet() for name in "abcd"}, columns=3).shape == (
+        2 * one.shape[0],
+        3 * one.shape[1],
+        3,
+    )
+
+
+def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    with pytest.raises(TouchlineError, match="cannot be written"):
+        save_picture(tmp_path / "no" / "such" / "folder.png", carpet())
