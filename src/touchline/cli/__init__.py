@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from touchline.cli import check, evaluate, fields, run, systems, view
+from touchline.cli import check, evaluate, fields, run, simulate, systems, view
 from touchline.cli.console import DEBUG_VARIABLE, complain
 from touchline.cli.run import INTERRUPTED
 from touchline.errors import TouchlineError
@@ -27,6 +27,7 @@ app.command("run")(run.run)
 app.command("evaluate")(evaluate.evaluate)
 app.command("check")(check.check)
 app.command("view")(view.view)
+app.command("simulate")(simulate.simulate)
 app.command("systems")(systems.systems)
 app.add_typer(fields.fields_app, name="fields")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -46,7 +47,7 @@ def _strip(start: Pose) -> Layout:
     heading = 0.0 if start.x <= 0.0 else math.pi  # towards the longer way
     edges = STRIP_EDGES_M
     marks, colours = [], []
-    for index, (near, far) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for index, (near, far) in enumerate(itertools.pairwise(edges)):
         colour = ("black", "white")[index % 2]
         middle = 0.5 * (near + far)
         x, y = start.x + middle * math.cos(heading), start.y + middle * math.sin(heading)
@@ -56,7 +57,7 @@ def _strip(start: Pose) -> Layout:
         "patch_edges_m": list(edges),
         "patch_colors": colours,
         "patch_half_width_m": _STRIP_HALF_WIDTH_M,
-        "patch_note": "edges are ground distances from the robot's base origin; colour i lies between edges i and i + 1",
+        "patch_note": "edges are distances from the robot's base origin; colour i lies between edges i and i + 1",
     }
     return Layout(tuple(marks), sequence=sequence, strip_heading_rad=heading)
 

@@ -10,7 +10,7 @@ import numpy as np
 from touchline.config import did_you_mean, read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.simulation.camera_base import Motion, SimulatedCameraModel
+from touchline.simulation.camera_base import Motion
 from touchline.simulation.omni import SimulatedOmniCamera
 from touchline.simulation.pinhole import SimulatedPinholeCamera
 from touchline.simulation.scenario import CameraSettings

@@ -75,7 +75,7 @@ def ray_hits(x, y, cx, sx, segments, rounds, discs, hits):  # type: ignore[no-un
 
 
 @njit(cache=True)
-def circle_hits(x, y, reach, segments, rounds, hits):  # type: ignore[no-untyped-def]
+def circle_hits(x, y, reach, segments, rounds, discs, hits):  # type: ignore[no-untyped-def]
     """Crossings of a circle about x, y with the paint as direction (rad, field frame) and sine; as `ray_hits`."""
     count = 0
     for i in range(len(segments)):
@@ -107,14 +107,20 @@ def circle_hits(x, y, reach, segments, rounds, hits):  # type: ignore[no-untyped
             place = math.atan2(y + reach * math.sin(angle) - rounds[i, 1], x + reach * math.cos(angle) - rounds[i, 0])
             if rounds[i, 4] > 6.2831 or _on_arc(place, rounds[i, 3], rounds[i, 4]):
                 count = _add(hits, count, angle, sine, 0.0)
+    for i in range(len(discs)):
+        ox, oy, radius = discs[i, 0] - x, discs[i, 1] - y, 0.5 * discs[i, 2]
+        off = math.sqrt(ox * ox + oy * oy) - reach
+        if abs(off) < radius:
+            count = _add(hits, count, math.atan2(oy, ox), 2.0 * math.sqrt(radius * radius - off * off), 1.0)
     return count
 
 
 @njit(cache=True)
 def hidden(x, y, px, py, occluders):  # type: ignore[no-untyped-def]
-    """Whether the ground at px, py is hidden from x, y by one of the occluders (K, 3): x, y, radius; field frame.
+    """Whether the ground at px, py is hidden from x, y by one of the occluders (K, 4); field frame, m.
 
-    A body hides all that lies behind its near side; it is as high as the camera.
+    Each is x, y, radius and `reach`: its top hides the ground up to that multiple of its far side's distance, which is
+    the view's height over the view's height above the top; infinite for what is as high as the view.
     """
     dx, dy = px - x, py - y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -124,7 +130,10 @@ def hidden(x, y, px, py, occluders):  # type: ignore[no-untyped-def]
         if along <= 0.0:
             continue
         square = radius * radius - (ox * ox + oy * oy - along * along)
-        if square > 0.0 and distance > along - math.sqrt(square):
+        if square <= 0.0:
+            continue
+        half = math.sqrt(square)
+        if along - half < distance < (along + half) * occluders[i, 3]:
             return True
     return False
 
@@ -138,15 +147,17 @@ def _green(px, py, least, carpet, grid):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def find_crossings(pose, rays, circles, limits, paint, occluders, carpet, grid, camera, out):  # type: ignore[no-untyped-def]
+def find_crossings(  # type: ignore[no-untyped-def]
+    pose, rays, circles, limits, paint, occluders, carpet, grid, camera, out
+):
     """Paint that a detector could find from a pose (3,), into out (M, COLUMNS); returns how many.
 
     rays (P, 3): bearing (rad, base frame), nearest and farthest range (m); circles (Q, 2): range (m), pixels of radius.
-    limits: line width, longest chord in line widths, flank (pixels). paint: segments, rounds, discs. occluders (K, 3).
+    limits: line width, longest chord in line widths, flank and blur (pixels). paint: segments, rounds, discs. occluders (K, 4).
     carpet: half length and half width. camera: constants, bearings, ranges of an OmniCamera's look-up.
     """
     x, y, heading = pose
-    width, steepest, flank_px = limits
+    width, steepest, flank_px, blur_px = limits
     segments, rounds, discs = paint
     hits = np.empty((_MOST_PER_PATH, 3))
     found = 0
@@ -158,13 +169,11 @@ def find_crossings(pose, rays, circles, limits, paint, occluders, carpet, grid, 
             count = ray_hits(x, y, cx, sx, segments, rounds, discs, hits)
         else:
             reach = circles[p - len(rays), 0]
-            count = circle_hits(x, y, reach, segments, rounds, hits)
+            count = circle_hits(x, y, reach, segments, rounds, discs, hits)
         for h in range(count):
             if found >= len(out):
                 return found
             chord = hits[h, 1] if hits[h, 2] > 0.0 else width / max(hits[h, 1], 1e-6)
-            if chord > steepest * width:
-                continue
             if ray:
                 along = hits[h, 0]
                 if not rays[p, 1] <= along <= rays[p, 2]:
@@ -175,11 +184,16 @@ def find_crossings(pose, rays, circles, limits, paint, occluders, carpet, grid, 
                 angle = hits[h, 0] - heading
                 bx, by = reach * math.cos(angle), reach * math.sin(angle)
                 scale = reach / circles[p - len(rays), 1]
-            if math.isnan(scale):
+            if math.isnan(scale) or chord > steepest * width + 0.5 * blur_px * scale:
+                continue
+            reach_px = flank_px + 1.0
+            if ray and not (
+                rays[p, 1] + flank_px * scale <= along - 0.5 * chord and along + 0.5 * chord + scale <= rays[p, 2]
+            ):
                 continue
             clear = True
-            for step in (-0.5 * chord - flank_px * scale, -0.5 * chord - scale, 0.5 * chord + scale,
-                         0.5 * chord + flank_px * scale):  # fmt: skip
+            for step in (-0.5 * chord - reach_px * scale, -0.5 * chord - scale, 0.5 * chord + scale,
+                         0.5 * chord + reach_px * scale):  # fmt: skip
                 if ray:
                     px, py = x + (along + step) * cx, y + (along + step) * sx
                 else:

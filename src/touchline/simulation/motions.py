@@ -41,11 +41,11 @@ def make_track(scenario: Scenario, field: FieldModel, rng: np.random.Generator) 
     for row in carried_rows:
         carried[row] = poses[row] - poses[row - 1]
         shoved[row] = 0.0
-    attitude = np.zeros((rows, 2))
+    attitude: FloatArray = np.zeros((rows, 2))
     if motion.kind in ("walk", "walk-in-place"):
         attitude = _sway(motion, poses, carried + shoved, sway_rng)
-    events = tuple(sorted(events + shove_events, key=lambda event: float(event["t"])))
-    return Track(poses, shoved, carried, attitude, covered, events)
+    happened = sorted(events + shove_events, key=lambda event: float(event["t"]))
+    return Track(poses, shoved, carried, attitude, covered, tuple(happened))
 
 
 def targets_for(motion: MotionSettings, field: FieldModel, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

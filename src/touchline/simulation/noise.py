@@ -38,13 +38,11 @@ def drift(count: int, period_s: float, rms: float, time_constant_s: float, rng: 
     return _decaying_sum(rms * float(rng.standard_normal()), kicks, keep)
 
 
-def random_walk(
-    shape: tuple[int, int], period_s: float, after_one_second: float, rng: np.random.Generator
-) -> FloatArray:
-    """(count, columns) random walks from zero whose standard deviation after one second is given."""
-    steps = after_one_second * math.sqrt(period_s) * rng.standard_normal(shape)
+def random_walk(count: int, period_s: float, after_one_second: float, rng: np.random.Generator) -> FloatArray:
+    """(count,) samples of a random walk from zero whose standard deviation after one second is given."""
+    steps = after_one_second * math.sqrt(period_s) * rng.standard_normal(count)
     steps[0] = 0.0
-    return np.cumsum(steps, axis=0)
+    return np.cumsum(steps)
 
 
 @njit(cache=True)

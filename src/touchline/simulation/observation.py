@@ -1,14 +1,16 @@
 """The observation level: line points as perception would deliver them, without an image.
 
 The scan paths of the detector are crossed with the field's paint; then points are missed, shifted along their path and
-joined by false ones, with figures fitted to what the detector finds in rendered and recorded images (docs/simulation.md).
+joined by false ones, with figures fitted to what the detector finds in rendered images (docs/simulation.md).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 from pydantic import Field
 
@@ -26,19 +28,33 @@ from touchline.types import LinePoints, empty_points
 class ObservationNoise(Settings):
     """What perception adds to the truth. Pixels are along the scan path that found the point."""
 
-    noise_px: float = Field(0.09, ge=0, description="standard deviation of most points")
-    wild_share: float = Field(0.12, ge=0, le=1, description="share of points with the larger deviation")
-    wild_px: float = Field(0.30, ge=0, description="standard deviation of those")
-    oblique_px: float = Field(10.0, gt=0, description="length of a crossing at which the deviation has grown by 1.4")
-    outward_px: float = Field(0.03, description="mean shift of points on rays away from the robot")
-    frame_px: float = Field(0.012, ge=0, description="deviation that all points on rays of an image share")
-    found_share: float = Field(0.96, ge=0, le=1, description="share of wide lines that are found on rays")
-    circle_share: float = Field(0.75, ge=0, le=1, description="share of wide lines that are found on circles")
-    half_width_px: float = Field(0.9, gt=0, description="width of a line that is found half as often")
-    width_slope_px: float = Field(0.22, gt=0, description="how fast that changes with the width (logistic)")
-    false_points: float = Field(2.0, ge=0, description="mean number of points per image that are on no line")
+    noise_px: float = Field(0.075, ge=0, description="standard deviation of most points on rays")
+    wild_px: float = Field(0.33, ge=0, description="standard deviation of the others")
+    circle_noise_px: float = Field(0.11, ge=0, description="standard deviation of most points on circles")
+    circle_wild_px: float = Field(0.75, ge=0, description="standard deviation of the others")
+    wild_share: float = Field(0.08, ge=0, le=1, description="share of the others")
+    thin_px: float = Field(0.6, ge=0, description="width of a line at which the deviation has grown by 1.4")
+    oblique_px: float = Field(9.0, gt=0, description="length of a crossing at which the deviation has grown by 1.4")
+    outward_px: float = Field(0.02, description="mean shift of points on rays away from the robot")
+    frame_px: float = Field(0.008, ge=0, description="deviation that all points on rays of an image share")
+    found_share: float = Field(0.93, ge=0, le=1, description="share of easy crossings of rays that are found")
+    circle_share: float = Field(0.80, ge=0, le=1, description="share of easy crossings of circles that are found")
+    thin_half_px: float = Field(0.47, gt=0, description="width at which half the lines on rays are too thin")
+    thin_slope_px: float = Field(0.06, gt=0, description="how fast that changes with the width (logistic)")
+    circle_half_px: float = Field(1.5, gt=0, description="width at which half the lines on circles are too thin")
+    circle_slope_px: float = Field(0.45, gt=0, description="how fast that changes with the width (logistic)")
+    coarse_half_m: float = Field(
+        0.17, gt=0, description="length of a pixel on the ground at which half is too far away"
+    )
+    coarse_slope_m: float = Field(0.014, gt=0, description="how fast that changes with the length (logistic)")
+    long_px: float = Field(20.0, gt=0, description="length of a crossing of which half as many are found")
+    contrast_px: float = Field(1.5, gt=0, description="width at which blur leaves 63 % of the contrast: the confidence")
+    false_points: float = Field(0.5, ge=0, description="mean number of points on no line per image, anywhere in view")
+    goal_points: float = Field(5.0, ge=0, description="mean number of those in each goal in view: nets, posts, shadows")
     lean_noise_rad: float = Field(0.0, ge=0, description="error of roll and of pitch that all points of an image share")
-    height_m: float = Field(0.6, gt=0, description="height of the viewpoint, for errors of the lean")
+    height_m: float = Field(
+        0.8, gt=0, description="height of the view: what hides the ground how far, and how a lean shifts it"
+    )
 
 
 class ObservedLines:
@@ -59,13 +75,14 @@ class ObservedLines:
         self.view_rad = view_rad
         self._rays, self._circles = _scan_geometry(camera, self.detector, view_rad)
         s = self.detector
-        self._limits = (s.line_width_m or field.line_width, s.steepest_crossing, float(s.flank_px))
+        self._limits = (s.line_width_m or field.line_width, s.steepest_crossing, float(s.flank_px), s.blur_px)
         self._paint = (field.segments, round_table(field.circles, field.arcs), field.discs)
         self._carpet = (0.5 * field.length + field.border, 0.5 * field.width + field.border)
         grid = field.distance_map()
         self._grid = (grid.values, float(grid.origin_m[0]), float(grid.origin_m[1]), grid.resolution_m)
         self._lookup = (camera.lookup_constants, camera.bearings_rad, camera.lookup_table)
-        self._fixed = np.array([(p.x, p.y, 0.5 * p.diameter) for p in field.posts]).reshape(-1, 3)
+        self._fixed = occluders([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts], self.noise.height_m)
+        self._goals = _goal_corners(field)
         self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
         self._found = np.empty((2048, COLUMNS))
 
@@ -73,39 +90,74 @@ class ObservedLines:
         self,
         pose: Pose,
         rng: np.random.Generator,
-        robots: FloatArray | None = None,
+        bodies: FloatArray | None = None,
         black_rad: FloatArray | None = None,
     ) -> LinePoints:
         """Line points seen from a pose in the field.
 
-        robots: (K, 3) x, y (field frame), radius (m) of what hides the ground behind it, beside posts and poles.
+        bodies: (K, 4) x, y (field frame), radius, height (m) of what hides the ground behind it; posts do anyway.
         black_rad: (B, 2) directions from, to (base frame, counter-clockwise) in which nothing is seen.
         """
-        hiding = self._fixed if robots is None else np.concatenate((self._fixed, robots))
+        hiding = self._fixed
+        if bodies is not None and len(bodies):
+            hiding = np.concatenate((hiding, occluders(bodies, self.noise.height_m)))
         count = find_crossings(
             (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, hiding,
             self._carpet, self._grid, self._lookup, self._found,
         )  # fmt: skip
         n = self.noise
-        strays = rng.poisson(n.false_points) if n.false_points > 0.0 else 0
-        total = count + strays
+        strays = self._strays(pose, rng)
+        total = count + len(strays)
         if total == 0:
             return empty_points()
         numbers = np.array(
             [
-                n.noise_px, n.wild_share, n.wild_px, n.oblique_px, n.outward_px, n.frame_px * rng.standard_normal(),
-                n.found_share, n.circle_share, n.half_width_px, n.width_slope_px, self.detector.noise_px,
-                self.detector.noise_m, *(n.lean_noise_rad * rng.standard_normal(2)), n.height_m,
+                n.noise_px, n.wild_px, n.circle_noise_px, n.circle_wild_px, n.wild_share, n.thin_px, n.oblique_px,
+                n.outward_px, n.frame_px * rng.standard_normal(), n.found_share, n.circle_share, n.thin_half_px,
+                n.thin_slope_px, n.circle_half_px, n.circle_slope_px, n.coarse_half_m, n.coarse_slope_m, n.long_px,
+                n.contrast_px, self.detector.noise_px, self.detector.noise_m,
+                *(n.lean_noise_rad * rng.standard_normal(2)), n.height_m,
             ]
         )  # fmt: skip
         sectors = self._unseen if black_rad is None else np.concatenate((self._unseen, black_rad))
         rows = np.empty((total, 9))
         kept = _perturbed(
-            self._found[:count], strays, self._rays, len(self._rays), sectors, numbers,
+            self._found[:count], strays, len(self._rays), sectors, numbers,
             rng.standard_normal(total), rng.random((total, 2)), self._lookup, rows,
         )  # fmt: skip
         rows = rows[:kept]
         return LinePoints(rows[:, :2], rows[:, 2:6].reshape(-1, 2, 2), rows[:, 6], rows[:, 7:9])
+
+    def _strays(self, pose: Pose, rng: np.random.Generator) -> FloatArray:
+        """(K, 2) places of false points, base frame (m): anywhere in view, and in the goals that are near enough."""
+        count = rng.poisson(self.noise.false_points)
+        ray = self._rays[rng.integers(len(self._rays), size=count)]
+        reach = ray[:, 1] + rng.random(count) * (ray[:, 2] - ray[:, 1])
+        places = [reach[:, np.newaxis] * np.column_stack((np.cos(ray[:, 0]), np.sin(ray[:, 0])))]
+        farthest = float(self._rays[0, 2])
+        for goal in self._goals:
+            if math.hypot(goal[0] - pose.x, pose.y) < farthest:
+                shares = rng.random((rng.poisson(self.noise.goal_points), 2))
+                places.append(pose.inverse().transform(goal[0::2] + shares * (goal[1::2] - goal[0::2])))
+        return np.concatenate(places)
+
+
+def occluders(bodies: npt.ArrayLike, view_m: float) -> FloatArray:
+    """(K, 4) x, y, radius, reach for `crossings.hidden` of bodies (K, 4) x, y, radius, height (m) seen from view_m."""
+    table = np.array(bodies, dtype=np.float64).reshape(-1, 4)
+    above = view_m - table[:, 3]
+    table[:, 3] = np.where(above > 1e-3, view_m / np.maximum(above, 1e-3), np.inf)
+    return table
+
+
+def _goal_corners(field: FieldModel) -> FloatArray:
+    """(G, 4) x of the goal line and beyond the net, lowest and highest y of each goal (m, field frame)."""
+    rows = [(g.x, g.x + math.copysign(g.depth + 0.5, g.x), *_widened(g.y_posts)) for g in field.goals]
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def _widened(posts: Sequence[float]) -> tuple[float, float]:
+    return min(posts) - 0.3, max(posts) + 0.3
 
 
 def leaning_view(height_m: float, focal_px: float, farthest_m: float) -> OmniCamera:
@@ -122,7 +174,7 @@ def leaning_view(height_m: float, focal_px: float, farthest_m: float) -> OmniCam
 
 
 def _scan_geometry(camera: OmniCamera, s: LinePointSettings, view_rad: float) -> tuple[FloatArray, FloatArray]:
-    """The detector's rays (P, 3): bearing (rad), nearest, farthest range (m), and circles (Q, 2): range (m), radius (px).
+    """The detector's rays (P, 3): bearing (rad), nearest, farthest range (m); circles (Q, 2): range (m), radius (px).
 
     Where the camera's table depends on the direction, a circle of the image is taken for one on the ground.
     """
@@ -150,31 +202,45 @@ def _inside_sector(bearing, sectors):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _perturbed(found, strays, rays, first_circle, sectors, numbers, normals, uniforms, camera, out):  # type: ignore[no-untyped-def]
+def _found_share(on_ray, wide, scale, numbers):  # type: ignore[no-untyped-def]
+    """Share of crossings that are found, `wide` pixels long where a pixel is `scale` m. numbers: see `observe`."""
+    ray_share, circle_share, thin_half, thin_slope, circle_half, circle_slope, coarse_half, coarse_slope, long_px = (
+        numbers
+    )
+    if on_ray:
+        share = ray_share / (1.0 + math.exp((thin_half - wide) / thin_slope))
+        share /= 1.0 + math.exp((scale - coarse_half) / coarse_slope)
+    else:
+        share = circle_share / (1.0 + math.exp((circle_half - wide) / circle_slope))
+    return share / (1.0 + (wide / long_px) ** 2)
+
+
+@njit(cache=True)
+def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms, camera, out):  # type: ignore[no-untyped-def]
     """Points that are found, shifted, into out (N, 9): x, y, covariance (4), confidence, u, v; returns how many.
 
-    found (M, COLUMNS) of `find_crossings`; strays: number of false points, anywhere on rays (P, 3). numbers: those of
+    found (M, COLUMNS) of `find_crossings`; strays (K, 2): places of false points. numbers: those of
     `ObservedLines.observe`. normals (N,) and uniforms (N, 2) bring the chance. camera: as there.
     """
-    noise, wild_share, wild, oblique, outward, frame, ray_share, circle_share = numbers[:8]
-    half_width, slope, point_px, point_m, roll, pitch, height = numbers[8:]
+    noise, wild, circle_noise, circle_wild, wild_share, thin_px, oblique, outward, frame = numbers[:9]
+    contrast_px, point_px, point_m, roll, pitch, height = numbers[18:]
     kept = 0
-    for i in range(len(found) + strays):
+    for i in range(len(found) + len(strays)):
         on_ray = True
         if i < len(found):
             x, y, path, chord, scale = found[i, 0], found[i, 1], found[i, 2], found[i, 3], found[i, 4]
             on_ray = path < first_circle
             wide = chord / scale
-            share = (ray_share if on_ray else circle_share) / (1.0 + math.exp((half_width - wide) / slope))
-            if uniforms[i, 0] >= share:
+            if uniforms[i, 0] >= _found_share(on_ray, wide, scale, numbers[9:18]):
                 continue
-            size = wild if uniforms[i, 1] < wild_share else noise
-            shift = size * math.sqrt(1.0 + (wide / oblique) ** 2) * normals[i]
+            if uniforms[i, 1] < wild_share:
+                size = wild if on_ray else circle_wild
+            else:
+                size = noise if on_ray else circle_noise
+            shift = size * math.sqrt(1.0 + (wide / oblique) ** 2 + (thin_px / wide) ** 2) * normals[i]
         else:
-            ray = int(uniforms[i, 0] * len(rays))
-            reach = rays[ray, 1] + uniforms[i, 1] * (rays[ray, 2] - rays[ray, 1])
-            x, y = reach * math.cos(rays[ray, 0]), reach * math.sin(rays[ray, 0])
-            wide, shift = 2.0, 0.0
+            x, y = strays[i - len(found), 0], strays[i - len(found), 1]
+            wide, shift = 1.5, 0.0
         if _inside_sector(math.atan2(y, x), sectors):
             continue
         u, v = pixel_from_ground(x, y, camera[0], camera[1], camera[2])
@@ -201,7 +267,7 @@ def _perturbed(found, strays, rays, first_circle, sectors, numbers, normals, uni
         row[0], row[1] = x + height * pitch + x * lean, y - height * roll + y * lean
         row[2], row[5] = point_px**2 * (a * a + b * b) + point_m**2, point_px**2 * (c * c + d * d) + point_m**2
         row[3] = row[4] = point_px**2 * (a * c + b * d)
-        row[6] = min(1.0, 0.32 + 0.22 * wide)
+        row[6] = 1.0 - math.exp(-wide / contrast_px)
         row[7], row[8] = u, v
         if not math.isnan(row[2] + row[5]):
             kept += 1

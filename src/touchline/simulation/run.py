@@ -31,9 +31,10 @@ from touchline.sources import ProblemLog, Truth
 from touchline.types import Frame, ImageArray, LinePoints, Samples, empty_points
 
 LEVELS = ("images", "points")
-_ROBOT_RADIUS_M = 0.26
+# radius and height of the others' bodies (`world.robot_blocks`): foot, middle, top
+_ROBOT_PARTS = ((0.24, 0.38), (0.143, 0.56), (0.117, 0.80))
 _PINHOLE_REACH_M = 6.5
-_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, wild_px=0.8, half_width_px=2.0, lean_noise_rad=0.004, height_m=1.1)
+_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, wild_px=0.8, lean_noise_rad=0.004, height_m=1.1)
 
 
 class Simulation:
@@ -174,7 +175,7 @@ class Simulation:
         )
 
     def image(self, index: int, again: int = 0) -> ImageArray:
-        """The image of one frame, uint8 (H, W, 3) BGR, with the exposure set now. again: another noise of the sensor."""
+        """The image of one frame, uint8 (H, W, 3) BGR, with the exposure set now. again: for another noise."""
         time_s = float(self.image_times_s[index])
         rng = np.random.default_rng([self.scenario.seed, 5, index, again])
         camera = self.scenario.camera
@@ -208,10 +209,14 @@ class Simulation:
         time_s = float(self.image_times_s[index])
         if self.track.covered_at(time_s):
             return empty_points()
-        robots = self.others.at(time_s)[0]
-        hiding = np.column_stack((robots[:, :2], np.full(len(robots), _ROBOT_RADIUS_M)))
         rng = np.random.default_rng([self.scenario.seed, 6, index])
-        return self._observed.observe(self.track.pose_at(time_s), rng, hiding, self._black_rad)
+        return self._observed.observe(self.track.pose_at(time_s), rng, self._bodies(time_s), self._black_rad)
+
+    def _bodies(self, time_s: float) -> FloatArray:
+        """(K, 4) x, y, radius, height of what hides lines: robots as cylinders one on another, and balls."""
+        robots, balls = self.others.at(time_s)
+        parts = [np.column_stack((robots[:, :2], np.tile(part, (len(robots), 1)))) for part in _ROBOT_PARTS]
+        return np.concatenate((*parts, np.column_stack((balls, np.tile((0.11, 0.22), (len(balls), 1))))))
 
     @cached_property
     def _observed(self) -> ObservedLines:
@@ -241,7 +246,7 @@ def robot_frame(pose: Pose, points: FloatArray) -> FloatArray:
 
 
 def _image_times(scenario: Scenario, poses: FloatArray) -> FloatArray:
-    """Times of the images (s): even ones, or for a calibration that goes from pose to pose, the middle of each stand."""
+    """Times of the images (s): even ones; where a calibration goes from pose to pose, the middle of each stand."""
     period_s = 1.0 / scenario.camera.rate_hz
     if scenario.calibration.kind in ("strip", "chessboard"):
         times = _middles_of_stands(poses)
