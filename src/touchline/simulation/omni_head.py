@@ -7,24 +7,26 @@ import numpy.typing as npt
 
 from touchline.camera import OmniCamera
 
-RIM_PX = 11.5  # the mirror reaches this far beyond the camera's outer radius, then its rim begins
+_RIM_PX = 11.5  # the recorded head's mirror reaches this far beyond its outer radius, then the rim begins
 _RODS_RAD = (0.019, 2.107, -2.065)
 _SAMPLES = 4
 
 
-def head_layer(design: OmniCamera) -> npt.NDArray[np.float32]:
+def head_layer(design: OmniCamera, edge_px: float | None = None) -> npt.NDArray[np.float32]:
     """Reflectance red, green, blue (premultiplied) and share of the pixel, (H, W, 4), of what turns with the robot.
 
     An octagonal body a little smaller than the inner radius, three rods half a hundredth of the radius thick on each side
-    at the body and twice that at the rim, a dark rim and darkness beyond. Four by four samples each pixel.
+    at the body and twice that at the rim, a dark rim at edge_px and darkness beyond. 4 x 4 samples each
+    pixel.
     """
+    edge = design.outer_radius_px + _RIM_PX if edge_px is None else edge_px
     layer = np.zeros((design.height, design.width, 4))
     offsets = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
     u, v = np.meshgrid(np.arange(design.width, dtype=np.float64), np.arange(design.height, dtype=np.float64))
     for dv in offsets:
         for du in offsets:
             x, y = u + du - design.center[0], v + dv - design.center[1]
-            layer += _head_colours(x, y, design.inner_radius_px, design.outer_radius_px + RIM_PX)
+            layer += _head_colours(x, y, design.inner_radius_px, edge)
     return (layer / _SAMPLES**2).astype(np.float32)
 
 

@@ -17,7 +17,7 @@ from touchline.geometry import FloatArray
 from touchline.simulation.world import GroundMark
 
 CELL_M = 0.25
-MARGIN_M = 0.3
+MARGIN_M, TIGHT_MARGIN_M = 0.3, 0.02
 _BAR, _RING, _DISC = 0.0, 1.0, 2.0
 
 
@@ -26,7 +26,8 @@ class PaintGrid(NamedTuple):
 
     shapes (P, 8) float64: kind, then for a bar its middle, direction cosine and sine, half length, half width; for a ring
     (circle or arc) its centre, radius, half width, middle angle and half sweep; for a disc centre and radius; last the
-    paint's index. starts (cells + 1,), items: shapes of each cell, row by row. frame: x, y of the first cell, columns, rows.
+    paint's index. starts (cells + 1,), items: shapes within 0.3 m of each cell, row by row.
+    frame: x, y of the first cell, columns, rows.
     """
 
     shapes: npt.NDArray[np.float64]
@@ -62,7 +63,21 @@ def build_paint(field: FieldModel, marks: Sequence[GroundMark], hall: tuple[floa
     return PaintGrid(shapes, starts, np.nonzero(near)[1].astype(np.int16), frame)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def mark_paint(grid: PaintGrid, per_m: float, flags: npt.NDArray[np.uint8], near: int, around: int) -> None:
+    """Set a bit in the flags (ny, nx) of cells with paint within 0.02 m of them, another for paint within 0.3 m."""
+    half = np.sqrt(0.5) / per_m
+    for j in range(flags.shape[0]):
+        for i in range(flags.shape[1]):
+            x, y = grid.frame[0] + (i + 0.5) / per_m, grid.frame[1] + (j + 0.5) / per_m
+            cell = int(j / per_m * 4.0) * int(grid.frame[2]) + int(i / per_m * 4.0)
+            for entry in range(grid.starts[cell], grid.starts[cell + 1]):
+                flags[j, i] |= around
+                if shape_depth(grid.shapes, grid.items[entry], x, y) > -TIGHT_MARGIN_M - half:
+                    flags[j, i] |= near
+
+
+@njit(cache=True, error_model="numpy")
 def _near_shapes(shapes: FloatArray, points: FloatArray, reach: float) -> npt.NDArray[np.bool_]:
     near = np.zeros((len(points), len(shapes)), dtype=np.bool_)
     for i in range(len(points)):
@@ -71,7 +86,7 @@ def _near_shapes(shapes: FloatArray, points: FloatArray, reach: float) -> npt.ND
     return near
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def shape_depth(shapes: FloatArray, k: int, x: float, y: float) -> float:
     """How deep (m) a point lies in shape k; negative outside: there -depth is no more than the distance to it."""
     ex, ey = x - shapes[k, 1], y - shapes[k, 2]
@@ -90,7 +105,7 @@ def shape_depth(shapes: FloatArray, k: int, x: float, y: float) -> float:
     return depth
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def paint_at(
     shapes: FloatArray,
     starts: npt.NDArray[np.int32],

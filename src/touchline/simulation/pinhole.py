@@ -127,7 +127,7 @@ class SimulatedPinholeCamera(SimulatedCameraModel):
         origins = np.broadcast_to(np.array([m.x, m.y, m.z]), directions.shape)
         rays = np.hstack((origins, directions)).reshape(height, width, 6).astype(np.float32)
         still = np.zeros((height, width, 4), dtype=np.float32)
-        return RayGrid(rays, 1.0 / float(self.matrix[0, 0]), math.hypot(m.x, m.y) + 0.2 * m.z, still)
+        return RayGrid(rays, 1.0 / float(self.matrix[0, 0]), origins[0], 0.01, still)
 
     def _undistorted(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Coordinates at unit depth of pixels: OpenCV's distortion inverted by fixed-point iteration."""

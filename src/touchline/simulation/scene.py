@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.simulation.carpet import pile_pyramid, wear_map
-from touchline.simulation.illumination import place_casters
+from touchline.simulation.ground_shading import SEAM_M
+from touchline.simulation.illumination import (
+    AROUND_PAINT,
+    FLAGS_PER_M,
+    HAS_PAINT,
+    HAS_SEAM,
+    mark_sunlight,
+    place_casters,
+)
 from touchline.simulation.lights import lamps_on_ground
-from touchline.simulation.paint import build_paint
+from touchline.simulation.paint import CELL_M, build_paint, mark_paint
 from touchline.simulation.solids import (
     Palette,
     ball_row,
@@ -25,6 +35,33 @@ from touchline.simulation.world import PAINTS, World, WorldState
 RADIANCE_PER_LEVEL = 0.275  # white paint (0.84) under level 1: 0.23, as in the recorded images under hall lamps
 _LIGHT_STEP_M = 0.125
 _ROOM_PAINTS = ((0.27, 0.25, 0.205), (0.02, 0.02, 0.025), (0.52, 0.47, 0.39), (0.6, 0.58, 0.52))
+
+
+class SceneArrays(NamedTuple):
+    """All that the loops read, from one camera's place; each is explained where it is made."""
+
+    solids: FloatArray
+    starts: npt.NDArray[np.int32]
+    items: npt.NDArray[np.int16]
+    near: FloatArray
+    first_body: FloatArray
+    palette: FloatArray
+    room: FloatArray
+    room_colours: FloatArray
+    flags: npt.NDArray[np.uint8]
+    shapes: FloatArray
+    cell_starts: npt.NDArray[np.int32]
+    cell_items: npt.NDArray[np.int16]
+    paint_frame: FloatArray
+    paints: FloatArray
+    carpet: FloatArray
+    pyramid: npt.NDArray[np.float32]
+    light: npt.NDArray[np.float32]
+    light_frame: FloatArray
+    casters: FloatArray
+    caster_cells: npt.NDArray[np.int16]
+    sun: FloatArray
+    windows: FloatArray
 
 
 class Scene:
@@ -48,6 +85,7 @@ class Scene:
         self.pyramid = pile_pyramid(rng)
         self._build_solids()
         self._build_light(rng)
+        self._build_flags()
 
     def update(self, state: WorldState) -> None:
         """Bring everything that moves or shines to a state. Raises InputError for a body outside the hall."""
@@ -69,9 +107,20 @@ class Scene:
         if len(rolling):
             rolling[:, 1:3] = balls
         self.solids = np.concatenate((self._standing, moving, rolling))
-        self.casters = np.concatenate((self._caster_sizes[:0], self._casters(robots, balls)))
-        self.caster_cells = place_casters(self.casters, self.paint.frame)
+        self.casters = self._casters(robots, balls)
         self._shine(state.time_s)
+        np.copyto(self.flags, self._lit_flags if self.sun[0] > 0.0 else self._still_flags)
+        self.caster_cells = place_casters(self.casters, self.sun, self.paint.frame, self.flags)
+
+    def arrays(
+        self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray, first_body: FloatArray
+    ) -> SceneArrays:
+        """Everything for the loops, with the solids sorted into sectors around a camera."""
+        return SceneArrays(
+            self.solids, starts, items, near, first_body, self.palette, self.room, self.room_colours, self.flags,
+            *self.paint, self.paints, self.carpet, self.pyramid, self.light, self.light_frame, self.casters,
+            self.caster_cells, self.sun, self.windows,
+        )  # fmt: skip
 
     def _build_solids(self) -> None:
         world, palette = self.world, Palette()
@@ -103,7 +152,10 @@ class Scene:
         y = self.light_frame[1] + np.arange(rows) * _LIGHT_STEP_M
         self._lamp_shares = lamps_on_ground(world.lights.lamps, *np.meshgrid(x, y))
         self.light = np.empty((rows, columns, 2), dtype=np.float32)
-        self.light[:, :, 1] = 1.0 + 0.055 * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
+        self._carpet_brightness = 1.0 + 0.055 * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
+        if world.seam_spacing > 0.0:  # every other strip lies against the nap
+            odd = np.floor(x / world.seam_spacing + 0.37 + 0.5).astype(int) % 2
+            self._carpet_brightness *= 1.0 + 0.018 * world.carpet_contrast * (2.0 * odd - 1.0)
         self._levels: npt.NDArray[np.float64] | None = None
         walls = {"east": (0.0, self.room[2]), "west": (0.0, -self.room[2])}
         walls |= {"north": (1.0, self.room[3]), "south": (1.0, -self.room[3])}
@@ -122,6 +174,7 @@ class Scene:
         if self._levels is None or not np.array_equal(levels, self._levels):
             total = np.tensordot(lamps, self._lamp_shares, axes=1) + ambient
             self.light[:, :, 0] = total * RADIANCE_PER_LEVEL
+            self.light[:, :, 1] = self.light[:, :, 0] * self._carpet_brightness
             self._levels = levels
         self.sun = np.array(
             [
@@ -129,6 +182,22 @@ class Scene:
                 np.cos(lights.sun_azimuth_rad),
                 np.sin(lights.sun_azimuth_rad),
                 np.tan(lights.sun_elevation_rad),
-                0.0,
             ]
         )
+        if sun > 0.0 and self._lit_flags is self._still_flags:
+            self._lit_flags = self._still_flags.copy()
+            mark_sunlight(self.sun, self.windows, self.paint.frame, self._lit_flags)
+
+    def _build_flags(self) -> None:
+        """What the flag cells of the ground hold that never moves."""
+        x0, _, columns, rows = self.paint.frame
+        shape = (round(rows * CELL_M * FLAGS_PER_M), round(columns * CELL_M * FLAGS_PER_M))
+        self._still_flags = np.zeros(shape, dtype=np.uint8)
+        mark_paint(self.paint, FLAGS_PER_M, self._still_flags, HAS_PAINT, AROUND_PAINT)
+        spacing = self.world.seam_spacing
+        if spacing > 0.0 and self.world.carpet_contrast > 0.0:
+            strip = (x0 + (np.arange(shape[1]) + 0.5) / FLAGS_PER_M) / spacing + 0.37
+            near = np.abs(strip - np.round(strip)) * spacing < 0.5 / FLAGS_PER_M + 0.5 * SEAM_M + 0.05
+            self._still_flags[:, near] |= HAS_SEAM
+        self._lit_flags = self._still_flags
+        self.flags = self._still_flags.copy()

@@ -133,16 +133,26 @@ def placed(rows: FloatArray, poses: FloatArray) -> FloatArray:
     return moved
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def turn_number(x: float, y: float) -> float:
     """A number in [0, 4) that grows with the direction of (x, y), counter-clockwise from x; cheaper than an angle."""
-    size = abs(x) + abs(y)
-    if size == 0.0:
-        return 0.0
-    return 1.0 - x / size if y >= 0.0 else 3.0 + x / size
+    share = x / (abs(x) + abs(y) + 1e-300)
+    return 1.0 - share if y >= 0.0 else 3.0 + share
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def first_bodies(
+    starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray
+) -> npt.NDArray[np.float64]:
+    """Distance (m) of the first body in each sector; negative where the camera stands within its reach."""
+    first = np.full(len(starts) - 1, 1e6)
+    for n in range(len(first)):
+        if starts[n + 1] > starts[n]:
+            first[n] = near[items[starts[n]]]
+    return first
+
+
+@njit(cache=True, error_model="numpy")
 def sort_into_sectors(
     solids: FloatArray, x: float, y: float, slack: float
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int16], FloatArray]:

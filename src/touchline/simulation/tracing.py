@@ -17,10 +17,11 @@ CARPET, FLOOR, BOARD, WALL, CEILING = -1, -2, -3, -4, -8  # walls: east -4, west
 FAR_M = 1e6
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def trace_rays(
     rays: npt.NDArray[np.float32],
     rows: npt.NDArray[np.int32],
+    rest: npt.NDArray[np.int32],
     poses: FloatArray,
     solids: FloatArray,
     starts: npt.NDArray[np.int32],
@@ -31,34 +32,41 @@ def trace_rays(
     hits: npt.NDArray[np.float32],
     codes: npt.NDArray[np.int32],
 ) -> None:
-    """Fill hits (N, 8) and codes (N,) for body rays (N, 6): origin (m) and direction (any length).
+    """Fill hits (M, 8) and codes (M,) for the body rays (N, 6) that rest (M,) lists: origin (m), direction (any length).
 
-    rows (N,) selects each ray's pose among poses (P, 12): rotation field_from_body row by row, then its translation (m).
+    rows (N,) selects each ray's pose among poses (P, 12): rotation field_from_body by rows, then its translation (m).
     room (6,): half length and width of carpet and of hall, ceiling, height of the board around the carpet (m).
     hits: x, y, z of the point (m, field frame), s, horizontal direction x and y, rise, share of light that nets let by.
     """
-    for i in range(len(rays)):
-        p = poses[rows[i]]
-        r = rays[i]
-        ox = p[0] * r[0] + p[1] * r[1] + p[2] * r[2] + p[9]
-        oy = p[3] * r[0] + p[4] * r[1] + p[5] * r[2] + p[10]
-        oz = p[6] * r[0] + p[7] * r[1] + p[8] * r[2] + p[11]
-        dx = p[0] * r[3] + p[1] * r[4] + p[2] * r[5]
-        dy = p[3] * r[3] + p[4] * r[4] + p[5] * r[5]
-        dz = p[6] * r[3] + p[7] * r[4] + p[8] * r[5]
+    for i in range(len(rest)):
+        r = rest[i]
+        p = rows[r]
+        qx, qy, qz, rx, ry, rz = rays[r, 0], rays[r, 1], rays[r, 2], rays[r, 3], rays[r, 4], rays[r, 5]
+        ox = poses[p, 0] * qx + poses[p, 1] * qy + poses[p, 2] * qz + poses[p, 9]
+        oy = poses[p, 3] * qx + poses[p, 4] * qy + poses[p, 5] * qz + poses[p, 10]
+        oz = poses[p, 6] * qx + poses[p, 7] * qy + poses[p, 8] * qz + poses[p, 11]
+        dx = poses[p, 0] * rx + poses[p, 1] * ry + poses[p, 2] * rz
+        dy = poses[p, 3] * rx + poses[p, 4] * ry + poses[p, 5] * rz
+        dz = poses[p, 6] * rx + poses[p, 7] * ry + poses[p, 8] * rz
         scale = 1.0 / max(np.sqrt(dx * dx + dy * dy), 1e-9)
         ux, uy, rise = dx * scale, dy * scale, dz * scale
         s, code = _background(ox, oy, oz, ux, uy, rise, room)
         open_share = 1.0
-        sector = min(int(turn_number(ux, uy) * (SECTORS / 4.0)), SECTORS - 1)
+        sector = min(np.uint32(turn_number(ux, uy) * (SECTORS / 4.0)), SECTORS - 1)
         for entry in range(starts[sector], starts[sector + 1]):
             k = items[entry]
             if near[k] > s:
                 break
-            found = meet(solids, k, ox, oy, oz, ux, uy, rise)
+            ex, ey = solids[k, 1] - ox, solids[k, 2] - oy
+            lateral = ux * ey - uy * ex
+            if abs(lateral) > solids[k, 9]:
+                continue
+            found = meet(solids[k], ex, ey, lateral, oz, ux, uy, rise)
             if 0.0 < found < s:
                 if solids[k, 0] == 3.0:
-                    open_share *= _net_gaps(solids, k, ox, oy, oz, ux, uy, rise, found, pixel_angle)
+                    open_share *= _net_gaps(
+                        solids[k], found * ux - ex, found * uy - ey, oz + found * rise, found * pixel_angle
+                    )
                 else:
                     s, code = found, k
         hits[i, 0], hits[i, 1], hits[i, 2] = ox + s * ux, oy + s * uy, oz + s * rise
@@ -66,74 +74,64 @@ def trace_rays(
         codes[i] = code
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _background(
     ox: float, oy: float, oz: float, ux: float, uy: float, rise: float, room: FloatArray
 ) -> tuple[float, int]:
     """Distance and code of carpet, board, floor, wall or ceiling."""
-    s = FAR_M
-    if rise < 0.0:
-        s = -oz / rise
-        if abs(ox + s * ux) <= room[0] and abs(oy + s * uy) <= room[1]:
-            return s, CARPET
-    if room[5] > 0.0 and abs(ox) < room[0] and abs(oy) < room[1]:
-        edge = min(_exit(ox, ux, room[0]), _exit(oy, uy, room[1]))
-        if edge < s and oz + edge * rise < room[5]:
-            return edge, BOARD
-    wall_x, wall_y = _exit(ox, ux, room[2]), _exit(oy, uy, room[3])
-    wall = min(wall_x, wall_y)
-    if s < wall:
-        return s, FLOOR
-    if rise > 0.0 and oz + wall * rise > room[4]:
-        return (room[4] - oz) / rise, CEILING
-    if wall_x <= wall_y:
-        return wall, WALL if ux > 0.0 else WALL - 1
-    return wall, WALL - 2 if uy > 0.0 else WALL - 3
+    s = -oz / rise if rise < 0.0 else FAR_M
+    code = CARPET
+    if rise >= 0.0 or abs(ox + s * ux) > room[0] or abs(oy + s * uy) > room[1]:
+        code = FLOOR
+        per_x, per_y = 1.0 / (abs(ux) + 1e-12), 1.0 / (abs(uy) + 1e-12)
+        along_x, along_y = (ox if ux > 0.0 else -ox), (oy if uy > 0.0 else -oy)
+        wall_x, wall_y = (room[2] - along_x) * per_x, (room[3] - along_y) * per_y
+        wall = min(wall_x, wall_y)
+        if wall < s:
+            s = wall
+            side = WALL - (0 if ux > 0.0 else 1)
+            code = side if wall_x <= wall_y else WALL - (2 if uy > 0.0 else 3)
+            if rise > 0.0 and oz + wall * rise > room[4]:
+                s, code = (room[4] - oz) / rise, CEILING
+        if room[5] > 0.0 and abs(ox) < room[0] and abs(oy) < room[1]:
+            edge = min((room[0] - along_x) * per_x, (room[1] - along_y) * per_y)
+            if edge < s and oz + edge * rise < room[5]:
+                s, code = edge, BOARD
+    return s, code
 
 
-@njit(cache=True)
-def _exit(o: float, u: float, half: float) -> float:
-    """Where a ray leaves the strip |x| < half."""
-    if u > 1e-12:
-        return (half - o) / u
-    if u < -1e-12:
-        return (-half - o) / u
-    return FAR_M
+@njit(cache=True, error_model="numpy")
+def meet(
+    solid: FloatArray, ex: float, ey: float, lateral: float, oz: float, ux: float, uy: float, rise: float
+) -> float:
+    """Horizontal distance (m) at which a ray enters a solid (row of the table), FAR_M where it misses it.
 
-
-@njit(cache=True)
-def meet(solids: FloatArray, k: int, ox: float, oy: float, oz: float, ux: float, uy: float, rise: float) -> float:
-    """Horizontal distance (m) at which a ray enters solid k, FAR_M where it misses it."""
-    ex, ey = solids[k, 1] - ox, solids[k, 2] - oy
-    kind = solids[k, 0]
-    radius = solids[k, 9]
-    lateral = ux * ey - uy * ex
-    if abs(lateral) > radius:
-        return FAR_M
+    ex, ey: from the ray's origin to the solid's middle; lateral: distance of the middle to the left of the ray, less than
+    the bounding radius.
+    """
+    kind, radius = solid[0], solid[9]
     along = ux * ex + uy * ey
     if kind == 2.0:
         return _meet_ball(along, lateral, oz - radius, rise, radius)
     if kind == 0.0:
         half = np.sqrt(radius * radius - lateral * lateral)
-        enter, leave = along - half, along + half
-    else:
-        c, s = solids[k, 3], solids[k, 4]
-        lx, ly = ex * c + ey * s, ey * c - ex * s
-        vx, vy = ux * c + uy * s, uy * c - ux * s
-        if kind == 3.0:
-            if abs(vy) < 1e-9:
-                return FAR_M
-            enter = ly / vy
-            height = oz + enter * rise
-            inside = abs(enter * vx - lx) <= solids[k, 5] and solids[k, 7] <= height <= solids[k, 8]
-            return enter if inside else FAR_M
-        enter, leave = _slab(lx, vx, solids[k, 5])
-        enter_y, leave_y = _slab(ly, vy, solids[k, 6])
-        enter, leave = max(enter, enter_y), min(leave, leave_y)
-    return _meet_upright(enter, leave, oz, rise, solids[k, 7], solids[k, 8])
+        return _meet_upright(along - half, along + half, oz, rise, solid[7], solid[8])
+    c, s = solid[3], solid[4]
+    lx, ly = ex * c + ey * s, ey * c - ex * s
+    vx, vy = ux * c + uy * s, uy * c - ux * s
+    if kind == 3.0:
+        if abs(vy) < 1e-9:
+            return FAR_M
+        enter = ly / vy
+        height = oz + enter * rise
+        inside = abs(enter * vx - lx) <= solid[5] and solid[7] <= height <= solid[8]
+        return enter if inside else FAR_M
+    enter, leave = _slab(lx, vx, solid[5])
+    enter_y, leave_y = _slab(ly, vy, solid[6])
+    return _meet_upright(max(enter, enter_y), min(leave, leave_y), oz, rise, solid[7], solid[8])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _slab(middle: float, v: float, half: float) -> tuple[float, float]:
     if abs(v) < 1e-12:
         return (-FAR_M, FAR_M) if abs(middle) <= half else (FAR_M, -FAR_M)
@@ -141,7 +139,7 @@ def _slab(middle: float, v: float, half: float) -> tuple[float, float]:
     return (a, b) if a < b else (b, a)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _meet_upright(enter: float, leave: float, oz: float, rise: float, bottom: float, top: float) -> float:
     """First meeting with an upright body over [enter, leave] between two heights."""
     if enter >= leave or leave <= 0.0:
@@ -158,7 +156,7 @@ def _meet_upright(enter: float, leave: float, oz: float, rise: float, bottom: fl
     return s if s < leave else FAR_M
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _meet_ball(along: float, lateral: float, height: float, rise: float, radius: float) -> float:
     """height: of the ray's origin above the ball's middle."""
     a = 1.0 + rise * rise
@@ -167,27 +165,14 @@ def _meet_ball(along: float, lateral: float, height: float, rise: float, radius:
     return (b - np.sqrt(inside)) / a if inside > 0.0 else FAR_M
 
 
-@njit(cache=True)
-def _net_gaps(
-    solids: FloatArray,
-    k: int,
-    ox: float,
-    oy: float,
-    oz: float,
-    ux: float,
-    uy: float,
-    rise: float,
-    s: float,
-    pixel_angle: float,
-) -> float:
-    """Share of a pixel that is not thread: threads box-filtered over the pixel's width on the net."""
-    along = (ox + s * ux - solids[k, 1]) * solids[k, 3] + (oy + s * uy - solids[k, 2]) * solids[k, 4]
-    mesh, thread = solids[k, 11], solids[k, 12]
-    width = s * pixel_angle
-    return (1.0 - _grating(along, mesh, thread, width)) * (1.0 - _grating(oz + s * rise, mesh, thread, width))
+@njit(cache=True, error_model="numpy")
+def _net_gaps(net: FloatArray, x: float, y: float, height: float, width: float) -> float:
+    """Share of a pixel that is not thread, at x, y from the net's middle: threads box-filtered over the pixel's width."""
+    along = x * net[3] + y * net[4]
+    return float((1.0 - _grating(along, net[11], net[12], width)) * (1.0 - _grating(height, net[11], net[12], width)))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _grating(position: float, period: float, line: float, width: float) -> float:
     """Mean over [position - width / 2, position + width / 2] of a grating: 1 on lines of that width at each period."""
     if width >= period:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.ground_shading import EDGE_FLAG, PILE, SUN_FLAG, pile_at
+from touchline.simulation.ground_shading import PILE, SUN_FLAG, pile_at
 from touchline.simulation.illumination import light_at, sun_at
 from touchline.simulation.tracing import BOARD, CARPET, CEILING, FLOOR
 
@@ -15,8 +15,9 @@ _WALL_NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])  # 
 _NET_REFLECTANCE = 0.55
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def shade_upright(
+    rest: npt.NDArray[np.int32],
     hits: npt.NDArray[np.float32],
     codes: npt.NDArray[np.int32],
     solids: FloatArray,
@@ -33,18 +34,18 @@ def shade_upright(
     radiance: npt.NDArray[np.float32],
     labels: npt.NDArray[np.int32],
 ) -> None:
-    """Fill radiance (N, 3) and labels (N,) for all that is no carpet, then lay nets over everything.
+    """Fill radiance (N, 3) and labels (N,) of the rays in rest that end on no carpet, then lay nets over everything.
 
     room_colours (4, 3): floor, board, walls, ceiling.
     """
-    for i in range(len(codes)):
-        code = codes[i]
-        x, y, z = float(hits[i, 0]), float(hits[i, 1]), float(hits[i, 2])
-        footprint = hits[i, 3] * pixel_angle
-        gaps = float(hits[i, 7])
+    for n in range(len(rest)):
+        i, code = rest[n], codes[n]
+        x, y, z = float(hits[n, 0]), float(hits[n, 1]), float(hits[n, 2])
+        footprint = hits[n, 3] * pixel_angle
+        gaps = float(hits[n, 7])
         if code == CARPET and gaps == 1.0:
             continue
-        level, _ = light_at(light, light_frame, x, y)
+        level = light_at(light, light_frame, 0, x, y)
         if code != CARPET:
             nx, ny, label, colour, grain = 0.0, 0.0, 0, 0, 0.25
             if code >= 0:
@@ -53,7 +54,7 @@ def shade_upright(
             elif code == FLOOR:
                 label = 20
             elif code == BOARD:
-                label, nx, ny = 21, float(-hits[i, 4]), float(-hits[i, 5])
+                label, nx, ny = 21, float(-hits[n, 4]), float(-hits[n, 5])
             elif code == CEILING:
                 label, level = 22, 0.6 * level
             else:
@@ -62,10 +63,10 @@ def shade_upright(
             if nx != 0.0 or ny != 0.0:
                 level *= 0.62 + 0.12 * (0.5 * nx + 0.87 * ny)
             facing = nx * sun[1] + ny * sun[2] if nx != 0.0 or ny != 0.0 else sun[3]
-            if facing > 0.0 and sun_at(sun, windows, casters[:0], x, y, z):
+            if sun[0] > 0.0 and facing > 0.0 and sun_at(sun, windows, casters[:0], x, y, z):
                 level += sun[0] * min(facing / max(sun[3], 0.2), 2.0)
                 label |= SUN_FLAG
-            level *= 1.0 + grain * PILE * pile_at(pyramid, x + 0.7 * y, z + 0.3 * y, footprint)
+            level *= 1.0 + grain * PILE * pile_at(pyramid, x + 0.7 * y, z + 0.3 * y, footprint * footprint)
             for c in range(3):
                 shade = palette[colour, c] if code >= 0 else room_colours[_room_row(code), c]
                 radiance[i, c] = shade * level
@@ -73,10 +74,9 @@ def shade_upright(
         if gaps < 1.0:
             for c in range(3):
                 radiance[i, c] = gaps * radiance[i, c] + (1.0 - gaps) * _NET_REFLECTANCE * level
-            labels[i] |= EDGE_FLAG
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _room_row(code: int) -> int:
     if code == FLOOR:
         return 0
@@ -85,7 +85,7 @@ def _room_row(code: int) -> int:
     return 3 if code == CEILING else 2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _face(solids: FloatArray, k: int, x: float, y: float, z: float) -> tuple[float, float, int, int]:
     """Horizontal normal (0, 0 on top), label and colour number of a point on solid k."""
     ex, ey = x - solids[k, 1], y - solids[k, 2]
