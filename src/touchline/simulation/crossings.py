@@ -10,11 +10,12 @@ import math
 import numpy as np
 from numba import njit
 
-from touchline.camera.omni import ground_from_pixel, pixel_from_ground
+from touchline.camera import OmniCamera
 from touchline.field.distance_map import lookup
 from touchline.geometry import FloatArray
 
 COLUMNS = 6  # of a crossing: x, y (m, base frame), path, paint across the path (m), metres per pixel along it, disc
+SCALE_STEP_M = 0.01
 _MOST_PER_PATH = 64
 
 
@@ -116,16 +117,16 @@ def circle_hits(x, y, reach, segments, rounds, discs, hits):  # type: ignore[no-
 
 
 @njit(cache=True)
-def hidden(x, y, px, py, occluders):  # type: ignore[no-untyped-def]
-    """Whether the ground at px, py is hidden from x, y by one of the occluders (K, 4); field frame, m.
+def hidden(x, y, px, py, bodies):  # type: ignore[no-untyped-def]
+    """Whether the ground at px, py is hidden from x, y by one of the bodies (K, 4); field frame, m.
 
     Each is x, y, radius and `reach`: its top hides the ground up to that multiple of its far side's distance, which is
     the view's height over the view's height above the top; infinite for what is as high as the view.
     """
     dx, dy = px - x, py - y
     distance = math.sqrt(dx * dx + dy * dy)
-    for i in range(len(occluders)):
-        ox, oy, radius = occluders[i, 0] - x, occluders[i, 1] - y, occluders[i, 2]
+    for i in range(len(bodies)):
+        ox, oy, radius = bodies[i, 0] - x, bodies[i, 1] - y, bodies[i, 2]
         along = (ox * dx + oy * dy) / max(distance, 1e-9)
         if along <= 0.0:
             continue
@@ -133,7 +134,7 @@ def hidden(x, y, px, py, occluders):  # type: ignore[no-untyped-def]
         if square <= 0.0:
             continue
         half = math.sqrt(square)
-        if along - half < distance < (along + half) * occluders[i, 3]:
+        if along - half < distance < (along + half) * bodies[i, 3]:
             return True
     return False
 
@@ -147,83 +148,116 @@ def _green(px, py, least, carpet, grid):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _shadows(x, y, cx, sx, bodies, shadows):  # type: ignore[no-untyped-def]
+    """Stretches (K, 2) of a ray, from and to (m), that bodies (K, 4) hide, into shadows; returns how many."""
+    count = 0
+    for i in range(len(bodies)):
+        ox, oy = bodies[i, 0] - x, bodies[i, 1] - y
+        along = ox * cx + oy * sx
+        square = bodies[i, 2] * bodies[i, 2] - (ox * ox + oy * oy - along * along)
+        if along > 0.0 and square > 0.0:
+            half = math.sqrt(square)
+            shadows[count, 0], shadows[count, 1] = along - half, (along + half) * bodies[i, 3]
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _ray_is_clear(along, chord, reach_m, scale, ray, view, shadows, width, carpet, grid):  # type: ignore[no-untyped-def]
+    """Whether there is free green on both sides of a crossing. ray: direction; view: x, y; shadows: stretches hidden."""
+    for step in (-0.5 * chord - reach_m, -0.5 * chord - scale, 0.5 * chord + scale, 0.5 * chord + reach_m):
+        place = along + step
+        for i in range(len(shadows)):
+            if shadows[i, 0] < place < shadows[i, 1]:
+                return False
+        if not _green(view[0] + place * ray[0], view[1] + place * ray[1], 0.5 * width, carpet, grid):
+            return False
+    return True
+
+
+@njit(cache=True)
+def _circle_is_clear(angle, chord, reach_m, scale, reach, view, bodies, width, carpet, grid):  # type: ignore[no-untyped-def]
+    """The same on a circle of the radius `reach` about the view; angle: direction of the crossing (field frame)."""
+    for step in (-0.5 * chord - reach_m, -0.5 * chord - scale, 0.5 * chord + scale, 0.5 * chord + reach_m):
+        turned = angle + step / reach
+        px, py = view[0] + reach * math.cos(turned), view[1] + reach * math.sin(turned)
+        if not _green(px, py, 0.5 * width, carpet, grid) or hidden(view[0], view[1], px, py, bodies):
+            return False
+    return True
+
+
+@njit(cache=True)
 def find_crossings(  # type: ignore[no-untyped-def]
-    pose, rays, circles, limits, paint, occluders, carpet, grid, camera, out
+    pose, rays, circles, limits, paint, bodies, carpet, grid, scales, out
 ):
     """Paint that a detector could find from a pose (3,), into out (M, COLUMNS); returns how many.
 
     rays (P, 3): bearing (rad, base frame), nearest and farthest range (m); circles (Q, 2): range (m), pixels of radius.
-    limits: line width, longest chord in line widths, flank and blur (pixels). paint: segments, rounds, discs. occluders (K, 4).
-    carpet: half length and half width. camera: constants, bearings, ranges of an OmniCamera's look-up.
+    limits: line width, longest chord in line widths, flank and blur (pixels). paint: segments, rounds, discs.
+    bodies (K, 4), see `hidden`. carpet: half length and half width. scales (T,): see `scale_table`.
     """
     x, y, heading = pose
+    view = (x, y)
     width, steepest, flank_px, blur_px = limits
     segments, rounds, discs = paint
-    hits = np.empty((_MOST_PER_PATH, 3))
+    hits, shadows = np.empty((_MOST_PER_PATH, 3)), np.empty((len(bodies), 2))
     found = 0
-    for p in range(len(rays) + len(circles)):
-        ray = p < len(rays)
-        if ray:
-            bearing = rays[p, 0] + heading
-            cx, sx = math.cos(bearing), math.sin(bearing)
-            count = ray_hits(x, y, cx, sx, segments, rounds, discs, hits)
-        else:
-            reach = circles[p - len(rays), 0]
-            count = circle_hits(x, y, reach, segments, rounds, discs, hits)
+    for p in range(len(rays)):
+        ray = (math.cos(rays[p, 0] + heading), math.sin(rays[p, 0] + heading))
+        count = ray_hits(x, y, ray[0], ray[1], segments, rounds, discs, hits)
+        dark = _shadows(x, y, ray[0], ray[1], bodies, shadows)
         for h in range(count):
-            if found >= len(out):
-                return found
+            along = hits[h, 0]
             chord = hits[h, 1] if hits[h, 2] > 0.0 else width / max(hits[h, 1], 1e-6)
-            if ray:
-                along = hits[h, 0]
-                if not rays[p, 1] <= along <= rays[p, 2]:
-                    continue
-                bx, by = along * math.cos(rays[p, 0]), along * math.sin(rays[p, 0])
-                scale = _ray_scale(bx, by, camera)
-            else:
-                angle = hits[h, 0] - heading
-                bx, by = reach * math.cos(angle), reach * math.sin(angle)
-                scale = reach / circles[p - len(rays), 1]
+            if not rays[p, 1] <= along <= rays[p, 2] or chord > (steepest + blur_px) * width or found >= len(out):
+                continue
+            bx, by = along * math.cos(rays[p, 0]), along * math.sin(rays[p, 0])
+            scale = _ray_scale(along, scales)
             if math.isnan(scale) or chord > steepest * width + 0.5 * blur_px * scale:
                 continue
-            reach_px = flank_px + 1.0
-            if ray and not (
-                rays[p, 1] + flank_px * scale <= along - 0.5 * chord and along + 0.5 * chord + scale <= rays[p, 2]
+            near, far = along - 0.5 * chord - flank_px * scale, along + 0.5 * chord + scale
+            reach_m = (flank_px + 1.0) * scale
+            if near < rays[p, 1] or far > rays[p, 2] or not _ray_is_clear(
+                along, chord, reach_m, scale, ray, view, shadows[:dark], width, carpet, grid
             ):
-                continue
-            clear = True
-            for step in (-0.5 * chord - reach_px * scale, -0.5 * chord - scale, 0.5 * chord + scale,
-                         0.5 * chord + reach_px * scale):  # fmt: skip
-                if ray:
-                    px, py = x + (along + step) * cx, y + (along + step) * sx
-                else:
-                    turned = hits[h, 0] + step / reach
-                    px, py = x + reach * math.cos(turned), y + reach * math.sin(turned)
-                if hidden(x, y, px, py, occluders) or not _green(px, py, 0.5 * width, carpet, grid):
-                    clear = False
-                    break
-            if not clear:
                 continue
             row = out[found]
             row[0], row[1], row[2], row[3], row[4], row[5] = bx, by, p, chord, scale, hits[h, 2]
+            found += 1
+    for q in range(len(circles)):
+        reach, scale = circles[q, 0], circles[q, 0] / circles[q, 1]
+        count = circle_hits(x, y, reach, segments, rounds, discs, hits)
+        for h in range(count):
+            chord = hits[h, 1] if hits[h, 2] > 0.0 else width / max(hits[h, 1], 1e-6)
+            if chord > steepest * width + 0.5 * blur_px * scale or found >= len(out):
+                continue
+            reach_m = (flank_px + 1.0) * scale
+            if not _circle_is_clear(hits[h, 0], chord, reach_m, scale, reach, view, bodies, width, carpet, grid):
+                continue
+            angle, row = hits[h, 0] - heading, out[found]
+            row[0], row[1] = reach * math.cos(angle), reach * math.sin(angle)
+            row[2], row[3], row[4], row[5] = len(rays) + q, chord, scale, hits[h, 2]
             found += 1
     return found
 
 
 @njit(cache=True)
-def _ray_scale(bx, by, camera):  # type: ignore[no-untyped-def]
-    """Metres per pixel outwards at a ground point of the base frame; NaN outside the camera's table."""
-    u, v = pixel_from_ground(bx, by, camera[0], camera[1], camera[2])
-    if math.isnan(u):
+def _ray_scale(along, scales):  # type: ignore[no-untyped-def]
+    """Metres per pixel outwards at a ground range (m). scales (T,): at ranges SCALE_STEP_M apart from 0 on."""
+    position = along / SCALE_STEP_M
+    k = int(position)
+    if k >= len(scales) - 1:
         return np.nan
-    du, dv = u - camera[0][0], v - camera[0][1]
-    radius = math.sqrt(du * du + dv * dv)
-    if radius < 1.0:
-        return np.nan
-    eu, ev = 0.5 * du / radius, 0.5 * dv / radius
-    ax, ay = ground_from_pixel(u + eu, v + ev, camera[0], camera[1], camera[2])
-    cx, cy = ground_from_pixel(u - eu, v - ev, camera[0], camera[1], camera[2])
-    return math.sqrt((ax - cx) ** 2 + (ay - cy) ** 2)
+    return scales[k] + (position - k) * (scales[k + 1] - scales[k])
+
+
+def scale_table(camera: OmniCamera, farthest_m: float) -> FloatArray:
+    """(T,) metres per pixel outwards at ground ranges SCALE_STEP_M apart from 0 on; the mean over all directions."""
+    ranges = camera.range_m.mean(axis=0)
+    middles = 0.5 * (ranges[1:] + ranges[:-1])
+    scales = np.diff(ranges) / np.diff(camera.radius_px)
+    table: FloatArray = np.interp(np.arange(0.0, farthest_m + 2.0 * SCALE_STEP_M, SCALE_STEP_M), middles, scales)
+    return table
 
 
 def round_table(circles: FloatArray, arcs: FloatArray) -> FloatArray:

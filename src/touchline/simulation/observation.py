@@ -21,7 +21,7 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointSettings
 from touchline.perception.line_points import _usable_radius
-from touchline.simulation.crossings import COLUMNS, find_crossings, round_table
+from touchline.simulation.crossings import COLUMNS, find_crossings, round_table, scale_table
 from touchline.types import LinePoints, empty_points
 
 
@@ -73,6 +73,7 @@ class ObservedLines:
         self.noise = noise or ObservationNoise()
         self.detector = detector or LinePointSettings()
         self.view_rad = view_rad
+        self._scales = scale_table(camera, float(camera.range_m[:, -1].min()))
         self._rays, self._circles = _scan_geometry(camera, self.detector, view_rad)
         s = self.detector
         self._limits = (s.line_width_m or field.line_width, s.steepest_crossing, float(s.flank_px), s.blur_px)
@@ -83,6 +84,7 @@ class ObservedLines:
         self._lookup = (camera.lookup_constants, camera.bearings_rad, camera.lookup_table)
         self._fixed = occluders([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts], self.noise.height_m)
         self._goals = _goal_corners(field)
+        self._stray_means = np.array([self.noise.false_points, *[self.noise.goal_points] * len(self._goals)])
         self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
         self._found = np.empty((2048, COLUMNS))
 
@@ -103,7 +105,7 @@ class ObservedLines:
             hiding = np.concatenate((hiding, occluders(bodies, self.noise.height_m)))
         count = find_crossings(
             (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, hiding,
-            self._carpet, self._grid, self._lookup, self._found,
+            self._carpet, self._grid, self._scales, self._found,
         )  # fmt: skip
         n = self.noise
         strays = self._strays(pose, rng)
@@ -130,16 +132,13 @@ class ObservedLines:
 
     def _strays(self, pose: Pose, rng: np.random.Generator) -> FloatArray:
         """(K, 2) places of false points, base frame (m): anywhere in view, and in the goals that are near enough."""
-        count = rng.poisson(self.noise.false_points)
-        ray = self._rays[rng.integers(len(self._rays), size=count)]
-        reach = ray[:, 1] + rng.random(count) * (ray[:, 2] - ray[:, 1])
-        places = [reach[:, np.newaxis] * np.column_stack((np.cos(ray[:, 0]), np.sin(ray[:, 0])))]
-        farthest = float(self._rays[0, 2])
-        for goal in self._goals:
-            if math.hypot(goal[0] - pose.x, pose.y) < farthest:
-                shares = rng.random((rng.poisson(self.noise.goal_points), 2))
-                places.append(pose.inverse().transform(goal[0::2] + shares * (goal[1::2] - goal[0::2])))
-        return np.concatenate(places)
+        counts = rng.poisson(self._stray_means)
+        for index, goal in enumerate(self._goals):
+            if math.hypot(goal[0] - pose.x, pose.y) > self._rays[0, 2]:
+                counts[1 + index] = 0
+        places = np.empty((int(counts.sum()), 2))
+        _place_strays(counts, self._rays, self._goals, (pose.x, pose.y, pose.heading), rng.random(places.shape), places)
+        return places
 
 
 def occluders(bodies: npt.ArrayLike, view_m: float) -> FloatArray:
@@ -191,6 +190,25 @@ def _scan_geometry(camera: OmniCamera, s: LinePointSettings, view_rad: float) ->
     radii = np.linspace(inner, outer, s.circles + 2)[1:-1]
     ranges = np.interp(radii, camera.radius_px, camera.range_m.mean(axis=0))
     return np.ascontiguousarray(rays[turned <= view_rad]), np.column_stack((ranges, radii))
+
+
+@njit(cache=True)
+def _place_strays(counts, rays, goals, pose, uniforms, places):  # type: ignore[no-untyped-def]
+    """Fill places (K, 2), base frame: counts[0] on rays (P, 3), then counts[1 + g] in each goal (G, 4), field frame."""
+    x, y, heading = pose
+    c, s = math.cos(heading), math.sin(heading)
+    k = 0
+    for _ in range(counts[0]):
+        ray = rays[int(uniforms[k, 0] * len(rays))]
+        reach = ray[1] + uniforms[k, 1] * (ray[2] - ray[1])
+        places[k, 0], places[k, 1] = reach * math.cos(ray[0]), reach * math.sin(ray[0])
+        k += 1
+    for g in range(len(goals)):
+        for _ in range(counts[1 + g]):
+            px = goals[g, 0] + uniforms[k, 0] * (goals[g, 1] - goals[g, 0]) - x
+            py = goals[g, 2] + uniforms[k, 1] * (goals[g, 3] - goals[g, 2]) - y
+            places[k, 0], places[k, 1] = c * px + s * py, c * py - s * px
+            k += 1
 
 
 @njit(cache=True)
@@ -257,16 +275,19 @@ def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms,
         x, y = ground_from_pixel(u, v, camera[0], camera[1], camera[2])
         if math.isnan(x):
             continue
-        ax, ay = ground_from_pixel(u + 0.5, v, camera[0], camera[1], camera[2])
-        bx, by = ground_from_pixel(u - 0.5, v, camera[0], camera[1], camera[2])
-        cx, cy = ground_from_pixel(u, v + 0.5, camera[0], camera[1], camera[2])
-        dx, dy = ground_from_pixel(u, v - 0.5, camera[0], camera[1], camera[2])
-        a, b, c, d = ax - bx, cx - dx, ay - by, cy - dy
+        du, dv = u - camera[0][0], v - camera[0][1]
+        radius, distance = math.sqrt(du * du + dv * dv), math.sqrt(x * x + y * y)
+        eu, ev = 0.5 * du / radius, 0.5 * dv / radius
+        ax, ay = ground_from_pixel(u + eu, v + ev, camera[0], camera[1], camera[2])
+        bx, by = ground_from_pixel(u - eu, v - ev, camera[0], camera[1], camera[2])
+        outwards, across = (ax - bx) ** 2 + (ay - by) ** 2, (distance / radius) ** 2
+        cx, cy = x / distance, y / distance
         row = out[kept]
         lean = (x * pitch - y * roll) / height
         row[0], row[1] = x + height * pitch + x * lean, y - height * roll + y * lean
-        row[2], row[5] = point_px**2 * (a * a + b * b) + point_m**2, point_px**2 * (c * c + d * d) + point_m**2
-        row[3] = row[4] = point_px**2 * (a * c + b * d)
+        row[2] = point_px**2 * (outwards * cx * cx + across * cy * cy) + point_m**2
+        row[5] = point_px**2 * (outwards * cy * cy + across * cx * cx) + point_m**2
+        row[3] = row[4] = point_px**2 * (outwards - across) * cx * cy
         row[6] = 1.0 - math.exp(-wide / contrast_px)
         row[7], row[8] = u, v
         if not math.isnan(row[2] + row[5]):

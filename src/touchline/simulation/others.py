@@ -51,6 +51,8 @@ def make_others(scenario: Scenario, field: FieldModel, track: Track, rng: np.ran
             robots[:, index] = _playing(scenario, field, robot_rng, None)[: len(own)]
     for _ in range(3 if settings.moving else 1):
         _keep_apart(own, robots)
+    for index in range(settings.robots):  # whatever they do among themselves
+        _push_out(own, robots[:, index])
     balls = np.empty((len(own), settings.balls, 2), dtype=np.float32)
     for index, ball_rng in enumerate(rng.spawn(settings.balls)):
         balls[:, index] = _rolling(field, len(own), settings.moving, ball_rng)
@@ -110,11 +112,16 @@ def _keep_apart(own: FloatArray, robots: FloatArray) -> None:
     """Move robots (M, K, 3), in place, out of each other and of our own (M, 2), which moves for nobody."""
     for index in range(robots.shape[1]):
         for other in range(-1, index):
-            place = own if other < 0 else robots[:, other, :2]
-            gap = robots[:, index, :2] - place
-            distance = np.maximum(np.hypot(gap[:, 0], gap[:, 1]), 1e-3)
-            push = np.maximum(_APART_M / distance - 1.0, 0.0)
-            robots[:, index, :2] += (gap * np.minimum(push, 100.0)[:, np.newaxis]).astype(robots.dtype)
+            _push_out(own if other < 0 else robots[:, other, :2], robots[:, index])
+
+
+def _push_out(places: FloatArray, robot: FloatArray) -> None:
+    """Move a robot (M, 3), in place, straight away from places (M, 2) that it is too near to."""
+    gap = robot[:, :2] - places
+    gap[np.hypot(gap[:, 0], gap[:, 1]) < 1e-3] = (1e-3, 0.0)
+    distance = np.hypot(gap[:, 0], gap[:, 1])
+    near = distance < _APART_M
+    robot[near, :2] = places[near] + gap[near] * (_APART_M / distance[near])[:, np.newaxis]
 
 
 def _rolling(field: FieldModel, rows: int, moving: bool, rng: np.random.Generator) -> FloatArray:

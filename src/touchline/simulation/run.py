@@ -33,6 +33,7 @@ from touchline.types import Frame, ImageArray, LinePoints, Samples, empty_points
 LEVELS = ("images", "points")
 # radius and height of the others' bodies (`world.robot_blocks`): foot, middle, top
 _ROBOT_PARTS = ((0.24, 0.38), (0.143, 0.56), (0.117, 0.80))
+_BALL = (0.11, 0.22)
 _PINHOLE_REACH_M = 6.5
 _PINHOLE_NOISE = ObservationNoise(noise_px=0.3, wild_px=0.8, lean_noise_rad=0.004, height_m=1.1)
 
@@ -215,8 +216,17 @@ class Simulation:
     def _bodies(self, time_s: float) -> FloatArray:
         """(K, 4) x, y, radius, height of what hides lines: robots as cylinders one on another, and balls."""
         robots, balls = self.others.at(time_s)
-        parts = [np.column_stack((robots[:, :2], np.tile(part, (len(robots), 1)))) for part in _ROBOT_PARTS]
-        return np.concatenate((*parts, np.column_stack((balls, np.tile((0.11, 0.22), (len(balls), 1))))))
+        bodies = self._body_sizes.copy()
+        for part in range(len(_ROBOT_PARTS)):
+            bodies[part * len(robots) : (part + 1) * len(robots), :2] = robots[:, :2]
+        bodies[len(_ROBOT_PARTS) * len(robots) :, :2] = balls
+        return bodies
+
+    @cached_property
+    def _body_sizes(self) -> FloatArray:
+        others = self.scenario.others
+        rows = [(0.0, 0.0, *part) for part in _ROBOT_PARTS for _ in range(others.robots)]
+        return np.array(rows + [(0.0, 0.0, *_BALL)] * others.balls).reshape(-1, 4)
 
     @cached_property
     def _observed(self) -> ObservedLines:
