@@ -287,6 +287,10 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
         (["view", "tiny", "--camera", "tiny/camera.yaml"], "brings its own"),
         (["view", "tiny", "--frame", "12"], "images are 0 to 11"),
         (["view", "tiny/images.csv", "--camera", "tiny/camera.yaml"], "not an image"),
+        (["locate", "nowhere.csv"], "nowhere.csv: cannot be read"),
+        (["locate", "tiny/images/000000.png"], "--camera FILE"),
+        (["check", "nowhere"], "no such recording"),
+        (["fields", "msl"], "did you mean"),
         (["systems", "nubot"], "did you mean 'nubot-mti'?"),
     ],
 )

@@ -213,13 +213,15 @@ def test_noise_raises_the_threshold_instead_of_making_points() -> None:
 
 def test_sampling_is_bilinear() -> None:
     rng = np.random.default_rng(1)
-    image = rng.integers(0, 256, (40, 50, 3)).astype(np.uint8)
-    samples = np.column_stack((rng.uniform(2, 46, 200), rng.uniform(2, 36, 200)))
-    signal, table = rng.normal(size=3), rng.integers(0, 3, (64, 64, 64)).astype(np.uint8)
-    masked = rng.random((40, 50)) < 0.1
-    colours, levels, classes = np.empty((200, 3), np.float32), np.empty(200, np.float32), np.empty(200, np.uint8)
-    sample_paths(image, samples, masked, signal, table, colours, levels, classes)
-    u, v = samples.T
+    image = rng.integers(0, 256, (480, 480, 3)).astype(np.uint8)
+    lines = build_scan_lines(CAMERA, 8, 2, 42.0, 200.0)
+    n = len(lines.samples)
+    signal, table = rng.normal(size=3).astype(np.float32), rng.integers(0, 3, (64, 64, 64)).astype(np.uint8)
+    body = rng.random((480, 480)) < 0.1
+    colours, levels, classes = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.uint8)
+    masked = lines.at_samples(body)
+    sample_paths(image, lines.corners, lines.shares, masked, signal, table, colours, levels, classes)
+    u, v = lines.samples.T
     j, i = u.astype(int), v.astype(int)
     fu, fv = (u - j)[:, None], (v - i)[:, None]
     grey = image.astype(float)
@@ -229,7 +231,7 @@ def test_sampling_is_bilinear() -> None:
     np.testing.assert_allclose(colours, wanted, atol=1e-3)
     np.testing.assert_allclose(levels, wanted @ signal, atol=2e-3)
     b, g, r = (colours.astype(int) >> 2).T
-    np.testing.assert_array_equal(classes, np.where(masked[i, j], BODY, table[b, g, r]))
+    np.testing.assert_array_equal(classes, np.where(body[i, j], BODY, table[b, g, r]))
 
 
 def test_scan_lines_cover_all_directions_and_stay_inside() -> None:

@@ -1,4 +1,4 @@
-"""The omnidirectional mirror camera: pixel <-> ground through a range table (FORMATS: camera.yaml, omni).
+"""The omnidirectional mirror camera: pixel <-> ground through a range table (docs/how-to-recording.md).
 
 A pixel's direction about the mirror's centre gives the bearing, its radius the ground range: from one table for all
 directions, or from one row for each of several bearings (a mirror as built, calibrated model-free). Between the table's

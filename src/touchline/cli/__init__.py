@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from touchline.cli import check, evaluate, fields, run, simulate, systems, view
+from touchline.cli import check, evaluate, fields, locate, run, simulate, systems, view
 from touchline.cli.console import DEBUG_VARIABLE, complain
 from touchline.cli.run import INTERRUPTED
 from touchline.errors import TouchlineError
@@ -24,6 +24,7 @@ app = typer.Typer(
 )
 app.command("demo")(run.demo)
 app.command("run")(run.run)
+app.command("locate")(locate.locate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("check")(check.check)
 app.command("view")(view.view)

@@ -157,7 +157,8 @@ def print_run(finished: Run) -> None:
         median, p99, most = (milliseconds(total[name]) for name in ("median", "p99", "max"))
         console.print(f"{summary['frames']} images at {summary['rate_fps']:.0f} images/s, reading included")
         console.print(
-            f"time per image: {median} ms median, {p99} ms p99, {most} ms at most (first images: code is loaded, colours learned)"
+            f"time per image: {median} ms median, {p99} ms p99, {most} ms at most "
+            "(first images: code is loaded, colours learned)"
         )
     console.print(", ".join(f"{name} {count}" for name, count in status.items() if count) or "no images")
     problems = summary["problems"]["counts"]

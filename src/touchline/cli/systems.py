@@ -6,11 +6,23 @@ from typing import Annotated
 
 import typer
 
+from touchline.errors import InputError
+
 
 def systems(
     name: Annotated[str | None, typer.Argument(help="Show this system's settings.", show_default=False)] = None,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print every setting of all systems as the page docs/settings.md.")
+    ] = False,
 ) -> None:
     """List the systems, or one system's settings with their defaults."""
+    if markdown:
+        if name is not None:
+            raise InputError(f"--markdown prints all systems on one page: leave out {name}")
+        from touchline.cli.settings_page import settings_page
+
+        typer.echo(settings_page(), nl=False)
+        return
     from rich.table import Table
 
     from touchline.api import system_info

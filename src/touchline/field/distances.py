@@ -101,6 +101,15 @@ def distances_to_lines(bars, bows, points):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def nearest_line_points(bars, bows, points):  # type: ignore[no-untyped-def]
+    """The points (N, 2) of the lines that are nearest to points (N, 2), in m, field frame."""
+    nearest = np.empty((points.shape[0], 2))
+    for i in range(points.shape[0]):
+        nearest[i] = nearest_line_point(bars, bows, points[i, 0], points[i, 1])[1:]
+    return nearest
+
+
+@numba.njit(cache=True)
 def sample_distances(bars, bows, origin_x, origin_y, resolution_m, values):  # type: ignore[no-untyped-def]
     """Fill values (ny, nx, 3), float32, with distance (m) and gradient at the samples of a grid.
 

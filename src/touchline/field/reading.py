@@ -1,4 +1,4 @@
-"""field.yaml: read, checked and written. FORMATS.md, section field.yaml."""
+"""field.yaml: read, checked and written. See docs/how-to-field.md."""
 
 from __future__ import annotations
 

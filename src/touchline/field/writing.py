@@ -1,4 +1,4 @@
-"""A field as the text of a field.yaml (FORMATS.md), exact to the last digit."""
+"""A field as the text of a field.yaml (docs/how-to-field.md), exact to the last digit."""
 
 from __future__ import annotations
 

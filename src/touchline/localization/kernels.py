@@ -132,35 +132,30 @@ def rprop(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def moments(points, weights, values, origin_x, origin_y, resolution_m, pose, c_m):  # type: ignore[no-untyped-def]
-    """What the error function says about its own accuracy at a pose.
+    """What each point's error says about the accuracy of a pose.
 
-    Returns curvature (3, 3): sum of w max(e'', 0) u uᵀ with u the derivative of a point's distance by x, y, heading;
-    mean_curvature: sum of w max(e'', 0); slope_power: sum of w² e'²; mean_distance_m: sum of w d.
+    Returns u (N, 3): derivative of each point's distance by x, y, heading; curvature (N,): w max(e'', 0);
+    slope_power: sum of w² e'²; mean_distance_m: sum of w d.
     """
     x, y, heading = pose[0], pose[1], pose[2]
     cosine, sine = math.cos(heading), math.sin(heading)
     c2 = c_m * c_m
-    curvature = np.zeros((3, 3))
-    mean_curvature = slope_power = mean_distance_m = 0.0
-    u = np.zeros(3)
+    u = np.empty((points.shape[0], 3))
+    curvature = np.empty(points.shape[0])
+    slope_power = mean_distance_m = 0.0
     for i in range(points.shape[0]):
         px, py = points[i, 0], points[i, 1]
         turned_x = cosine * px - sine * py
         turned_y = sine * px + cosine * py
-        d, u[0], u[1] = lookup(values, origin_x, origin_y, resolution_m, x + turned_x, y + turned_y)
+        d, gx, gy = lookup(values, origin_x, origin_y, resolution_m, x + turned_x, y + turned_y)
         # Beside a line the interpolated gradient is shorter than one; its direction is what counts here.
-        length = math.hypot(u[0], u[1])
+        length = math.hypot(gx, gy)
         if length > 1e-6:
-            u[0] /= length
-            u[1] /= length
-        u[2] = u[1] * turned_x - u[0] * turned_y
+            gx /= length
+            gy /= length
+        u[i, 0], u[i, 1], u[i, 2] = gx, gy, gy * turned_x - gx * turned_y
         s = c2 + d * d
-        first = 2.0 * c2 * d / (s * s)
-        second = weights[i] * max(2.0 * c2 * (c2 - 3.0 * d * d) / (s * s * s), 0.0)
+        curvature[i] = weights[i] * max(2.0 * c2 * (c2 - 3.0 * d * d) / (s * s * s), 0.0)
+        slope_power += (weights[i] * 2.0 * c2 * d / (s * s)) ** 2
         mean_distance_m += weights[i] * d
-        mean_curvature += second
-        slope_power += (weights[i] * first) ** 2
-        for a in range(3):
-            for b in range(3):
-                curvature[a, b] += second * u[a] * u[b]
-    return curvature, mean_curvature, slope_power, mean_distance_m
+    return u, curvature, slope_power, mean_distance_m

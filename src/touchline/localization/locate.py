@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,8 +25,14 @@ class LocateSettings(Settings):
     """The search of `locate_points`."""
 
     least_points: int = Field(8, ge=4, description="different points needed: a pose has three unknowns, and clutter")
-    spacing_m: float = Field(0.5, gt=0, description="distance of the sample positions (m)")
-    beyond_m: float = Field(1.0, ge=0, description="how far beyond the field the samples reach (m)")
+    spacing_m: float = Field(
+        0.5,
+        gt=0,
+        description="distance of the sample positions (m): half the paper's, for no compass narrows the search",
+    )
+    beyond_m: float = Field(
+        1.0, ge=0, description="how far beyond the field the samples reach (m): as far as the paper's"
+    )
     spacing_rad: float = Field(
         0.0873, gt=0, description="distance of the sample headings (rad): 5°, half a metre at 6 m as spacing_m"
     )
@@ -33,22 +40,35 @@ class LocateSettings(Settings):
         0.5, gt=0, description="width c of the error function for ranking the samples (m): as spacing_m"
     )
     sample_points: int = Field(
-        150, ge=10, description="points, evenly over the ground, that rank and refine the samples"
+        150,
+        ge=10,
+        description="points, evenly over the ground, that rank and refine the samples: more only take longer",
     )
-    candidates: int = Field(80, ge=1, description="samples that are refined")
-    finalists: int = Field(20, ge=1, description="refined poses that are matched again with all points")
+    candidates: int = Field(
+        80, ge=1, description="samples that are refined, of some 86 000: without a heading many look alike"
+    )
+    finalists: int = Field(
+        20, ge=1, description="refined poses that are matched again with all points; rivals are among them"
+    )
     heading_tolerance_rad: float = Field(
         0.6, gt=0, description="how far the heading may be from a given one (rad): twice the usual worst compass error"
     )
-    same_m: float = Field(0.15, gt=0, description="poses nearer to each other than this (m) and same_rad are one")
-    same_rad: float = Field(0.1, gt=0, description="poses with headings nearer than this (rad) and same_m are one")
+    same_m: float = Field(
+        0.15,
+        gt=0,
+        description="poses nearer to each other than this (m) and same_rad are one: less than two lines are apart",
+    )
+    same_rad: float = Field(
+        0.1, gt=0, description="poses with headings nearer than this (rad) and same_m are one: as same_m"
+    )
     rival_factor: float = Field(
         1.25, ge=1, description="a rival's mean error is at most this factor, plus rival_margin, above the best"
     )
     rival_margin: float = Field(0.02, ge=0, description="see rival_factor; what noise alone changes in the mean error")
     chance: ChanceSettings = ChanceSettings()
     matching: MatchingSettings = MatchingSettings()
-    weights: WeightSettings = WeightSettings()
+    # The mirror of an unknown robot is off by more than its range noise: near points must not decide alone.
+    weights: WeightSettings = WeightSettings(floor_m=0.1)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,7 +78,7 @@ class Location:
     pose, covariance (3, 3) in (m, m, rad): field frame. error: weighted mean of the error function.
     mean_distance_m, median_distance_m: of the points to the nearest line centre, all points alike, exact distances.
     rivals: other poses of similar error, the better first; residual_m is their mean_distance_m.
-    points: different points used. chance: the error against that of shuffled points.
+    points: different points used. chance: the error against that of the same points rearranged.
     """
 
     pose: Pose
@@ -69,6 +89,15 @@ class Location:
     rivals: tuple[Hypothesis, ...]
     points: int
     chance: Chance
+
+
+class ScatterError(NoFitError):
+    """Points that fit no pose better than chance: the best pose nevertheless, and the test that it failed."""
+
+    def __init__(self, message: str, best: Hypothesis, chance: Chance) -> None:
+        super().__init__(message)
+        self.best = best
+        self.chance = chance
 
 
 def locate(points: str | Path | FloatArray, field: str | Path | FieldModel, heading: float | None = None) -> Location:
@@ -96,11 +125,13 @@ def locate_points(
     """Best pose of line points (N, 2) in m, robot frame, with all its rivals.
 
     heading: from a compass (rad, field frame); None searches the whole circle. weights (N,): relative; None weighs by
-    the generic range noise. seed: of the shuffles in the test against chance.
-    Raises NoFitError for too few points and for points that fit no pose better than chance, InputError for points
-    that are no numbers.
+    the generic range noise. seed: of the test against chance.
+    Raises NoFitError for too few points, ScatterError (a NoFitError) for points that fit no pose better than chance,
+    InputError for points that are no numbers.
     """
     s = settings or LocateSettings()
+    if heading is not None and not math.isfinite(heading):
+        raise InputError(f"the heading {heading} is not an angle in radians")
     points, weights = _different_points(points, weights, s)
     matcher = Matcher(field.distance_map(), s.matching)
     grid = PoseGrid(field.length, field.width, s.spacing_m, s.beyond_m, s.spacing_rad, heading, s.heading_tolerance_rad)
@@ -113,7 +144,8 @@ def locate_points(
     chance = chance_test(matcher, grid, points, s.sample_c_m, s.chance, seed)
     distances = field.line_distances(best.pose.transform(points))
     if chance.significance < s.chance.least_significance:
-        raise NoFitError(_scatter_message(len(points), best, float(np.mean(distances)), chance, s))
+        nearest = Hypothesis(best.pose, float(np.mean(distances)))
+        raise ScatterError(_scatter_message(len(points), nearest, chance, s), nearest, chance)
     limit = best.error * s.rival_factor + s.rival_margin
     rivals = tuple(
         Hypothesis(match.pose, float(np.mean(field.line_distances(match.pose.transform(points)))))
@@ -191,12 +223,12 @@ def _different_poses(poses: list[Pose], s: LocateSettings) -> list[Pose]:
     return kept
 
 
-def _scatter_message(points: int, best: Match, mean_distance_m: float, chance: Chance, s: LocateSettings) -> str:
+def _scatter_message(points: int, best: Hypothesis, chance: Chance, s: LocateSettings) -> str:
     x, y, heading = best.pose
     return (
         f"the {points} points fit no pose better than scatter would: the best one ({x:.2f} m, {y:.2f} m, {heading:.3f} "
-        f"rad) leaves them {mean_distance_m:.2f} m from the lines on average; its error {chance.error:.2f} is "
-        f"{chance.significance:.1f} deviations below the {chance.mean:.2f} of the same points with shuffled bearings, "
-        f"{s.chance.least_significance:.0f} are needed. Check the field, the unit (metres) and the axes (x forward, "
+        f"rad) leaves them {best.residual_m:.2f} m from the lines on average, and rearranged pieces of the same points "
+        f"fit as well (error {chance.error:.2f} against {chance.mean:.2f}: {chance.significance:.1f} deviations, "
+        f"{s.chance.least_significance:.0f} are needed). Check the field, the unit (metres) and the axes (x forward, "
         "y left)"
     )

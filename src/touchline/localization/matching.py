@@ -94,7 +94,7 @@ class Matcher:
         """Refine a pose: equation (3).
 
         positions_m (N, 2) robot frame; weights (N,) that sum to 1; record: keep every pose visited.
-        Raises ValueError for wrong shapes or no points.
+        Raises ValueError for wrong shapes, no points, or points that are not finite.
         """
         points, weights = checked_points(positions_m, weights)
         pose, error, trace = self.descend(points, weights, start.as_array(), record)
@@ -183,11 +183,13 @@ def as_pose(pose: FloatArray) -> Pose:
 def checked_points(positions_m: FloatArray, weights: FloatArray | None) -> tuple[FloatArray, FloatArray]:
     """Points (N, 2) and weights (N,) as contiguous float64; without weights all points count alike.
 
-    Raises ValueError for wrong shapes, no points, or weights that don't sum to 1.
+    Raises ValueError for wrong shapes, no points, points that are not finite, or weights that don't sum to 1.
     """
     points = np.ascontiguousarray(positions_m, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
         raise ValueError(f"points need the shape (N, 2) with N > 0, got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError("points must be finite")
     if weights is None:
         return points, np.full(len(points), 1.0 / len(points))
     checked = np.ascontiguousarray(weights, dtype=np.float64)

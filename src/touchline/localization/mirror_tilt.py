@@ -28,17 +28,31 @@ class MirrorTiltSettings(Settings):
         0.015, gt=0, description="standard deviation of g (1/m) before the first frame: a mirror 0.3 degrees off"
     )
     vibration_per_m: float = Field(
-        0.003, gt=0, description="standard deviation of g (1/m) about its mean from frame to frame: vibration, sway"
+        0.003,
+        gt=0,
+        description="standard deviation of g (1/m) about its mean from frame to frame: vibration of 0.06 degrees",
     )
     drift_per_m: float = Field(0.0001, ge=0, description="drift of the mean g per frame (1/m): a loosening mount")
-    width_m: float = Field(0.1, gt=0, description="distance to the line (m) from which a point loses influence")
-    first_width_m: float = Field(0.25, gt=0, description="the same while the tilt is still unknown (m); Lauer's c")
-    least_noise_m: float = Field(0.01, gt=0, description="standard deviation (m) that no point falls below")
-    loose_position_m: float = Field(0.2, gt=0, description="how far (m) the pose may move from the match meanwhile")
-    loose_heading_rad: float = Field(
-        0.1, gt=0, description="how far (rad) the heading may turn from the match meanwhile"
+    width_m: float = Field(
+        0.1,
+        gt=0,
+        description="distance to the line (m) from which a point loses influence; the pose is already matched",
     )
-    iterations: int = Field(2, ge=1, description="Gauss-Newton steps per frame")
+    first_width_m: float = Field(0.25, gt=0, description="the same while the tilt is still unknown (m); Lauer's c")
+    least_noise_m: float = Field(
+        0.01, gt=0, description="standard deviation (m) that no point falls below: carpet, calibration"
+    )
+    loose_position_m: float = Field(
+        0.2,
+        gt=0,
+        description="how far (m) the pose may move from the match meanwhile: what an unknown tilt may have shifted it",
+    )
+    loose_heading_rad: float = Field(
+        0.1, gt=0, description="how far (rad) the heading may turn from the match meanwhile: as loose_position_m"
+    )
+    iterations: int = Field(
+        2, ge=1, description="Gauss-Newton steps per frame: enough from the mean of the frames before"
+    )
 
 
 class MirrorTilt:

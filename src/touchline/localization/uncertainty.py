@@ -11,7 +11,7 @@ from pydantic import Field
 from touchline.config import Settings
 from touchline.geometry import FloatArray
 
-Moments: TypeAlias = tuple[FloatArray, float, float, float]
+Moments: TypeAlias = tuple[FloatArray, FloatArray, float, float]
 _DIAGONAL = np.diag_indices(3)
 
 
@@ -19,12 +19,12 @@ class UncertaintySettings(Settings):
     """How curvature becomes a covariance. The paper only says that the second derivatives measure it."""
 
     clutter_share: float = Field(
-        0.1,
+        0.05,
         ge=0,
         lt=1,
-        description="share of the points' information that clutter alone may bring into any direction; taken off "
-        "every direction, so that a few stray points don't fix what no line observes. With 0.1 the errors on "
-        "simulated points with 5 % clutter have just the covariance stated",
+        description="share of the points that may be clutter: in each direction the most helpful ones, up to this "
+        "share, and as large a share of the mean over all directions are not counted, so that a few stray points don't "
+        "fix what no line observes; simulated clutter is 5 %",
     )
     least_residual_m: float = Field(
         0.01, gt=0, description="smallest believed deviation of a point (m): the error of the distance map and carpet"
@@ -58,20 +58,29 @@ def visual_covariance(
     the residual power times the inverse curvature. The true second derivative may be indefinite: a point farther than
     c / √3 from its line has e'' < 0. Such points count as zero: they have let go of the line and carry no
     information. The second derivative of d itself is left out: it comes with the signed residual, whose mean is zero
-    at the minimum. Heading and position are brought to one scale by the points' root mean square range.
+    at the minimum. Heading and position are brought to one scale by the points' root mean square range. Along each
+    principal direction the points that help most are left out, as many as may be clutter, and what clutter would bring
+    evenly into all directions is taken off: where lines observe the direction it hardly matters, where only stray
+    points and crossings do, nothing is left.
     """
-    curvature, mean_curvature, slope_power, _ = moments
+    u, curvature, slope_power, _ = moments
     s = settings
     n = len(points)
     unknown = np.array([s.unknown_position_m, s.unknown_position_m, s.unknown_heading_rad]) ** 2
+    mean_curvature = float(curvature.sum()) / n
     if n <= 3 or mean_curvature <= 0.0:
         return np.diag(unknown)
     # Three parameters were fitted to n residuals; a perfect fit still has the least residual.
     power = max(slope_power / (n - 3), (2.0 * s.least_residual_m / c_m**2) ** 2 * float(weights @ weights) / n)
     lever_m = max(math.sqrt(float(weights @ (points * points).sum(axis=1))), 0.1)
     scale = np.array([1.0, 1.0, lever_m])
-    values, vectors = np.linalg.eigh(curvature / np.outer(scale, scale) * (mean_curvature / (n * power)))
-    values = np.maximum(values - s.clutter_share * values.sum() / 3.0, 0.0)
+    u = u / scale
+    vectors = np.linalg.eigh((u.T * curvature) @ u)[1]
+    helps = curvature[:, np.newaxis] * (u @ vectors) ** 2
+    kept = n - math.ceil(s.clutter_share * n)
+    helps.partition(kept - 1, axis=0)
+    values = helps[:kept].sum(axis=0)
+    values = np.maximum(values - s.clutter_share * values.mean(), 0.0) * (mean_curvature / power)
     information = (vectors * values) @ vectors.T * np.outer(scale, scale)
     information[_DIAGONAL] += 1.0 / unknown
     covariance = np.linalg.inv(information)

@@ -19,9 +19,11 @@ class WeightSettings(Settings):
         description="error that no point is free of (m): line width, uneven carpet, vibration; keeps the few nearest "
         "points from deciding alone",
     )
-    range_noise_m: float = Field(0.01, ge=0, description="generic range noise (m), for points without a covariance")
+    range_noise_m: float = Field(
+        0.01, ge=0, description="generic range noise (m), for points without a covariance: a usual mirror calibration"
+    )
     range_noise_relative: float = Field(
-        0.02, ge=0, description="generic range noise as a share of the range, for points without a covariance"
+        0.02, ge=0, description="generic range noise as a share of the range, for points without a covariance: the same"
     )
 
 

@@ -17,7 +17,7 @@ class CompassTrackSettings(Settings):
         0.02,
         ge=0,
         description="how late the compass reports (s): a sample shows the heading of this long before its "
-        "stamp; 20 ms by FORMATS.md",
+        "stamp; 20 ms are usual of filtered headings",
     )
     rate_window_s: float = Field(
         0.1,
@@ -56,19 +56,18 @@ class CompassTrack:
         if len(self.compass) == 0:
             return None
         wanted_ns = stamp_ns + int(self.settings.lag_s * NANOSECONDS)
-        beyond_s = (wanted_ns - int(self.compass.stamp_ns[-1])) / NANOSECONDS
-        before_s = (int(self.compass.stamp_ns[0]) - wanted_ns) / NANOSECONDS
+        beyond_s = (wanted_ns - self.compass.last_ns) / NANOSECONDS
+        before_s = (self.compass.first_ns - wanted_ns) / NANOSECONDS
         if max(beyond_s - self.settings.lag_s, before_s) > self.settings.oldest_s:
             return None
-        heading = float(self.compass.at(wanted_ns)[0])
+        heading = self.compass.at(wanted_ns)[0]
         if beyond_s > 0.0:
             heading += self._rate_rad_s(stamp_ns, beyond_s) * beyond_s
         return wrap_angle(heading)
 
     def _rate_rad_s(self, stamp_ns: int, bridged_s: float) -> float:
         """Turning rate over the bridged time before the stamp."""
-        recent = self.gyro.stamp_ns >= stamp_ns - int(bridged_s * NANOSECONDS)
-        recent &= self.gyro.stamp_ns <= stamp_ns
-        if recent.any():
-            return float(self.gyro.values[recent, 2].mean())
+        recent = self.gyro.between(stamp_ns - int(bridged_s * NANOSECONDS), stamp_ns)
+        if len(recent):
+            return float(recent[:, 2].mean())
         return float(self.compass.slope(self.settings.rate_window_s)[0])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
+import math
+from bisect import bisect_left, bisect_right
 
-from touchline.geometry import FloatArray, wrap_angles
+import numpy as np
+
+from touchline.geometry import FloatArray
 from touchline.types import Samples
 
 NANOSECONDS = 1e9
@@ -18,54 +20,75 @@ class History:
     `dropped`. `angles`: columns that hold angles (rad); they are unwrapped here and interpolate the short way.
     """
 
+    # Plain lists: a frame brings a handful of rows, for which arrays cost ten times as much.
+
     def __init__(self, columns: int, angles: tuple[int, ...] = (), keep_s: float = 5.0) -> None:
-        self.stamp_ns: npt.NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-        self.values: FloatArray = np.zeros((0, columns))
         self.dropped = 0
+        self._columns = columns
         self._angles = angles
         self._keep_ns = int(keep_s * NANOSECONDS)
+        self._stamps_ns: list[int] = []
+        self._rows: list[list[float]] = []
 
     def __len__(self) -> int:
-        return len(self.stamp_ns)
+        return len(self._stamps_ns)
+
+    @property
+    def first_ns(self) -> int:
+        """Stamp of the oldest sample kept. Raises IndexError without samples."""
+        return self._stamps_ns[0]
+
+    @property
+    def last_ns(self) -> int:
+        """Stamp of the newest sample. Raises IndexError without samples."""
+        return self._stamps_ns[-1]
 
     def add(self, samples: Samples | None) -> None:
         """Append samples; their first columns are used. None, when the sensor said nothing, is fine."""
-        if samples is None or len(samples) == 0:
+        if samples is None:
             return
-        values = samples.values[:, : self.values.shape[1]]
-        newest = np.maximum.accumulate(samples.stamp_ns)
-        before = np.concatenate(([self.stamp_ns[-1] if len(self) else np.iinfo(np.int64).min], newest[:-1]))
-        usable = np.all(np.isfinite(values), axis=1) & (samples.stamp_ns > before)
-        self.dropped += int(len(usable) - np.count_nonzero(usable))
-        if not np.any(usable):
-            return
-        fresh = np.array(values[usable], dtype=np.float64)
-        for column in self._angles:
-            last = self.values[-1, column] if len(self) else 0.0
-            fresh[:, column] = last + np.unwrap(np.concatenate(([0.0], wrap_angles(fresh[:, column] - last))))[1:]
-        self.stamp_ns = np.concatenate((self.stamp_ns, samples.stamp_ns[usable]))
-        self.values = np.concatenate((self.values, fresh))
-        first = int(np.searchsorted(self.stamp_ns, self.stamp_ns[-1] - self._keep_ns))
-        self.stamp_ns, self.values = self.stamp_ns[first:], self.values[first:]
+        for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
+            row = values[: self._columns]
+            if not all(map(math.isfinite, row)) or (self._stamps_ns and stamp_ns <= self._stamps_ns[-1]):
+                self.dropped += 1
+                continue
+            for column in self._angles:
+                last = self._rows[-1][column] if self._rows else 0.0
+                row[column] = last + math.remainder(row[column] - last, 2.0 * math.pi)
+            self._stamps_ns.append(stamp_ns)
+            self._rows.append(row)
+        if self._stamps_ns:
+            old = bisect_left(self._stamps_ns, self._stamps_ns[-1] - self._keep_ns)
+            del self._stamps_ns[:old], self._rows[:old]
 
     def clear(self) -> None:
         """Forget all samples."""
-        self.stamp_ns, self.values = self.stamp_ns[:0], self.values[:0]
+        self._stamps_ns, self._rows = [], []
 
-    def at(self, stamp_ns: int) -> FloatArray:
+    def at(self, stamp_ns: int) -> list[float]:
         """Values (columns,) by linear interpolation; before the first and after the last sample, that sample's."""
-        if len(self) == 0:
+        if not self._rows:
             raise ValueError("there are no samples to look up")
-        offsets = (self.stamp_ns - stamp_ns).astype(np.float64)
-        return np.array([np.interp(0.0, offsets, column) for column in self.values.T])
+        after = bisect_right(self._stamps_ns, stamp_ns)
+        if after == 0 or after == len(self):
+            return list(self._rows[min(after, len(self) - 1)])
+        start_ns, end_ns = self._stamps_ns[after - 1], self._stamps_ns[after]
+        share = (stamp_ns - start_ns) / (end_ns - start_ns)
+        return [a + share * (b - a) for a, b in zip(self._rows[after - 1], self._rows[after], strict=True)]
+
+    def between(self, start_ns: int, end_ns: int) -> FloatArray:
+        """Values (M, columns) of the samples from one stamp to another, both included."""
+        rows = self._rows[bisect_left(self._stamps_ns, start_ns) : bisect_right(self._stamps_ns, end_ns)]
+        return np.array(rows, dtype=np.float64).reshape(-1, self._columns)
 
     def slope(self, window_s: float) -> FloatArray:
         """Rate of change (columns,) per second over the newest `window_s`; zero with fewer than two samples there."""
-        if len(self) == 0:
-            return np.zeros(self.values.shape[1])
-        first = int(np.searchsorted(self.stamp_ns, self.stamp_ns[-1] - int(window_s * NANOSECONDS)))
+        if len(self) < 2:
+            return np.zeros(self._columns)
+        first = bisect_left(self._stamps_ns, self._stamps_ns[-1] - int(window_s * NANOSECONDS))
         if len(self) - first < 2:
-            return np.zeros(self.values.shape[1])
-        t = (self.stamp_ns[first:] - self.stamp_ns[-1]) / NANOSECONDS
+            return np.zeros(self._columns)
+        t = (np.array(self._stamps_ns[first:]) - self._stamps_ns[-1]) / NANOSECONDS
         t = t - t.mean()
-        return np.asarray(t @ (self.values[first:] - self.values[first:].mean(axis=0)) / (t @ t))
+        rows = np.array(self._rows[first:])
+        return np.asarray(t @ (rows - rows.mean(axis=0)) / (t @ t))

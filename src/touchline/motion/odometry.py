@@ -17,9 +17,11 @@ from touchline.types import Samples
 class OdometrySettings(Settings):
     """The noise of dead reckoning, and what to assume without it."""
 
-    forward_scale: float = Field(0.03, ge=0, description="relative error of forward travel: 2 to 3 % by FORMATS.md")
-    sideways_scale: float = Field(0.03, ge=0, description="relative error of sideways travel: 2 to 3 % by FORMATS.md")
-    turn_scale: float = Field(0.03, ge=0, description="relative error of rotation: 2 to 3 % by FORMATS.md")
+    forward_scale: float = Field(
+        0.03, ge=0, description="relative error of forward travel: driven wheels err by 2 to 3 %"
+    )
+    sideways_scale: float = Field(0.03, ge=0, description="relative error of sideways travel: as forward")
+    turn_scale: float = Field(0.03, ge=0, description="relative error of rotation: as forward")
     travel_noise_m: float = Field(
         0.01, ge=0, description="random position error after one metre (m), growing with the root of the travel"
     )
@@ -86,8 +88,8 @@ class OdometryTrack:
 
     def _pose_at(self, stamp_ns: int) -> Pose:
         """Pose in the odometry frame, carried on a little beyond the newest sample."""
-        pose = Pose(*(float(value) for value in self.history.at(stamp_ns)))
-        beyond_s = (stamp_ns - int(self.history.stamp_ns[-1])) / NANOSECONDS
+        pose = Pose(*self.history.at(stamp_ns))
+        beyond_s = (stamp_ns - self.history.last_ns) / NANOSECONDS
         if beyond_s <= 0.0:
             return Pose(pose.x, pose.y, wrap_angle(pose.heading))
         step = self.history.slope(self.settings.extrapolation_s) * min(beyond_s, self.settings.extrapolation_s)
@@ -95,15 +97,14 @@ class OdometryTrack:
 
     def _missing_s(self, start_ns: int, end_ns: int) -> float:
         """Time between the stamps before the first sample and after the end of the extrapolation."""
-        first_ns = int(self.history.stamp_ns[0])
-        last_ns = int(self.history.stamp_ns[-1]) + int(self.settings.extrapolation_s * NANOSECONDS)
+        first_ns = self.history.first_ns
+        last_ns = self.history.last_ns + int(self.settings.extrapolation_s * NANOSECONDS)
         covered_ns = max(min(end_ns, last_ns) - max(start_ns, first_ns), 0)
         return (end_ns - start_ns - covered_ns) / NANOSECONDS
 
     def _travel(self, start_ns: int, end_ns: int, pose: Pose) -> tuple[float, float]:
         """Length of the way (m) and sum of the turns (rad): at least those of the motion as a whole."""
-        inside = (self.history.stamp_ns >= start_ns) & (self.history.stamp_ns <= end_ns)
-        steps = np.diff(self.history.values[inside], axis=0)
+        steps = np.diff(self.history.between(start_ns, end_ns), axis=0)
         way_m, turn_rad = float(np.sum(np.hypot(steps[:, 0], steps[:, 1]))), float(np.sum(np.abs(steps[:, 2])))
         return max(way_m, math.hypot(pose.x, pose.y)), max(turn_rad, abs(pose.heading))
 

@@ -21,6 +21,7 @@ from touchline.types import ImageArray
 
 OTHER, GREEN, WHITE = 0, 1, 2
 _BITS = 6  # of the look-up table per channel: 64³ bytes stay in the second-level cache
+_DARKEST_SUM = 40.0  # of B, G and R: below, the steps of the grey levels leave no colour
 _CELLS = 64  # of the chromaticity histogram per axis
 
 
@@ -28,7 +29,10 @@ class ColourSettings(Settings):
     """How the carpet's colour is learned; nothing here depends on the light."""
 
     green_sigmas: float = Field(
-        3.5, gt=0, description="chromaticities within so many standard deviations of the carpet's are green"
+        3.5,
+        gt=0,
+        description="chromaticities within so many standard deviations of the carpet's are green: 3.5 leave out one "
+        "carpet pixel in 460",
     )
     darkest_green: float = Field(
         0.2,
@@ -37,7 +41,11 @@ class ColourSettings(Settings):
         description="least brightness of green as a share of the usual: a deep shadow still has a third",
     )
     whitest_green: float = Field(
-        0.4, gt=0, lt=1, description="how far green may go towards white (1) along the direction that tells them apart"
+        0.4,
+        gt=0,
+        lt=1,
+        description="how far green may go towards white (1) along the direction that tells them apart: "
+        "below the half height at which edges are taken",
     )
 
 
@@ -63,32 +71,48 @@ class ColourModel:
         return classes
 
 
-def learn_colours(
-    images: Sequence[ImageArray],
-    near: npt.NDArray[np.bool_],
-    around: npt.NDArray[np.bool_],
-    noise: float,
-    settings: ColourSettings,
-    white: FloatArray | None = None,
-) -> ColourModel:
+@dataclass(frozen=True, eq=False)
+class Carpet:
+    """The green of the field.
+
+    pixels: (N, 3) a sample of it, B, G, R. green: (3,) its median. center (2,), spread (2, 2): mean and covariance of
+    its chromaticity. noise: `pixel_noise` of the images it comes from.
+    """
+
+    pixels: FloatArray
+    green: FloatArray
+    center: FloatArray
+    spread: FloatArray
+    noise: float
+
+
+def learn_carpet(
+    images: Sequence[ImageArray], near: npt.NDArray[np.bool_], around: npt.NDArray[np.bool_], noise: float
+) -> Carpet:
     """Learn from images (H, W, 3): green is the most frequent greenish colour in `near`, its spread that in `around`.
 
     near, around: (H, W) masks, the ring about the robot that is mostly carpet, and all of the field that is looked at.
-    noise: `pixel_noise` of the images. white (3,): the paint's B, G, R in the light of the mean green, if known.
     Raises TouchlineError when no greenish colour is frequent near the robot.
     """
-    coarse = [cv2.GaussianBlur(image, (0, 0), 2.5) for image in images]
-    center = _most_frequent_green(np.concatenate([image[near] for image in coarse]).astype(np.float64))
-    pixels = np.concatenate([image[around] for image in images]).astype(np.float64)
-    blurred = np.concatenate([image[around] for image in coarse]).astype(np.float64)
-    carpet = pixels[_members(blurred, center)]
-    green = np.median(carpet, axis=0)
-    spread = np.cov(chromaticity(carpet).T) + np.eye(2) * 0.004**2
-    center = np.mean(chromaticity(carpet), axis=0)
-    paint = _neutral_white(green) if white is None else white
-    signal = _signal_weights(carpet, green, paint, noise)
-    table = _build_table(center, spread, green, paint, signal, settings)
-    return ColourModel(table, green, paint, noise, signal)
+    coarse: list[ImageArray] = [cv2.GaussianBlur(image, (0, 0), 2.5).astype(np.uint8) for image in images]
+    center = _most_frequent_green(_pixels(coarse, near))
+    carpet = _pixels(images, around)[_members(_pixels(coarse, around), center)]
+    shares = chromaticity(carpet)
+    spread = np.cov(shares.T) + np.eye(2) * 0.004**2
+    return Carpet(carpet, np.median(carpet, axis=0), shares.mean(axis=0), spread, noise)
+
+
+def colour_model(carpet: Carpet, settings: ColourSettings, white: FloatArray | None = None) -> ColourModel:
+    """What separates white from this carpet. white (3,): the paint's B, G, R beside its green, guessed if unknown."""
+    paint = _neutral_white(carpet.green) if white is None else white
+    signal = _signal_weights(carpet, paint)
+    return ColourModel(_build_table(carpet, paint, signal, settings), carpet.green, paint, carpet.noise, signal)
+
+
+def _pixels(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_]) -> FloatArray:
+    """Colours (N, 3) of every third pixel in the mask both ways: plenty for statistics."""
+    thin = mask[::3, ::3]
+    return np.concatenate([image[::3, ::3][thin] for image in images]).astype(np.float64)
 
 
 def chromaticity(colours: FloatArray) -> FloatArray:
@@ -101,7 +125,7 @@ def chromaticity(colours: FloatArray) -> FloatArray:
 def _most_frequent_green(pixels: FloatArray) -> FloatArray:
     """Chromaticity (2,) of the most frequent greenish colour among pixels (N, 3)."""
     greenish = (pixels[:, 1] > 1.06 * pixels[:, 2]) & (pixels[:, 1] > 0.95 * pixels[:, 0]) & (pixels.max(axis=1) < 250)
-    greenish &= pixels.sum(axis=1) > 60.0
+    greenish &= pixels.sum(axis=1) > _DARKEST_SUM
     if greenish.sum() < 0.05 * max(len(pixels), 1):
         raise TouchlineError(
             "no green carpet found around the robot: is the camera covered, or its center or inner_radius_px wrong?"
@@ -116,12 +140,12 @@ def _most_frequent_green(pixels: FloatArray) -> FloatArray:
 def _members(blurred: FloatArray, center: FloatArray) -> npt.NDArray[np.bool_]:
     """Which of the blurred pixels (N, 3) belong to the colour at `center`: its mode is narrowed down, then widened."""
     shares = chromaticity(blurred)
-    usable = (blurred.max(axis=1) < 250.0) & (blurred.sum(axis=1) > 60.0)
+    usable = (blurred.max(axis=1) < 250.0) & (blurred.sum(axis=1) > _DARKEST_SUM)
     spread = np.eye(2) * 0.015**2
     near: npt.NDArray[np.bool_] = usable
     for _ in range(6):
         offset = shares - center
-        near = usable & (np.einsum("ni,ij,nj->n", offset, np.linalg.inv(spread), offset) < 2.5**2)
+        near = usable & (np.sum(offset @ np.linalg.inv(spread) * offset, axis=1) < 2.5**2)
         center = shares[near].mean(axis=0)
         # undoes the truncation at 2.5 sigmas; never narrower than the grey levels' own steps
         spread = np.cov(shares[near].T) * 1.25 + np.eye(2) * 0.004**2
@@ -161,30 +185,28 @@ def _neutral_white(green: FloatArray) -> FloatArray:
     return np.full(3, min(255.0, 1.6 * float(green.max())))
 
 
-def _signal_weights(carpet: FloatArray, green: FloatArray, white: FloatArray, noise: float) -> FloatArray:
+def _signal_weights(carpet: Carpet, white: FloatArray) -> FloatArray:
     """Fisher's direction from green to white: blind to how bright the green is, as far as that varies here."""
-    ray = green / np.linalg.norm(green)
-    along = float(np.var(carpet @ ray)) + (0.1 * float(np.linalg.norm(green))) ** 2
-    across = carpet - np.outer(carpet @ ray, ray)
-    covariance = along * np.outer(ray, ray) + np.cov(across.T) + np.eye(3) * max(noise, 2.0) ** 2
-    weights = np.linalg.solve(covariance, white - green)
-    scaled: FloatArray = weights / float(weights @ (white - green))
+    size = float(np.linalg.norm(carpet.green))
+    ray = carpet.green / size
+    lengths = carpet.pixels @ ray
+    along = float(np.var(lengths)) + (0.1 * size) ** 2
+    across = np.cov((carpet.pixels - np.outer(lengths, ray)).T)
+    covariance = along * np.outer(ray, ray) + across + np.eye(3) * max(carpet.noise, 2.0) ** 2
+    weights = np.linalg.solve(covariance, white - carpet.green)
+    scaled: FloatArray = weights / float(weights @ (white - carpet.green))
     return scaled
 
 
 def _build_table(
-    center: FloatArray,
-    spread: FloatArray,
-    green: FloatArray,
-    white: FloatArray,
-    signal: FloatArray,
-    settings: ColourSettings,
+    carpet: Carpet, white: FloatArray, signal: FloatArray, settings: ColourSettings
 ) -> npt.NDArray[np.uint8]:
+    green = carpet.green
     levels = (np.arange(1 << _BITS) + 0.5) * (1 << (8 - _BITS))
     colours = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
     brightness = colours.sum(axis=1) / green.sum()
-    offset = chromaticity(colours) - center
-    distance = np.sqrt(np.einsum("ni,ij,nj->n", offset, np.linalg.inv(spread), offset))
+    offset = chromaticity(colours) - carpet.center
+    distance = np.sqrt(np.sum(offset @ np.linalg.inv(carpet.spread) * offset, axis=1))
     # noise weighs more in the chromaticity of dark pixels, less in that of bright ones
     is_green = distance < settings.green_sigmas * np.clip(1.0 / brightness, 0.6, 3.0)
     is_green |= _overexposed_green(colours, green)

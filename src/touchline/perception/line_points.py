@@ -17,7 +17,15 @@ from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
-from touchline.perception.colour import GREEN, ColourModel, ColourSettings, learn_colours, pixel_noise, signal_noise
+from touchline.perception.colour import (
+    GREEN,
+    ColourModel,
+    ColourSettings,
+    colour_model,
+    learn_carpet,
+    pixel_noise,
+    signal_noise,
+)
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
 from touchline.perception.profiles import COLUMNS, find_crossings, sample_paths
 from touchline.perception.scan_lines import ScanLines, build_scan_lines
@@ -29,22 +37,67 @@ class LinePointSettings(Settings):
     """Detection of line points. Lengths in the image are in pixels, so they hold for images of about 500 pixels."""
 
     radial_scan_lines: int = Field(72, ge=8, description="rays from the robot outwards; both NuBot papers use 72")
-    circles: int = Field(24, ge=0, description="circles about the robot, for lines that point at it")
-    line_width_m: float | None = Field(None, gt=0, description="width of the paint; none: that of the field")
-    least_contrast: float = Field(
-        0.2, gt=0, lt=1, description="least height of a line over its green, as a share of learned white over green"
+    circles: int = Field(
+        24,
+        ge=0,
+        description="circles about the robot, for lines that point at it: 6 px apart, about as close as the rays are",
     )
-    least_sigmas: float = Field(4.0, ge=0, description="the same in standard deviations of the noise on green")
-    least_whiteness: float = Field(0.8, gt=0, lt=1, description="least cosine between a line's excess and white's")
-    flank_px: int = Field(4, ge=2, description="length of the green wanted on both sides of a line")
-    longest_run_px: int = Field(60, ge=5, description="longest way from green through white to green")
-    steepest_crossing: float = Field(2.2, gt=1, description="longest way through a line, in line widths")
-    blur_px: float = Field(3.5, ge=0, description="how much wider blur may make a line")
-    coarsest_px_m: float = Field(0.25, gt=0, description="nothing is looked for where a pixel is longer than this (m)")
-    field_gap_m: float = Field(0.6, gt=0, description="a gap in the green longer than this ends the field")
-    noise_px: float = Field(0.3, gt=0, description="standard deviation of a point in the image")
+    line_width_m: float | None = Field(None, gt=0, description="width of the paint (m); none: that of the field")
+    least_contrast: float = Field(
+        0.2,
+        gt=0,
+        lt=1,
+        description="least height of a line over its green, as a share of learned white over green: blur takes most of "
+        "the height of a far line, seams and shadow edges of the carpet stay lower",
+    )
+    least_sigmas: float = Field(
+        4.0,
+        ge=0,
+        description="the same in standard deviations of the noise on green: one sample in 30 000 reaches 4 by chance",
+    )
+    least_whiteness: float = Field(
+        0.8,
+        gt=0,
+        lt=1,
+        description="least cosine between a line's excess over its green and white's: tinted light "
+        "changes it little, a ball or a marker fails it",
+    )
+    flank_px: int = Field(
+        4,
+        ge=2,
+        description="length of the green wanted on both sides of a line (px): averages noise, fits between two lines",
+    )
+    longest_run_px: int = Field(
+        60,
+        ge=5,
+        description="longest way from green through white to green (px): twice what a line at the robot's foot takes",
+    )
+    steepest_crossing: float = Field(
+        2.2,
+        gt=1,
+        description="longest way through a line, in line widths: 2.2 is a crossing at 27°; circles find the flatter",
+    )
+    blur_px: float = Field(
+        3.5, ge=0, description="how much wider blur may make a line (px): lens, motion and demosaicing together"
+    )
+    coarsest_px_m: float = Field(
+        0.25,
+        gt=0,
+        description="nothing is looked for where a pixel is longer than this on the ground (m): a point there would be "
+        "good to 8 cm at best",
+    )
+    field_gap_m: float = Field(
+        0.6,
+        gt=0,
+        description="a gap in the green longer than this ends the field (m): wider than any line in blur and shadow",
+    )
+    noise_px: float = Field(
+        0.3, gt=0, description="standard deviation of a point in the image (px): two edges at half height"
+    )
     noise_m: float = Field(
-        0.01, ge=0, description="standard deviation of a point on the ground that has no pixel's reason"
+        0.01,
+        ge=0,
+        description="standard deviation of a point on the ground that comes from no pixel (m): carpet, calibration",
     )
     colour: ColourSettings = ColourSettings()
 
@@ -63,7 +116,7 @@ class LinePointDetector:
         self.scan_lines: ScanLines = build_scan_lines(
             camera, s.radial_scan_lines, s.circles, camera.inner_radius_px, self.outer_px
         )
-        self.body = np.zeros((camera.height, camera.width), dtype=np.bool_)
+        self._see_body(np.zeros((camera.height, camera.width), dtype=np.bool_))
         self.colours: ColourModel | None = None
         self.green_ends_px = np.full(s.radial_scan_lines, self.outer_px)
         self._gaps = gap_lengths(camera, camera.inner_radius_px, self.outer_px, s.field_gap_m)
@@ -84,13 +137,14 @@ class LinePointDetector:
         noise = pixel_noise(images, near)
         self._smoothing_px = _smoothing_for(noise)
         smooth = [self._smoothed(image) for image in images]
-        self.body[:] = False
-        self.colours = learn_colours(smooth, near, around, noise, self.settings.colour)
+        self._see_body(np.zeros_like(self.body))
+        carpet = learn_carpet(smooth, near, around, noise)
+        self.colours = colour_model(carpet, self.settings.colour)
         white = self._white_on_lines(smooth)
         if white is not None:
-            self.colours = learn_colours(smooth, near, around, noise, self.settings.colour, white)
+            self.colours = colour_model(carpet, self.settings.colour, white)
         self._noise = signal_noise(smooth, near, self.colours)
-        self.body = self._own_body(smooth)
+        self._see_body(self._own_body(smooth))
 
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""
@@ -115,7 +169,15 @@ class LinePointDetector:
         model, lines, s, camera = self.colours, self.scan_lines, self.settings, self.camera
         if model is None:
             raise TouchlineError("the detector has learned no colours yet: call learn() with a few images first")
-        sample_paths(image, lines.samples, self.body, model.signal, model.table, *self._samples)
+        sample_paths(
+            image,
+            lines.corners,
+            lines.shares,
+            self._masked,
+            model.signal.astype(np.float32),
+            model.table,
+            *self._samples,
+        )
         width = self.line_width_m
         chords = 0.5 * width, s.steepest_crossing * width
         limits = np.array(
@@ -147,10 +209,14 @@ class LinePointDetector:
         return covariances + np.eye(2) * self.settings.noise_m**2
 
     def _smoothed(self, image: ImageArray) -> ImageArray:
+        image = np.ascontiguousarray(image)
         if self._smoothing_px == 0.0:
             return image
         blurred: ImageArray = cv2.GaussianBlur(image, (0, 0), self._smoothing_px)  # type: ignore[assignment]
         return blurred
+
+    def _see_body(self, body: npt.NDArray[np.bool_]) -> None:
+        self.body, self._masked = body, self.scan_lines.at_samples(body)
 
     def _ring(self, inner_px: float, outer_px: float) -> npt.NDArray[np.bool_]:
         v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]

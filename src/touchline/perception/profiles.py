@@ -11,7 +11,6 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.camera.omni import ground_from_pixel
-from touchline.geometry import FloatArray
 from touchline.types import ImageArray
 
 BODY = 3  # a fourth class of samples: the robot itself
@@ -22,32 +21,34 @@ COLUMNS = 7  # of a crossing: x, y (m), u, v (px), contrast (share of green to w
 @njit(cache=True)
 def sample_paths(
     image: ImageArray,
-    samples: FloatArray,
+    corners: npt.NDArray[np.int32],
+    shares: npt.NDArray[np.float32],
     masked: npt.NDArray[np.bool_],
-    signal: FloatArray,
+    signal: npt.NDArray[np.float32],
     table: npt.NDArray[np.uint8],
     colours: npt.NDArray[np.float32],
     levels: npt.NDArray[np.float32],
     classes: npt.NDArray[np.uint8],
 ) -> None:
-    """Fill, for samples (N, 2) u, v of an image: colours (N, 3) B, G, R, bilinear; levels (N,), `signal` (3,) of the
-    colour; classes (N,) by the table (64, 64, 64), or BODY where masked (H, W) says that it is the robot itself.
+    """Look up the N samples of ScanLines (corners (N,), shares (N, 2)) in an image (H, W, 3), contiguous.
+
+    Fills colours (N, 3), B, G, R, bilinear; levels (N,), `signal` (3,) of the colour; classes (N,) by the table
+    (64, 64, 64), or BODY where masked (N,) says that it is the robot itself.
     """
-    for k in range(len(samples)):
-        u, v = samples[k, 0], samples[k, 1]
-        i, j = int(v), int(u)
-        fv, fu = np.float32(v - i), np.float32(u - j)
-        w00, w01 = (1 - fv) * (1 - fu), (1 - fv) * fu
-        w10, w11 = fv * (1 - fu), fv * fu
-        b = w00 * image[i, j, 0] + w01 * image[i, j + 1, 0] + w10 * image[i + 1, j, 0] + w11 * image[i + 1, j + 1, 0]
-        g = w00 * image[i, j, 1] + w01 * image[i, j + 1, 1] + w10 * image[i + 1, j, 1] + w11 * image[i + 1, j + 1, 1]
-        r = w00 * image[i, j, 2] + w01 * image[i, j + 1, 2] + w10 * image[i + 1, j, 2] + w11 * image[i + 1, j + 1, 2]
+    flat, below, cells = image.reshape(-1), 3 * image.shape[1], table.reshape(-1)
+    for k in range(len(corners)):
+        near, fu, fv = corners[k], shares[k, 0], shares[k, 1]
+        far = near + below
+        w11 = fu * fv
+        w01, w10 = fu - w11, fv - w11
+        w00 = np.float32(1.0) - fu - w10
+        b = w00 * flat[near] + w01 * flat[near + 3] + w10 * flat[far] + w11 * flat[far + 3]
+        g = w00 * flat[near + 1] + w01 * flat[near + 4] + w10 * flat[far + 1] + w11 * flat[far + 4]
+        r = w00 * flat[near + 2] + w01 * flat[near + 5] + w10 * flat[far + 2] + w11 * flat[far + 5]
         colours[k, 0], colours[k, 1], colours[k, 2] = b, g, r
         levels[k] = signal[0] * b + signal[1] * g + signal[2] * r
-        if masked[i, j]:
-            classes[k] = BODY
-        else:
-            classes[k] = table[int(b) >> 2, int(g) >> 2, int(r) >> 2]
+        cell = (np.int32(b) >> 2) << 12 | (np.int32(g) >> 2) << 6 | np.int32(r) >> 2
+        classes[k] = BODY if masked[k] else cells[cell]
 
 
 @njit(cache=True)

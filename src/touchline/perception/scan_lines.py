@@ -23,11 +23,20 @@ class ScanLines:
 
     samples: (N, 2) u, v of all paths, one after the other. starts: (P + 1,) first sample of each path.
     closed: (P,) number of samples after which a path repeats itself, 0 for an open one.
+    corners: (N,) index of the sample's upper left pixel's first channel in an image laid flat; shares: (N, 2) how far
+    the sample is on its way to the next pixel in u and v. Both for bilinear look-up.
     """
 
     samples: FloatArray
     starts: npt.NDArray[np.int64]
     closed: npt.NDArray[np.int64]
+    corners: npt.NDArray[np.int32]
+    shares: npt.NDArray[np.float32]
+
+    def at_samples(self, picture: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Values (N,) of a picture (H, W) at the samples' upper left pixels."""
+        values: npt.NDArray[np.bool_] = picture.reshape(-1)[self.corners // 3]
+        return values
 
 
 def build_scan_lines(
@@ -54,7 +63,11 @@ def build_scan_lines(
     starts = np.concatenate(([0], np.cumsum([len(path) for path in inside]))).astype(np.int64)
     # a circle that left the image is an open path
     lengths = [count if len(kept) == len(path) else 0 for path, kept, count in zip(paths, inside, closed, strict=True)]
-    return ScanLines(np.concatenate(inside), starts, np.array(lengths, dtype=np.int64))
+    samples = np.concatenate(inside)
+    whole = np.floor(samples)
+    corners = (3 * (whole[:, 1] * camera.width + whole[:, 0])).astype(np.int32)
+    shares = (samples - whole).astype(np.float32)
+    return ScanLines(samples, starts, np.array(lengths, dtype=np.int64), corners, shares)
 
 
 def _inside(path: FloatArray, camera: OmniCamera) -> FloatArray:

@@ -12,7 +12,7 @@ __all__ = ["Problem", "ProblemKind", "ProblemLog", "Recording", "Source", "Truth
 
 
 def open_source(path: str | Path) -> Recording:
-    """Open a recording folder (FORMATS.md, version 1).
+    """Open a recording folder (docs/how-to-recording.md, format 1).
 
     Raises InputError, naming file and line, when it can't be read at all. What can be survived is in `.problems`.
     """

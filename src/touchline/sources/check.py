@@ -10,6 +10,7 @@ from pathlib import Path
 
 from touchline.sources.check_heading import check_compass, check_compass_lag, check_turns
 from touchline.sources.check_images import check_focus, check_frozen, check_image_times, check_light, check_readable
+from touchline.sources.check_lines import check_lines
 from touchline.sources.check_sensors import check_gyro_bias, check_presence, check_rows, check_stuck, check_wheels
 from touchline.sources.check_setup import check_camera, check_field, check_handedness, check_mirror, check_truth
 from touchline.sources.findings import Finding, Severity
@@ -37,6 +38,7 @@ CHECKS: list[Check] = [
     check_handedness,
     check_field,
     check_truth,
+    check_lines,
 ]
 
 _ORDER = [Severity.ERROR, Severity.WARNING, Severity.NOTE, Severity.OK]

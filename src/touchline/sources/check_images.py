@@ -21,7 +21,7 @@ _IMAGE_ADVICE = {
     ProblemKind.MISSING_IMAGE: "Copy the missing files, or remove their rows.",
     ProblemKind.BROKEN_IMAGE: "Copy these files again; the recorder may have been stopped while writing.",
     ProblemKind.IMAGE_SIZE: "Record at the size that camera.yaml was calibrated for.",
-    ProblemKind.LINEAR_IMAGE: "Apply exposure and gain first (FORMATS.md, exposure model); it can't be run as it is.",
+    ProblemKind.LINEAR_IMAGE: "Apply exposure and gain first (docs/how-to-recording.md); it can't be run as it is.",
 }
 
 

@@ -33,7 +33,7 @@ SENSOR_COLUMNS = {
 
 
 class Recording:
-    """A folder as FORMATS.md describes it: iterate for `Frame`s, as often as you like.
+    """A folder as docs/how-to-recording.md describes it: iterate for `Frame`s, as often as you like.
 
     Every frame carries the samples in the half-open interval (stamp of the frame before, its own stamp]; the first one
     all samples up to its stamp. A sensor without a sample there is None. A frame whose image is missing or broken has

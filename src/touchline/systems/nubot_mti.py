@@ -25,7 +25,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.compass import CompassCorrection, CompassSettings
 from touchline.localization.failure import FailureDetector, FailureSettings
 from touchline.localization.global_search import OWN_HALF, GlobalFix, GlobalSearch, GlobalSearchSettings
-from touchline.localization.matching import Match, Matcher, MatchingSettings
+from touchline.localization.matching import Match, Matcher, MatchingSettings, as_pose
 from touchline.localization.mirror_tilt import MirrorTilt, MirrorTiltSettings
 from touchline.localization.tracking import FusionSettings, PoseFilter
 from touchline.localization.weights import WeightSettings, precision_weights
@@ -70,6 +70,7 @@ class NubotMti:
     ) -> None:
         """camera: None if frames bring their points. rng is not needed: nothing here is left to chance."""
         self.settings = settings
+        self.field = field
         self.detector = (
             None
             if camera is None
@@ -77,7 +78,6 @@ class NubotMti:
         )
         self.matcher = Matcher(field.distance_map(settings.map.resolution_m, settings.map.margin_m), settings.matching)
         self.tilt = MirrorTilt(field, settings.mirror_tilt)
-        self.symmetric = field.is_symmetric
         self.search = GlobalSearch(self.matcher, field.length, field.width, settings.global_search)
         self.reset()
 
@@ -154,13 +154,14 @@ class NubotMti:
         """Section 4.2: matching from the odometry's prediction, then Kalman fusion."""
         good = self.settings.global_search.accepted_error
         positions_m = self.tilt.corrected(points.positions_m)
-        match = self.matcher.match(positions_m, weights, self.filter.pose)
-        if match.error > good and compass_rad is not None:
+        pose, error, _ = self.matcher.descend(positions_m, weights, self.filter.pose.as_array())
+        if error > good and compass_rad is not None:
             # a shove turns the robot, too; the compass feels what the odometry doesn't
             turned = self.filter.pose._replace(heading=self.correction.heading(compass_rad))
-            other = self.matcher.match(positions_m, weights, turned)
-            match = min(match, other, key=lambda m: m.error)
-        match = self._upright(points, weights, match)
+            other, other_error, _ = self.matcher.descend(positions_m, weights, turned.as_array())
+            if other_error < error:
+                pose, error = other, other_error
+        match = self._upright(points, weights, pose, error)
         covariance = self._covariance_without_sliding(positions_m, weights, match)
         self.filter.update(match.pose, covariance, trusted=match.error < good)
         if compass_rad is not None:
@@ -180,13 +181,14 @@ class NubotMti:
             return match.covariance
         return self.matcher.assess(positions_m, weights, predicted, error).covariance
 
-    def _upright(self, points: LinePoints, weights: FloatArray, match: Match) -> Match:
-        """The match once more, with this frame's own tilt of the mirror taken out of the points."""
-        if not self.settings.mirror_tilt.enabled or match.mean_distance_m > self.settings.compass.good_deviation_m:
-            return match
-        bend = self.tilt.update(points, match.pose)
-        again = self.matcher.match(self.tilt.corrected(points.positions_m, bend), weights, match.pose)
-        return min(match, again, key=lambda m: m.error)
+    def _upright(self, points: LinePoints, weights: FloatArray, pose: FloatArray, error: float) -> Match:
+        """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
+        if self.settings.mirror_tilt.enabled and error < self.settings.global_search.accepted_error:
+            positions_m = self.tilt.corrected(points.positions_m, self.tilt.update(points, as_pose(pose)))
+            refined, refined_error, _ = self.matcher.descend(positions_m, weights, pose)
+            if refined_error <= error:
+                return self.matcher.assess(positions_m, weights, refined, refined_error)
+        return self.matcher.assess(self.tilt.corrected(points.positions_m), weights, pose, error)
 
     def _failed(self, match: Match | None, points: int, compass_rad: float | None) -> bool:
         """Section 4.2: mean deviation and heading against the compass, for several frames in a row."""
@@ -208,14 +210,15 @@ class NubotMti:
         fix = min((f for f in fixes if f is not None), key=lambda f: f.match.error, default=None)
         if fix is None:
             return tracked
-        match, accepted = self._upright(points, weights, fix.match), fix.accepted
+        accepted = fix.accepted
+        match = self._upright(points, weights, fix.match.pose.as_array(), fix.match.error)
         if tracked is not None and tracked.error <= match.error:
             match, accepted = tracked, tracked.error < self.settings.global_search.accepted_error
         self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
         self.rivals = _rivals(fix)
         self.status = Status.TRACKING if accepted else Status.SEARCHING
         if accepted:
-            self.side_known = compass_rad is not None or self.region is not None or not self.symmetric
+            self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
             self.region = None
             self.failure.reset()
             self.correction.interrupt()

@@ -14,7 +14,7 @@ from touchline.errors import InputError, NoFitError
 from touchline.evaluation.runner import is_black
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
-from touchline.localization import locate_points
+from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.perception import LinePointDetector
 from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, open_system
@@ -92,7 +92,9 @@ def look_at_image(path: Path, camera_file: Path, field_name: str | None = None) 
     pose, found = None, "no pose: give the field with --field NAME"
     if field is not None:
         try:
-            pose, found = locate_points(points.positions_m, field).pose, "or its mirror image, without a compass"
+            weights = precision_weights(points, WeightSettings())
+            pose = locate_points(points.positions_m, field, weights=weights).pose
+            found = "or its mirror image, without a compass"
         except NoFitError as error:
             found = f"no pose: {error}"
     return Look(path.stem, image, camera, detector, points, field, pose, found)

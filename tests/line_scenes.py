@@ -1,0 +1,62 @@
+"""Line points as a robot would see them, for tests of localization: simulated views, and the published point sets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose
+
+
+@dataclass(frozen=True, eq=False)
+class PointSets:
+    """The 1000 frames of points/msl_18x12.npz and their own field."""
+
+    field: FieldModel
+    points: FloatArray
+    offsets: FloatArray
+    truth: FloatArray
+    init: FloatArray
+    compass: FloatArray
+
+    def frame(self, index: int) -> FloatArray:
+        return self.points[self.offsets[index] : self.offsets[index + 1]]
+
+
+def load_point_sets(shared_data: Path) -> PointSets:
+    data = np.load(shared_data / "points" / "msl_18x12.npz")
+    arcs = data["arcs"].copy()
+    arcs[:, 4] += arcs[:, 3]  # start and span there, start and end here
+    field = FieldModel(
+        name="point-sets", length=18.0, width=12.0, line_width=0.125,
+        segments=data["segments"], circles=arcs[:1, :3], arcs=arcs[1:],
+    )  # fmt: skip
+    return PointSets(field, data["points"], data["offsets"], data["truth"], data["init"], data["compass"])
+
+
+def lone_line(length: float = 18.0) -> FieldModel:
+    """A field whose only line is its long middle axis."""
+    return FieldModel(
+        name="lone-line", length=length, width=12.0, line_width=0.125,
+        segments=np.array([[-length / 2, 0.0, length / 2, 0.0]]),
+    )  # fmt: skip
+
+
+def view(
+    field: FieldModel, pose: Pose, rng: np.random.Generator, count: int = 100, reach_m: float = 6.0,
+    noise: float = 0.02, clutter: float = 0.0, field_of_view_rad: float = 2 * np.pi,
+) -> FloatArray:  # fmt: skip
+    """Points (up to count, 2) in the robot frame on the lines within reach; range noise relative, clutter a share."""
+    paint = np.vstack(list(field.polylines(0.02)))
+    seen = pose.inverse().transform(paint)
+    ranges, bearings = np.hypot(*seen.T), np.arctan2(seen[:, 1], seen[:, 0])
+    seen = seen[(ranges > 0.3) & (ranges < reach_m) & (np.abs(bearings) <= field_of_view_rad / 2)]
+    seen = seen[rng.permutation(len(seen))[:count]]
+    seen = seen * (1.0 + noise * rng.standard_normal((len(seen), 1)))
+    stray = rng.random(len(seen)) < clutter
+    radius, angle = reach_m * np.sqrt(rng.random(stray.sum())), rng.uniform(-np.pi, np.pi, stray.sum())
+    seen[stray] = np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))
+    return np.ascontiguousarray(seen)

@@ -1,0 +1,298 @@
+"""The house keeps its plan: who imports whom, how long files are, and that the documents say what is so."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+
+from touchline.camera import open_camera
+from touchline.cli import app
+from touchline.cli.settings_page import settings_page, unit_of
+from touchline.config import settings_rows
+from touchline.field import open_field
+from touchline.localization.locate import LocateSettings
+from touchline.sources import open_source
+from touchline.systems import SYSTEMS
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src" / "touchline"
+DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+# From the ground up: a room imports only itself and rooms before it. `api` is the one-call level, used by `cli`.
+ROOMS = (
+    "errors",
+    "geometry",
+    "types",
+    "config",
+    "field",
+    "camera",
+    "perception",
+    "motion",
+    "localization",
+    "systems",
+    "sources",
+    "simulation",
+    "calibration",
+    "evaluation",
+    "view",
+    "api",
+    "cli",
+)
+MOST_LINES = 350
+
+
+def python_files() -> list[Path]:
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def imported_rooms(text: str) -> Iterator[tuple[int, str]]:
+    """(line, room) of every import of this package, those for type checkers only left out."""
+    tree = ast.parse(text)
+    for_checkers = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for statement in node.body
+        for inner in ast.walk(statement)
+    }
+    for node in ast.walk(tree):
+        if id(node) in for_checkers:
+            continue
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"line {node.lineno}: imports are absolute here"
+            whole = node.module == "touchline"
+            names = [f"touchline.{alias.name}" for alias in node.names] if whole else [node.module or ""]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == "touchline" and len(parts) > 1:
+                yield node.lineno, parts[1]
+
+
+def uphill_imports(room: str, text: str) -> list[str]:
+    allowed = ROOMS[: ROOMS.index(room) + 1]
+    return [f"line {line}: {room} imports {other}" for line, other in imported_rooms(text) if other not in allowed]
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def test_a_room_imports_only_rooms_below_it() -> None:
+    wrong = {
+        str(path.relative_to(ROOT)): found
+        for path in python_files()
+        if room_of(path) != "__init__" and (found := uphill_imports(room_of(path), path.read_text(encoding="utf-8")))
+    }
+    assert wrong == {}
+
+
+def test_every_room_has_its_place_in_the_plan() -> None:
+    rooms = {room_of(path) for path in python_files()} - {"__init__"}
+    assert rooms <= set(ROOMS)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "from touchline.cli import app",
+        "import touchline.view.overlay",
+        "from touchline import evaluation",
+        "def late():\n    from touchline.systems import open_system",
+    ],
+)
+def test_an_uphill_import_is_noticed_in_every_form(text: str) -> None:
+    assert len(uphill_imports("field", text)) == 1
+
+
+def test_imports_for_type_checkers_do_not_count() -> None:
+    text = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from touchline.cli import app\n"
+    assert uphill_imports("field", text) == []
+
+
+def test_importing_the_package_imports_no_room() -> None:
+    assert list(imported_rooms((PACKAGE / "__init__.py").read_text(encoding="utf-8"))) == []
+
+
+def test_no_source_file_is_long() -> None:
+    lengths = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in python_files()}
+    assert {name: length for name, length in lengths.items() if length > MOST_LINES} == {}
+
+
+def test_versions_agree() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    newest = re.search(r"^## \[([^]]+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert newest is not None
+    assert (str(citation["version"]), newest.group(1)) == (version, version)
+
+
+def test_the_citation_names_the_four_papers() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    first_authors = [reference["authors"][0]["family-names"] for reference in citation["references"]]
+    assert first_authors == ["Xiong", "Lu", "Ismail", "Schulz"]
+    assert all(reference["title"] and reference["type"] == "article" for reference in citation["references"])
+
+
+def test_the_licence_is_the_whole_apache_licence() -> None:
+    text = (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert "Version 2.0, January 2004" in text
+    assert "END OF TERMS AND CONDITIONS" in text
+
+
+# --- settings ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_page_of_settings_is_up_to_date() -> None:
+    page = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
+    assert page == settings_page(), "run: touchline systems --markdown > docs/settings.md"
+
+
+@pytest.mark.parametrize("settings", [*(info.settings for info in SYSTEMS.values()), LocateSettings])
+def test_every_setting_says_what_it_is(settings: Any) -> None:
+    rows = list(settings_rows(settings))
+    assert len(rows) > 10
+    assert [key for key, _, description in rows if len(description.split()) < 4] == []
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"), [("c_m", "m"), ("a.drift_per_m", "1/m"), ("speed_m_s", "m/s"), ("lag_s", "s"), ("gate", "–")]
+)
+def test_units_are_read_from_names(key: str, unit: str) -> None:
+    assert unit_of(key) == unit
+
+
+# --- documents --------------------------------------------------------------------------------------------------------
+
+
+def code_in(text: str) -> Iterator[str]:
+    """Every line of a fenced block and every inline code span."""
+    for block in re.findall(r"^```[a-z]*\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+        yield from block.splitlines()
+    yield from re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
+
+
+def wrong_command(line: str) -> str | None:
+    """What is wrong with a `touchline ...` line: an unknown command or option; None if nothing is."""
+    words = shlex.split(line.partition(" > ")[0].partition("#")[0].replace("…", ""))
+    group: Any = typer.main.get_command(app)
+    rest = words[1:]
+    while rest and hasattr(group, "commands"):
+        if rest[0] in group.commands:
+            group = group.commands[rest.pop(0)]
+        elif group.name == "fields":
+            group = group.commands["show"]
+        else:
+            break
+    known = {name for parameter in group.params for name in (*parameter.opts, *parameter.secondary_opts)}
+    known |= {"--help", "-h"}
+    if rest and not rest[0].startswith("-") and hasattr(group, "commands"):
+        return f"unknown command: {line}"
+    wrong = [word for word in rest if word.startswith("--") and word.partition("=")[0] not in known]
+    return f"unknown {wrong[0]}: {line}" if wrong else None
+
+
+@pytest.mark.parametrize("line", ["touchline dmeo", "touchline run X --ouput Y", "touchline fields new a A=1 --bsae x"])
+def test_a_wrong_command_is_noticed(line: str) -> None:
+    assert wrong_command(line) is not None
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_commands_in_documents_exist(document: Path) -> None:
+    lines = [line.strip().removeprefix("$ ") for line in code_in(document.read_text(encoding="utf-8"))]
+    assert [wrong for line in lines if line.startswith("touchline ") and (wrong := wrong_command(line))] == []
+    targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    made = [line.split()[1] for line in lines if line.startswith("make ")]
+    assert [target for target in made if target not in targets] == []
+
+
+def anchors(document: Path) -> set[str]:
+    """The anchors that GitHub gives a document's headings."""
+    headings = re.findall(r"^#+ (.*)$", document.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_links_in_documents_resolve(document: Path) -> None:
+    targets = re.findall(r"\]\(([^)\s]+)\)", document.read_text(encoding="utf-8"))
+    broken = []
+    for target in (target for target in targets if not re.match(r"[a-z]+:", target)):
+        name, _, anchor = target.partition("#")
+        path = (document.parent / name).resolve() if name else document
+        if not path.exists() or (anchor and anchor not in anchors(path)):
+            broken.append(target)
+    assert broken == []
+
+
+def test_the_readme_names_every_command() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert [name for name in commands if f"`touchline {name}" not in text and f"\ntouchline {name}" not in text] == []
+
+
+def test_the_readme_s_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    block = re.search(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    assert block is not None
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block.group(1), "README.md", "exec"), {})
+    assert "heading" in capsys.readouterr().out
+
+
+def test_the_first_picture_is_small_and_there() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    picture = re.search(r"!\[[^]]+\]\(([^)]+)\)", text)
+    assert picture is not None
+    assert 20_000 < (ROOT / picture.group(1)).stat().st_size <= 250_000
+
+
+def test_the_plan_of_the_house_names_every_file() -> None:
+    plan = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    missing = [path.name for path in python_files() if path.name != "__init__.py" and f"`{path.name}`" not in plan]
+    assert missing == [], "add them to the tables of docs/architecture.md"
+
+
+def yaml_blocks(name: str) -> list[str]:
+    return re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / name).read_text(encoding="utf-8"), re.M | re.S)
+
+
+def test_the_camera_files_of_the_how_to_can_be_used(tmp_path: Path) -> None:
+    _, one_table, per_direction = yaml_blocks("how-to-recording.md")
+    camera_file = tmp_path / "camera.yaml"
+    camera_file.write_text(one_table, encoding="utf-8")
+    assert open_camera(camera_file).ground_from_image([[239.5, 239.5 - 80.0]])[0] == pytest.approx([1.0, 0.0], abs=1e-4)
+    camera_file.write_text(one_table.partition("range_table")[0] + per_direction, encoding="utf-8")
+    assert open_camera(camera_file).ground_from_image([[239.5, 239.5 - 80.0]])[0] == pytest.approx([1.0, 0.0], abs=1e-4)
+    assert open_camera(camera_file).ground_from_image([[239.5 - 80.0, 239.5]])[0] == pytest.approx(
+        [0.0, 0.99], abs=1e-4
+    )
+
+
+def test_the_field_file_of_the_how_to_can_be_used(tmp_path: Path) -> None:
+    (block,) = yaml_blocks("how-to-field.md")
+    field_file = tmp_path / "field.yaml"
+    field_file.write_text(block, encoding="utf-8")
+    field = open_field(field_file)
+    assert (field.name, field.length, len(field.goals)) == ("our-lab", 12.0, 1)
+
+
+def test_the_recording_of_the_how_to_can_be_opened(tmp_path: Path) -> None:
+    example = ROOT / "examples" / "omni_msl_track_short"
+    (tmp_path / "sequence.yaml").write_text(yaml_blocks("how-to-recording.md")[0], encoding="utf-8")
+    (tmp_path / "images.csv").write_text("t,file\n0.1,images/000000.jpg\n", encoding="utf-8")
+    (tmp_path / "images").symlink_to(example / "images")
+    source = open_source(tmp_path)
+    assert (source.name, source.field.name, len(source)) == ("friday-3", "msl-18x12", 1)
+    assert next(iter(source)).problem is None
