@@ -15,11 +15,11 @@ def pile_pyramid(rng: np.random.Generator) -> npt.NDArray[np.float32]:
 
     Level n is the finest one averaged over 2^n texels, repeated to fill its tile, so that a look-up at a level whose
     texel is as large as a pixel's footprint shows what a camera would average: the further, the smoother. The finest
-    level is white noise with a standard deviation of 0.8 plus noise 4, 16 and 64 texels wide, which distance leaves over.
+    level is white noise plus weaker noise 4, 16 and 64 texels wide, which distance leaves over.
     """
     size = TILE_TEXELS
-    tile = 0.8 * rng.standard_normal((size, size))
-    for step, strength in ((4, 0.45), (16, 0.3), (64, 0.25)):
+    tile = 1.0 * rng.standard_normal((size, size))
+    for step, strength in ((4, 0.25), (16, 0.15), (64, 0.12)):
         coarse = rng.standard_normal((size // step, size // step))
         tile += strength * _stretched(coarse, step)
     tile -= tile.mean()

@@ -32,7 +32,7 @@ EDGE_FLAG = 1 << 30  # labels: a pixel that needs supersampling whatever its nei
 SUN_FLAG = 1 << 29
 GROUND_LABEL = 1
 SEAM_M = 0.012  # width of a seam between two strips of carpet
-PILE = 0.085  # standard deviation of the pile's brightness at its finest texel
+PILE = 0.13  # standard deviation of the pile's brightness at its finest texel
 _MASK = np.uint32(TILE_TEXELS - 1)
 
 

@@ -34,7 +34,7 @@ from touchline.simulation.world import PAINTS, World, WorldState
 
 RADIANCE_PER_LEVEL = 0.275  # white paint (0.84) under level 1: 0.23, as in the recorded images under hall lamps
 _LIGHT_STEP_M = 0.125
-_ROOM_PAINTS = ((0.27, 0.25, 0.205), (0.02, 0.02, 0.025), (0.52, 0.47, 0.39), (0.6, 0.58, 0.52))
+_ROOM_PAINTS = ((0.37, 0.345, 0.28), (0.02, 0.02, 0.025), (0.86, 0.80, 0.66), (0.8, 0.76, 0.65))
 
 
 class SceneArrays(NamedTuple):
@@ -152,7 +152,7 @@ class Scene:
         y = self.light_frame[1] + np.arange(rows) * _LIGHT_STEP_M
         self._lamp_shares = lamps_on_ground(world.lights.lamps, *np.meshgrid(x, y))
         self.light = np.empty((rows, columns, 2), dtype=np.float32)
-        self._carpet_brightness = 1.0 + 0.055 * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
+        self._carpet_brightness = 1.0 + 0.04 * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
         if world.seam_spacing > 0.0:  # every other strip lies against the nap
             odd = np.floor(x / world.seam_spacing + 0.37 + 0.5).astype(int) % 2
             self._carpet_brightness *= 1.0 + 0.018 * world.carpet_contrast * (2.0 * odd - 1.0)

@@ -12,7 +12,7 @@ from touchline.simulation.illumination import light_at, sun_at
 from touchline.simulation.tracing import BOARD, CARPET, CEILING, FLOOR
 
 _WALL_NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])  # east, west, north, south
-_NET_REFLECTANCE = 0.55
+_NET_REFLECTANCE = 0.72
 
 
 @njit(cache=True, error_model="numpy")
@@ -61,7 +61,7 @@ def shade_upright(
                 label = 23 - code
                 nx, ny = _WALL_NORMALS[-4 - code, 0], _WALL_NORMALS[-4 - code, 1]
             if nx != 0.0 or ny != 0.0:
-                level *= 0.62 + 0.12 * (0.5 * nx + 0.87 * ny)
+                level *= 0.75 + 0.10 * (0.5 * nx + 0.87 * ny)
             facing = nx * sun[1] + ny * sun[2] if nx != 0.0 or ny != 0.0 else sun[3]
             if sun[0] > 0.0 and facing > 0.0 and sun_at(sun, windows, casters[:0], x, y, z):
                 level += sun[0] * min(facing / max(sun[3], 0.2), 2.0)
