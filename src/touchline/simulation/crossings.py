@@ -14,7 +14,9 @@ from touchline.camera import OmniCamera
 from touchline.field.distance_map import lookup
 from touchline.geometry import FloatArray
 
-COLUMNS = 6  # of a crossing: x, y (m, base frame), path, paint across the path (m), metres per pixel along it, disc
+# of a crossing: x, y (m, base frame), path, paint along the path (m), metres per pixel along it, whether it is a disc,
+# growth of the scale outwards (metres per pixel and metre)
+COLUMNS = 7
 SCALE_STEP_M = 0.01
 _MOST_PER_PATH = 64
 
@@ -164,7 +166,7 @@ def _shadows(x, y, cx, sx, bodies, shadows):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _ray_is_clear(along, chord, reach_m, scale, ray, view, shadows, width, carpet, grid):  # type: ignore[no-untyped-def]
-    """Whether there is free green on both sides of a crossing. ray: direction; view: x, y; shadows: stretches hidden."""
+    """Whether there is green on both sides of a crossing. ray: direction; view: x, y; shadows: hidden stretches."""
     for step in (-0.5 * chord - reach_m, -0.5 * chord - scale, 0.5 * chord + scale, 0.5 * chord + reach_m):
         place = along + step
         for i in range(len(shadows)):
@@ -217,12 +219,15 @@ def find_crossings(  # type: ignore[no-untyped-def]
                 continue
             near, far = along - 0.5 * chord - flank_px * scale, along + 0.5 * chord + scale
             reach_m = (flank_px + 1.0) * scale
-            if near < rays[p, 1] or far > rays[p, 2] or not _ray_is_clear(
-                along, chord, reach_m, scale, ray, view, shadows[:dark], width, carpet, grid
+            if (
+                near < rays[p, 1]
+                or far > rays[p, 2]
+                or not _ray_is_clear(along, chord, reach_m, scale, ray, view, shadows[:dark], width, carpet, grid)
             ):
                 continue
             row = out[found]
             row[0], row[1], row[2], row[3], row[4], row[5] = bx, by, p, chord, scale, hits[h, 2]
+            row[6] = (_ray_scale(along + SCALE_STEP_M, scales) - scale) / SCALE_STEP_M
             found += 1
     for q in range(len(circles)):
         reach, scale = circles[q, 0], circles[q, 0] / circles[q, 1]
@@ -236,7 +241,7 @@ def find_crossings(  # type: ignore[no-untyped-def]
                 continue
             angle, row = hits[h, 0] - heading, out[found]
             row[0], row[1] = reach * math.cos(angle), reach * math.sin(angle)
-            row[2], row[3], row[4], row[5] = len(rays) + q, chord, scale, hits[h, 2]
+            row[2], row[3], row[4], row[5], row[6] = len(rays) + q, chord, scale, hits[h, 2], 0.0
             found += 1
     return found
 
