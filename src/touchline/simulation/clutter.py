@@ -13,7 +13,7 @@ _CLOTHES = ("red", "orange", "blue", "brown", "white", "green", "black", "yellow
 
 
 def random_clutter(
-    hall: tuple[float, float, float], carpet: tuple[float, float], rng: np.random.Generator, share: float = 0.8
+    hall: tuple[float, float, float], carpet: tuple[float, float], rng: np.random.Generator, share: float = 0.6
 ) -> list[Block]:
     """Blocks between carpet and walls that fill about `share` of the hall's circumference.
 
