@@ -20,7 +20,7 @@ from touchline.config import Settings
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointSettings
-from touchline.simulation.crossings import COLUMNS, find_crossings, round_table, scale_table
+from touchline.simulation.crossings import COLUMNS, find_crossings, round_table, scale_at, scale_table
 from touchline.types import LinePoints, empty_points
 
 
@@ -126,7 +126,7 @@ class ObservedLines:
         rows = np.empty((total, 9))
         kept = _perturbed(
             self._found[:count], strays, len(self._rays), sectors, numbers,
-            rng.standard_normal(total), rng.random((total, 2)), self._lookup, rows,
+            rng.standard_normal(total), rng.random((total, 2)), self._lookup, self._scales, rows,
         )  # fmt: skip
         rows = rows[:kept]
         return LinePoints(rows[:, :2], rows[:, 2:6].reshape(-1, 2, 2), rows[:, 6], rows[:, 7:9])
@@ -201,7 +201,7 @@ def _farthest_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
     return float(min(limit, camera.outer_radius_px))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _place_strays(counts, rays, goals, pose, uniforms, places):  # type: ignore[no-untyped-def]
     """Fill places (K, 2), base frame: counts[0] on rays (P, 3), then counts[1 + g] in each goal (G, 4), field frame."""
     x, y, heading = pose
@@ -220,7 +220,7 @@ def _place_strays(counts, rays, goals, pose, uniforms, places):  # type: ignore[
             k += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _inside_sector(bearing, sectors):  # type: ignore[no-untyped-def]
     for i in range(len(sectors)):
         if (bearing - sectors[i, 0]) % (2.0 * math.pi) <= (sectors[i, 1] - sectors[i, 0]) % (2.0 * math.pi):
@@ -228,7 +228,7 @@ def _inside_sector(bearing, sectors):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _found_share(on_ray, wide, scale, numbers):  # type: ignore[no-untyped-def]
     """Share of crossings that are found, `wide` pixels long where a pixel is `scale` m. numbers: see `observe`."""
     ray_share, circle_share, thin_half, thin_slope, circle_half, circle_slope, coarse_half, coarse_slope, long_px = (
@@ -242,8 +242,8 @@ def _found_share(on_ray, wide, scale, numbers):  # type: ignore[no-untyped-def]
     return share / (1.0 + (wide / long_px) ** 2)
 
 
-@njit(cache=True)
-def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms, camera, out):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms, camera, scales, out):  # type: ignore[no-untyped-def]
     """Points that are found, shifted, into out (N, 9): x, y, covariance (4), confidence, u, v; returns how many.
 
     found (M, COLUMNS) of `find_crossings`; strays (K, 2): places of false points. numbers: those of
@@ -287,11 +287,8 @@ def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms,
         if math.isnan(x):
             continue
         du, dv = u - camera[0][0], v - camera[0][1]
-        radius, distance = math.sqrt(du * du + dv * dv), math.sqrt(x * x + y * y)
-        eu, ev = 0.5 * du / radius, 0.5 * dv / radius
-        ax, ay = ground_from_pixel(u + eu, v + ev, camera[0], camera[1], camera[2])
-        bx, by = ground_from_pixel(u - eu, v - ev, camera[0], camera[1], camera[2])
-        outwards, across = (ax - bx) ** 2 + (ay - by) ** 2, (distance / radius) ** 2
+        distance = math.sqrt(x * x + y * y)
+        outwards, across = scale_at(distance, scales) ** 2, distance * distance / (du * du + dv * dv)
         cx, cy = x / distance, y / distance
         row = out[kept]
         lean = (x * pitch - y * roll) / height
