@@ -33,7 +33,7 @@ EDGE_FLAG = 1 << 30  # labels: a pixel that needs supersampling whatever its nei
 SUN_FLAG = 1 << 29
 GROUND_LABEL = 1
 SEAM_M = 0.012  # width of a seam between two strips of carpet
-PILE = 0.13  # standard deviation of the pile's brightness at its finest texel
+PILE = 0.10  # standard deviation of the pile's brightness at its finest texel
 _SMALLEST = np.uint32(TILE_TEXELS >> (LEVELS - 1))
 
 
@@ -88,7 +88,7 @@ def shade_open_carpet(
     """
     count, ground_count = 0, 0
     grain_scale = carpet[4] * PILE
-    footprint = 0.49 * pixel_angle * pixel_angle
+    footprint = 1.5 * pixel_angle * pixel_angle
     middle, far = TIGHT_MARGIN_M / (0.37 * pixel_angle), MIDDLE_MARGIN_M / (0.37 * pixel_angle)
     for i in range(total):
         s = float(cast[6, i])
@@ -114,7 +114,7 @@ def shade_open_carpet(
             if flag == SUNLIT:
                 level *= 1.0 + sun_level / light_at(light, light_frame, 0, x, y)
                 label |= SUN_FLAG
-            grain = pile_at(pyramid, x, y, footprint * s * reach)
+            grain = pile_at(pyramid, x, y, footprint * reach * reach)
             level *= 1.0 + grain_scale * grain
             radiance[i, 0] = carpet[0] * level
             radiance[i, 1] = carpet[1] * level
@@ -165,12 +165,12 @@ def shade_ground(
         paint, label, level = -1, GROUND_LABEL, 1.0
         if flag & (HAS_PAINT | PAINT_NEAR | PAINT_AROUND):
             paint, edge = paint_at(shapes, starts, items, paint_frame, x, y)
-            if edge < 0.37 * deep or deep > 0.8:
+            if edge < max(0.37 * deep, 0.0055) or deep > 0.8:
                 label |= EDGE_FLAG
         if flag & NEAR_BODY:
             level = contact_shadow(casters, caster_cells, paint_frame, x, y)
         sunlit = flag & SUNLIT != 0 and (flag & SUN_EDGE == 0 or sun_at(sun, windows, casters, x, y, 0.0))
-        grain = carpet[4] * PILE * pile_at(pyramid, x, y, 0.49 * wide * deep)
+        grain = carpet[4] * PILE * pile_at(pyramid, x, y, 1.5 * deep * deep)
         open_level = light_at(light, light_frame, 0, x, y)
         level *= open_level
         if sunlit:
@@ -183,7 +183,10 @@ def shade_ground(
         else:
             level *= (1.0 + grain) * light_at(light, light_frame, 1, x, y) / open_level
             if flag & HAS_SEAM:
-                level *= _seam(carpet, x, wide, deep, float(hits[n, 4]), float(hits[n, 5]))
+                dark = _seam(carpet, x, wide, deep, float(hits[n, 4]), float(hits[n, 5]))
+                level *= dark
+                if dark < 0.995:
+                    label |= EDGE_FLAG
             for c in range(3):
                 radiance[i, c] = carpet[c] * level
         labels[i] = label

@@ -60,6 +60,7 @@ class Renderer:
         self._samples: dict[int, Float32Array] = {}
         dark = (grid.still[..., 3] == 1.0) & (grid.still[..., :3] == 0.0).all(axis=2)  # black for ever
         self._still_pixels = np.flatnonzero((grid.still[..., 3] > 0.0) & ~dark).astype(np.int32)
+        self._unseen = np.flatnonzero((grid.still[..., 3] > 0.0) & ~dark & ~seen)  # no ray fills them again
         self._labels = np.zeros((height, width), dtype=np.int32)
         self._image = np.zeros((height, width, 3), dtype=np.float32)
 
@@ -75,11 +76,12 @@ class Renderer:
         slack = grid.slack_m + float(np.hypot(*(places - middle).T).max())
         starts, items, near = sort_into_sectors(scene.solids, float(middle[0]), float(middle[1]), slack)
         arrays = scene.arrays(starts, items, near, first_bodies(starts, items, near))
+        self._image.reshape(-1, 3)[self._unseen] = 0.0
         _render_middles(arrays, self._pixels, self._rays, poses, grid.pixel_angle, self._image, self._labels)
         if side > 1:
             chosen = self._pixels if everywhere else _edge_pixels(self._labels, self._image)
             samples = self._sample_rays(side)
-            _render_samples(arrays, chosen, samples, poses, grid.pixel_angle / side, side, self._image)
+            _render_samples(arrays, chosen, samples, poses, grid.pixel_angle, side, self._image)
         _lay_still(self._image, self._still_pixels, grid.still, float(scene.light[::8, ::8, 0].mean()))
         return self._image
 
@@ -99,6 +101,7 @@ def _shade(
     rows: npt.NDArray[np.int32],
     poses: FloatArray,
     pixel_angle: float,
+    sample_angle: float,
     cast: Float32Array,
     hits: Float32Array,
     codes: npt.NDArray[np.int32],
@@ -106,7 +109,10 @@ def _shade(
     radiance: Float32Array,
     labels: npt.NDArray[np.int32],
 ) -> None:
-    """Radiance (N, 3) and labels (N,) of rays (6, N); cast (8, N), hits (2, N, 8), codes (N,) and lists (2, N) are work space."""
+    """Radiance (N, 3) and labels (N,) of rays (6, N); cast (8, N), hits (2, N, 8), codes (N,) and lists (2, N) are work space.
+
+    pixel_angle: width of a pixel (rad), over which textures are smoothed; sample_angle: width of a sample, for nets.
+    """
     s = scene
     cast_rays(rays, rows, poses, cast)
     count, ground_count = shade_open_carpet(
@@ -114,7 +120,7 @@ def _shade(
         s.sun[0], pixel_angle, radiance, labels, lists[0], lists[1], hits[1],
     )  # fmt: skip
     rest = lists[0, :count]
-    trace_rays(cast, rest, s.solids, s.starts, s.items, s.near, s.room, pixel_angle, hits[0], codes)
+    trace_rays(cast, rest, s.solids, s.starts, s.items, s.near, s.room, sample_angle, hits[0], codes)
     for turn in range(2):
         shade_ground(
             lists[1, :ground_count] if turn == 0 else rest, hits[1] if turn == 0 else hits[0],
@@ -124,7 +130,7 @@ def _shade(
         )  # fmt: skip
     shade_upright(
         rest, hits[0], codes, s.solids, s.palette, s.room, s.room_colours, s.light, s.light_frame, s.pyramid, s.casters,
-        s.sun, s.windows, radiance, labels,
+        s.sun, s.windows, pixel_angle, radiance, labels,
     )  # fmt: skip
 
 
@@ -149,7 +155,20 @@ def _render_middles(
         if len(poses) > 1:
             for i in range(start, stop):
                 rows[i - start] = pixels[i] // image.shape[1]
-        _shade(scene, rays[:, start:stop], rows, poses, pixel_angle, cast, hits, codes, lists, radiance, labels)
+        _shade(
+            scene,
+            rays[:, start:stop],
+            rows,
+            poses,
+            pixel_angle,
+            pixel_angle,
+            cast,
+            hits,
+            codes,
+            lists,
+            radiance,
+            labels,
+        )
         for i in range(start, stop):
             flat_labels[pixels[i]] = labels[i - start]
             for c in range(3):
@@ -185,7 +204,18 @@ def _render_samples(
             for i in range(len(some) * each):
                 rows[i] = some[i // each] // image.shape[1]
         _shade(
-            scene, samples[:, : len(some) * each], rows, poses, pixel_angle, cast, hits, codes, lists, radiance, labels
+            scene,
+            samples[:, : len(some) * each],
+            rows,
+            poses,
+            pixel_angle,
+            pixel_angle / side,
+            cast,
+            hits,
+            codes,
+            lists,
+            radiance,
+            labels,
         )
         for i in range(len(some)):
             for c in range(3):
@@ -214,11 +244,12 @@ def _edge_pixels(labels: npt.NDArray[np.int32], image: Float32Array) -> npt.NDAr
             if label == 0:
                 continue
             edge = label >= EDGE_FLAG
-            if not edge and 0 < u < width - 1 and 0 < v < height - 1:
-                a, b, c, d = flat[n - 1], flat[n + 1], flat[n - width], flat[n + width]
-                if a == label and b == label and c == label and d == label:
+            if not edge:
+                left, right = n - (1 if u > 0 else 0), n + (1 if u < width - 1 else 0)
+                up, down = n - (width if v > 0 else 0), n + (width if v < height - 1 else 0)
+                if flat[left] == label and flat[right] == label and flat[up] == label and flat[down] == label:
                     continue
-                for m in (n - 1, n + 1, n - width, n + width):
+                for m in (left, right, up, down):
                     other = flat[m] & mask
                     edge = edge or (other != label and other != 0 and _differ(colours, n, m))
             if edge:

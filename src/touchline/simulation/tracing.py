@@ -54,7 +54,7 @@ def trace_rays(
             if 0.0 < found < s:
                 if solids[k, 0] == 3.0:
                     open_share *= _net_gaps(
-                        solids[k], found * ux - ex, found * uy - ey, oz + found * rise, found * pixel_angle
+                        solids[k], found * ux - ex, found * uy - ey, oz + found * rise, ux, uy, found * pixel_angle
                     )
                 else:
                     s, code = found, k
@@ -155,10 +155,19 @@ def _meet_ball(along: float, lateral: float, height: float, rise: float, radius:
 
 
 @njit(cache=True, error_model="numpy")
-def _net_gaps(net: FloatArray, x: float, y: float, height: float, width: float) -> float:
-    """Share of a pixel that is not thread, at x, y from the net's middle: threads box-filtered over the pixel's width."""
-    along = x * net[3] + y * net[4]
-    return float((1.0 - _grating(along, net[11], net[12], width)) * (1.0 - _grating(height, net[11], net[12], width)))
+def _net_gaps(net: FloatArray, x: float, y: float, height: float, ux: float, uy: float, width: float) -> float:
+    """Share of a pixel that is not thread, at x, y from the net's middle: threads box-filtered over the pixel's width.
+
+    Always a trace less than 1 where a thread is near, so that the pixel is known to need supersampling.
+    """
+    along, mesh, thread = x * net[3] + y * net[4], net[11], net[12]
+    broad = width / max(abs(uy * net[3] - ux * net[4]), 0.1)  # of a pixel on a net seen from aside
+    gaps = (1.0 - _grating(along, mesh, thread, broad)) * (1.0 - _grating(height, mesh, thread, width))
+    if gaps == 1.0 and (
+        _grating(along, mesh, thread, 1.8 * broad) > 0.0 or _grating(height, mesh, thread, 1.8 * width) > 0.0
+    ):
+        gaps = 0.9999
+    return float(gaps)
 
 
 @njit(cache=True, error_model="numpy")

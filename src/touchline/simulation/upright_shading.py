@@ -7,12 +7,14 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.ground_shading import PILE, SUN_FLAG
+from touchline.simulation.ground_shading import EDGE_FLAG, PILE, SUN_FLAG
 from touchline.simulation.illumination import light_at, sun_at
+from touchline.simulation.solids import NET_MESH_M
 from touchline.simulation.tracing import BOARD, CARPET, CEILING, FLOOR
 
 _WALL_NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])  # east, west, north, south
 _NET_REFLECTANCE = 0.72
+_BLOTCHES = 512 * 512 + 256 * 256 + 128 * 128  # where the level of 64 x 64 texels starts in the pyramid
 
 
 @njit(cache=True, error_model="numpy")
@@ -30,6 +32,7 @@ def shade_upright(
     casters: FloatArray,
     sun: FloatArray,
     windows: FloatArray,
+    pixel_angle: float,
     radiance: npt.NDArray[np.float32],
     labels: npt.NDArray[np.int32],
 ) -> None:
@@ -66,13 +69,17 @@ def shade_upright(
                 label |= SUN_FLAG
             level *= (
                 1.0
-                + grain * PILE * pyramid[(int(z * 80.0 + 4096.0) & 255) * 512 + (int((x + y) * 57.0 + 4096.0) & 511)]
+                + grain
+                * PILE
+                * pyramid[_BLOTCHES + (int(z * 20.0 + 4096.0) & 63) * 64 + (int((x + y) * 14.0 + 4096.0) & 63)]
             )
             for c in range(3):
                 shade = palette[colour, c] if code >= 0 else room_colours[_room_row(code), c]
                 radiance[i, c] = shade * level
             labels[i] = label
         if gaps < 1.0:
+            if hits[n, 3] * pixel_angle < NET_MESH_M:  # threads can be told apart
+                labels[i] |= EDGE_FLAG
             for c in range(3):
                 radiance[i, c] = gaps * radiance[i, c] + (1.0 - gaps) * _NET_REFLECTANCE * level
 
