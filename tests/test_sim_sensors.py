@@ -202,8 +202,15 @@ class TestGyroAndCompass:
     def test_the_integrated_gyro_is_the_turn(self) -> None:
         track = wandering(10.0)
         imu = simulate_imu(track, SILENT_IMU, np.random.default_rng(0))
-        turned = np.cumsum(imu[:, 5]) * SENSOR_PERIOD_S
-        np.testing.assert_allclose(turned, track.poses[::2, 2] - track.poses[0, 2], atol=1e-9)
+        turned = np.cumsum(imu[1:-1, 5]) * SENSOR_PERIOD_S
+        headings = track.poses[1::2, 2]  # half a sample after each stamp
+        np.testing.assert_allclose(turned, headings[1:] - headings[0], atol=1e-9)
+
+    def test_the_gyro_is_not_late(self) -> None:
+        track = wandering(10.0)
+        imu = simulate_imu(track, SILENT_IMU, np.random.default_rng(0))
+        rates = np.gradient(track.poses[:, 2], STEP_S)[::2]
+        np.testing.assert_allclose(imu[1:-1, 5], rates[1:-1], atol=1e-9)
 
     def test_yaw_roll_and_pitch_are_twenty_milliseconds_old(self) -> None:
         track = driving((0.0, 0.0, 1.0), 2.0)

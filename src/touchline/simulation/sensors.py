@@ -132,7 +132,7 @@ def simulate_wheels(track: Track, noise: WheelNoise, rng: np.random.Generator) -
 
 
 def simulate_imu(track: Track, noise: ImuNoise, rng: np.random.Generator) -> FloatArray:
-    """(M, 6) roll, pitch, yaw (rad; late by the lag), gx, gy, gz (rad/s; means over the sample's period)."""
+    """(M, 6) roll, pitch, yaw (rad; late by the lag), gx, gy, gz (rad/s; means over the 20 ms around the stamp)."""
     deg = math.pi / 180.0
     times = track.times_s[::_STRIDE]
     lagged = np.maximum(times - noise.tilt_and_yaw_lag_s, 0.0)
@@ -146,9 +146,7 @@ def simulate_imu(track: Track, noise: ImuNoise, rng: np.random.Generator) -> Flo
     heading += place.at(track.poses[rows, :2])
     heading += drift(n, SENSOR_PERIOD_S, noise.compass_drift_deg * deg, noise.compass_drift_time_s, rng)
     heading += noise.compass_noise_deg * deg * rng.standard_normal(n)
-    rates = np.zeros((n, 3))
-    rates[1:, :2] = np.diff(track.attitude[::_STRIDE], axis=0) / SENSOR_PERIOD_S
-    rates[1:, 2] = _per_sample(track.turned_rad[:, np.newaxis])[:, 0] / SENSOR_PERIOD_S
+    rates = _middle_rates(np.column_stack((track.attitude, np.cumsum(track.turned_rad))))
     low, high = noise.gyro_bias_deg_s
     bias = np.array([noise.tilt_rate_bias_deg_s, noise.tilt_rate_bias_deg_s, rng.uniform(low, high)])
     rates += bias * rng.choice((-1.0, 1.0), 3) * deg
@@ -170,6 +168,14 @@ def _late_heading(track: Track, times_s: FloatArray) -> FloatArray:
     rows = np.minimum(np.floor(times_s / STEP_S + 1e-9).astype(np.int64), len(carried) - 1)
     heading: FloatArray = np.interp(times_s, track.times_s, track.poses[:, 2] - carried) + carried[rows]
     return heading
+
+
+def _middle_rates(angles: FloatArray) -> FloatArray:
+    """(M, k) rates at the sensors' stamps of angles (N, k) at the track's rows: over half a period before and after."""
+    middle = np.arange(0, len(angles), _STRIDE)
+    before, after = np.maximum(middle - _STRIDE // 2, 0), np.minimum(middle + _STRIDE // 2, len(angles) - 1)
+    rates: FloatArray = (angles[after] - angles[before]) / (STEP_S * (after - before))[:, np.newaxis]
+    return rates
 
 
 def _per_sample(steps: FloatArray) -> FloatArray:
