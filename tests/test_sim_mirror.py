@@ -1,4 +1,4 @@
-"""Mirror profiles: what a solved mirror shows is what was wanted, by a trace that knows nothing of how it was solved."""
+"""Mirror profiles: a solved mirror shows what was wanted, by a trace that knows nothing of how it was solved."""
 
 from __future__ import annotations
 

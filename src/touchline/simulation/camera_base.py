@@ -27,9 +27,9 @@ class Motion(NamedTuple):
 class SimulatedCameraModel:
     """A camera on a robot in a world. Not thread-safe: buffers are reused from image to image.
 
-    sensor: the exposure model. side: samples along each side of a supersampled pixel. blur_steps: instants over which the
-    exposure is averaged where a motion is given. readout_s: rolling shutter, time from the first row to the last; 0 is a
-    global shutter. The time of an image is the middle of its exposure (of its middle row).
+    sensor: the exposure model. side: samples along each side of a supersampled pixel. blur_steps: instants over which
+    the exposure is averaged where a motion is given. readout_s: rolling shutter, time from the first row to the last;
+    0 is a global shutter. The time of an image is the middle of its exposure (of its middle row).
     """
 
     def __init__(self, grid: RayGrid, sensor: ImageSensor, side: int, blur_steps: int, readout_s: float) -> None:
@@ -87,7 +87,8 @@ class SimulatedCameraModel:
     ) -> npt.NDArray[np.float32]:
         """Linear radiance (H, W, 3) float32, red green blue, before blur and sensor; see `render`.
 
-        everywhere: supersample every pixel, not only those that hold an edge. The array is overwritten by the next call.
+        everywhere: supersample every pixel, not only those that hold an edge. The array is overwritten by the next
+        call.
         """
         world.check_inside("the robot", robot_pose.x, robot_pose.y)
         if self._scene is None or self._scene.world is not world:

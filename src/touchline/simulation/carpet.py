@@ -1,4 +1,4 @@
-"""The carpet's look: pile as a pyramid of tiles, wear and strips as slow changes of brightness. No relief, only colour."""
+"""The carpet's look: pile as a pyramid of tiles, wear as slow changes of brightness; colour only, no relief."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ LEVELS = 9
 
 
 def pile_pyramid(rng: np.random.Generator) -> npt.NDArray[np.float32]:
-    """Brightness of the pile: LEVELS tiles one after the other, float32, mean 0, standard deviation 1 at the finest level.
+    """Brightness of the pile: LEVELS tiles one after the other, float32, mean 0, standard deviation 1 at the finest
+    level.
 
-    Level n is the finest one (512 x 512 texels) averaged over 2^n texels (512 / 2^n squared), so that a look-up at a level whose
-    texel is as large as a pixel's footprint shows what a camera would average: the further, the smoother. The finest
-    level is white noise plus weaker noise 4, 16 and 64 texels wide, which distance leaves over.
+    Level n is the finest one (512 x 512 texels) averaged over 2^n texels (512 / 2^n squared), so that a look-up at a
+    level whose texel is as large as a pixel's footprint shows what a camera would average: the further, the smoother.
+    The finest level is white noise plus weaker noise 4, 16 and 64 texels wide, which distance leaves over.
     """
     size = TILE_TEXELS
     tile = 1.0 * rng.standard_normal((size, size))

@@ -21,9 +21,9 @@ def cast_rays(
 ) -> None:
     """Fill cast (8, >= N) for body rays (6, N): origin (m) and direction, of any length but not straight down.
 
-    rows (N,) selects each ray's pose among poses (P, 12): rotation field_from_body by rows, then its translation (m); with
-    a single pose it is not read. Rows of cast: origin (m, field frame), horizontal unit direction, height gained per metre,
-    metres to the ground (1e6 where there is none), number of the sector (see `solids.sort_into_sectors`).
+    rows (N,) selects each ray's pose among poses (P, 12): rotation field_from_body by rows, then its translation (m);
+    with a single pose it is not read. Rows of cast: origin (m, field frame), horizontal unit direction, height gained
+    per metre, metres to the ground (1e6 where there is none), number of the sector (see `solids.sort_into_sectors`).
     """
     count = rays.shape[1]
     if len(poses) == 1:

@@ -1,7 +1,7 @@
 """How bright the carpet and its paint are: lamps, sun, contact shadows, pile, wear and seams.
 
-Most pixels see open carpet: nothing painted, standing or shadowed near. They are done in one short loop; the rest goes the
-long way (`tracing`, `shade_ground`, `upright_shading`).
+Most pixels see open carpet: nothing painted, standing or shadowed near. They are done in one short loop; the rest
+goes the long way (`tracing`, `shade_ground`, `upright_shading`).
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _SMALLEST = np.uint32(TILE_TEXELS >> (LEVELS - 1))
 
 @njit(cache=True, error_model="numpy", inline="always")
 def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float) -> float:
-    """Brightness of the pile (mean 0) at a point, smoothed to a footprint of that square (m^2): bilinear in the level
+    """Brightness of the pile (mean 0) at a point, smoothed to a footprint of that square (m^2).
 
-    whose texel is the next larger.
+    Bilinear in the level whose texel is the next larger.
     """
     start, size, texel = np.uint32(0), np.uint32(TILE_TEXELS), FIRST_TEXEL_M
     while texel * texel < square and size > _SMALLEST:
@@ -80,7 +80,7 @@ def shade_open_carpet(
     ground: npt.NDArray[np.int32],
     ground_hits: npt.NDArray[np.float32],
 ) -> tuple[int, int]:
-    """Fill radiance (N, 3) and labels (N,) of rays that end on open carpet; return how many others there are of two sorts.
+    """Fill radiance (N, 3) and labels (N,) of rays that end on open carpet; count the others, of two sorts.
 
     cast (8, >= N): the rays, see `cast_rays`; total: N. ground: rays that end on the carpet, but not in the open (their
     ground_hits are filled as by `trace_rays`); rest: all others. first_body (512,): distance (m) of the first body in
@@ -151,7 +151,8 @@ def shade_ground(
 ) -> None:
     """Fill radiance (N, 3) and labels (N,) of the rays in rest whose code is CARPET (all of them if codes is empty).
 
-    carpet (5,): colour, seam spacing, contrast; paints (P, 3) colours; the other arrays: see the functions that read them.
+    carpet (5,): colour, seam spacing, contrast; paints (P, 3) colours; the other arrays: see the functions that read
+    them.
     """
     for n in range(len(rest)):
         if len(codes) > 0 and codes[n] != CARPET:
@@ -199,4 +200,4 @@ def _seam(carpet: FloatArray, x: float, wide: float, deep: float, ux: float, uy:
     offset = (strip - np.round(strip)) * carpet[3]
     width = max(abs(ux) * deep + abs(uy) * wide, 1e-6)
     dark = min(offset + 0.5 * width, 0.5 * SEAM_M) - max(offset - 0.5 * width, -0.5 * SEAM_M)
-    return 1.0 - 0.4 * max(dark, 0.0) / width
+    return float(1.0 - 0.4 * max(dark, 0.0) / width)

@@ -15,7 +15,8 @@ FLAGS_PER_M = 32.0
 
 @njit(cache=True, error_model="numpy", inline="always")
 def light_at(light: npt.NDArray[np.float32], frame: FloatArray, channel: int, x: float, y: float) -> float:
-    """Light level of the map (ny, nx, 2) at a point (m, field frame), bilinear; frame: x, y of [0, 0], samples per metre.
+    """Light level of the map (ny, nx, 2) at a point (m, field frame), bilinear; frame: x, y of [0, 0], samples per
+    metre.
 
     channel 0: what falls on the ground; 1: the same times the carpet's brightness there.
     """

@@ -5,8 +5,8 @@
     pixel = round(255 * value^(1 / gamma))
 
 Noise is normal with mean 0 and that variance on the RGGB mosaic, whose values have 16 bits; the mosaic is demosaiced
-bilinearly. The normal numbers come from a table of 2^22, read from a random place on for each image: independent from pixel
-to pixel, and at one pixel from image to image but for one pair of images in four million.
+bilinearly. The normal numbers come from a table of 2^22, read from a random place on for each image: independent from
+pixel to pixel, and at one pixel from image to image but for one pair of images in four million.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class ImageSensor:
         expose(radiance, noise, scale, shot, (self.read_noise_electrons * shot) ** 2, mosaic)
         colour = cv2.cvtColor(mosaic, cv2.COLOR_BayerRGGB2BGR)
         picture = np.empty((*shape, 3), dtype=np.uint8)
-        respond(colour, _response(self.gamma), picture)
+        respond(np.asarray(colour, dtype=np.uint16), _response(self.gamma), picture)
         return picture
 
     def sequence_constants(self) -> dict[str, Any]:
@@ -114,7 +114,8 @@ def expose(
     read_variance: float,
     mosaic: npt.NDArray[np.uint16],
 ) -> None:
-    """Fill an RGGB mosaic (H, W) of 16-bit values. scale (3,): value per radiance; noise (H W,) of variance 1, or (1,)."""
+    """Fill an RGGB mosaic (H, W) of 16-bit values. scale (3,): value per radiance; noise (H W,) of variance 1, or
+    (1,)."""
     with_noise = noise.shape[0] > 1
     width = mosaic.shape[1]
     for v in range(mosaic.shape[0]):

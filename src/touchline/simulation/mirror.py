@@ -1,9 +1,9 @@
 """Mirror profiles from the reflection law: which mirror shows the ground as wanted?
 
-A camera's pinhole looks straight up at a mirror of revolution about its axis. R is the distance from the axis, Z the height
-above the pinhole. A pixel at radius rho looks along tan(alpha) = rho / focal_px and meets the mirror at R = Z tan(alpha);
-there the mirror must send the ray towards a wanted target. The law of reflection gives the slope dZ/dR of the mirror, and
-with dR = tan(alpha) dZ + Z d(tan(alpha)) an ordinary differential equation
+A camera's pinhole looks straight up at a mirror of revolution about its axis. R is the distance from the axis, Z the
+height above the pinhole. A pixel at radius rho looks along tan(alpha) = rho / focal_px and meets the mirror at R = Z
+tan(alpha); there the mirror must send the ray towards a wanted target. The law of reflection gives the slope dZ/dR of
+the mirror, and with dR = tan(alpha) dZ + Z d(tan(alpha)) an ordinary differential equation
 
     dZ/d(rho) = slope Z / (1 - slope tan(alpha)) / focal_px,
 
@@ -22,8 +22,8 @@ import numpy as np
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 
-# At a pixel radius (px): x, z, w of the point (x / w, z / w) that the reflected ray shall pass, distance from the axis and
-# height above the ground in m; w = 0 is a direction, w < 0 a ray that rises above the horizon.
+# At a pixel radius (px): x, z, w of the point (x / w, z / w) that the reflected ray shall pass, distance from the axis
+# and height above the ground in m; w = 0 is a direction, w < 0 a ray that rises above the horizon.
 Target = Callable[[float], tuple[float, float, float]]
 _STEP_PX = 0.125
 _STEEPEST = 50.0
@@ -135,7 +135,8 @@ def hyperbolic(head: MirrorHead | None = None, horizon_px: float = 210.0) -> tup
     """A hyperboloid with the pinhole in its far focus: one viewpoint in the near one. Returns the head with its apex.
 
     With eccentricity e, rho = horizon sin(theta) / (1 + k cos(theta)) for a ray at theta from straight down,
-    k = (e^2 + 1) / (2 e), horizon = focal (e^2 - 1) / (2 e). The apex is kept, so the focus lies 2 e / (e + 1) of it high.
+    k = (e^2 + 1) / (2 e), horizon = focal (e^2 - 1) / (2 e). The apex is kept, so the focus lies 2 e / (e + 1) of it
+    high.
     """
     head = head or MirrorHead()
     ratio = horizon_px / head.focal_px
@@ -175,8 +176,8 @@ def combined(
 ) -> Target:
     """The papers' mirror from the inside out: hyperbolic, then horizontally, then vertically isometric (lu2013, 3.1).
 
-    inner, middle: pixel radius and ground range (m) at which the first and the second part end; highest_m: height seen at
-    the outer radius on the upright wall that stands where the second part ends.
+    inner, middle: pixel radius and ground range (m) at which the first and the second part end; highest_m: height
+    seen at the outer radius on the upright wall that stands where the second part ends.
     """
     head = head or MirrorHead()
     (rho_1, r_1), (rho_2, r_2) = inner, middle

@@ -14,7 +14,8 @@ from touchline.simulation.mirror import MirrorProfile
 
 @dataclass(frozen=True, slots=True)
 class MirrorMount:
-    """How a mirror as built differs from its design: turns about the body's x and y through its apex (rad), shift (m)."""
+    """How a mirror as built differs from its design: turns about the body's x and y through its apex (rad), shift
+    (m)."""
 
     tilt_x: float = 0.0
     tilt_y: float = 0.0
@@ -39,10 +40,11 @@ class MirrorMount:
 def mirror_rays(
     profile: MirrorProfile, mount: MirrorMount, radius_px: npt.ArrayLike, bearing_rad: npt.ArrayLike
 ) -> FloatArray:
-    """Rays (N, 6) in the body frame of pixels at a radius (px) and bearing (rad) (N,): point on the mirror, unit direction.
+    """Rays (N, 6) in the body frame of pixels at a radius (px) and bearing (rad) (N,): point on the mirror, unit
+    direction.
 
-    Newton's method along the camera's ray for the meeting with the mirror, then the law of reflection at its normal there.
-    NaN where a ray passes the mirror.
+    Newton's method along the camera's ray for the meeting with the mirror, then the law of reflection at its normal
+    there. NaN where a ray passes the mirror.
     """
     head = profile.head
     tangent = np.asarray(radius_px, dtype=np.float64) / head.focal_px

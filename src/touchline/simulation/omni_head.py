@@ -1,4 +1,4 @@
-"""What an omnidirectional camera sees of its own robot: the body in the middle, the rods, the mirror's rim, the dark."""
+"""What an omnidirectional camera sees of its own robot: the body in the middle, rods, the mirror's rim, the dark."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ _SAMPLES = 4
 def head_layer(design: OmniCamera, edge_px: float | None = None) -> npt.NDArray[np.float32]:
     """Reflectance red, green, blue (premultiplied) and share of the pixel, (H, W, 4), of what turns with the robot.
 
-    An octagonal body a little smaller than the inner radius, three rods half a hundredth of the radius thick on each side
-    at the body and twice that at the rim, a dark rim at edge_px and darkness beyond. 4 x 4 samples each
-    pixel.
+    An octagonal body a little smaller than the inner radius, three rods half a hundredth of the radius thick on each
+    side at the body and twice that at the rim, a dark rim at edge_px and darkness beyond. 4 x 4 samples each pixel.
     """
     edge = design.outer_radius_px + _RIM_PX if edge_px is None else edge_px
     layer = np.zeros((design.height, design.width, 4))

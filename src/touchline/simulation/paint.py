@@ -24,10 +24,10 @@ _BAR, _RING, _DISC = 0.0, 1.0, 2.0
 class PaintGrid(NamedTuple):
     """Shapes on the ground for the loops.
 
-    shapes (P, 8) float64: kind, then for a bar its middle, direction cosine and sine, half length, half width; for a ring
-    (circle or arc) its centre, radius, half width, middle angle and half sweep; for a disc centre and radius; last the
-    paint's index. starts (cells + 1,), items: shapes within 0.3 m of each cell, row by row.
-    frame: x, y of the first cell, columns, rows.
+    shapes (P, 8) float64: kind, then for a bar its middle, direction cosine and sine, half length, half width; for a
+    ring (circle or arc) its centre, radius, half width, middle angle and half sweep; for a disc centre and radius;
+    last the paint's index. starts (cells + 1,), items: shapes within 0.3 m of each cell, row by row. frame: x, y of
+    the first cell, columns, rows.
     """
 
     shapes: npt.NDArray[np.float64]
@@ -96,16 +96,16 @@ def shape_depth(shapes: FloatArray, k: int, x: float, y: float) -> float:
     if shapes[k, 0] == 0.0:
         along = abs(ex * shapes[k, 3] + ey * shapes[k, 4])
         across = abs(ey * shapes[k, 3] - ex * shapes[k, 4])
-        return min(shapes[k, 5] - along, shapes[k, 6] - across)
+        return float(min(shapes[k, 5] - along, shapes[k, 6] - across))
     distance = np.sqrt(ex * ex + ey * ey)
     if shapes[k, 0] == 2.0:
-        return shapes[k, 3] - distance
+        return float(shapes[k, 3] - distance)
     depth = shapes[k, 4] - abs(distance - shapes[k, 3])
     if shapes[k, 6] < np.pi and depth > -1.0:
         turn = np.arctan2(ey, ex) - shapes[k, 5]
         turn = abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
         depth = min(depth, (shapes[k, 6] - turn) * shapes[k, 3])
-    return depth
+    return float(depth)
 
 
 @njit(cache=True, error_model="numpy")
@@ -117,9 +117,9 @@ def paint_at(
     x: float,
     y: float,
 ) -> tuple[int, float]:
-    """The paint's index at a ground point (m, field frame), -1 for none, and the distance (m) to the nearest edge of a
+    """The paint's index at a ground point (m, field frame), -1 for none, and the distance (m) to the nearest edge.
 
-    shape in this cell (1e3 where the cell has none). The last shape that covers the point counts.
+    Of the shapes in this cell: 1e3 where it has none. The last shape that covers the point counts.
     """
     column, row = int((x - frame[0]) * 4.0), int((y - frame[1]) * 4.0)
     if not (0 <= column < frame[2] and 0 <= row < frame[3]):

@@ -1,4 +1,4 @@
-"""A simulated perspective camera: pinhole with lens distortion on a body that may lean (FORMATS: camera.yaml, pinhole)."""
+"""A simulated perspective camera: a pinhole with lens distortion on a body that leans (FORMATS: camera.yaml)."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ class SimulatedPinholeCamera(SimulatedCameraModel):
                 raise InputError(f"{name}: '{key}' is missing ({did_you_mean(key, list(tree))})")
         try:
             mount = Mount(**{key: float(value) for key, value in dict(tree["mount"]).items()})
-            numbers = [float(tree[key]) for key in ("fx", "fy", "cx", "cy")]
+            fx, fy, cx, cy = (float(tree[key]) for key in ("fx", "fy", "cx", "cy"))
             distortion = tuple(float(value) for value in tree.get("distortion", (0.0,) * 5))
-            return cls(int(tree["width"]), int(tree["height"]), *numbers, distortion, mount, **options)
+            return cls(int(tree["width"]), int(tree["height"]), fx, fy, cx, cy, distortion, mount, **options)
         except (TypeError, ValueError) as error:
             raise InputError(f"{name}: {error}") from None
 

@@ -1,8 +1,8 @@
 """Body rays of a camera + a scene -> linear radiance of each pixel, with supersampling where a pixel holds an edge.
 
-Edges are pixels whose label (which body, face, band; sunlit or not) differs from a neighbour's, or whose samples could lie
-on both sides of a paint's edge. They are averaged over a regular grid of samples; all others keep the one in their middle.
-Rays go through the loops in portions that stay in the processor's cache.
+Edges are pixels whose label (which body, face, band; sunlit or not) differs from a neighbour's, or whose samples
+could lie on both sides of a paint's edge. They are averaged over a regular grid of samples; all others keep the one
+in their middle. Rays go through the loops in portions that stay in the processor's cache.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class RayGrid:
 
     rays (H, W, 6) float32: origin (m) and direction; NaN where a pixel sees no part of the world. pixel_angle: rad from
     one pixel to the next. origin (3,): about where rays start (m, body frame); slack_m: how far from it at most.
-    still (H, W, 4) float32: red, green, blue of what is fixed to the robot (reflectance, premultiplied) and its share of
-    the pixel.
+    still (H, W, 4) float32: red, green, blue of what is fixed to the robot (reflectance, premultiplied) and its share
+    of the pixel.
     """
 
     rays: Float32Array
@@ -109,7 +109,8 @@ def _shade(
     radiance: Float32Array,
     labels: npt.NDArray[np.int32],
 ) -> None:
-    """Radiance (N, 3) and labels (N,) of rays (6, N); cast (8, N), hits (2, N, 8), codes (N,) and lists (2, N) are work space.
+    """Radiance (N, 3) and labels (N,) of rays (6, N); cast (8, N), hits (2, N, 8), codes (N,) and lists (2, N) are
+    work space.
 
     pixel_angle: width of a pixel (rad), over which textures are smoothed; sample_angle: width of a sample, for nets.
     """
@@ -261,10 +262,10 @@ def _edge_pixels(labels: npt.NDArray[np.int32], image: Float32Array) -> npt.NDAr
 @njit(cache=True, error_model="numpy")
 def _differ(colours: Float32Array, n: int, m: int) -> bool:
     """Whether the radiance of two pixels differs by more than 2 % (a grey level or two) in any colour."""
+    most = 0.0
     for c in range(3):
-        if abs(colours[n, c] - colours[m, c]) > 0.02 * colours[n, c] + 0.0005:
-            return True
-    return False
+        most = max(most, abs(colours[n, c] - colours[m, c]) - 0.02 * colours[n, c])
+    return bool(most > 0.0005)
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""A world as arrays: built once; what moves, the lamps' levels and the shadows are brought up to date for each image."""
+"""A world as arrays, built once; what moves or shines is brought up to date for each image."""
 
 from __future__ import annotations
 
@@ -74,6 +74,9 @@ class Scene:
 
     def __init__(self, world: World) -> None:
         self.world = world
+        self.flags: npt.NDArray[np.uint8]
+        self._still_flags: npt.NDArray[np.uint8]
+        self._lit_flags: npt.NDArray[np.uint8]
         rng = np.random.default_rng([world.seed, 23])
         length, width = world.carpet
         self.room = np.array(
@@ -186,7 +189,7 @@ class Scene:
             ]
         )
         if sun > 0.0 and self._lit_flags is self._still_flags:
-            self._lit_flags = self._still_flags.copy()
+            self._lit_flags = np.array(self._still_flags)
             mark_sunlight(self.sun, self.windows, self.paint.frame, self._lit_flags)
 
     def _build_flags(self) -> None:

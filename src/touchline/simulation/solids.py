@@ -1,8 +1,8 @@
 """Everything upright as rows of one table: clutter, goals with nets, poles, robots, balls; and which of it lies where.
 
 Columns (K, 14) float64: kind (0 cylinder, 1 box, 2 ball, 3 net), x, y of the middle, cos and sin of the heading, half
-length (or radius), half width, bottom, top, bounding radius, first colour, number of bands (net: mesh in m), decal colour
-or -1 (net: thread in m), share of the light of open ground. Colours index the palette (C, 3).
+length (or radius), half width, bottom, top, bounding radius, first colour, number of bands (net: mesh in m), decal
+colour or -1 (net: thread in m), share of the light of open ground. Colours index the palette (C, 3).
 """
 
 from __future__ import annotations

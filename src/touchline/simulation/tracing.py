@@ -95,8 +95,8 @@ def meet(
 ) -> float:
     """Horizontal distance (m) at which a ray enters a solid (row of the table), FAR_M where it misses it.
 
-    ex, ey: from the ray's origin to the solid's middle; lateral: distance of the middle to the left of the ray, less than
-    the bounding radius.
+    ex, ey: from the ray's origin to the solid's middle; lateral: distance of the middle to the left of the ray, less
+    than the bounding radius.
     """
     kind, radius = solid[0], solid[9]
     along = ux * ex + uy * ey
@@ -177,4 +177,4 @@ def _grating(position: float, period: float, line: float, width: float) -> float
         return line / period
     offset = position - period * np.floor(position / period + 0.5)
     low, high = max(offset - 0.5 * width, -0.5 * line), min(offset + 0.5 * width, 0.5 * line)
-    return max(0.0, high - low) / width
+    return float(max(0.0, high - low) / width)

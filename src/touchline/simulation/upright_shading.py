@@ -9,7 +9,7 @@ from numba import njit
 from touchline.geometry import FloatArray
 from touchline.simulation.ground_shading import EDGE_FLAG, PILE, SUN_FLAG
 from touchline.simulation.illumination import light_at, sun_at
-from touchline.simulation.solids import NET_MESH_M
+from touchline.simulation.solids import NET_MESH_M, NET_THREAD_M
 from touchline.simulation.tracing import BOARD, CARPET, CEILING, FLOOR
 
 _WALL_NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])  # east, west, north, south
@@ -78,7 +78,7 @@ def shade_upright(
                 radiance[i, c] = shade * level
             labels[i] = label
         if gaps < 1.0:
-            if hits[n, 3] * pixel_angle < NET_MESH_M:  # threads can be told apart
+            if 1.6 * NET_THREAD_M < hits[n, 3] * pixel_angle < NET_MESH_M:  # threads thinner than a pixel, but apart
                 labels[i] |= EDGE_FLAG
             for c in range(3):
                 radiance[i, c] = gaps * radiance[i, c] + (1.0 - gaps) * _NET_REFLECTANCE * level
