@@ -29,11 +29,12 @@ class ObservationNoise(Settings):
 
     noise_px: float = Field(0.085, ge=0, description="standard deviation of most points on rays")
     wild_px: float = Field(0.33, ge=0, description="standard deviation of the others")
-    circle_noise_px: float = Field(0.11, ge=0, description="standard deviation of most points on circles")
-    circle_wild_px: float = Field(0.72, ge=0, description="standard deviation of the others")
+    circle_noise_px: float = Field(0.08, ge=0, description="standard deviation of most points on circles")
+    circle_wild_px: float = Field(0.55, ge=0, description="standard deviation of the others")
     wild_share: float = Field(0.08, ge=0, le=1, description="share of the others")
     thin_px: float = Field(0.3, ge=0, description="width of a line at which the deviation has grown by 1.4")
     oblique_px: float = Field(4.0, gt=0, description="length of a crossing at which the deviation has grown by 1.4")
+    circle_oblique_px: float = Field(2.5, gt=0, description="the same length on circles")
     spread_px: float = Field(
         1.55, ge=0, description="blur that widens a line: where the mirror's scale grows it shifts points outwards"
     )
@@ -115,7 +116,7 @@ class ObservedLines:
             return empty_points()
         numbers = np.array(
             [
-                n.noise_px, n.wild_px, n.circle_noise_px, n.circle_wild_px, n.wild_share, n.thin_px, n.oblique_px,
+                n.noise_px, n.wild_px, n.circle_noise_px, n.circle_wild_px, n.wild_share, n.thin_px, n.oblique_px, n.circle_oblique_px,
                 n.spread_px, n.frame_px * rng.standard_normal(), n.found_share, n.circle_share, n.thin_half_px,
                 n.thin_slope_px, n.circle_half_px, n.circle_slope_px, n.coarse_half_m, n.coarse_slope_m, n.long_px,
                 n.contrast_px, self.detector.noise_px, self.detector.noise_m,
@@ -249,8 +250,8 @@ def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms,
     found (M, COLUMNS) of `find_crossings`; strays (K, 2): places of false points. numbers: those of
     `ObservedLines.observe`. normals (N,) and uniforms (N, 2) bring the chance. camera: as there.
     """
-    noise, wild, circle_noise, circle_wild, wild_share, thin_px, oblique, spread, frame = numbers[:9]
-    contrast_px, point_px, point_m, roll, pitch, height = numbers[18:]
+    noise, wild, circle_noise, circle_wild, wild_share, thin_px, oblique, circle_oblique, spread, frame = numbers[:10]
+    contrast_px, point_px, point_m, roll, pitch, height = numbers[19:]
     kept = 0
     for i in range(len(found) + len(strays)):
         on_ray = True
@@ -259,13 +260,17 @@ def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms,
             bend = found[i, 6]
             on_ray = path < first_circle
             wide = chord / scale
-            if uniforms[i, 0] >= _found_share(on_ray, wide, scale, numbers[9:18]):
+            if uniforms[i, 0] >= _found_share(on_ray, wide, scale, numbers[10:19]):
                 continue
             if uniforms[i, 1] < wild_share:
                 size = wild if on_ray else circle_wild
             else:
                 size = noise if on_ray else circle_noise
-            shift = size * math.sqrt(1.0 + (wide / oblique) ** 2 + (thin_px / wide) ** 2) * normals[i]
+            shift = (
+                size
+                * math.sqrt(1.0 + (wide / (oblique if on_ray else circle_oblique)) ** 2 + (thin_px / wide) ** 2)
+                * normals[i]
+            )
         else:
             x, y = strays[i - len(found), 0], strays[i - len(found), 1]
             wide, shift, bend = 1.5, 0.0, 0.0
