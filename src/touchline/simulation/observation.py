@@ -116,7 +116,8 @@ class ObservedLines:
             return empty_points()
         numbers = np.array(
             [
-                n.noise_px, n.wild_px, n.circle_noise_px, n.circle_wild_px, n.wild_share, n.thin_px, n.oblique_px, n.circle_oblique_px,
+                n.noise_px, n.wild_px, n.circle_noise_px, n.circle_wild_px, n.wild_share, n.thin_px, n.oblique_px,
+                n.circle_oblique_px,
                 n.spread_px, n.frame_px * rng.standard_normal(), n.found_share, n.circle_share, n.thin_half_px,
                 n.thin_slope_px, n.circle_half_px, n.circle_slope_px, n.coarse_half_m, n.coarse_slope_m, n.long_px,
                 n.contrast_px, self.detector.noise_px, self.detector.noise_m,
