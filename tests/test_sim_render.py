@@ -1,0 +1,300 @@
+"""The renderer against closed forms: projections, paint, occlusion, light, supersampling."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from touchline.errors import InputError
+from touchline.field import FieldModel, open_field
+from touchline.geometry import Pose
+from touchline.simulation.camera_base import Motion, field_from_body
+from touchline.simulation.casting import cast_rays
+from touchline.simulation.lights import Lamp, LightChange, Lights, Window
+from touchline.simulation.mirror import solve_mirror, tangent_range
+from touchline.simulation.omni import SimulatedOmniCamera
+from touchline.simulation.paint import build_paint, paint_at
+from touchline.simulation.pinhole import Mount, SimulatedPinholeCamera
+from touchline.simulation.world import PAINTS, BallActor, GroundMark, RobotActor, World, WorldState, default_world
+
+Camera = SimulatedOmniCamera | SimulatedPinholeCamera
+POSE = Pose(-1.3, 0.8, 0.4)
+
+
+@pytest.fixture(scope="module")
+def field() -> FieldModel:
+    return open_field("indoor-9x6")
+
+
+@pytest.fixture(scope="module")
+def omni() -> SimulatedOmniCamera:
+    return SimulatedOmniCamera.from_mirror(solve_mirror(tangent_range()))
+
+
+@pytest.fixture(scope="module")
+def pinhole() -> SimulatedPinholeCamera:
+    return SimulatedPinholeCamera(mount=Mount(roll=0.02, yaw=-0.03))
+
+
+def plain_world(field: FieldModel, **changes: object) -> World:
+    """Even light, clean carpet, nothing beside the field."""
+    bare = dataclasses.replace(field, goals=(), poles=())
+    world = default_world(bare, lights=Lights(ambient=1.0), clutter=False)
+    return dataclasses.replace(world, carpet_contrast=0.0, **changes)  # type: ignore[arg-type]
+
+
+def green(camera: Camera, world: World, state: WorldState | None = None, **options: object) -> npt.NDArray[np.float64]:
+    """Green radiance (H, W)."""
+    image = camera.radiance(world, state or WorldState(), POSE, **options)  # type: ignore[arg-type]
+    return image[..., 1].astype(np.float64)
+
+
+def sampled(image: npt.NDArray[np.float64], pixels: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Bilinear values at pixels (N, 2)."""
+    u, v = pixels.T
+    i, j = np.floor(u).astype(int), np.floor(v).astype(int)
+    a, b = u - i, v - j
+    top = image[j, i] * (1 - a) + image[j, i + 1] * a
+    return np.asarray(top * (1 - b) + (image[j + 1, i] * (1 - a) + image[j + 1, i + 1] * a) * b)
+
+
+def edge_errors(
+    camera: Camera, image: npt.NDArray[np.float64], edge: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """How far (px) half brightness lies from projected points of an edge; edge (N, 2, 2): two field points each, on the
+
+    edge and a little further out across it.
+    """
+    on, out = (camera.project(POSE.inverse().transform(edge[:, k])) for k in range(2))
+    normal = (out - on) / np.linalg.norm(out - on, axis=1, keepdims=True)
+    steps = np.linspace(-2.0, 2.0, 81)
+    inside = np.isfinite(on).all(axis=1) & (on > 4.0).all(axis=1)
+    inside &= (on[:, 0] < camera.width - 5) & (on[:, 1] < camera.height - 5)
+    if isinstance(camera, SimulatedOmniCamera):
+        inside &= np.hypot(*(on - 239.5).T) > 60.0
+    errors = []
+    for point, direction in zip(on[inside], normal[inside], strict=True):
+        profile = sampled(image, point + steps[:, np.newaxis] * direction)
+        high, low = profile.max(), profile.min()
+        if high > 2.0 * low:
+            crossing = np.flatnonzero(np.diff(np.sign(profile - 0.5 * (high + low))))
+            errors.append(float(np.min(np.abs(steps[crossing] + 0.025))))
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("kind", ["omni", "pinhole"])
+def test_painted_edges_lie_where_the_closed_form_projects_them(
+    field: FieldModel, omni: SimulatedOmniCamera, pinhole: SimulatedPinholeCamera, kind: str
+) -> None:
+    camera: Camera = omni if kind == "omni" else pinhole
+    broad = dataclasses.replace(field, line_width=0.12)  # wide enough that both edges of a line are seen apart
+    image = green(camera, plain_world(broad))
+    y = np.linspace(-2.5, 2.5, 160)
+    halfway = np.stack((np.column_stack((np.full(160, 0.06), y)), np.column_stack((np.full(160, 0.08), y))), axis=1)
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    circle = np.stack([radius * np.column_stack((np.cos(angle), np.sin(angle))) for radius in (0.785, 0.80)], axis=1)
+    errors = np.concatenate([edge_errors(camera, image, edge) for edge in (halfway, circle)])
+    assert len(errors) > 100
+    assert np.median(errors) < 0.15
+    assert np.percentile(errors, 95) < 0.5
+
+
+def test_the_perspective_cameras_rays_are_the_inverse_of_its_projection(pinhole: SimulatedPinholeCamera) -> None:
+    attitude = (0.05, -0.04)
+    rows, columns = np.mgrid[150:470:20, 10:745:20]
+    rays = pinhole._grid.rays[rows.ravel(), columns.ravel()].astype(np.float64)
+    rotation = field_from_body(Pose(0.0, 0.0, 0.0), attitude)[:9].reshape(3, 3)
+    origin, direction = rays[:, :3] @ rotation.T, rays[:, 3:] @ rotation.T
+    falling = direction[:, 2] < -0.02
+    ground = (origin - direction * (origin[:, 2] / direction[:, 2])[:, np.newaxis])[falling, :2]
+    pixels = pinhole.project(ground, attitude)
+    assert np.max(np.abs(pixels - np.column_stack((columns.ravel(), rows.ravel()))[falling])) < 2e-3
+
+
+def test_a_table_camera_keeps_to_its_table_and_continues_beyond_the_horizon() -> None:
+    design = SimulatedOmniCamera.from_mirror(solve_mirror(tangent_range())).design
+    camera = SimulatedOmniCamera(design, height_m=0.8)
+    rays = camera._grid.rays[239, 240:].astype(np.float64)
+    radius = np.hypot(0.5, np.arange(len(rays)) + 0.5)
+    slope = -rays[:, 5] / np.hypot(rays[:, 3], rays[:, 4])
+    expected = 0.8 / (1.57 * np.tan(0.0071 * radius))  # negative beyond the horizon at 221.2 px
+    seen = (radius > 5.0) & (radius < 231.0)
+    assert np.max(np.abs(slope - expected)[seen]) < 2e-3
+
+
+def test_paint_is_found_as_by_plain_geometry(field: FieldModel) -> None:
+    marks = (GroundMark(1.0, 0.5, 0.3, 0.4, 0.2, PAINTS["black"]),)
+    msl = open_field("msl-18x12")
+    for model in (field, msl):
+        grid = build_paint(model, marks, (24.0, 18.0, 5.0))
+        rng = np.random.default_rng(5)
+        points = rng.uniform((-10.0, -7.0), (10.0, 7.0), (4000, 2))
+        near_arcs = rng.uniform((8.0, 5.0), (9.0, 6.0), (2000, 2))
+        for x, y in np.concatenate((points, near_arcs)):
+            found, _ = paint_at(*grid, float(x), float(y))
+            assert found == plain_paint(model, marks, float(x), float(y))
+
+
+def plain_paint(field: FieldModel, marks: tuple[GroundMark, ...], x: float, y: float) -> int:
+    """The NumPy twin of `paint_at`: every shape of the field, one after the other."""
+    for number in range(len(marks), 0, -1):
+        mark = marks[number - 1]
+        dx, dy = x - mark.x, y - mark.y
+        c, s = math.cos(mark.heading), math.sin(mark.heading)
+        if abs(dx * c + dy * s) <= 0.5 * mark.length and abs(dy * c - dx * s) <= 0.5 * mark.width:
+            return number
+    half = 0.5 * field.line_width
+    start, end = field.segments[:, :2], field.segments[:, 2:]
+    along = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
+    offset = np.array([x, y]) - 0.5 * (start + end)
+    length = 0.5 * np.linalg.norm(end - start, axis=1) + half
+    on = np.abs(np.sum(offset * along, axis=1)) <= length
+    on &= np.abs(offset[:, 0] * along[:, 1] - offset[:, 1] * along[:, 0]) <= half
+    rings = np.abs(np.hypot(x - field.circles[:, 0], y - field.circles[:, 1]) - field.circles[:, 2]) <= half
+    discs = np.hypot(x - field.discs[:, 0], y - field.discs[:, 1]) <= 0.5 * field.discs[:, 2]
+    cx, cy, radius, first, last = field.arcs.T
+    bows = np.abs(np.hypot(x - cx, y - cy) - radius) <= half
+    turn = np.mod(np.arctan2(y - cy, x - cx) - first + half / radius, 2.0 * np.pi)
+    bows &= turn <= np.mod(last - first, 2.0 * np.pi) + 2.0 * half / radius
+    return 0 if on.any() or rings.any() or discs.any() or bows.any() else -1
+
+
+def test_cast_rays_are_turned_as_by_matrices() -> None:
+    rng = np.random.default_rng(2)
+    rays = rng.normal(size=(6, 500)).astype(np.float32)
+    rows = np.repeat([0, 1], 250).astype(np.int32)
+    poses = np.stack([field_from_body(Pose(1.0, -2.0, 0.7), (0.1, -0.2)), field_from_body(Pose(-3.0, 0.5, 2.9))])
+    cast = np.empty((8, 500), dtype=np.float32)
+    cast_rays(rays, rows, poses, cast)
+    rotations = poses[rows, :9].reshape(-1, 3, 3)
+    origin = np.einsum("nij,jn->ni", rotations, rays[:3].astype(np.float64)) + poses[rows, 9:]
+    direction = np.einsum("nij,jn->ni", rotations, rays[3:].astype(np.float64))
+    level = np.hypot(direction[:, 0], direction[:, 1])
+    assert np.allclose(cast[:3].T, origin, atol=1e-5)
+    assert np.allclose(cast[3:6].T, direction / level[:, np.newaxis], rtol=2e-5, atol=1e-5)
+    falling = direction[:, 2] < -0.05
+    assert np.allclose(cast[6, falling], (-origin[:, 2] * level / direction[:, 2])[falling], rtol=1e-4, atol=1e-4)
+
+
+def test_a_robot_hides_what_is_behind_it_and_stands_where_it_is(field: FieldModel, omni: SimulatedOmniCamera) -> None:
+    world = plain_world(field, robots=(RobotActor(0.0, 0.0, 0.0),))
+    nearer = Pose(0.8, 0.0, 0.0)
+    state = WorldState(robots=(tuple(POSE.compose(nearer)),))
+    with_robot, without = green(omni, world, state), green(omni, plain_world(field))
+    behind = omni.project(np.array([[2.5, 0.0], [1.2, 0.0]]))
+    beside = omni.project(np.array([[2.0, 1.8], [-1.0, 0.5]]))
+    assert np.all(sampled(with_robot, behind) < 0.5 * sampled(without, behind))
+    assert np.allclose(sampled(with_robot, beside), sampled(without, beside), rtol=1e-4)
+
+
+def test_a_balls_middle_and_width_are_those_of_a_sphere(field: FieldModel) -> None:
+    camera = SimulatedPinholeCamera(distortion=(0.0,) * 5, mount=Mount(x=0.0))
+    place = Pose(1.5, 0.1, 0.0)
+    x, y = POSE.compose(place)[:2]
+    ball = BallActor(x, y, 0.11, (0.0, 0.0, 0.0))
+    image = green(camera, plain_world(field, balls=(ball,)))
+    rows, columns = np.nonzero(image < 0.004)
+    centre = camera.project(np.array([[1.5, 0.1, 0.11]]))[0]
+    assert np.hypot(columns.mean() - centre[0], rows.mean() - centre[1]) < 1.0
+    distance = math.sqrt(1.5**2 + 0.1**2 + (1.1 - 0.11) ** 2)
+    expected = 493.0 * 0.11 / math.sqrt(distance**2 - 0.11**2)
+    assert math.sqrt(len(rows) / math.pi) == pytest.approx(expected, rel=0.05)
+
+
+def test_a_covered_camera_sees_nothing_and_a_covered_sector_is_dark(
+    field: FieldModel, omni: SimulatedOmniCamera
+) -> None:
+    world = plain_world(field)
+    assert omni.render(world, WorldState(covered=True), POSE).max() == 0
+    image = green(omni, world, WorldState(occluded_rad=((-0.3, 0.5),)))
+    hidden, seen = omni.project(np.array([[2.0, 0.0], [2.0, 0.9]])), omni.project(np.array([[2.0, -0.9], [-2.0, 0.3]]))
+    assert np.all(sampled(image, hidden) == 0.0)
+    assert np.all(sampled(image, seen) > 0.02)
+
+
+def test_the_sun_falls_through_windows_with_hard_edges_where_rays_say(
+    field: FieldModel, omni: SimulatedOmniCamera
+) -> None:
+    world = plain_world(field)
+    window = Window("north", -2.0, 0.5, 1.0, 3.0, bars=(0, 0))
+    lights = Lights(
+        ambient=0.5, sun=2.0, sun_azimuth_rad=0.5 * math.pi, sun_elevation_rad=math.radians(30.0), windows=(window,)
+    )
+    image = green(omni, dataclasses.replace(world, lights=lights))
+    wall = 0.5 * world.hall[1]
+    far_edge = wall - 1.0 / math.tan(math.radians(30.0))  # through the window's lower edge
+    near_edge = wall - 3.0 / math.tan(math.radians(30.0))
+
+    def value(x: float, y: float) -> float:
+        return float(sampled(image, omni.project(POSE.inverse().transform(np.array([[x, y]]))))[0])
+
+    assert value(0.3, far_edge - 0.15) == pytest.approx(5.0 * value(0.3, near_edge - 0.15), rel=0.2)
+    assert value(0.3, far_edge + 0.15) < 0.4 * value(0.3, far_edge - 0.15)
+    assert value(-2.15, near_edge + 0.3) < 0.4 * value(-1.85, near_edge + 0.3)
+
+
+def test_lamps_are_switched_and_fade_when_told() -> None:
+    lights = Lights(
+        (Lamp(0.0, 0.0), Lamp(3.0, 0.0)),
+        changes=(LightChange(2.0, lamps=0.0, lamp=1), LightChange(4.0, sun=1.0, ambient=0.1, fade_s=2.0)),
+    )
+    assert lights.levels(1.9)[0].tolist() == [1.0, 1.0]
+    assert lights.levels(2.0)[0].tolist() == [1.0, 0.0]
+    assert lights.levels(5.0)[1:] == pytest.approx((0.5, 0.225))
+    with pytest.raises(InputError, match="lamp 7 of 2"):
+        Lights(lights.lamps, changes=(LightChange(0.0, lamp=7),))
+
+
+@pytest.mark.parametrize("kind", ["omni", "pinhole"])
+def test_adaptive_supersampling_is_as_good_as_full(
+    field: FieldModel, omni: SimulatedOmniCamera, pinhole: SimulatedPinholeCamera, kind: str
+) -> None:
+    camera: Camera = omni if kind == "omni" else pinhole
+    robots = (RobotActor(1.0, 1.0, 0.5), RobotActor(-3.0, -1.0, 1.5, shape="humanoid", height=1.2))
+    world = dataclasses.replace(default_world(field, 3), robots=robots, balls=(BallActor(0.2, 0.9),))
+    pictures = []
+    for everywhere in (False, True):
+        image = camera.radiance(world, WorldState(), POSE, everywhere=everywhere)
+        pictures.append(camera.sensor.develop(image, 12.0, 1.7, None).astype(int))
+    difference = np.abs(pictures[0] - pictures[1]).max(axis=2)
+    assert np.mean(difference <= 2) > 0.999
+    assert np.mean(difference) < 0.1
+
+
+def test_motion_blurs_along_the_way_and_a_rolling_shutter_skews(field: FieldModel) -> None:
+    world = plain_world(field, marks=(GroundMark(*POSE.compose(Pose(2.5, 0.0, 0.0)), 3.0, 0.1, PAINTS["black"]),))
+    still = green(SimulatedPinholeCamera(), world)
+    sideways = Motion(0.0, 2.0, 0.0)
+    blurred = green(SimulatedPinholeCamera(), world, motion=sideways, exposure_ms=30.0)
+    skewed = green(SimulatedPinholeCamera(blur_steps=1, readout_s=0.03), world, motion=sideways)
+
+    def middles(image: npt.NDArray[np.float64], row: int) -> tuple[float, float]:
+        weight = np.clip(1.0 - image[row, 250:500] / np.median(image[row, 250:500]), 0.05, None) - 0.05
+        columns = np.arange(250, 500)
+        middle = float(np.sum(weight * columns) / np.sum(weight))
+        return middle, float(np.sqrt(np.sum(weight * (columns - middle) ** 2) / np.sum(weight)))
+
+    assert middles(blurred, 300)[0] == pytest.approx(middles(still, 300)[0], abs=1.0), "the middle of the exposure"
+    assert middles(blurred, 300)[1] > 1.1 * middles(still, 300)[1]
+    early, late = (middles(skewed, row)[0] - middles(still, row)[0] for row in (150, 400))
+    assert early < -1.0 < 1.0 < late, "the robot goes left: early rows see the mark further left"
+
+
+def test_mistakes_are_refused_in_words(field: FieldModel, omni: SimulatedOmniCamera) -> None:
+    world = plain_world(field)
+    with pytest.raises(InputError, match="the robot at 50, 0 is outside the hall"):
+        omni.render(world, WorldState(), Pose(50.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="exposure and gain are positive"):
+        omni.render(world, WorldState(), POSE, exposure_ms=-1.0)
+    with pytest.raises(InputError, match="robot 0 at 20, 0 is outside the hall"):
+        plain_world(field, robots=(RobotActor(20.0, 0.0, 0.0),))
+    with pytest.raises(InputError, match="1 robots and 0 balls, but the world has 0 and 0"):
+        omni.render(world, WorldState(robots=((0.0, 0.0, 0.0),)), POSE)
+    with pytest.raises(InputError, match="does not hold the carpet"):
+        dataclasses.replace(world, hall=(5.0, 5.0, 3.0))
+    with pytest.raises(InputError, match="'mount' is missing"):
+        SimulatedPinholeCamera.from_mapping(dict.fromkeys(("width", "height", "fx", "fy", "cx", "cy"), 100))
