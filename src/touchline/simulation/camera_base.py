@@ -134,7 +134,7 @@ class SimulatedCameraModel:
 
 
 def field_from_body(pose: Pose, attitude: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-    """Rz(heading) Ry(pitch) Rx(roll) by rows and the translation, (12,) (FORMATS: imu.csv)."""
+    """Rz(heading) Ry(pitch) Rx(roll) by rows and the translation, (12,)."""
     roll, pitch = attitude
     ch, sh = math.cos(pose.heading), math.sin(pose.heading)
     rotation = np.array([[ch, -sh, 0.0], [sh, ch, 0.0], [0.0, 0.0, 1.0]]) @ tilt_rotation(roll, pitch)

@@ -1,4 +1,4 @@
-"""Linear radiance -> the 8-bit picture of a camera (FORMATS: exposure model): blur, mosaic, noise, demosaic, response.
+"""Linear radiance -> the 8-bit picture of a camera: blur, mosaic, noise, demosaic, response.
 
     value = clip(L * white_balance * exposure_ms * gain * k + noise, 0, 1)
     noise: variance = value * gain / full_well_electrons + (read_noise_electrons * gain / full_well_electrons)^2

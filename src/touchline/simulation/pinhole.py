@@ -1,4 +1,4 @@
-"""A simulated perspective camera: a pinhole with lens distortion on a body that leans (FORMATS: camera.yaml)."""
+"""A simulated perspective camera: a pinhole with lens distortion on a body that leans."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class SimulatedPinholeCamera(SimulatedCameraModel):
     def project(self, points: npt.ArrayLike, attitude: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
         """Pixels (N, 2) u, v of points (N, 2) on the ground or (N, 3), base frame (m); NaN behind the camera.
 
-        attitude: roll, pitch of the body. The closed form of FORMATS: camera.yaml, not the rays of the renderer.
+        attitude: roll, pitch of the body. The closed form of docs/how-to-recording.md, not the rays of the renderer.
         """
         table = np.asarray(points, dtype=np.float64)
         if table.shape[1] == 2:

@@ -1,4 +1,4 @@
-"""A run written down as a recording folder in the format of FORMATS.md."""
+"""A run written down as a recording folder in the folder format."""
 
 from __future__ import annotations
 

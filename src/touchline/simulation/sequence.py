@@ -19,7 +19,7 @@ JPEG_QUALITY = 92
 def describe(
     scenario: Scenario, events: Iterable[Mapping[str, Any]], layout: Layout, camera: SimulatedCamera
 ) -> dict[str, Any]:
-    """sequence.yaml of a run, in the order of FORMATS.md; `simulation` is all that is needed to make it again."""
+    """sequence.yaml of a run, in the usual order; `simulation` is all that is needed to make it again."""
     happened = [dict(event) for event in events if float(event["t"]) <= scenario.seconds]
     happened += events_of_light(scenario.light)
     wheels = scenario.sensors.wheels
