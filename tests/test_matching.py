@@ -208,5 +208,5 @@ def test_published_points_are_matched_to_a_centimetre(point_sets: PointSets) -> 
     assert success.mean() >= 0.998
     assert errors[:, 0].mean() <= 0.014
     assert errors[:, 1].mean() <= 0.2
-    # The covariance is what the errors have: the normalized squared error of three parameters is 3 on average.
-    assert 2.0 < normalized.mean() < 3.5
+    # The covariance is that of the errors, on the safe side: exactly right, their normalized square would be 3.
+    assert 1.5 < normalized.mean() < 3.3

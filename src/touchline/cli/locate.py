@@ -54,20 +54,20 @@ def locate(
 
     model = open_field(field)
     find = _from_points if camera is None else _from_image
-    location, reason, picture = find(source, camera, model, heading, output)
+    found, picture = find(source, camera, model, heading, output)
     if as_json:
-        _print_json(location, reason, picture)
-    elif location is not None:
-        _print_table(source, model, location)
+        _print_json(found, picture)
+    elif not isinstance(found, NoFitError):
+        _print_table(source, model, found)
     if picture is not None and not as_json:
         _console().print(f"drawn into {picture}", markup=False)
-    if location is None:
-        raise NoFitError(f"{source}: {reason}")
+    if isinstance(found, NoFitError):
+        raise NoFitError(f"{source}: {found}")
 
 
 def _from_points(
     source: Path, camera: Path | None, field: FieldModel, heading: float | None, output: Path | None
-) -> tuple[Location | None, str, Path | None]:
+) -> tuple[Location | NoFitError, Path | None]:
     """The location of the points in a file, or why there is none, and the picture that was drawn."""
     from touchline.localization import locate_points
     from touchline.localization.points_file import read_points
@@ -76,15 +76,15 @@ def _from_points(
     try:
         location = locate_points(points, field, heading, weights)
     except NoFitError as error:
-        return None, str(error), None
+        return error, None
     if output is not None:
         _save(_field_picture(field, location.pose, points), output)
-    return location, "", output
+    return location, output
 
 
 def _from_image(
     source: Path, camera: Path | None, field: FieldModel, heading: float | None, output: Path | None
-) -> tuple[Location | None, str, Path | None]:
+) -> tuple[Location | NoFitError, Path | None]:
     """As `_from_points`, of an image: the overlay picture is drawn in any case."""
     from touchline.camera import open_camera
     from touchline.evaluation.run_folder import new_folder
@@ -99,14 +99,15 @@ def _from_image(
     detector = LinePointDetector(model, line_width_m=field.line_width)
     detector.learn([image])
     points = detector.detect(image)
-    location, reason = None, ""
+    found: Location | NoFitError
     try:
-        location = locate_points(points.positions_m, field, heading, precision_weights(points, WeightSettings()))
+        found = locate_points(points.positions_m, field, heading, precision_weights(points, WeightSettings()))
     except NoFitError as error:
-        reason = str(error)
+        found = error
+    pose = None if isinstance(found, NoFitError) else found.pose
     path = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
-    _save(overlay_image(image, model, field, None if location is None else location.pose, points), path)
-    return location, reason, path
+    _save(overlay_image(image, model, field, pose, points), path)
+    return found, path
 
 
 def _print_table(source: Path, field: FieldModel, location: Location) -> None:
@@ -152,20 +153,27 @@ def _table(location: Location) -> Table:
     return table
 
 
-def _print_json(location: Location | None, reason: str, picture: Path | None) -> None:
+def _print_json(found: Location | NoFitError, picture: Path | None) -> None:
     import json
 
-    tree: dict[str, Any] = {"pose": None, "reason": reason}
-    if location is not None:
+    from touchline.localization import ScatterError
+
+    tree: dict[str, Any]
+    if isinstance(found, NoFitError):
+        tree = {"pose": None, "refused": str(found)}
+        if isinstance(found, ScatterError):
+            tree["best_refused"] = {**_pose_tree(found.best.pose), "mean_distance_m": found.best.residual_m}
+            tree["deviations_better_than_chance"] = found.chance.significance
+    else:
         tree = {
-            "pose": _pose_tree(location.pose),
-            "covariance": location.covariance.tolist(),
-            "mean_distance_m": location.mean_distance_m,
-            "median_distance_m": location.median_distance_m,
-            "error": location.error,
-            "points": location.points,
-            "deviations_better_than_chance": location.chance.significance,
-            "rivals": [{**_pose_tree(r.pose), "mean_distance_m": r.residual_m} for r in location.rivals],
+            "pose": _pose_tree(found.pose),
+            "covariance": found.covariance.tolist(),
+            "mean_distance_m": found.mean_distance_m,
+            "median_distance_m": found.median_distance_m,
+            "error": found.error,
+            "points": found.points,
+            "deviations_better_than_chance": found.chance.significance,
+            "rivals": [{**_pose_tree(r.pose), "mean_distance_m": r.residual_m} for r in found.rivals],
         }
     if picture is not None:
         tree["picture"] = str(picture)

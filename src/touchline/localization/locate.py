@@ -90,6 +90,15 @@ class Location:
     chance: Chance
 
 
+class ScatterError(NoFitError):
+    """Points that fit no pose better than chance: the best pose nevertheless, and the test that it failed."""
+
+    def __init__(self, message: str, best: Hypothesis, chance: Chance) -> None:
+        super().__init__(message)
+        self.best = best
+        self.chance = chance
+
+
 def locate(points: str | Path | FloatArray, field: str | Path | FieldModel, heading: float | None = None) -> Location:
     """The pose of a robot from one set of line points.
 
@@ -116,8 +125,8 @@ def locate_points(
 
     heading: from a compass (rad, field frame); None searches the whole circle. weights (N,): relative; None weighs by
     the generic range noise. seed: of the test against chance.
-    Raises NoFitError for too few points and for points that fit no pose better than chance, InputError for points
-    that are no numbers.
+    Raises NoFitError for too few points, ScatterError (a NoFitError) for points that fit no pose better than chance,
+    InputError for points that are no numbers.
     """
     s = settings or LocateSettings()
     points, weights = _different_points(points, weights, s)
@@ -132,7 +141,8 @@ def locate_points(
     chance = chance_test(matcher, grid, points, s.sample_c_m, s.chance, seed)
     distances = field.line_distances(best.pose.transform(points))
     if chance.significance < s.chance.least_significance:
-        raise NoFitError(_scatter_message(len(points), best, float(np.mean(distances)), chance, s))
+        nearest = Hypothesis(best.pose, float(np.mean(distances)))
+        raise ScatterError(_scatter_message(len(points), nearest, chance, s), nearest, chance)
     limit = best.error * s.rival_factor + s.rival_margin
     rivals = tuple(
         Hypothesis(match.pose, float(np.mean(field.line_distances(match.pose.transform(points)))))
@@ -210,11 +220,11 @@ def _different_poses(poses: list[Pose], s: LocateSettings) -> list[Pose]:
     return kept
 
 
-def _scatter_message(points: int, best: Match, mean_distance_m: float, chance: Chance, s: LocateSettings) -> str:
+def _scatter_message(points: int, best: Hypothesis, chance: Chance, s: LocateSettings) -> str:
     x, y, heading = best.pose
     return (
         f"the {points} points fit no pose better than scatter would: the best one ({x:.2f} m, {y:.2f} m, {heading:.3f} "
-        f"rad) leaves them {mean_distance_m:.2f} m from the lines on average, and rearranged pieces of the same points "
+        f"rad) leaves them {best.residual_m:.2f} m from the lines on average, and rearranged pieces of the same points "
         f"fit as well (error {chance.error:.2f} against {chance.mean:.2f}: {chance.significance:.1f} deviations, "
         f"{s.chance.least_significance:.0f} are needed). Check the field, the unit (metres) and the axes (x forward, "
         "y left)"

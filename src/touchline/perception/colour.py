@@ -21,6 +21,7 @@ from touchline.types import ImageArray
 
 OTHER, GREEN, WHITE = 0, 1, 2
 _BITS = 6  # of the look-up table per channel: 64³ bytes stay in the second-level cache
+_DARKEST_SUM = 40.0  # of B, G and R: below, the steps of the grey levels leave no colour
 _CELLS = 64  # of the chromaticity histogram per axis
 
 
@@ -124,7 +125,7 @@ def chromaticity(colours: FloatArray) -> FloatArray:
 def _most_frequent_green(pixels: FloatArray) -> FloatArray:
     """Chromaticity (2,) of the most frequent greenish colour among pixels (N, 3)."""
     greenish = (pixels[:, 1] > 1.06 * pixels[:, 2]) & (pixels[:, 1] > 0.95 * pixels[:, 0]) & (pixels.max(axis=1) < 250)
-    greenish &= pixels.sum(axis=1) > 60.0
+    greenish &= pixels.sum(axis=1) > _DARKEST_SUM
     if greenish.sum() < 0.05 * max(len(pixels), 1):
         raise TouchlineError(
             "no green carpet found around the robot: is the camera covered, or its center or inner_radius_px wrong?"
@@ -139,7 +140,7 @@ def _most_frequent_green(pixels: FloatArray) -> FloatArray:
 def _members(blurred: FloatArray, center: FloatArray) -> npt.NDArray[np.bool_]:
     """Which of the blurred pixels (N, 3) belong to the colour at `center`: its mode is narrowed down, then widened."""
     shares = chromaticity(blurred)
-    usable = (blurred.max(axis=1) < 250.0) & (blurred.sum(axis=1) > 60.0)
+    usable = (blurred.max(axis=1) < 250.0) & (blurred.sum(axis=1) > _DARKEST_SUM)
     spread = np.eye(2) * 0.015**2
     near: npt.NDArray[np.bool_] = usable
     for _ in range(6):

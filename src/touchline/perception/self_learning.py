@@ -31,8 +31,11 @@ class LearningSettings(Settings):
         description="images in a row with faded green before the colours are learned again: a robot that hides the "
         "view for a moment changes nothing",
     )
-    black_level: float = Field(
-        12.0, ge=0, description="mean grey level under which the camera is covered: noise of a dark image has 2 to 8"
+    least_contrast: float = Field(
+        1.5,
+        ge=0,
+        description="standard deviation (grey levels) between parts of the image below which the camera is covered: "
+        "a covered one has 0.2, the dimmest usable image 3",
     )
 
 
@@ -62,7 +65,7 @@ class SelfLearningDetector:
         """Line points of a frame: its own if it has them already, none where no field is to be seen."""
         if frame.points is not None:
             return frame.points
-        if frame.image is None or float(frame.image[::8, ::8].mean()) < self.settings.black_level:
+        if frame.image is None or contrast(frame.image) < self.settings.least_contrast:
             return empty_points()
         if len(self._images) < self.settings.frames and not self._learn(frame.image):
             return empty_points()
@@ -92,3 +95,11 @@ class SelfLearningDetector:
         if self._faded >= self.settings.faded_frames:
             self.reset()
             self._learn(image)
+
+
+def contrast(image: ImageArray) -> float:
+    """Standard deviation (grey levels) of the mean brightness of 10 x 10 parts of an image (H, W, 3)."""
+    thin = image[::4, ::4]
+    rows, columns = (size // 10 for size in thin.shape[:2])
+    parts = thin[: 10 * rows, : 10 * columns].reshape(10, rows, 10, columns, 3)
+    return float(parts.mean(axis=(1, 3, 4)).std())

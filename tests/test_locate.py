@@ -1,0 +1,217 @@
+"""One observation alone: the pose, its rivals, and the refusal of what fits nowhere."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from line_scenes import view
+
+import touchline
+from touchline.errors import InputError, NoFitError
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization import LocateSettings, Location, locate, locate_points
+from touchline.localization.chance import ChanceSettings, rearranged
+from touchline.localization.points_file import read_points
+from touchline.localization.whole_field import thinned, thinned_to
+
+FIELD = open_field("msl-18x12")
+TRUTH = Pose(3.2, -1.4, 0.5)
+
+
+def seen_from(pose: Pose, seed: int = 0, count: int = 100, clutter: float = 0.1) -> FloatArray:
+    return view(FIELD, pose, np.random.default_rng(seed), count=count, clutter=clutter)
+
+
+def apart(one: Pose, other: Pose) -> tuple[float, float]:
+    return one.distance_to(other), abs(wrap_angle(one.heading - other.heading))
+
+
+def is_at(location: Location, pose: Pose) -> bool:
+    distance_m, turn_rad = apart(location.pose, pose)
+    return distance_m < 0.1 and turn_rad < 0.03
+
+
+@pytest.fixture(scope="module")
+def located() -> Location:
+    return locate_points(seen_from(TRUTH), FIELD)
+
+
+def test_without_a_heading_the_pose_and_its_twin_are_found(located: Location) -> None:
+    poses = [located.pose, *(rival.pose for rival in located.rivals)]
+    for expected in (TRUTH, TRUTH.mirrored()):
+        assert any(apart(pose, expected)[0] < 0.1 and apart(pose, expected)[1] < 0.03 for pose in poses)
+    assert located.rivals[0].residual_m == pytest.approx(located.mean_distance_m, rel=0.05)
+
+
+def test_the_figures_are_those_of_the_points(located: Location) -> None:
+    distances = FIELD.line_distances(located.pose.transform(seen_from(TRUTH)))
+    assert located.points == 100
+    assert located.mean_distance_m == pytest.approx(distances.mean())
+    assert located.median_distance_m == pytest.approx(np.median(distances))
+    assert np.sqrt(located.covariance[0, 0]) < 0.05
+    assert located.chance.significance > 5
+
+
+@pytest.mark.parametrize("truth", [TRUTH, TRUTH.mirrored()])
+def test_a_heading_leaves_one_of_the_twins(truth: Pose) -> None:
+    location = locate_points(seen_from(TRUTH), FIELD, heading=wrap_angle(truth.heading + 0.1))
+    assert is_at(location, truth)
+    assert location.rivals == ()
+
+
+def test_poses_over_the_whole_circle_are_found() -> None:
+    rng = np.random.default_rng(1)
+    for seed in range(6):
+        truth = Pose(rng.uniform(-8, 8), rng.uniform(-5, 5), rng.uniform(-math.pi, math.pi))
+        location = locate_points(seen_from(truth, seed), FIELD)
+        assert is_at(location, truth) or is_at(location, truth.mirrored())
+
+
+def test_two_alike_places_are_rivals_of_each_other() -> None:
+    circles = FieldModel(
+        name="circles", length=18.0, width=12.0, line_width=0.125, circles=np.array([[-4.0, 0, 1.0], [4.0, 0, 1.0]])
+    )
+    points = view(circles, Pose(4.0, 0.5, 0.3), np.random.default_rng(0), reach_m=3.0)
+    location = locate_points(points, circles, heading=0.3)
+    found = sorted(pose.x for pose in (location.pose, *(rival.pose for rival in location.rivals)))
+    assert found[0] == pytest.approx(-4.0, abs=0.5)
+    assert found[-1] == pytest.approx(4.0, abs=0.5)
+
+
+def test_repeated_points_count_once(located: Location) -> None:
+    points = seen_from(TRUTH)
+    again = locate_points(np.vstack((points, points[:60], points[:30])), FIELD)
+    assert again.points == 100
+    assert again.pose == located.pose
+
+
+def test_weights_are_heeded() -> None:
+    """Half of the points are of another place; their weight decides which half is believed."""
+    one, other = Pose(3.2, -1.4, 0.5), Pose(-5.0, 2.0, 0.5)
+    points = np.vstack((seen_from(one, clutter=0.0), seen_from(other, seed=1, clutter=0.0)))
+    for weights, expected in (((1.0, 0.05), one), ((0.05, 1.0), other)):
+        location = locate_points(points, FIELD, heading=0.5, weights=np.repeat(weights, 100))
+        assert is_at(location, expected)
+
+
+def scatter(kind: str, seed: int) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    if kind == "disc":
+        ranges, bearings = 5 * np.sqrt(rng.random(120)), rng.uniform(-np.pi, np.pi, 120)
+        return np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings)))
+    if kind == "heaps":
+        middles = rng.normal(0, 2.5, (10, 2))
+        return middles[rng.integers(0, 10, 120)] + rng.normal(0, 0.3, (120, 2))
+    starts, angles = np.repeat(rng.normal(0, 2.5, (6, 2)), 20, axis=0), np.repeat(rng.uniform(0, np.pi, 6), 20)
+    along = np.tile(np.linspace(-1, 1, 20), 6)
+    return starts + along[:, np.newaxis] * np.column_stack((np.cos(angles), np.sin(angles)))
+
+
+@pytest.mark.parametrize("kind", ["disc", "heaps", "streaks"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_scatter_is_refused_whatever_its_form(kind: str, seed: int) -> None:
+    with pytest.raises(NoFitError, match="fit no pose better than scatter"):
+        locate_points(scatter(kind, seed), FIELD)
+
+
+def test_lines_of_another_field_are_refused_with_what_to_check() -> None:
+    points = view(open_field("spl-9x6"), Pose(1.0, 0.5, 0.3), np.random.default_rng(0))
+    with pytest.raises(NoFitError, match=r"Check the field, the unit \(metres\) and the axes"):
+        locate_points(points, FIELD)
+
+
+def test_too_few_points_are_refused() -> None:
+    with pytest.raises(NoFitError, match="7 different points are too few"):
+        locate_points(np.vstack((seen_from(TRUTH, count=7), seen_from(TRUTH, count=7))), FIELD)
+
+
+def test_a_heading_that_no_pose_has_is_refused() -> None:
+    settings = LocateSettings(heading_tolerance_rad=0.01, finalists=1)
+    with pytest.raises(NoFitError, match=r"no pose within 0.01 rad of the heading 1.30"):
+        locate_points(seen_from(TRUTH), FIELD, heading=1.3, settings=settings)
+
+
+def test_what_is_no_set_of_points_is_refused() -> None:
+    with pytest.raises(InputError, match=r"two columns, x and y in metres; got an array of shape \(3, 3\)"):
+        locate_points(np.zeros((3, 3)), FIELD)
+    with pytest.raises(InputError, match="line point 1 is not a pair of finite numbers"):
+        locate_points(np.array([[0.0, 1.0], [np.nan, 1.0]]), FIELD)
+    with pytest.raises(InputError, match="weights need one number of at least 0 per point"):
+        locate_points(seen_from(TRUTH), FIELD, weights=-np.ones(100))
+
+
+def test_the_same_points_give_the_same_answer(located: Location) -> None:
+    again = locate_points(seen_from(TRUTH), FIELD)
+    assert again.pose == located.pose
+    assert again.chance == located.chance
+    assert again.rivals == located.rivals
+
+
+def test_rearranging_keeps_the_ranges_and_the_pieces() -> None:
+    points = seen_from(TRUTH)
+    turned = rearranged(points, ChanceSettings().pieces, np.random.default_rng(0))
+    np.testing.assert_allclose(np.hypot(*turned.T), np.hypot(*points.T))
+    turns = np.round(np.mod(np.arctan2(*turned.T[::-1]) - np.arctan2(*points.T[::-1]), 2 * np.pi), 6)
+    values, counts = np.unique(turns, return_counts=True)
+    assert len(values) == 8
+    assert counts.max() - counts.min() <= 1
+
+
+def test_thinning_keeps_one_point_of_each_cell() -> None:
+    points = np.array([[0.01, 0.01], [0.02, 0.2], [0.3, 0.1], [-0.01, 0.01], [0.24, 0.24]])
+    np.testing.assert_array_equal(thinned(points, 0.25), points[[0, 2, 3]])
+    many = np.random.default_rng(0).uniform(-5, 5, (3000, 2))
+    few = thinned_to(many, 150)
+    assert 75 <= len(few) <= 150
+    assert np.ptp(few, axis=0) == pytest.approx([10, 10], abs=1.0)
+
+
+def test_three_lines_of_python(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "points.csv", seen_from(TRUTH), delimiter=",", header="x_m,y_m", comments="")
+    assert is_at(locate(tmp_path / "points.csv", "msl-18x12", heading=0.5), TRUTH)
+    assert is_at(locate(seen_from(TRUTH), FIELD, heading=0.5), TRUTH)
+    assert is_at(touchline.locate(seen_from(TRUTH), FIELD, heading=0.5), TRUTH)
+
+
+def test_points_are_read_from_any_usual_header(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("\ufeffname, y , x_m,weight\r\na,2,1,0.5\r\n\r\nb,4,3,1\r\n", encoding="utf-8")
+    points, weights = read_points(path)
+    np.testing.assert_array_equal(points, [[1, 2], [3, 4]])
+    assert weights is not None
+    np.testing.assert_array_equal(weights, [0.5, 1])
+    path.write_text("x,y\n1,2\n")
+    assert read_points(path)[1] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "is empty"),
+        ("x_m,y_m\n", "holds no points"),
+        ("1.0,2.0\n3,4\n", "line 1: expected the header x_m,y_m, found '1.0,2.0'"),
+        ("x_m,y_m\n1,2\n3,abc\n", "line 3: the y 'abc' is not a number"),
+        ("x_m,y_m\n1,2\n\n3\n", "line 4: the y is missing"),
+        ("x_m,y_m\n1,nan\n", "line 2: the y 'nan' is not a finite number"),
+        ("x_m,y_m,weight\n1,2,1\n1,2,-1\n", "line 3: a weight can't be negative"),
+    ],
+)
+def test_a_broken_points_file_is_refused_with_file_and_line(tmp_path: Path, text: str, complaint: str) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    with pytest.raises(InputError) as refused:
+        read_points(path)
+    assert str(refused.value).startswith(str(path))
+    assert complaint in str(refused.value)
+
+
+def test_a_missing_or_binary_points_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_points(tmp_path / "none.csv")
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(InputError, match="is not a text file"):
+        read_points(tmp_path / "binary.csv")

@@ -1,0 +1,162 @@
+"""Odometry between two stamps, the compass at one: interpolated, a little extrapolated, and honest about gaps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from touchline.geometry import Pose, wrap_angle
+from touchline.motion import CompassTrack, CompassTrackSettings, OdometrySettings, OdometryTrack
+from touchline.types import Samples
+
+MS = 1_000_000
+
+
+def odometry(times_ms: np.ndarray, speed: float = 1.0, turn_rate: float = 0.5, start: float = 0.0) -> Samples:
+    """Driving an arc: forward speed (m/s) and turn rate (rad/s)."""
+    t = times_ms / 1000.0
+    theta = start + turn_rate * t
+    x = speed / turn_rate * (np.sin(theta) - math.sin(start))
+    y = speed / turn_rate * (math.cos(start) - np.cos(theta))
+    return Samples((times_ms * MS).astype(np.int64), np.column_stack((x, y, np.asarray(wrap(theta)))))
+
+
+def wrap(angles: np.ndarray) -> list[float]:
+    return [wrap_angle(float(angle)) for angle in angles]
+
+
+def track(*samples: Samples, settings: OdometrySettings | None = None) -> OdometryTrack:
+    one = OdometryTrack(settings)
+    for part in samples:
+        one.add(part)
+    return one
+
+
+@settings(deadline=None)
+@given(start=st.integers(0, 900), span=st.integers(0, 1000), heading=st.floats(-3.1, 3.1))
+def test_motion_between_any_two_stamps_is_the_arc_driven(start: int, span: int, heading: float) -> None:
+    """Whatever the heading in the odometry frame was, across half a turn too."""
+    one = track(odometry(np.arange(0, 2000, 20.0), start=heading))
+    motion = one.between(start * MS, (start + span) * MS)
+    t, rate = span / 1000.0, 0.5
+    assert motion.pose.x == pytest.approx(math.sin(rate * t) / rate, abs=1e-4)
+    assert motion.pose.y == pytest.approx((1 - math.cos(rate * t)) / rate, abs=1e-4)
+    assert motion.pose.heading == pytest.approx(rate * t, abs=1e-6)
+    assert motion.missing_s == 0.0
+
+
+def test_samples_may_come_frame_by_frame() -> None:
+    whole = odometry(np.arange(0, 500, 20.0))
+    parts = [Samples(whole.stamp_ns[k : k + 5], whole.values[k : k + 5]) for k in range(0, 25, 5)]
+    one, other = track(whole).between(30 * MS, 470 * MS), track(*parts).between(30 * MS, 470 * MS)
+    assert one.pose == pytest.approx(other.pose)
+    np.testing.assert_allclose(one.covariance, other.covariance)
+
+
+def test_the_last_motion_goes_on_for_a_short_time() -> None:
+    one = track(odometry(np.arange(0, 500, 20.0)))
+    motion = one.between(400 * MS, 540 * MS)
+    assert motion.pose.x == pytest.approx(0.14, abs=0.002)
+    assert motion.pose.heading == pytest.approx(0.07, abs=1e-6)
+    assert motion.missing_s == 0.0
+
+
+def test_without_samples_the_robot_stands_still_and_may_be_anywhere_near() -> None:
+    motion = track().between(0, 500 * MS)
+    assert motion.pose == Pose(0.0, 0.0, 0.0)
+    assert motion.missing_s == pytest.approx(0.5)
+    assert np.sqrt(motion.covariance[0, 0]) == pytest.approx(0.5, abs=0.01)
+    assert np.sqrt(motion.covariance[2, 2]) == pytest.approx(0.75, abs=0.01)
+
+
+def test_an_outage_is_reported_and_widens_the_covariance_with_its_length() -> None:
+    one = track(odometry(np.arange(0, 500, 20.0)))
+    short, long = one.between(400 * MS, 780 * MS), one.between(400 * MS, 1580 * MS)
+    assert short.missing_s == pytest.approx(0.2)
+    assert long.missing_s == pytest.approx(1.0)
+    assert long.covariance[0, 0] > 10 * short.covariance[0, 0]
+    assert long.pose == short.pose  # motion is not made up
+
+
+def test_time_before_the_first_sample_is_missing() -> None:
+    assert track(odometry(np.arange(300, 500, 20.0))).between(100 * MS, 400 * MS).missing_s == pytest.approx(0.2)
+
+
+def test_counters_that_went_on_during_a_gap_bridge_it() -> None:
+    one = track(odometry(np.r_[np.arange(0, 200, 20.0), np.arange(400, 700, 20.0)]))
+    motion = one.between(100 * MS, 600 * MS)
+    assert motion.missing_s == 0.0
+    assert motion.pose.heading == pytest.approx(0.25, abs=1e-6)
+
+
+def test_noise_grows_with_the_way_each_axis_with_its_own_scale_error() -> None:
+    quiet = dict.fromkeys(("travel_noise_m", "travel_noise_rad", "turn_noise_rad", "drift_m", "drift_rad"), 0.0)
+    only_scale = OdometrySettings(forward_scale=0.03, sideways_scale=0.05, turn_scale=0.02, **quiet)
+    stamps = np.array([0, 1000 * MS])
+    motion = track(Samples(stamps, np.array([[0, 0, 0], [2.0, 1.0, 0.5]])), settings=only_scale).between(0, 1000 * MS)
+    np.testing.assert_allclose(np.sqrt(np.diag(motion.covariance)), [0.06, 0.05, 0.01])
+    only_root = OdometrySettings(
+        forward_scale=0, sideways_scale=0, turn_scale=0, **{**quiet, "travel_noise_m": 0.01, "turn_noise_rad": 0.02}
+    )
+    there_and_back = Samples(np.array([0, 500 * MS, 1000 * MS]), np.array([[0, 0, 0], [2.0, 0, 0.5], [0, 0, 0]]))
+    motion = track(there_and_back, settings=only_root).between(0, 1000 * MS)
+    np.testing.assert_allclose(np.sqrt(np.diag(motion.covariance)), [0.02, 0.02, 0.02])
+
+
+def test_broken_and_repeated_samples_are_left_out_and_counted() -> None:
+    samples = odometry(np.arange(0, 500, 20.0))
+    values, stamps = samples.values.copy(), samples.stamp_ns.copy()
+    values[5, 1] = np.nan
+    stamps[10] = stamps[2]
+    one = track(Samples(stamps, values), Samples(stamps[:3], values[:3]))
+    assert one.history.dropped == 5
+    assert one.between(0, 400 * MS).pose == pytest.approx(track(samples).between(0, 400 * MS).pose, abs=1e-4)
+
+
+def test_old_samples_are_forgotten() -> None:
+    one = OdometryTrack()
+    for start in range(0, 60_000, 1000):
+        one.add(odometry(np.arange(start, start + 1000, 20.0)))
+    assert len(one.history) < 300
+
+
+def test_time_does_not_run_backwards() -> None:
+    with pytest.raises(ValueError, match="forward"):
+        track(odometry(np.arange(0, 500, 20.0))).between(400 * MS, 300 * MS)
+
+
+def yaw(times_ms: np.ndarray, rate: float, lag_ms: float = 20.0, start: float = 0.0) -> Samples:
+    """A compass that turns at a rate (rad/s) and reports late."""
+    headings = wrap(start + rate * (times_ms - lag_ms) / 1000.0)
+    return Samples((times_ms * MS).astype(np.int64), np.array(headings)[:, np.newaxis])
+
+
+def gyro(times_ms: np.ndarray, rate: float) -> Samples:
+    return Samples((times_ms * MS).astype(np.int64), np.tile([0.0, 0.0, rate], (len(times_ms), 1)))
+
+
+@pytest.mark.parametrize("with_gyro", [True, False])
+@pytest.mark.parametrize("start", [0.0, 3.0, -3.1])
+@pytest.mark.parametrize("stamp_ms", [333, 480, 487])
+def test_the_lag_of_the_compass_is_made_good(with_gyro: bool, start: float, stamp_ms: int) -> None:
+    times = np.arange(0, 500, 20.0)
+    one = CompassTrack()
+    one.add(yaw(times, 2.0, start=start), gyro(times, 2.0) if with_gyro else None)
+    heading = one.heading_at(stamp_ms * MS)
+    assert heading is not None
+    assert abs(wrap_angle(heading - (start + 2.0 * stamp_ms / 1000.0))) < 1e-6
+
+
+def test_without_a_recent_sample_there_is_no_heading() -> None:
+    one = CompassTrack(CompassTrackSettings(oldest_s=0.3))
+    assert one.heading_at(0) is None
+    one.add(yaw(np.arange(1000, 1500, 20.0), 0.0))
+    assert one.heading_at(1700 * MS) is not None
+    assert one.heading_at(1800 * MS) is None
+    assert one.heading_at(500 * MS) is None
+    one.reset()
+    assert one.heading_at(1480 * MS) is None

@@ -1,0 +1,127 @@
+"""Kalman fusion: vision decides where lines observe the pose, odometry where they don't; shoves are followed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from line_scenes import lone_line, view
+
+from touchline.field import FieldModel, open_field
+from touchline.geometry import Pose, wrap_angle
+from touchline.localization import FusionSettings, Matcher, PoseFilter, WeightSettings, range_weights
+
+FIELD = open_field("msl-18x12")
+STEP = Pose(0.1, 0.0, 0.02)
+STEP_NOISE = np.diag([0.01, 0.01, 0.005]) ** 2
+
+
+def tight(position_m: float = 0.02, heading_rad: float = 0.01) -> np.ndarray:
+    return np.diag([position_m, position_m, heading_rad]) ** 2
+
+
+@settings(deadline=None)
+@given(
+    x=st.floats(-9, 9), y=st.floats(-6, 6), heading=st.floats(-3.1, 3.1),
+    forward=st.floats(-1, 1), left=st.floats(-1, 1), turn=st.floats(-1, 1),
+)  # fmt: skip
+def test_the_prediction_moves_the_pose_and_carries_its_covariance_along(
+    x: float, y: float, heading: float, forward: float, left: float, turn: float
+) -> None:
+    """The covariance is that of poses moved one by one (to first order)."""
+    rng = np.random.default_rng(0)
+    start, motion = Pose(x, y, heading), Pose(forward, left, turn)
+    one = PoseFilter(start, tight())
+    one.predict(motion, STEP_NOISE)
+    assert one.pose == start.compose(motion)
+    starts = rng.multivariate_normal(start, tight(), 20_000)
+    motions = rng.multivariate_normal(motion, STEP_NOISE, 20_000)
+    cosine, sine = np.cos(starts[:, 2]), np.sin(starts[:, 2])
+    ends = np.column_stack((
+        starts[:, 0] + cosine * motions[:, 0] - sine * motions[:, 1],
+        starts[:, 1] + sine * motions[:, 0] + cosine * motions[:, 1],
+        starts[:, 2] + motions[:, 2],
+    ))  # fmt: skip
+    np.testing.assert_allclose(one.covariance, np.cov(ends.T), atol=3e-5)
+
+
+def test_of_two_equal_opinions_the_middle_is_taken_and_doubt_halves() -> None:
+    one = PoseFilter(Pose(1.0, 2.0, 0.1), tight())
+    assert one.update(Pose(1.02, 2.0, 0.12), tight())
+    assert one.pose == pytest.approx((1.01, 2.0, 0.11))
+    np.testing.assert_allclose(one.covariance, tight() / 2)
+
+
+def test_headings_are_fused_the_short_way_round() -> None:
+    one = PoseFilter(Pose(0.0, 0.0, math.pi - 0.01), tight())
+    one.update(Pose(0.0, 0.0, -math.pi + 0.01), tight())
+    assert abs(wrap_angle(one.pose.heading - math.pi)) < 1e-9
+
+
+def test_what_the_lines_do_not_observe_stays_with_the_odometry() -> None:
+    one = PoseFilter(Pose(1.0, 2.0, 0.0), tight())
+    one.update(Pose(4.0, 2.03, 0.0), np.diag([10.0, 0.01, 0.01]) ** 2)
+    assert one.pose.x == pytest.approx(1.0, abs=0.001)
+    assert one.pose.y == pytest.approx(2.024, abs=0.001)
+
+
+def test_a_trusted_match_that_contradicts_the_prediction_is_followed_at_once() -> None:
+    one = PoseFilter(Pose(1.0, 2.0, 0.0), tight(0.01, 0.005))
+    assert one.update(Pose(1.25, 1.9, 0.17), tight(0.01, 0.005))
+    assert one.pose.distance_to(Pose(1.25, 1.9, 0.17)) < 0.01
+    assert abs(one.pose.heading - 0.17) < 0.005
+
+
+def test_an_untrusted_match_that_contradicts_the_prediction_changes_nothing() -> None:
+    one = PoseFilter(Pose(1.0, 2.0, 0.0), tight(0.01, 0.005))
+    before = one.covariance.copy()
+    assert not one.update(Pose(1.25, 1.9, 0.17), tight(0.01, 0.005), trusted=False)
+    assert one.pose == Pose(1.0, 2.0, 0.0)
+    np.testing.assert_array_equal(one.covariance, before)
+
+
+def test_an_untrusted_match_within_the_gate_is_fused() -> None:
+    one = PoseFilter(Pose(1.0, 2.0, 0.0), tight())
+    assert one.update(Pose(1.02, 2.0, 0.0), tight(), trusted=False)
+    assert one.pose.x == pytest.approx(1.01)
+
+
+def test_a_pose_told_by_a_person_is_as_sure_as_the_settings_say() -> None:
+    one = PoseFilter(Pose(0, 0, 0), None, FusionSettings(start_position_m=0.5, start_heading_rad=0.2))
+    np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), [0.5, 0.5, 0.2])
+
+
+def followed(field: FieldModel, shoves: dict[int, Pose], frames: int, reach_m: float) -> np.ndarray:
+    """Errors (frames, 3) along x, y (m) and heading (rad) of matching and fusion on a drive with shoves."""
+    rng = np.random.default_rng(7)
+    matcher = Matcher(field.distance_map())
+    truth = Pose(-4.0, 1.0, 0.0)
+    one = PoseFilter(truth, tight())
+    errors = []
+    for k in range(frames):
+        motion = Pose(STEP.x, STEP.y, 0.0 if len(field.segments) == 1 else STEP.heading)
+        truth = truth.compose(motion).compose(shoves.get(k, Pose(0, 0, 0)))
+        felt = rng.multivariate_normal(motion, STEP_NOISE / 4)
+        one.predict(Pose(*map(float, felt)), STEP_NOISE)
+        points = view(field, truth, rng, reach_m=reach_m, clutter=0.05 if len(field.segments) > 1 else 0.0)
+        match = matcher.match(points, range_weights(points, WeightSettings()), one.pose)
+        one.update(match.pose, match.covariance)
+        errors.append((one.pose.x - truth.x, one.pose.y - truth.y, wrap_angle(one.pose.heading - truth.heading)))
+    return np.array(errors)
+
+
+def test_a_shove_that_the_odometry_does_not_feel_is_followed_within_the_frame() -> None:
+    shoves = {10: Pose(0.2, -0.2, 0.17), 25: Pose(-0.1, 0.25, -0.17), 40: Pose(0.0, 0.1, 0.1)}
+    errors = followed(FIELD, shoves, 60, reach_m=6.0)
+    assert np.hypot(errors[:, 0], errors[:, 1]).max() < 0.1
+    assert np.abs(errors[:, 2]).max() < math.radians(2)
+
+
+def test_along_a_lone_line_the_odometry_carries_the_pose_and_its_doubt_grows() -> None:
+    errors = followed(lone_line(), {}, 60, reach_m=3.0)
+    assert np.abs(errors[:, 0]).max() < 0.15  # 60 steps, each 5 mm off at random
+    assert np.abs(errors[:, 1]).max() < 0.05
+    assert np.abs(errors[:, 2]).max() < 0.03

@@ -1,0 +1,88 @@
+"""Detection of wrong localization, and the correction of the compass."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from touchline.geometry import wrap_angle
+from touchline.localization import CompassCorrection, CompassSettings, FailureDetector, FailureSettings
+
+GOOD, POOR, AWFUL = 0.05, 0.3, 0.5
+STRAIGHT, ASTRAY = 0.05, 0.6
+
+
+def judged(detector: FailureDetector, *frames: tuple[int, float, float | None]) -> list[bool]:
+    return [detector.update(*frame) for frame in frames]
+
+
+def test_five_frames_far_off_in_deviation_and_heading_mean_failure() -> None:
+    assert judged(FailureDetector(), *[(60, POOR, ASTRAY)] * 6) == [False, False, False, False, True, True]
+
+
+@pytest.mark.parametrize("frame", [(60, POOR, STRAIGHT), (60, GOOD, ASTRAY), (60, POOR, None), (60, GOOD, None)])
+def test_one_of_both_alone_is_no_failure(frame: tuple[int, float, float | None]) -> None:
+    assert not any(judged(FailureDetector(), *[frame] * 20))
+
+
+def test_one_good_frame_starts_the_count_anew() -> None:
+    frames = [(60, POOR, ASTRAY)] * 4 + [(60, GOOD, STRAIGHT)] + [(60, POOR, -ASTRAY)] * 4
+    assert not any(judged(FailureDetector(), *frames))
+
+
+def test_a_very_large_deviation_needs_no_compass() -> None:
+    assert judged(FailureDetector(), *[(60, AWFUL, STRAIGHT)] * 5)[-1]
+    assert judged(FailureDetector(), *[(60, AWFUL, None)] * 5)[-1]
+
+
+def test_frames_without_usable_points_mean_failure_by_themselves() -> None:
+    assert judged(FailureDetector(), (3, math.nan, None), (0, math.nan, STRAIGHT)) == [False, True]
+
+
+def test_a_covered_frame_counts_among_the_bad_ones() -> None:
+    settings = FailureSettings(blind_frames=5)
+    frames = [(60, POOR, ASTRAY)] * 2 + [(0, math.nan, STRAIGHT)] + [(60, AWFUL, STRAIGHT)] * 2
+    assert judged(FailureDetector(settings), *frames) == [False, False, False, False, True]
+
+
+def test_the_papers_rule_alone_is_a_setting_away() -> None:
+    detector = FailureDetector(FailureSettings(lone_rules=False))
+    assert not any(judged(detector, *[(60, AWFUL, STRAIGHT)] * 20, *[(0, math.nan, None)] * 20))
+    assert judged(detector, *[(60, POOR, ASTRAY)] * 5)[-1]
+
+
+def test_after_a_reset_the_count_starts_anew() -> None:
+    detector = FailureDetector()
+    judged(detector, *[(60, POOR, ASTRAY)] * 4)
+    detector.reset()
+    assert not any(judged(detector, *[(60, POOR, ASTRAY)] * 4))
+    judged(detector, (0, math.nan, None))
+    detector.reset()
+    assert not detector.update(0, math.nan, None)
+
+
+def test_the_compass_is_corrected_after_five_good_frames_in_a_row() -> None:
+    one = CompassCorrection()
+    corrected = [one.update(GOOD, 1.0, 0.9) for _ in range(4)]
+    assert corrected == [False] * 4
+    assert one.offset_rad == 0.0
+    assert one.update(GOOD, 1.0, 0.9)
+    assert one.offset_rad == pytest.approx(0.2 * 0.1)
+
+
+def test_the_offset_settles_at_the_difference_across_half_a_turn() -> None:
+    one = CompassCorrection(CompassSettings(good_frames=1))
+    for _ in range(60):
+        one.update(GOOD, -math.pi + 0.05, math.pi - 0.05)
+    assert one.offset_rad == pytest.approx(0.1, abs=1e-4)
+    assert abs(wrap_angle(one.heading(math.pi - 0.05) - (-math.pi + 0.05))) < 1e-4
+
+
+def test_a_poor_frame_or_a_gap_starts_the_count_anew() -> None:
+    one = CompassCorrection()
+    for interruption in (lambda: one.update(POOR, 1.0, 0.5), one.interrupt):
+        for _ in range(4):
+            assert not one.update(GOOD, 1.0, 0.9)
+        interruption()
+    assert one.offset_rad == 0.0
