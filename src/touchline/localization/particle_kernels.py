@@ -122,14 +122,14 @@ def resample(particles, weights, start, out):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def occupied_bins(particles, size_m, size_rad):  # type: ignore[no-untyped-def]
     """How many bins of size_m x size_m x size_rad hold a particle."""
-    turns = max(1, int(round(2.0 * math.pi / size_rad)))
+    turns = max(1, round(2.0 * math.pi / size_rad))
     keys = np.empty(particles.shape[0], dtype=np.int64)
     for j in range(particles.shape[0]):
-        ix = int(math.floor(particles[j, 0] / size_m)) + 100_000
-        iy = int(math.floor(particles[j, 1] / size_m)) + 100_000
+        ix = math.floor(particles[j, 0] / size_m) + 100_000
+        iy = math.floor(particles[j, 1] / size_m) + 100_000
         # half a bin on, so that headings along the field's axes lie in the middle of a bin
         turned = particles[j, 2] / (2.0 * math.pi) * turns + 0.5
-        keys[j] = (ix * 200_001 + iy) * turns + int(math.floor(turned)) % turns
+        keys[j] = (ix * 200_001 + iy) * turns + math.floor(turned) % turns
     keys.sort()
     count = 1
     for j in range(1, keys.shape[0]):

@@ -45,7 +45,7 @@ class ParticleMotionSettings(Settings):
 
 
 class AdaptiveSettings(Settings):
-    """Particle numbers by Kullback-Leibler distance (Fox 2003), the paper's references 8, 9, 12. Off as in the paper."""
+    """Particle numbers by Kullback-Leibler distance (Fox 2003): references 8, 9, 12 of the paper, which keeps 600."""
 
     enabled: bool = Field(False, description="draw only as many particles as the spread asks for; the paper keeps all")
     error: float = Field(0.05, gt=0, description="largest distance (nats) between the samples and the truth: Fox's")
@@ -149,14 +149,19 @@ class MonteCarlo:
         compass_rad: float | None,
         region: Region | None = None,
         near: tuple[Pose, FloatArray] | None = None,
+        *,
+        widening: float = 1.0,
+        everything_near: bool = False,
     ) -> None:
         """Spread the particles over the field and its margin, or a region of it, alike weighted.
 
         Headings: about the compass (rad), or everywhere without one. On a symmetric field without a region half the
         circle does: it holds one of every two poses that look the same. near: a pose and its covariance (3, 3) about
-        which the kept share starts.
+        which the kept share starts, or all of them (everything_near). widening: factor of the compass's deviation.
         """
         s = self.settings
+        spread = min(s.compass_rad * widening, math.pi)
+        self._tolerance_rad = max(s.heading_tolerance_rad, 2.0 * spread)
         count = s.particles if compass_rad is not None else s.particles_all_headings
         region = region or Region()
         reach = 0.5 * self.size_m + s.beyond_m
@@ -165,12 +170,12 @@ class MonteCarlo:
         self.particles = np.empty((count, 3))
         self.particles[:, :2] = self.rng.uniform(low, high, (count, 2))
         if compass_rad is not None:
-            self.particles[:, 2] = compass_rad + s.compass_rad * self.rng.standard_normal(count)
+            self.particles[:, 2] = compass_rad + spread * self.rng.standard_normal(count)
         else:
             half = self.symmetric and region == Region()
             self.particles[:, 2] = self.rng.uniform(-1.0, 1.0, count) * (0.5 * np.pi if half else np.pi)
         if near is not None:
-            kept = int(s.kept_share * count)
+            kept = count if everything_near else int(s.kept_share * count)
             pose, covariance = near
             self.particles[:kept] = self.rng.multivariate_normal(pose.as_array(), covariance, kept, method="cholesky")
         self._weigh_alike()
@@ -253,7 +258,7 @@ class MonteCarlo:
             self._add_likelihoods(poses, points, shares, row)
         for k, j in enumerate(best):
             turned = 0.0 if compass_rad is None else abs(wrap_angle(refined[k, 2] - compass_rad))
-            if change[1, k] > change[0, k] and turned <= self.settings.heading_tolerance_rad:
+            if change[1, k] > change[0, k] and turned <= self._tolerance_rad:
                 self.particles[j] = refined[k]
                 self._log_weights[j] += change[1, k] - change[0, k]
 
