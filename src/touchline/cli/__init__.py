@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from touchline.cli import check, evaluate, fields, locate, run, systems, view
+from touchline.cli import calibrate, check, evaluate, fields, locate, run, systems, view
 from touchline.cli.console import DEBUG_VARIABLE, complain
 from touchline.cli.run import INTERRUPTED
 from touchline.errors import TouchlineError
@@ -30,6 +30,7 @@ app.command("check")(check.check)
 app.command("view")(view.view)
 app.command("systems")(systems.systems)
 app.add_typer(fields.fields_app, name="fields")
+app.add_typer(calibrate.calibrate_app, name="calibrate")
 
 # Click's errors, wherever this version of Typer keeps Click: BadParameter is a UsageError is a ClickException.
 _CLICK_EXCEPTION: type[Exception] = typer.BadParameter.__mro__[2]
