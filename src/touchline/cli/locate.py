@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from touchline.errors import InputError, NoFitError
+from touchline.errors import InputError, NoFitError, TouchlineError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -97,7 +97,10 @@ def _from_image(
     model = open_camera(camera)
     image = read_image(source)
     detector = LinePointDetector(model, line_width_m=field.line_width)
-    detector.learn([image])
+    try:
+        detector.learn([image])
+    except TouchlineError as error:
+        raise type(error)(f"{source}: {error}") from None
     points = detector.detect(image)
     found: Location | NoFitError
     try:

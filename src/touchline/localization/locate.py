@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -129,6 +130,8 @@ def locate_points(
     InputError for points that are no numbers.
     """
     s = settings or LocateSettings()
+    if heading is not None and not math.isfinite(heading):
+        raise InputError(f"the heading {heading} is not an angle in radians")
     points, weights = _different_points(points, weights, s)
     matcher = Matcher(field.distance_map(), s.matching)
     grid = PoseGrid(field.length, field.width, s.spacing_m, s.beyond_m, s.spacing_rad, heading, s.heading_tolerance_rad)

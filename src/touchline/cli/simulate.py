@@ -1,0 +1,87 @@
+"""`touchline simulate`: a scenario becomes a recording."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from touchline.errors import InputError
+
+if TYPE_CHECKING:
+    from touchline.simulation.run import Simulation
+
+
+def simulate(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(metavar="NAME|FILE", help="A scenario by name, or a scenario.yaml.", show_default=False),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The new recording's folder (default: NAME).", show_default=False)
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Another run of the same kind (default: the scenario's).", show_default=False),
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, help="Length of the run (default: the scenario's).", show_default=False)
+    ] = None,
+    listing: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
+) -> None:
+    """Simulate a robot on a field and write a recording: images, sensors and the true poses.
+
+    touchline simulate match --output runs/match --seconds 10   writes one; touchline run runs/match localises it.
+    The same seed gives the same bytes. Without a name, the scenarios are listed.
+    """
+    if listing or scenario is None:
+        _list_scenarios()
+        return
+    from touchline.cli.console import output as console
+    from touchline.simulation.run import Simulation
+    from touchline.simulation.scenario import open_scenario
+
+    chosen = open_scenario(scenario, seed, seconds)
+    folder = output if output is not None else Path(chosen.name)
+    if folder.exists():
+        raise InputError(f"{folder}: exists already and is not overwritten; choose another name with --output")
+    simulation = Simulation(chosen)
+    started = time.perf_counter()
+    _write_with_progress(simulation, folder)
+    rate = len(simulation) / (time.perf_counter() - started)
+    console().print(
+        f"{folder}: {len(simulation)} images, {chosen.seconds:g} s of {chosen.name}, seed {chosen.seed} "
+        f"({rate:.0f} images per second)",
+        markup=False,
+    )
+
+
+def _write_with_progress(simulation: Simulation, folder: Path) -> None:
+    from rich.progress import Progress
+
+    from touchline.cli.console import errors_console
+    from touchline.simulation.recording import write_recording
+
+    console = errors_console()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("simulating", total=len(simulation))
+        write_recording(simulation, folder, lambda frame: progress.advance(task))
+
+
+def _list_scenarios() -> None:
+    from rich.table import Table
+
+    from touchline.cli.console import output as console
+    from touchline.simulation.scenario import open_scenario, scenario_names
+
+    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
+    for title in ("scenario", "what it shows", "field", "camera", "seconds"):
+        table.add_column(title, overflow="fold")
+    for name in scenario_names():
+        scenario = open_scenario(name)
+        table.add_row(name, scenario.description, scenario.field, scenario.camera.kind, f"{scenario.seconds:g}")
+    out = console()
+    out.print(table, soft_wrap=False)
+    out.print("touchline simulate NAME --output DIR writes a recording", style="dim")

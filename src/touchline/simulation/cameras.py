@@ -1,0 +1,63 @@
+"""The simulated camera that a scenario asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from touchline.config import did_you_mean, read_yaml_mapping
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.simulation.camera_base import Motion
+from touchline.simulation.omni import SimulatedOmniCamera
+from touchline.simulation.pinhole import SimulatedPinholeCamera
+from touchline.simulation.scenario import CameraSettings
+
+SimulatedCamera = SimulatedOmniCamera | SimulatedPinholeCamera
+
+
+def open_simulated_camera(settings: CameraSettings) -> SimulatedCamera:
+    """The camera of a scenario. Raises InputError for a file that describes none and a mirror that can't be solved."""
+    readout_s = 1e-3 * settings.rolling_shutter_ms
+    if settings.file is not None:
+        return _from_file(Path(settings.file), settings.kind, readout_s)
+    if settings.kind == "pinhole":
+        return SimulatedPinholeCamera(readout_s=readout_s)
+    return _mirror_camera(settings, readout_s)
+
+
+def project_ground(camera: SimulatedCamera, points: FloatArray, attitude: tuple[float, float]) -> FloatArray:
+    """Pixels (N, 2) of ground points (N, 2) in the base frame (m), of a body that leans by roll, pitch (rad)."""
+    if isinstance(camera, SimulatedPinholeCamera):
+        return camera.project(points, attitude)
+    return camera.project(points)
+
+
+def base_motion(velocity: FloatArray, heading: float) -> Motion:
+    """A velocity (3,) vx, vy, turning rate in the field frame as a motion in the base frame."""
+    c, s = float(np.cos(heading)), float(np.sin(heading))
+    vx, vy, turn = (float(value) for value in velocity)
+    return Motion(c * vx + s * vy, -s * vx + c * vy, turn)
+
+
+def _from_file(path: Path, kind: str, readout_s: float) -> SimulatedCamera:
+    tree: dict[str, Any] = read_yaml_mapping(path)
+    model = tree.get("model")
+    if model not in ("omni", "pinhole"):
+        raise InputError(f"{path}: unknown camera model {model!r}; {did_you_mean(str(model), ['omni', 'pinhole'])}")
+    if model != kind:
+        raise InputError(f"{path}: is a camera of the model '{model}', but camera.kind is '{kind}'")
+    if model == "omni":
+        return SimulatedOmniCamera.from_mapping(tree, path, readout_s=readout_s)
+    return SimulatedPinholeCamera.from_mapping(tree, str(path), readout_s=readout_s)
+
+
+def _mirror_camera(settings: CameraSettings, readout_s: float) -> SimulatedCamera:
+    from touchline.camera import OmniCamera
+
+    radii = np.arange(0.0, 221.0)
+    ranges = 0.0115 * radii / np.maximum(1.0 - radii / 222.5, 1e-3) ** 0.72
+    design = OmniCamera(480, 480, (239.5, 239.5), 52.0, 220.0, -1, -0.5 * np.pi, radii, np.zeros(1), ranges[np.newaxis])
+    return SimulatedOmniCamera(design, readout_s=readout_s)

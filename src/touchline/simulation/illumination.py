@@ -1,0 +1,153 @@
+"""Where light falls: lamps as a map over the hall, sun through windows with hard edges, shadows of bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from touchline.geometry import FloatArray
+
+# what a flag cell of the ground (1/32 m) holds
+HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, AROUND_PAINT = 1, 2, 4, 8, 16, 32
+FLAGS_PER_M = 32.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def light_at(light: npt.NDArray[np.float32], frame: FloatArray, channel: int, x: float, y: float) -> float:
+    """Light level of the map (ny, nx, 2) at a point (m, field frame), bilinear; frame: x, y of [0, 0], samples per metre.
+
+    channel 0: what falls on the ground; 1: the same times the carpet's brightness there.
+    """
+    fx = min(max((x - frame[0]) * frame[2], 0.0), light.shape[1] - 1.001)
+    fy = min(max((y - frame[1]) * frame[2], 0.0), light.shape[0] - 1.001)
+    i, j = np.uint32(fx), np.uint32(fy)
+    a, b = fx - i, fy - j
+    i1, j1 = np.uint32(i + 1), np.uint32(j + 1)
+    top = light[j, i, channel] * (1.0 - a) + light[j, i1, channel] * a
+    bottom = light[j1, i, channel] * (1.0 - a) + light[j1, i1, channel] * a
+    return float(top * (1.0 - b) + bottom * b)
+
+
+@njit(cache=True, error_model="numpy")
+def sun_at(sun: FloatArray, windows: FloatArray, casters: FloatArray, x: float, y: float, z: float) -> bool:
+    """Whether the sun shines on a point (m, field frame) through a window and past all casters.
+
+    sun (4,): level, horizontal direction towards it, tangent of its elevation. windows (W, 9): axis (0: wall across x,
+    1: across y), signed distance of the wall, start, end, bottom, top, bars along, bars up, width of a bar.
+    casters (M, 4): x, y, radius, height.
+    """
+    lit = False
+    for k in range(len(windows)):
+        w = windows[k]
+        towards = sun[1] if w[0] == 0.0 else sun[2]
+        run = (w[1] - (x if w[0] == 0.0 else y)) / (towards if towards != 0.0 else 1e-9)
+        if run <= 0.0:
+            continue
+        along = (y + run * sun[2] if w[0] == 0.0 else x + run * sun[1]) - w[2]
+        height = z + run * sun[3] - w[4]
+        if 0.0 < along < w[3] - w[2] and 0.0 < height < w[5] - w[4]:
+            lit = not (_on_bar(along, w[3] - w[2], w[6], w[8]) or _on_bar(height, w[5] - w[4], w[7], w[8]))
+            if lit:
+                break
+    if not lit:
+        return False
+    for m in range(len(casters)):
+        ex, ey = casters[m, 0] - x, casters[m, 1] - y
+        run, radius = ex * sun[1] + ey * sun[2], casters[m, 2]
+        if run > 0.0 and abs(ex * sun[2] - ey * sun[1]) < radius and z + (run - radius) * sun[3] < casters[m, 3]:
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _on_bar(position: float, size: float, bars: float, width: float) -> bool:
+    pane = size / (bars + 1.0)
+    nearest = np.round(position / pane)
+    return bool(0.5 < nearest < bars + 0.5 and abs(position - nearest * pane) < 0.5 * width)
+
+
+@njit(cache=True, error_model="numpy")
+def contact_shadow(casters: FloatArray, cells: npt.NDArray[np.int16], frame: FloatArray, x: float, y: float) -> float:
+    """Share of the light that reaches the ground beside bodies: 45 % below them, all from three radii on.
+
+    cells (ny, nx, 3): casters near each 0.25 m cell; frame: x, y of the first.
+    """
+    i = min(max(int((x - frame[0]) * 4.0), 0), cells.shape[1] - 1)
+    j = min(max(int((y - frame[1]) * 4.0), 0), cells.shape[0] - 1)
+    share = 1.0
+    for n in range(3):
+        m = cells[j, i, n]
+        if m < 0:
+            break
+        ex, ey = x - casters[m, 0], y - casters[m, 1]
+        fade = 1.0 - (ex * ex + ey * ey) / (9.0 * casters[m, 2] * casters[m, 2])
+        if fade > 0.0:
+            share *= 1.0 - 0.55 * fade * fade * fade
+    return share
+
+
+@njit(cache=True, error_model="numpy")
+def place_casters(
+    casters: FloatArray, sun: FloatArray, frame: FloatArray, flags: npt.NDArray[np.uint8]
+) -> npt.NDArray[np.int16]:
+    """For each 0.25 m cell of the ground (ny, nx, 3) up to three bodies within three radii, -1 for none.
+
+    Marks the flags (8 ny, 8 nx) around them, and where sunlight may be cut off by them. frame: x, y of the first cell.
+    """
+    cells = np.full((flags.shape[0] // 8, flags.shape[1] // 8, 3), -1, dtype=np.int16)
+    for m in range(len(casters)):
+        x, y, radius = casters[m, 0], casters[m, 1], casters[m, 2]
+        _mark_square(x, y, 3.0 * radius, frame, flags, NEAR_BODY)
+        low_j, high_j, low_i, high_i = _cells_around(x, y, 3.0 * radius, frame, 4.0, cells.shape[:2])
+        for cell in range((high_j - low_j) * (high_i - low_i)):
+            j, i = low_j + cell // (high_i - low_i), low_i + cell % (high_i - low_i)
+            for n in range(3):
+                if cells[j, i, n] < 0:
+                    cells[j, i, n] = m
+                    break
+        if sun[0] <= 0.0:
+            continue
+        length, run = casters[m, 3] / sun[3] + radius, 0.0
+        while run < length + 0.25:
+            _mark_square(x - run * sun[1], y - run * sun[2], radius, frame, flags, SUN_EDGE)
+            run += 0.2
+    return cells
+
+
+@njit(cache=True, error_model="numpy")
+def _cells_around(
+    x: float, y: float, reach: float, frame: FloatArray, per_m: float, shape: tuple[int, int]
+) -> tuple[int, int, int, int]:
+    """First and last row (exclusive), first and last column (exclusive) of the cells that a square touches."""
+    low_i, high_i = int((x - reach - frame[0]) * per_m), int((x + reach - frame[0]) * per_m) + 1
+    low_j, high_j = int((y - reach - frame[1]) * per_m), int((y + reach - frame[1]) * per_m) + 1
+    return (
+        min(max(low_j, 0), shape[0]),
+        min(max(high_j, 0), shape[0]),
+        min(max(low_i, 0), shape[1]),
+        min(max(high_i, 0), shape[1]),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _mark_square(x: float, y: float, reach: float, frame: FloatArray, flags: npt.NDArray[np.uint8], bit: int) -> None:
+    low_j, high_j, low_i, high_i = _cells_around(x, y, reach, frame, FLAGS_PER_M, flags.shape)
+    for j in range(low_j, high_j):
+        for i in range(low_i, high_i):
+            flags[j, i] |= bit
+
+
+@njit(cache=True, error_model="numpy")
+def mark_sunlight(sun: FloatArray, windows: FloatArray, frame: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
+    """Set in flags (ny, nx) which cells the sun lights wholly (SUNLIT) or partly (both bits); 3 x 3 samples each."""
+    nobody = np.zeros((0, 4))
+    for j in range(flags.shape[0]):
+        for i in range(flags.shape[1]):
+            lit = 0
+            for n in range(9):
+                x, y = frame[0] + (i + 0.5 * (n % 3)) / FLAGS_PER_M, frame[1] + (j + 0.5 * (n // 3)) / FLAGS_PER_M
+                if sun_at(sun, windows, nobody, x, y, 0.0):
+                    lit += 1
+            if lit > 0:
+                flags[j, i] |= SUNLIT if lit == 9 else SUN_EDGE | SUNLIT

@@ -1,0 +1,150 @@
+"""A run written down as a recording folder in the format of FORMATS.md."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+
+from touchline.errors import InputError, TouchlineError
+from touchline.geometry import FloatArray, wrap_angle
+from touchline.simulation.cameras import project_ground
+from touchline.simulation.run import Simulation, image_name, robot_frame
+from touchline.simulation.sequence import JPEG_QUALITY
+from touchline.types import Frame, ImageArray, Samples
+
+_MARK_NOISE_PX = 0.15  # of marks that somebody has clicked at, or a detector has found
+
+
+def write_recording(simulation: Simulation, folder: Path, on_frame: Callable[[Frame], None] | None = None) -> None:
+    """Render all frames into a new folder. `on_frame` is called after each and may set the exposure of the next.
+
+    Raises InputError if the folder exists already or can't be made.
+    """
+    if simulation.level != "images":
+        raise InputError("a recording holds images; run the simulation at the level 'images'")
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise InputError(f"{folder}: exists already and is not overwritten; choose another name") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror})") from None
+    try:
+        _write_all(simulation, folder, on_frame)
+    except OSError as error:
+        raise TouchlineError(f"{error.filename or folder}: cannot be written ({error.strerror})") from None
+
+
+def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame], None] | None) -> None:
+    simulation.field.to_yaml(folder / "field.yaml")
+    _write_yaml(folder / "camera.yaml", simulation.camera_model.camera_yaml())
+    _write_yaml(folder / "sequence.yaml", dict(simulation.sequence))
+    last_ns = int(simulation.image_stamps[-1]) + 200_000_000  # a little more than the images need
+    sensors = simulation.sensors
+    _write_samples(folder / "odometry.csv", "t,x,y,theta", sensors.odometry, last_ns)
+    _write_samples(folder / "wheels.csv", "t,a,b", sensors.wheels, last_ns)
+    _write_samples(folder / "imu.csv", "t,roll,pitch,yaw,gx,gy,gz", sensors.imu, last_ns)
+    _write_truth(folder / "ground_truth.tum", simulation)
+    (folder / "images").mkdir()
+    rows = []
+    for index, frame in enumerate(simulation):
+        assert frame.image is not None
+        (folder / frame.name).write_bytes(_jpeg(frame.image))
+        exposure = f"{simulation.image_times_s[index]:.4f},{frame.name},{frame.exposure_ms:.3f},{frame.gain:.3f}"
+        rows.append(",".join([exposure, *_extra_values(simulation, index)]))
+        if on_frame is not None:
+            on_frame(frame)
+    header = ",".join(["t,file,exposure_ms,gain", *_extra_names(simulation)])
+    _write_lines(folder / "images.csv", [header, *rows])
+    _write_calibration(simulation, folder)
+
+
+def _jpeg(image: ImageArray) -> bytes:
+    sampling = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420]
+    done, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, *sampling])
+    if not done:
+        raise TouchlineError("an image could not be encoded as JPEG")
+    return code.tobytes()
+
+
+def _extra_names(simulation: Simulation) -> list[str]:
+    names = ["bearing_rad"] if simulation.layout.strip_heading_rad is not None else []
+    return [*names, "arrival_s"] if simulation.scenario.camera.delay_s > 0.0 else names
+
+
+def _extra_values(simulation: Simulation, index: int) -> list[str]:
+    values = []
+    if simulation.layout.strip_heading_rad is not None:
+        bearing = wrap_angle(simulation.layout.strip_heading_rad - simulation.truth[index].heading)
+        values.append(f"{bearing:.6f}")
+    if simulation.scenario.camera.delay_s > 0.0:
+        values.append(f"{simulation.arrival_stamps[index] / 1e9:.4f}")
+    return values
+
+
+def _write_samples(path: Path, header: str, samples: Samples, last_ns: int) -> None:
+    count = int(np.searchsorted(samples.stamp_ns, last_ns, side="right"))
+    rows = zip(samples.stamp_ns[:count].tolist(), samples.values[:count].tolist(), strict=True)
+    _write_lines(path, [header, *(",".join([f"{t / 1e9:.3f}", *(f"{value:.6f}" for value in row)]) for t, row in rows)])
+
+
+def _write_truth(path: Path, simulation: Simulation) -> None:
+    lines = []
+    for time_s, (x, y, heading) in zip(simulation.image_times_s, simulation.truth.poses, strict=True):
+        qz, qw = math.sin(0.5 * heading), math.cos(0.5 * heading)
+        lines.append(f"{time_s:.4f} {x:.6f} {y:.6f} 0.000000 0.000000 0.000000 {qz:.9f} {qw:.9f}")
+    _write_lines(path, lines)
+
+
+def _write_calibration(simulation: Simulation, folder: Path) -> None:
+    """marks.csv and regions.yaml, where the scenario has something to calibrate with."""
+    layout = simulation.layout
+    rng = np.random.default_rng([simulation.scenario.seed, 8])
+    if layout.points:
+        lines = ["file,name,u,v,x_m,y_m"]
+        names, places = list(layout.points), np.array(list(layout.points.values()))
+        for index in range(len(simulation)):
+            ground = robot_frame(simulation.truth[index], places)
+            pixels = _project(simulation, index, ground) + _MARK_NOISE_PX * rng.standard_normal(ground.shape)
+            for name, (x, y), (u, v) in zip(names, ground, pixels, strict=True):
+                if _inside_image(simulation, u, v):
+                    known = f"{x:.5f},{y:.5f}" if layout.known else ","
+                    lines.append(f"{image_name(index)},{name},{u:.3f},{v:.3f},{known}")
+        _write_lines(folder / "marks.csv", lines)
+    if layout.regions:
+        _write_yaml(folder / "regions.yaml", list(_regions(simulation)))
+
+
+def _regions(simulation: Simulation) -> Iterable[dict[str, Any]]:
+    for name, polygon in simulation.layout.regions:
+        pixels = _project(simulation, 0, robot_frame(simulation.truth[0], polygon))
+        if all(_inside_image(simulation, u, v) for u, v in pixels):
+            yield {"file": image_name(0), "class": name, "polygon": np.round(pixels, 2).tolist()}
+
+
+def _project(simulation: Simulation, index: int, ground: FloatArray) -> FloatArray:
+    attitude = simulation.track.attitude_at(float(simulation.image_times_s[index]))
+    return project_ground(simulation.camera_model, ground, attitude)
+
+
+def _inside_image(simulation: Simulation, u: float, v: float) -> bool:
+    tree = simulation.camera_model.camera_yaml()
+    if not (0.0 <= u <= tree["width"] - 1.0 and 0.0 <= v <= tree["height"] - 1.0):
+        return False
+    if tree["model"] != "omni":
+        return True
+    radius = math.hypot(u - tree["center"][0], v - tree["center"][1])
+    return bool(tree["inner_radius_px"] <= radius <= tree["outer_radius_px"])
+
+
+def _write_yaml(path: Path, tree: Any) -> None:
+    path.write_text(yaml.safe_dump(tree, sort_keys=False, width=118, default_flow_style=None), encoding="utf-8")
+
+
+def _write_lines(path: Path, lines: Iterable[str]) -> None:
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

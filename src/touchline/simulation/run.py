@@ -1,0 +1,282 @@
+"""One run of a scenario, frame by frame: as a source like a recording, or live, with the camera's exposure in hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.camera import OmniCamera
+from touchline.camera.omni import omni_from_mapping
+from touchline.errors import InputError
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose
+from touchline.simulation.calibration_layout import make_layout
+from touchline.simulation.cameras import SimulatedCamera, base_motion, open_simulated_camera
+from touchline.simulation.motions import make_track
+from touchline.simulation.observation import ObservationNoise, ObservedLines, leaning_view
+from touchline.simulation.others import make_others
+from touchline.simulation.scenario import Scenario
+from touchline.simulation.sensors import samples_between, simulate_sensors
+from touchline.simulation.sequence import describe
+from touchline.simulation.stage import make_world
+from touchline.simulation.track import STEP_S
+from touchline.simulation.world import World, WorldState
+from touchline.sources import ProblemLog, Truth
+from touchline.types import Frame, ImageArray, LinePoints, Samples, empty_points
+
+LEVELS = ("images", "points")
+# radius and height of the others' bodies (`world.robot_blocks`): foot, middle, top
+_ROBOT_PARTS = ((0.24, 0.38), (0.143, 0.56), (0.117, 0.80))
+_BALL = (0.11, 0.22)
+_PINHOLE_REACH_M = 6.5
+_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, wild_px=0.8, lean_noise_rad=0.004, height_m=1.1)
+
+
+class Simulation:
+    """A source of frames (`touchline.sources.Source`) that are made while they are asked for.
+
+    Every pass over it gives the same frames again, unless the exposure is set otherwise on the way:
+
+        for frame in simulation:            # 1. see
+            simulation.set(8.0, 2.0)        # 2. the next image is taken with 8 ms and gain 2
+            image = simulation.grab()       # or look again at once, while the robot waits
+
+    level: `images` renders, `points` gives line points as perception would, at a hundredth of the time.
+    """
+
+    def __init__(self, scenario: Scenario, level: str = "images", noise: ObservationNoise | None = None) -> None:
+        """Raises InputError, in one message, for whatever is wrong with the scenario.
+
+        noise: of the observation level; none: as fitted to the detector.
+        """
+        if level not in LEVELS:
+            raise InputError(f"level '{level}' is unknown; known: {', '.join(LEVELS)}")
+        self.scenario, self.level = scenario, level
+        self.field: FieldModel = open_field(scenario.field)
+        streams = scenario.streams()
+        self.track = make_track(scenario, self.field, streams["motion"])
+        self.others = make_others(scenario, self.field, self.track, streams["others"])
+        self.sensors = simulate_sensors(self.track, scenario.sensors, streams["sensors"])
+        self.start = self.track.pose_at(0.0)
+        calibration = scenario.calibration
+        self.layout = make_layout(calibration.kind, calibration.regions, self.start)
+        self.world: World = make_world(scenario, self.field, self.others, self.layout)
+        self.camera_model: SimulatedCamera = open_simulated_camera(scenario.camera)
+        self.image_times_s = _image_times(scenario, self.track.poses)
+        self._stamps: npt.NDArray[np.int64] = np.rint(self.image_times_s * 1e9).astype(np.int64)
+        self._arrivals = self._arrival_stamps(streams["delays"])
+        self._black_rad = np.radians(np.array(scenario.camera.black_sectors_deg, dtype=np.float64).reshape(-1, 2))
+        self._noise = noise
+        self._index = 0
+        self._grabs = 0
+        self.exposure_ms, self.gain = scenario.camera.exposure_ms, scenario.camera.gain
+
+    @property
+    def name(self) -> str:
+        """What the run is called."""
+        return self.scenario.name
+
+    @property
+    def rate_hz(self) -> float:
+        """Nominal image rate."""
+        return self.scenario.camera.rate_hz
+
+    @cached_property
+    def sequence(self) -> Mapping[str, Any]:
+        """What sequence.yaml would say."""
+        return describe(self.scenario, self.track.events, self.layout, self.camera_model)
+
+    @property
+    def events(self) -> tuple[Mapping[str, Any], ...]:
+        """What happens, each with t and kind. For evaluation only."""
+        return tuple(self.sequence["events"])
+
+    @property
+    def camera_kind(self) -> str:
+        """`omni` or `pinhole`."""
+        return self.scenario.camera.kind
+
+    @property
+    def camera_file(self) -> Path | None:
+        """None: a run has no files."""
+        return None
+
+    @cached_property
+    def camera(self) -> OmniCamera:
+        """The camera as it was designed (without the mirror's lean and shift); InputError for a pinhole camera."""
+        if self.camera_kind != "omni":
+            raise InputError(f"{self.name}: no system uses a pinhole camera yet; run it at the level of points")
+        return omni_from_mapping(self.camera_model.camera_yaml(), Path(f"{self.name}, camera"))
+
+    @cached_property
+    def truth(self) -> Truth:
+        """The true poses at the images. For evaluation only."""
+        poses = np.array([self.track.pose_at(t) for t in self.image_times_s]).reshape(-1, 3)
+        return Truth(self._stamps, poses)
+
+    @property
+    def problems(self) -> ProblemLog:
+        """Nothing is ever odd."""
+        return ProblemLog()
+
+    @property
+    def image_stamps(self) -> npt.NDArray[np.int64]:
+        """Stamps of all frames (ns), int64 (N,)."""
+        return self._stamps
+
+    @property
+    def arrival_stamps(self) -> npt.NDArray[np.int64]:
+        """When each image arrives (ns), int64 (N,)."""
+        return self._arrivals
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def __iter__(self) -> Iterator[Frame]:
+        self.set(self.scenario.camera.exposure_ms, self.scenario.camera.gain)
+        for index in range(len(self)):
+            yield self.frame(index)
+
+    def set(self, exposure_ms: float, gain: float) -> None:
+        """Take the following images with this exposure. Raises InputError for numbers that are no exposure."""
+        if not (0.0 < exposure_ms <= 1000.0 and 0.0 < gain <= 1000.0):
+            raise InputError(f"exposure {exposure_ms:g} ms, gain {gain:g}: both have to be above 0 and at most 1000")
+        self.exposure_ms, self.gain = float(exposure_ms), float(gain)
+
+    def grab(self) -> ImageArray:
+        """Another image from where the robot is, with the exposure set now; time and robot stand still meanwhile."""
+        self._grabs += 1
+        return self.image(self._index, self._grabs)
+
+    def frame(self, index: int) -> Frame:
+        """One frame by its index, with all samples that arrived since the frame before."""
+        self._index, self._grabs = index, 0
+        after_ns = int(self._arrivals[index - 1]) if index else -1
+        until_ns = int(self._arrivals[index])
+        imu = samples_between(self.sensors.imu, after_ns, until_ns)
+        images = self.level == "images"
+        return Frame(
+            stamp_ns=int(self._stamps[index]),
+            image=self.image(index) if images else None,
+            points=None if images else self.points(index),
+            odometry=samples_between(self.sensors.odometry, after_ns, until_ns),
+            wheels=samples_between(self.sensors.wheels, after_ns, until_ns),
+            gyro=_columns(imu, 3, 6),
+            compass=_columns(imu, 2, 3),
+            tilt=_columns(imu, 0, 2),
+            exposure_ms=self.exposure_ms if images else None,
+            gain=self.gain if images else None,
+            name=image_name(index),
+        )
+
+    def image(self, index: int, again: int = 0) -> ImageArray:
+        """The image of one frame, uint8 (H, W, 3) BGR, with the exposure set now. again: for another noise."""
+        time_s = float(self.image_times_s[index])
+        rng = np.random.default_rng([self.scenario.seed, 5, index, again])
+        camera = self.scenario.camera
+        pose, motion = self.track.pose_at(time_s), None
+        if camera.motion_blur or camera.rolling_shutter_ms > 0.0:
+            motion = base_motion(self.track.velocity_at(time_s), pose.heading)
+        return self.camera_model.render(
+            self.world,
+            self.state(time_s),
+            pose,
+            self.track.attitude_at(time_s),
+            self.exposure_ms,
+            self.gain,
+            rng,
+            motion,
+        )
+
+    def state(self, time_s: float) -> WorldState:
+        """Where everything that moves is at a time."""
+        robots, balls = self.others.at(time_s)
+        return WorldState(
+            time_s,
+            [(float(x), float(y), float(heading)) for x, y, heading in robots],
+            [(float(x), float(y)) for x, y in balls],
+            self.track.covered_at(time_s),
+            [(float(start), float(end)) for start, end in self._black_rad],
+        )
+
+    def points(self, index: int) -> LinePoints:
+        """The line points of one frame at the observation level, whatever the run's own level is."""
+        time_s = float(self.image_times_s[index])
+        if self.track.covered_at(time_s):
+            return empty_points()
+        rng = np.random.default_rng([self.scenario.seed, 6, index])
+        return self._observed.observe(self.track.pose_at(time_s), rng, self._bodies(time_s), self._black_rad)
+
+    def _bodies(self, time_s: float) -> FloatArray:
+        """(K, 4) x, y, radius, height of what hides lines: robots as cylinders one on another, and balls."""
+        robots, balls = self.others.at(time_s)
+        bodies = self._body_sizes.copy()
+        for part in range(len(_ROBOT_PARTS)):
+            bodies[part * len(robots) : (part + 1) * len(robots), :2] = robots[:, :2]
+        bodies[len(_ROBOT_PARTS) * len(robots) :, :2] = balls
+        return bodies
+
+    @cached_property
+    def _body_sizes(self) -> FloatArray:
+        others = self.scenario.others
+        rows = [(0.0, 0.0, *part) for part in _ROBOT_PARTS for _ in range(others.robots)]
+        return np.array(rows + [(0.0, 0.0, *_BALL)] * others.balls).reshape(-1, 4)
+
+    @cached_property
+    def _observed(self) -> ObservedLines:
+        if self.camera_kind == "omni":
+            return ObservedLines(self.camera, self.field, self._noise)
+        tree = self.camera_model.camera_yaml()
+        view = leaning_view(float(tree["mount"]["z"]), float(tree["fx"]), _PINHOLE_REACH_M)
+        half_rad = math.atan2(0.5 * float(tree["width"]), float(tree["fx"]))
+        return ObservedLines(view, self.field, self._noise or _PINHOLE_NOISE, view_rad=half_rad)
+
+    def _arrival_stamps(self, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+        camera = self.scenario.camera
+        delays_s = camera.delay_s + camera.delay_spread_s * rng.uniform(-1.0, 1.0, len(self._stamps))
+        arrivals = self._stamps + np.rint(np.maximum(delays_s, 0.0) * 1e9).astype(np.int64)
+        arrived: npt.NDArray[np.int64] = np.maximum.accumulate(arrivals)
+        return arrived
+
+
+def image_name(index: int) -> str:
+    """The file of an image in a recording."""
+    return f"images/{index:06d}.jpg"
+
+
+def robot_frame(pose: Pose, points: FloatArray) -> FloatArray:
+    """Field points (N, 2) in the base frame of a robot at `pose` (m)."""
+    return pose.inverse().transform(points)
+
+
+def _image_times(scenario: Scenario, poses: FloatArray) -> FloatArray:
+    """Times of the images (s): even ones; where a calibration goes from pose to pose, the middle of each stand."""
+    period_s = 1.0 / scenario.camera.rate_hz
+    if scenario.calibration.kind in ("strip", "chessboard"):
+        times = _middles_of_stands(poses)
+        times = times[times <= scenario.seconds]
+    else:
+        times = period_s * np.arange(1, math.floor(scenario.seconds / period_s + 1e-6) + 1)
+    if len(times) == 0:
+        raise InputError(f"seconds: {scenario.seconds:g} s are too short for a single image")
+    rounded: FloatArray = np.round(times, 4)  # images.csv holds a tenth of a millisecond
+    return rounded
+
+
+def _middles_of_stands(poses: FloatArray) -> FloatArray:
+    still = np.concatenate(([False], (np.diff(poses, axis=0) == 0.0).all(axis=1), [False]))
+    first = np.flatnonzero(~still[:-1] & still[1:])
+    last = np.flatnonzero(still[:-1] & ~still[1:])
+    long_enough = (last - first) * STEP_S > 0.3
+    middles: FloatArray = 0.5 * STEP_S * (first + last)[long_enough]
+    return middles
+
+
+def _columns(samples: Samples | None, start: int, stop: int) -> Samples | None:
+    return None if samples is None else Samples(samples.stamp_ns, samples.values[:, start:stop])

@@ -1,0 +1,203 @@
+"""A world as arrays: built once; what moves, the lamps' levels and the shadows are brought up to date for each image."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.simulation.carpet import pile_pyramid, wear_map
+from touchline.simulation.ground_shading import SEAM_M
+from touchline.simulation.illumination import (
+    AROUND_PAINT,
+    FLAGS_PER_M,
+    HAS_PAINT,
+    HAS_SEAM,
+    mark_sunlight,
+    place_casters,
+)
+from touchline.simulation.lights import lamps_on_ground
+from touchline.simulation.paint import CELL_M, build_paint, mark_paint
+from touchline.simulation.solids import (
+    Palette,
+    ball_row,
+    block_row,
+    field_blocks,
+    net_rows,
+    placed,
+    robot_rows,
+)
+from touchline.simulation.world import PAINTS, World, WorldState
+
+RADIANCE_PER_LEVEL = 0.275  # white paint (0.84) under level 1: 0.23, as in the recorded images under hall lamps
+_LIGHT_STEP_M = 0.125
+_ROOM_PAINTS = ((0.27, 0.25, 0.205), (0.02, 0.02, 0.025), (0.52, 0.47, 0.39), (0.6, 0.58, 0.52))
+
+
+class SceneArrays(NamedTuple):
+    """All that the loops read, from one camera's place; each is explained where it is made."""
+
+    solids: FloatArray
+    starts: npt.NDArray[np.int32]
+    items: npt.NDArray[np.int16]
+    near: FloatArray
+    first_body: FloatArray
+    palette: FloatArray
+    room: FloatArray
+    room_colours: FloatArray
+    flags: npt.NDArray[np.uint8]
+    shapes: FloatArray
+    cell_starts: npt.NDArray[np.int32]
+    cell_items: npt.NDArray[np.int16]
+    paint_frame: FloatArray
+    paints: FloatArray
+    carpet: FloatArray
+    pyramid: npt.NDArray[np.float32]
+    light: npt.NDArray[np.float32]
+    light_frame: FloatArray
+    casters: FloatArray
+    caster_cells: npt.NDArray[np.int16]
+    sun: FloatArray
+    windows: FloatArray
+
+
+class Scene:
+    """The arrays that the rendering loops read. Field frame, metres.
+
+    room (6,), room_colours (4, 3), paint (PaintGrid), paints (1 + marks, 3), carpet (5,), pyramid: see the loops.
+    After `update`: solids (K, 14), casters (M, 4), caster_cells, light (ny, nx, 2), sun (5,).
+    """
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        rng = np.random.default_rng([world.seed, 23])
+        length, width = world.carpet
+        self.room = np.array(
+            [0.5 * length, 0.5 * width, 0.5 * world.hall[0], 0.5 * world.hall[1], world.hall[2], world.board_height]
+        )
+        self.room_colours = np.array(_ROOM_PAINTS)
+        self.paint = build_paint(world.field, world.marks, world.hall)
+        self.paints = np.array([PAINTS["white"], *(mark.colour for mark in world.marks)])
+        self.carpet = np.array([*PAINTS["carpet"], world.seam_spacing, world.carpet_contrast])
+        self.pyramid = pile_pyramid(rng)
+        self._build_solids()
+        self._build_light(rng)
+        self._build_flags()
+
+    def update(self, state: WorldState) -> None:
+        """Bring everything that moves or shines to a state. Raises InputError for a body outside the hall."""
+        world = self.world
+        robots = np.array(state.robots or [(r.x, r.y, r.heading) for r in world.robots], dtype=np.float64).reshape(
+            -1, 3
+        )
+        balls = np.array(state.balls or [(b.x, b.y) for b in world.balls], dtype=np.float64).reshape(-1, 2)
+        if len(robots) != len(world.robots) or len(balls) != len(world.balls):
+            raise InputError(
+                f"state at {state.time_s:g} s: {len(robots)} robots and {len(balls)} balls, but the world has "
+                f"{len(world.robots)} and {len(world.balls)}"
+            )
+        for name, places in (("robot", robots), ("ball", balls)):
+            for number, place in enumerate(places):
+                world.check_inside(f"{name} {number} at {state.time_s:g} s", float(place[0]), float(place[1]))
+        moving = placed(self._robot_rows, robots[self._robot_owners])
+        rolling = self._ball_rows.copy()
+        if len(rolling):
+            rolling[:, 1:3] = balls
+        self.solids = np.concatenate((self._standing, moving, rolling))
+        self.casters = self._casters(robots, balls)
+        self._shine(state.time_s)
+        np.copyto(self.flags, self._lit_flags if self.sun[0] > 0.0 else self._still_flags)
+        self.caster_cells = place_casters(self.casters, self.sun, self.paint.frame, self.flags)
+
+    def arrays(
+        self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray, first_body: FloatArray
+    ) -> SceneArrays:
+        """Everything for the loops, with the solids sorted into sectors around a camera."""
+        return SceneArrays(
+            self.solids, starts, items, near, first_body, self.palette, self.room, self.room_colours, self.flags,
+            *self.paint, self.paints, self.carpet, self.pyramid, self.light, self.light_frame, self.casters,
+            self.caster_cells, self.sun, self.windows,
+        )  # fmt: skip
+
+    def _build_solids(self) -> None:
+        world, palette = self.world, Palette()
+        rows = [block_row(block, palette) for block in (*field_blocks(world.field), *world.clutter)]
+        rows += net_rows(world.field, palette)
+        self._standing = np.array(rows, dtype=np.float64).reshape(-1, 14)
+        self._robot_rows, self._robot_owners = robot_rows(world.robots, palette)
+        self._ball_rows = np.array([ball_row(ball, palette) for ball in world.balls], dtype=np.float64).reshape(-1, 14)
+        palette.add([PAINTS["white"]])  # never empty
+        self.palette = palette.array()
+        self._caster_sizes = np.array(
+            [(r.radius, r.height) for r in world.robots] + [(b.radius, 2.0 * b.radius) for b in world.balls],
+            dtype=np.float64,
+        ).reshape(-1, 2)
+        self._caster_sizes = np.hstack((np.zeros((len(self._caster_sizes), 2)), self._caster_sizes))
+
+    def _casters(self, robots: FloatArray, balls: FloatArray) -> FloatArray:
+        table = self._caster_sizes.copy()
+        table[:, :2] = np.concatenate((robots[:, :2], balls))
+        return table
+
+    def _build_light(self, rng: np.random.Generator) -> None:
+        world = self.world
+        columns, rows = (int(np.ceil(size / _LIGHT_STEP_M)) + 3 for size in world.hall[:2])
+        self.light_frame = np.array(
+            [-0.5 * (columns - 1) * _LIGHT_STEP_M, -0.5 * (rows - 1) * _LIGHT_STEP_M, 1.0 / _LIGHT_STEP_M]
+        )
+        x = self.light_frame[0] + np.arange(columns) * _LIGHT_STEP_M
+        y = self.light_frame[1] + np.arange(rows) * _LIGHT_STEP_M
+        self._lamp_shares = lamps_on_ground(world.lights.lamps, *np.meshgrid(x, y))
+        self.light = np.empty((rows, columns, 2), dtype=np.float32)
+        self._carpet_brightness = 1.0 + 0.055 * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
+        if world.seam_spacing > 0.0:  # every other strip lies against the nap
+            odd = np.floor(x / world.seam_spacing + 0.37 + 0.5).astype(int) % 2
+            self._carpet_brightness *= 1.0 + 0.018 * world.carpet_contrast * (2.0 * odd - 1.0)
+        self._levels: npt.NDArray[np.float64] | None = None
+        walls = {"east": (0.0, self.room[2]), "west": (0.0, -self.room[2])}
+        walls |= {"north": (1.0, self.room[3]), "south": (1.0, -self.room[3])}
+        self.windows = np.array(
+            [
+                (*walls[w.wall], w.start_m, w.end_m, w.bottom_m, w.top_m, *w.bars, w.bar_width_m)
+                for w in world.lights.windows
+            ],
+            dtype=np.float64,
+        ).reshape(-1, 9)
+
+    def _shine(self, time_s: float) -> None:
+        lights = self.world.lights
+        lamps, sun, ambient = lights.levels(time_s)
+        levels = np.array([*lamps, ambient])
+        if self._levels is None or not np.array_equal(levels, self._levels):
+            total = np.tensordot(lamps, self._lamp_shares, axes=1) + ambient
+            self.light[:, :, 0] = total * RADIANCE_PER_LEVEL
+            self.light[:, :, 1] = self.light[:, :, 0] * self._carpet_brightness
+            self._levels = levels
+        self.sun = np.array(
+            [
+                sun * RADIANCE_PER_LEVEL,
+                np.cos(lights.sun_azimuth_rad),
+                np.sin(lights.sun_azimuth_rad),
+                np.tan(lights.sun_elevation_rad),
+            ]
+        )
+        if sun > 0.0 and self._lit_flags is self._still_flags:
+            self._lit_flags = self._still_flags.copy()
+            mark_sunlight(self.sun, self.windows, self.paint.frame, self._lit_flags)
+
+    def _build_flags(self) -> None:
+        """What the flag cells of the ground hold that never moves."""
+        x0, _, columns, rows = self.paint.frame
+        shape = (round(rows * CELL_M * FLAGS_PER_M), round(columns * CELL_M * FLAGS_PER_M))
+        self._still_flags = np.zeros(shape, dtype=np.uint8)
+        mark_paint(self.paint, FLAGS_PER_M, self._still_flags, HAS_PAINT, AROUND_PAINT)
+        spacing = self.world.seam_spacing
+        if spacing > 0.0 and self.world.carpet_contrast > 0.0:
+            strip = (x0 + (np.arange(shape[1]) + 0.5) / FLAGS_PER_M) / spacing + 0.37
+            near = np.abs(strip - np.round(strip)) * spacing < 0.5 / FLAGS_PER_M + 0.5 * SEAM_M + 0.05
+            self._still_flags[:, near] |= HAS_SEAM
+        self._lit_flags = self._still_flags
+        self.flags = self._still_flags.copy()

@@ -1,0 +1,70 @@
+"""The world of a scenario: hall, light, clutter, the others' bodies, and what is laid out for a calibration."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from touchline.field import FieldModel
+from touchline.simulation.calibration_layout import Layout
+from touchline.simulation.lights import LightChange, Lights, Window, hall_lamps
+from touchline.simulation.others import Others
+from touchline.simulation.scenario import LightSettings, Scenario
+from touchline.simulation.world import PAINTS, BallActor, RobotActor, World, default_world
+
+_MARKERS = ("magenta", "cyan")
+
+
+def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: Layout) -> World:
+    """Everything that can be seen. Raises InputError for lights and sizes that make no hall."""
+    # the seed of carpet and clutter: from the scenario's, but no number that any other part draws from
+    seed = int(np.random.SeedSequence([scenario.seed, 7]).generate_state(1)[0]) >> 1
+    world = default_world(field, seed, clutter=scenario.clutter)
+    robots, balls = others.at(0.0)
+    humanoid = scenario.camera.kind == "pinhole"
+    actors = [
+        RobotActor(
+            float(x), float(y), float(heading), shape="humanoid" if humanoid else "msl",
+            marker_colour=PAINTS[_MARKERS[index % 2]],
+        )
+        for index, (x, y, heading) in enumerate(robots)
+    ]  # fmt: skip
+    return dataclasses.replace(
+        world,
+        lights=_lights(scenario.light, world.hall),
+        robots=tuple(actors),
+        balls=tuple(BallActor(float(x), float(y)) for x, y in balls),
+        marks=layout.marks,
+    )
+
+
+def events_of_light(settings: LightSettings) -> list[dict[str, object]]:
+    """Changes of the light as sequence.yaml lists them."""
+    events = []
+    for change in settings.changes:
+        levels = change.model_dump(exclude={"time_s", "fade_s"}, exclude_none=True)
+        events.append({"t": change.time_s, "kind": "light_change", **{f"{k}_level": v for k, v in levels.items()}})
+    return events
+
+
+def _lights(settings: LightSettings, hall: tuple[float, float, float]) -> Lights:
+    changes = tuple(
+        LightChange(change.time_s, change.lamps, change.sun, change.ambient, None, change.fade_s)
+        for change in settings.changes
+    )
+    return Lights(
+        hall_lamps(*hall), settings.ambient, settings.lamps, settings.sun,
+        math.radians(settings.sun_azimuth_deg), math.radians(settings.sun_elevation_deg),
+        _windows(settings.windows, hall[0]), changes,
+    )  # fmt: skip
+
+
+def _windows(count: int, length_m: float) -> tuple[Window, ...]:
+    """Windows of the northern wall, each taking half of its share of the wall."""
+    if count == 0:
+        return ()
+    share = length_m / count
+    starts = -0.5 * length_m + share * (np.arange(count) + 0.25)
+    return tuple(Window("north", float(start), float(start + 0.5 * share), 0.8, 4.5) for start in starts)

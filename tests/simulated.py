@@ -1,0 +1,40 @@
+"""What the tests of simulated scenarios share."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+
+NAMES = (
+    "calibration-strip", "chessboard", "humanoid-walk", "kidnap", "lighting-1", "lighting-2", "lighting-3",
+    "marked-points", "match", "occlusion-12", "occlusion-25", "occlusion-50", "straight-tracks", "tour-20",
+    "walk-in-place",
+)  # fmt: skip
+SECONDS = {"calibration-strip": 3.5, "chessboard": 4.0, "kidnap": 2.6, "marked-points": 2.0}
+
+
+def shortened(name: str, seconds: float | None = None, seed: int | None = None) -> Simulation:
+    """A scenario at reduced length."""
+    return Simulation(open_scenario(name, seed, seconds or SECONDS.get(name, 1.0)))
+
+
+def content(folder: Path) -> dict[str, str]:
+    """Each file of a folder with a fingerprint of its bytes."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def scenario_file(folder: Path, text: str) -> Path:
+    """A scenario of one's own."""
+    path = folder / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """A CSV file as one mapping for each row."""
+    header, *rows = path.read_text(encoding="utf-8").splitlines()
+    return [dict(zip(header.split(","), row.split(","), strict=True)) for row in rows]

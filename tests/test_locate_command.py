@@ -1,0 +1,152 @@
+"""`touchline locate`: what it prints, what it refuses, what it draws."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from line_scenes import view
+from model_scans import FIELDS
+
+from touchline.cli import main
+from touchline.field import open_field
+from touchline.geometry import Pose
+
+TRUTH = Pose(3.2, -1.4, 0.5)
+
+
+@pytest.fixture(autouse=True)
+def _workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def points(tmp_path: Path) -> Path:
+    path = tmp_path / "points.csv"
+    seen = view(open_field("msl-18x12"), TRUTH, np.random.default_rng(0))
+    np.savetxt(path, seen, delimiter=",", header="x_m,y_m", comments="")
+    return path
+
+
+def test_the_table_shows_the_pose_its_residual_and_the_twin(points: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["locate", str(points)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "100 different points" in lines[0]
+    assert "from the nearest line on average" in lines[0]
+    rows = {line.split("  ")[0]: line.split() for line in lines[2:]}
+    places = [tuple(map(float, rows[name][-5:-2])) for name in ("pose", "rival 1")]
+    for expected in (TRUTH, TRUTH.mirrored()):
+        assert any(np.allclose(place, expected, atol=0.05) for place in places)
+    assert float(rows["pose"][-1]) < 10.0  # cm
+
+
+def test_a_heading_leaves_one_pose(points: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["locate", str(points), "--heading", "0.6", "--field", "msl-18x12"]) == 0
+    out = capsys.readouterr().out
+    assert "rival" not in out
+    assert "no other pose explains the points as well" in out
+
+
+def test_json_holds_everything(points: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["locate", str(points), "--json", "--heading", "-2.5"]) == 0
+    tree = json.loads(capsys.readouterr().out)
+    twin = TRUTH.mirrored()
+    assert [tree["pose"][key] for key in ("x_m", "y_m", "heading_rad")] == pytest.approx(twin, abs=0.05)
+    assert np.array(tree["covariance"]).shape == (3, 3)
+    assert tree["points"] == 100
+    assert tree["rivals"] == []
+    assert 0 < tree["median_distance_m"] <= tree["mean_distance_m"] < 0.1
+    assert tree["deviations_better_than_chance"] > 3
+
+
+def test_the_points_are_drawn_on_the_field(points: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["locate", str(points), "--heading", "0.5", "--output", "drawn.png"]) == 0
+    assert "drawn into drawn.png" in capsys.readouterr().out
+    picture = cv2.imread("drawn.png")
+    blue = np.all(np.abs(picture.astype(int) - (255, 120, 0)) < 30, axis=2)
+    red = np.all(np.abs(picture.astype(int) - (0, 0, 220)) < 30, axis=2)
+    assert blue.sum() > 1000
+    rows, columns = np.nonzero(red)
+    assert columns.mean() > picture.shape[1] / 2  # x > 0 is on the right
+    assert rows.mean() > picture.shape[0] / 2  # y < 0 is below
+    assert main(["locate", str(points), "--output", "drawn.png"]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_scatter_is_refused_with_status_1_and_the_reason(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scan = shared_data / "real" / "msl_scans" / "mops_2017-03-31.points.csv"
+    assert main(["locate", str(scan), "--field", str(FIELDS / "mops_2017-03-31.yaml"), "--json"]) == 1
+    captured = capsys.readouterr()
+    assert "fit no pose better than scatter would" in captured.err
+    assert "mops_2017-03-31.points.csv" in captured.err
+    tree = json.loads(captured.out)
+    assert tree["pose"] is None
+    assert "fit no pose" in tree["refused"]
+    assert tree["best_refused"]["mean_distance_m"] > 0.3
+    assert tree["deviations_better_than_chance"] < 3
+
+
+def test_too_few_points_are_refused_with_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "few.csv").write_text("x,y\n1,2\n2,1\n")
+    assert main(["locate", "few.csv"]) == 1
+    assert "2 different points are too few" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["missing.csv"], "missing.csv: cannot be read"),
+        (["broken.csv"], "broken.csv, line 2: the x 'a' is not a number"),
+        (["photo.png"], "photo.png: an image needs its camera model; give it with --camera FILE"),
+        (["photo.png", "--camera", "none.yaml"], "none.yaml"),
+        (["broken.csv", "--field", "msl-18x13"], "msl-18x12"),
+        (["broken.csv", "--output", "drawn.gif"], "pictures are written as .png or .jpg"),
+        (["broken.csv", "--heading", "north"], "'--heading'"),
+    ],
+)
+def test_bad_input_ends_with_status_2_and_one_message(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], complaint: str
+) -> None:
+    (tmp_path / "broken.csv").write_text("x_m,y_m\na,1\n")
+    (tmp_path / "photo.png").write_bytes(b"none")
+    assert main(["locate", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert complaint in captured.err
+    assert "Traceback" not in captured.err
+    assert captured.out == ""
+
+
+def test_a_photograph_is_located_and_its_overlay_saved(
+    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The documented distances: 2.35 m to the halfway line and 2.56 m to the nearer touch line, good to 15 cm."""
+    photograph = shared_data / "real" / "omni" / "nubot_a.png"
+    camera = shared_data / "real" / "omni" / "nubot_a.camera.yaml"
+    assert main(["locate", str(photograph), "--camera", str(camera), "--json"]) == 0
+    tree = json.loads(capsys.readouterr().out)
+    assert abs(tree["pose"]["x_m"]) == pytest.approx(2.35, abs=0.15)
+    assert 5.9375 - abs(tree["pose"]["y_m"]) == pytest.approx(2.56, abs=0.15)
+    assert tree["picture"] == str(Path("runs") / "nubot_a-locate-1" / "overlay.png")
+    overlay = cv2.imread(str(tmp_path / tree["picture"]))
+    assert overlay.shape[1] > 900
+
+
+def test_an_image_without_lines_is_refused_and_its_overlay_saved_nevertheless(
+    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    noise = np.random.default_rng(0).normal(0, 2, (480, 480, 3))
+    cv2.imwrite("green.png", np.clip(np.array([75, 140, 80]) + noise, 0, 255).astype(np.uint8))
+    camera = shared_data / "omni_msl_track" / "camera.yaml"
+    assert main(["locate", "green.png", "--camera", str(camera), "--output", "seen.png"]) == 1
+    assert "too few to tell a pose" in capsys.readouterr().err
+    assert (tmp_path / "seen.png").is_file()
+
+
+def test_an_image_without_carpet_is_refused_by_name(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite("grey.png", np.full((480, 480, 3), 120, dtype=np.uint8))
+    camera = shared_data / "omni_msl_track" / "camera.yaml"
+    assert main(["locate", "grey.png", "--camera", str(camera)]) in (1, 2)
+    assert "grey.png: no green carpet found" in capsys.readouterr().err

@@ -1,0 +1,124 @@
+"""Every scenario runs, is written as a recording and localised; same seed, same bytes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated import NAMES, content, shortened
+
+from touchline.simulation.recording import write_recording
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario, scenario_names
+from touchline.sources import open_source
+from touchline.systems import open_system
+from touchline.types import Prior, Status
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Every scenario at reduced length, written once."""
+    parent = tmp_path_factory.mktemp("simulated")
+    for name in NAMES:
+        write_recording(shortened(name), parent / name)
+    return {name: parent / name for name in NAMES}
+
+
+class TestEveryScenario:
+    def test_these_come_with_the_package(self) -> None:
+        assert tuple(scenario_names()) == NAMES
+
+    @pytest.mark.parametrize("name", NAMES)
+    def test_its_recording_is_read_without_a_problem(self, recordings: dict[str, Path], name: str) -> None:
+        recording = open_source(recordings[name])
+        frames = list(recording)
+        assert len(frames) == len(recording) > 0
+        assert [str(problem) for problem in recording.problems] == []
+        assert all(frame.image is not None and frame.odometry is not None for frame in frames)
+        assert recording.truth is not None
+        assert recording.sequence["simulation"]["seed"] == 1
+
+    @pytest.mark.parametrize(
+        "name", [name for name in NAMES if name not in ("chessboard", "humanoid-walk", "walk-in-place")]
+    )
+    def test_nubot_mti_finds_the_robot_in_its_recording(self, recordings: dict[str, Path], name: str) -> None:
+        recording = open_source(recordings[name])
+        system = open_system("nubot-mti", recording.field, recording.camera)
+        assert recording.truth is not None
+        errors = []
+        for index, frame in enumerate(recording):
+            estimate = system.step(frame)
+            if estimate.status is Status.TRACKING:
+                errors.append(estimate.pose.distance_to(recording.truth[index]))
+        assert len(errors) >= 1
+        assert errors[-1] < 0.05
+
+    @pytest.mark.parametrize("name", ["humanoid-walk", "walk-in-place", "chessboard"])
+    def test_nubot_mti_follows_the_humanoid_at_the_level_of_points(self, name: str) -> None:
+        simulation = Simulation(open_scenario(name, seconds=20.0), "points")
+        system = open_system("nubot-mti", simulation.field, None)
+        system.reset(Prior(pose=simulation.start))
+        errors = [
+            system.step(frame).pose.distance_to(simulation.truth[index]) for index, frame in enumerate(simulation)
+        ]
+        assert np.median(errors) < 0.06
+
+
+class TestDeterminism:
+    def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_run(self, tmp_path: Path) -> None:
+        for folder, seed in (("one", 5), ("same", 5), ("other", 6)):
+            write_recording(shortened("match", 0.3, seed), tmp_path / folder)
+        one, same, other = (content(tmp_path / folder) for folder in ("one", "same", "other"))
+        assert one == same
+        assert one.keys() == other.keys()
+        differing = {name for name in one if one[name] != other[name]}
+        assert {"images/000000.jpg", "imu.csv", "odometry.csv", "wheels.csv", "ground_truth.tum"} <= differing
+        assert {"field.yaml", "camera.yaml", "images.csv"} & differing == set()
+
+    def test_a_second_pass_gives_the_same_frames(self) -> None:
+        simulation = shortened("kidnap", 0.3)
+        first, second = list(simulation), list(simulation)
+        for one, other in zip(first, second, strict=True):
+            assert one.image is not None
+            assert other.image is not None
+            np.testing.assert_array_equal(one.image, other.image)
+
+    def test_a_frame_is_the_same_whatever_was_asked_for_before(self) -> None:
+        simulation = shortened("match", 1.0)
+        list(simulation)
+        np.testing.assert_array_equal(simulation.image(1), shortened("match", 1.0).image(1))
+
+    def test_the_live_samples_are_those_of_the_recording(self, recordings: dict[str, Path]) -> None:
+        for live, read in zip(shortened("match"), open_source(recordings["match"]), strict=True):
+            for sensor in ("odometry", "wheels", "gyro", "compass", "tilt"):
+                one, other = getattr(live, sensor), getattr(read, sensor)
+                np.testing.assert_array_equal(one.stamp_ns, other.stamp_ns)
+                np.testing.assert_array_equal(one.values, other.values)
+
+
+class TestOcclusionAndLight:
+    def test_covered_images_are_black(self, recordings: dict[str, Path]) -> None:
+        means = [frame.image.mean() for frame in open_source(recordings["kidnap"]) if frame.image is not None]
+        assert max(means[17:20]) < 10.0
+        assert min(means[:17] + means[20:]) > 20.0
+
+    @pytest.mark.parametrize(
+        ("name", "share"), [("occlusion-12", 0.125), ("occlusion-25", 0.25), ("occlusion-50", 0.5)]
+    )
+    def test_black_sectors_hide_their_share_of_every_image(self, name: str, share: float) -> None:
+        simulation = shortened(name, 0.5)
+        camera = simulation.camera
+        v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+        ring = np.abs(np.hypot(u - camera.center[0], v - camera.center[1]) - 0.7 * camera.outer_radius_px) < 0.25 * 200
+        for index in (0, 4):
+            dark = simulation.image(index).max(axis=2)[ring] < 40
+            assert np.mean(dark) == pytest.approx(share, abs=0.045)
+
+    def test_the_three_lightings_differ_as_their_levels_do(self, recordings: dict[str, Path]) -> None:
+        green = {
+            name: float(np.median(open_source(recordings[name]).image(0)[..., 1]))  # type: ignore[index]
+            for name in ("lighting-1", "lighting-2", "lighting-3")
+        }
+        assert green["lighting-2"] < 0.8 * green["lighting-1"]
+        assert green["lighting-3"] > 1.05 * green["lighting-1"]

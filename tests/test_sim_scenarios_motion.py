@@ -1,0 +1,121 @@
+"""How the robots of the scenarios move, and what they see live."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated import scenario_file, shortened
+
+from touchline.errors import InputError
+from touchline.geometry import Pose, wrap_angle
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+
+
+class TestMotions:
+    def test_tracks_run_straight_along_the_field(self) -> None:
+        track = Simulation(open_scenario("straight-tracks", seconds=11.0), "points").track
+        x, y = track.poses[:, 0], track.poses[:, 1]
+        np.testing.assert_allclose(y, 5.0, atol=1e-9)
+        assert x[0] == pytest.approx(-8.0)
+        assert x[-1] > 6.0
+        assert np.abs(np.diff(x)).max() <= 1.5 * 0.01 + 1e-12
+
+    def test_the_tour_stands_two_seconds_at_each_of_twenty_points(self) -> None:
+        track = Simulation(open_scenario("tour-20"), "points").track
+        still = (np.diff(track.poses, axis=0) == 0.0).all(axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(int)))
+        stands = (edges[1::2] - edges[::2]) * 0.01
+        assert len(stands[stands > 1.0]) >= 20
+        assert np.median(stands[stands > 1.0]) == pytest.approx(2.0, abs=0.05)
+
+    def test_a_kidnap_lies_half_an_image_before_the_first_new_image(self) -> None:
+        simulation = Simulation(open_scenario("kidnap", seconds=4.5), "points")
+        assert [(event["t"], event["kind"]) for event in simulation.events] == [
+            (1.8, "occluded"), (2.05, "kidnap"), (3.8, "occluded"), (4.05, "kidnap"),
+        ]  # fmt: skip
+        covered = [simulation.track.covered_at(t) for t in simulation.image_times_s]
+        assert [index for index, black in enumerate(covered) if black] == [17, 18, 19, 37, 38, 39]
+        moves = [simulation.truth[k].distance_to(simulation.truth[k + 1]) for k in range(len(simulation) - 1)]
+        assert moves[19] > 0.5
+        assert max(moves[:19]) < 0.15
+        assert all(len(simulation.points(index)) == 0 for index in (17, 18, 19))
+
+    def test_shoves_in_a_match_are_short_and_as_long_as_the_settings_say(self) -> None:
+        simulation = Simulation(open_scenario("match", seconds=300.0), "points")
+        shoved = simulation.track.shoved
+        assert len(simulation.events) > 20
+        for event in simulation.events:
+            row = round(float(event["t"]) * 100)
+            assert 0.1 <= np.hypot(*shoved[row : row + 15, :2].sum(axis=0)) <= 0.3
+        assert np.count_nonzero(shoved.any(axis=1)) == 15 * len(simulation.events)
+
+    def test_opponents_move_stay_clear_and_often_come_near(self) -> None:
+        simulation = Simulation(open_scenario("match", seconds=60.0), "points")
+        own = simulation.track.poses[::5, :2]
+        gaps = np.hypot(*(simulation.others.robots[:, :, :2] - own[:, np.newaxis]).transpose(2, 0, 1))
+        assert gaps.shape[1] == 8
+        assert gaps.min() > 0.5
+        assert np.mean(gaps.min(axis=1) < 1.5) > 0.3
+        assert np.median(np.abs(np.diff(simulation.others.robots[:, 1, 0]))) > 0.001
+
+    def test_a_walker_sways_with_its_stride_and_looks_where_it_goes(self) -> None:
+        track = Simulation(open_scenario("humanoid-walk", seconds=30.0), "points").track
+        roll = np.degrees(track.attitude[200:2000, 0])
+        assert 1.0 < roll.std() < 3.0
+        power = np.abs(np.fft.rfft(roll - roll.mean()))
+        assert np.fft.rfftfreq(len(roll), 0.01)[np.argmax(power)] == pytest.approx(1.5, abs=0.25)
+        steps = np.diff(track.poses, axis=0)
+        walking = np.hypot(steps[:, 0], steps[:, 1]) > 0.002
+        course = np.arctan2(steps[walking, 1], steps[walking, 0])
+        assert max(abs(wrap_angle(a - b)) for a, b in zip(course, track.poses[1:][walking, 2], strict=True)) < 0.05
+
+
+class TestLive:
+    def test_the_exposure_set_now_is_that_of_the_next_image(self) -> None:
+        simulation = shortened("straight-tracks", 0.5)
+        means = []
+        for frame in simulation:
+            assert frame.image is not None
+            means.append(float(frame.image.mean()))
+            simulation.set(0.5 * (frame.exposure_ms or 0.0), 1.7)
+        assert all(after < 0.85 * before for before, after in itertools.pairwise(means))
+        assert simulation.frame(0).exposure_ms == pytest.approx(12.0 / 2**5)
+
+    def test_grab_looks_again_from_the_same_place(self) -> None:
+        simulation = shortened("straight-tracks", 0.5)
+        frames = iter(simulation)
+        first = next(frames).image
+        again = simulation.grab()
+        assert first is not None
+        assert not np.array_equal(first, again)
+        assert np.abs(first.astype(float) - again).mean() < 4.0
+        simulation.set(24.0, 1.7)
+        assert simulation.grab().mean() > 1.2 * again.mean()
+        assert next(frames).stamp_ns == 200_000_000
+
+    def test_impossible_exposures_are_refused(self) -> None:
+        with pytest.raises(InputError, match="exposure 0 ms"):
+            shortened("straight-tracks", 0.5).set(0.0, 1.0)
+
+    def test_a_late_image_brings_the_samples_that_came_meanwhile(self, tmp_path: Path) -> None:
+        path = scenario_file(tmp_path, "seconds: 1\ncamera: {delay_s: 0.05, delay_spread_s: 0.01}\n")
+        simulation = Simulation(open_scenario(path), "points")
+        delays = simulation.arrival_stamps - simulation.image_stamps
+        assert np.all((delays >= 40_000_000) & (delays <= 60_000_000))
+        seen = 0
+        for frame, arrival in zip(simulation, simulation.arrival_stamps, strict=True):
+            assert frame.odometry is not None
+            seen += len(frame.odometry)
+            assert frame.stamp_ns < frame.odometry.stamp_ns[-1] <= arrival
+            assert seen == arrival // 20_000_000 + 1
+
+
+def test_the_start_is_the_first_pose() -> None:
+    assert Simulation(open_scenario("calibration-strip"), "points").start == Pose(
+        0.0, 3.2, pytest.approx(math.radians(6))
+    )
