@@ -204,5 +204,6 @@ class MatchingTracker(ABC):
             return self.failure.update(points, float("inf"), None)
         strays = None
         if compass_rad is not None:
-            strays = wrap_angle(match.pose.heading - self.correction.heading(compass_rad))
+            # the fused heading: a match that was turned to the compass but not believed would hide the contradiction
+            strays = wrap_angle(self.filter.pose.heading - self.correction.heading(compass_rad))
         return self.failure.update(points, match.mean_distance_m, strays)
