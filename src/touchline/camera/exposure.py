@@ -228,5 +228,7 @@ class ExposureControl:
         stops = -s.gamma * float(np.log2(ratios[np.argmax(np.abs(np.log(ratios)))]))
         length = s.search.step_stops
         if s.search.step_from_brightness:
-            length = float(np.clip(abs(stops), s.search.step_stops, s.search.longest_first_step_stops))
+            # of an image that is mostly overexposed the mean tells only that there is so much more light at least
+            believed = max(abs(stops), 3.0) if now[2] > 0.5 else abs(stops)
+            length = float(np.clip(believed, s.search.step_stops, s.search.longest_first_step_stops))
         return math.copysign(length, stops)
