@@ -169,8 +169,10 @@ def _orientation(sightings: Sequence[Sighting], recording: Recording) -> tuple[i
     fits = []
     for handedness in (-1, 1):
         yaws = np.array([s.bearing_rad - handedness * s.angle_rad for s in sightings])
-        yaw = circular_mean(yaws)
-        fits.append((float(np.median(np.abs(wrap_angles(yaws - yaw)))), handedness, yaw))
+        off = np.abs(wrap_angles(yaws[:, np.newaxis] - yaws))
+        middle = int(np.argmin(np.median(off, axis=0)))  # the image that agrees with most others
+        yaw = circular_mean(yaws[off[:, middle] <= WRONG_BEARING_RAD])
+        fits.append((float(np.median(off[:, middle])), handedness, yaw))
     fits.sort()
     if fits[0][0] > WRONG_BEARING_RAD:
         raise InputError(

@@ -13,8 +13,8 @@ from touchline.geometry import FloatArray
 
 SUPPORT = 4  # nearest support vectors of an interpolation: one polynomial through 15 amplifies their noise 277-fold
 ROWS = 72  # directions of the written table: linear interpolation between rows 5° apart adds 0.1 % of a tilt's effect
-BEYOND = 2.0  # the table ends at so many times the range of the last edge ...
-WITHIN = 0.5  # ... and starts at so many times that of the first
+BEYOND = 2.0  # beyond the last edge the range is continued to so many times that edge's range ...
+WITHIN = 0.5  # ... and inside the first one to so many times that
 
 
 def lagrange(x: FloatArray, y: FloatArray, at: FloatArray, support: int = SUPPORT) -> FloatArray:
@@ -48,26 +48,35 @@ def periodic_lagrange(angles_rad: FloatArray, y: FloatArray, at_rad: FloatArray,
 
 
 def table_radii(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
-    """The radii (R,) of a table for edges at radii (B, E): whole pixels between what every direction can answer."""
-    first = radii_px[:, 0] - (1.0 - WITHIN) * ranges_m[0] / _first_slope(radii_px, ranges_m)
-    last = radii_px[:, -1] - (1.0 - 1.0 / BEYOND) / ranges_m[-1] / _last_slope(radii_px, ranges_m)
-    return np.arange(max(np.ceil(first.max()), 0.0), np.floor(last.min()) + 1.0)
+    """The radii (R,) of a table for edges at radii (B, E), whole pixels: from the first edge of any direction to the
+    last of any, and further as far as every direction can be continued.
+    """
+    inner, outer = _ends(radii_px, ranges_m)
+    first = min(float(radii_px[:, 0].min()) - 1.0, float(inner.max()))
+    last = max(float(radii_px[:, -1].max()) + 1.0, float(outer.min()))
+    return np.arange(max(np.floor(first), 0.0), np.ceil(last) + 1.0)
 
 
 def ranges_along(radii_px: FloatArray, ranges_m: FloatArray, at_px: FloatArray) -> FloatArray:
     """Ranges (B, R) at radii (R,) in each direction, from its edges at radii (B, E) and ranges (E,).
 
     Between the edges the logarithm of the range is interpolated: relative errors count. Inside the first edge the
-    range goes on along the chord of the first interval, beyond the last one the reciprocal range along that of the
-    last interval: it falls evenly towards the horizon, where it is 0.
+    range goes on along the chord of the first interval down to half of the first range, from there on it shrinks
+    exponentially. Beyond the last edge the reciprocal range goes on along the chord of the last interval, for it falls
+    evenly towards the horizon, where it is 0; from twice the last range on the range grows linearly.
     """
     rows = []
-    inner, outer = _first_slope(radii_px, ranges_m), _last_slope(radii_px, ranges_m)
+    inner, outer = _ends(radii_px, ranges_m)
+    near, far = _first_slopes(radii_px, ranges_m), _last_slopes(radii_px, ranges_m)
+    start, end = WITHIN * ranges_m[0], BEYOND * ranges_m[-1]
     for d, edges in enumerate(radii_px):
         row = np.exp(lagrange(edges, np.log(ranges_m), np.clip(at_px, edges[0], edges[-1])))
-        row = np.where(at_px < edges[0], ranges_m[0] + inner[d] * (at_px - edges[0]), row)
-        past = at_px > edges[-1]
-        row[past] = 1.0 / (1.0 / ranges_m[-1] + outer[d] * (at_px[past] - edges[-1]))
+        inside, past = at_px < edges[0], at_px > edges[-1]
+        row[inside] = ranges_m[0] + near[d] * (at_px[inside] - edges[0])
+        row[past] = 1.0 / np.maximum(1.0 / ranges_m[-1] + far[d] * (at_px[past] - edges[-1]), 1.0 / end)
+        innermost, outermost = at_px < inner[d], at_px > outer[d]
+        row[innermost] = start * np.exp((at_px[innermost] - inner[d]) * near[d] / start)
+        row[outermost] = end - far[d] * end**2 * (at_px[outermost] - outer[d])
         rows.append(row)
     return np.array(rows)
 
@@ -103,11 +112,20 @@ def range_image(camera: OmniCamera) -> FloatArray:
     return distance
 
 
-def _first_slope(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
+def _first_slopes(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
+    """Range by radius (m/px) between the first two edges, (B,)."""
     slopes: FloatArray = (ranges_m[1] - ranges_m[0]) / (radii_px[:, 1] - radii_px[:, 0])
     return slopes
 
 
-def _last_slope(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
+def _last_slopes(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
+    """Reciprocal range by radius (1/(m px)) between the last two edges, (B,)."""
     slopes: FloatArray = (1.0 / ranges_m[-1] - 1.0 / ranges_m[-2]) / (radii_px[:, -1] - radii_px[:, -2])
     return slopes
+
+
+def _ends(radii_px: FloatArray, ranges_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Radii (B,) at which half of the first range and twice the last one are reached."""
+    inner = radii_px[:, 0] - (1.0 - WITHIN) * ranges_m[0] / _first_slopes(radii_px, ranges_m)
+    outer = radii_px[:, -1] - (1.0 - 1.0 / BEYOND) / ranges_m[-1] / _last_slopes(radii_px, ranges_m)
+    return inner, outer
