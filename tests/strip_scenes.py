@@ -22,7 +22,7 @@ YAW_RAD, HANDEDNESS = 0.4, 1
 
 
 def tilted_camera(size: int = 400) -> OmniCamera:
-    """A straight (not mirrored) camera whose mirror is displaced: 2 % farther out on one side, further in on the other."""
+    """A straight (not mirrored) camera whose mirror sits aside: 2 % off outwards on one side, inwards on the other."""
     radii = np.arange(0.0, 168.0)
     rows = np.arange(0.0, 2.0 * math.pi, math.radians(3.0))
     stretched = radii / 0.84 * (1.0 + 0.02 * np.cos(rows - 0.7))[:, np.newaxis]

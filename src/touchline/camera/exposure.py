@@ -141,6 +141,11 @@ class ExposureControl:
         self._search = EntropySearch(self._stops, s.path.stops_range, first_step_stops, s.search)
         self.tried = []
 
+    def start_at_rest(self) -> None:
+        """Take the settings of now for good, without a search; the next image's brightness is the one to compare with."""
+        self._set(self._stops)
+        self._search, self._reference, self._since_check = None, None, 0
+
     def step(self) -> ImageArray:
         """Take the next image: of the search while it goes on, else with the settings that it found."""
         if self._search is None:
@@ -185,8 +190,8 @@ class ExposureControl:
 
     def _finish(self) -> None:
         assert self._search is not None
-        self._set(self._search.best)
-        self._search, self._reference, self._since_check = None, None, 0
+        self._stops = self._search.best
+        self.start_at_rest()
 
     def _set(self, place: float) -> None:
         self._stops = place
