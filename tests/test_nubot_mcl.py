@@ -130,6 +130,17 @@ def test_figure_3_particles_then_matching_then_five_bad_frames_then_particles_ag
     assert error_m(after[-1], there) < 0.02
 
 
+def test_a_robot_carried_to_the_twin_of_its_pose_is_found_by_the_compass() -> None:
+    """The lines look exactly the same there; nothing but the compass can tell."""
+    here = Pose(-5.0, -3.0, -2.0)
+    made = system()
+    stand(made, here, range(10), -2.0)
+    assert (
+        stand(made, here.mirrored(), range(10, 25), here.mirrored().heading)[-1].pose.distance_to(here.mirrored())
+        < 0.03
+    )
+
+
 def test_a_told_pose_is_tracked_from_the_first_frame() -> None:
     pose = Pose(-5.0, -3.0, -2.0)
     estimate = stand(system(prior=Prior(pose=Pose(-4.9, -3.1, -1.95))), pose, range(1), None)[0]

@@ -87,6 +87,7 @@ class MatchingTracker(ABC):
         self.status = Status.TRACKING if prior.pose is not None else Status.SEARCHING
         self.tilt.reset()
         self.rivals: tuple[Hypothesis, ...] = ()
+        self.failures = 0  # how often the pose was believed wrong
         self.stamp_ns: int | None = None
         self.motion: Motion | None = None
         if self.detector is not None:
@@ -106,6 +107,7 @@ class MatchingTracker(ABC):
             match = self._track(points, weights, compass_rad) if usable else None
             if self._failed(match, len(points), compass_rad):
                 self.status = Status.LOST
+                self.failures += 1
         if self.status is not Status.TRACKING and usable:
             match = self._localize(points, weights, compass_rad, match)
         done = time.perf_counter()
@@ -135,6 +137,14 @@ class MatchingTracker(ABC):
         self.region = None
         self.failure.reset()
         self.correction.interrupt()
+
+    def _may_face(self, heading_rad: float, compass_rad: float | None) -> bool:
+        """Whether a heading doesn't contradict the compass outright, as at the wrong end of a symmetric field."""
+        if compass_rad is None:
+            return True
+        return (
+            abs(wrap_angle(heading_rad - self.correction.heading(compass_rad))) < self.shared.failure.lone_heading_rad
+        )
 
     def _twin(self, match: Match | None) -> Hypothesis:
         """The pose at the other end of a symmetric field, which the lines alone can't exclude."""

@@ -119,6 +119,7 @@ class NubotMcl(MatchingTracker):
         """Spread the particles; around: a pose that was told, else over the field."""
         corrected = None if compass_rad is None else self.correction.heading(compass_rad)
         known = around or self.status is Status.LOST or self.starts > 0
+        known = known and self._may_face(self.filter.pose.heading, compass_rad)
         near = (self.filter.pose, self.filter.covariance) if known else None
         widening = self.settings.widening**self.starts
         self.particles.restart(corrected, self.region, near, widening=widening, everything_near=around)

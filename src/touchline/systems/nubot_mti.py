@@ -58,6 +58,8 @@ class NubotMti(MatchingTracker):
             return tracked
         accepted = fix.accepted
         match = self._upright(points, weights, fix.match.pose.as_array(), fix.match.error)
+        if tracked is not None and not self._may_face(tracked.pose.heading, compass_rad):
+            tracked = None
         if tracked is not None and tracked.error <= match.error:
             match, accepted = tracked, tracked.error < self.accepted_error
         self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
