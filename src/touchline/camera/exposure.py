@@ -142,7 +142,7 @@ class ExposureControl:
         self.tried = []
 
     def start_at_rest(self) -> None:
-        """Take the settings of now for good, without a search; the next image's brightness is the one to compare with."""
+        """Keep the settings of now, without a search. With the next image's brightness later ones are compared."""
         self._set(self._stops)
         self._search, self._reference, self._since_check = None, None, 0
 

@@ -50,6 +50,51 @@ def mirror(
     _print_lines(_mirror_words(calibration, source.name), output, picture)
 
 
+@calibrate_app.command("colour")
+def colour(
+    source: Annotated[
+        Path, typer.Argument(metavar="RECORDING|IMAGE", help="A recording, or one image.", show_default=False)
+    ],
+    output: Annotated[Path, _OUTPUT],
+    regions: Annotated[
+        Path | None, typer.Option(help="Marked regions [default: RECORDING/regions.yaml, if any].", show_default=False)
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="camera.yaml of an image without marks.", show_default=False)
+    ] = None,
+    picture: Annotated[Path | None, _PICTURE] = None,
+) -> None:
+    """Write a colour table (.npz), learned from marked regions, or without any marks from the field itself."""
+    if not source.exists():
+        raise InputError(f"{source}: there is no such recording or image")
+    picture = _free_files(output, picture)
+    from touchline.calibration.colour import calibrate_marked, calibrate_recording, calibrate_unmarked, read_picture
+    from touchline.camera import open_camera
+    from touchline.perception.colour_file import save_colours
+    from touchline.sources import open_source
+    from touchline.view.colour_table import colour_picture
+
+    if source.is_dir():
+        if camera is not None:
+            raise InputError("--camera is for single images: a recording brings its own")
+        calibration = calibrate_recording(open_source(source), regions)
+    elif regions is not None:
+        calibration = calibrate_marked(source.parent, regions)
+    elif camera is not None:
+        calibration = calibrate_unmarked([read_picture(source)], open_camera(camera), source.name)
+    else:
+        raise InputError(
+            f"{source}: an image needs its camera model (--camera FILE), or marked regions (--regions FILE)"
+        )
+    save_colours(calibration.colours, output)
+    _write_picture(picture, colour_picture(calibration.colours, calibration.image))
+    green, white = (
+        tuple(round(float(c)) for c in color[::-1]) for color in (calibration.colours.green, calibration.colours.white)
+    )
+    words = f"Colours learned from {calibration.learned_from}: green {green}, white {white} (R, G, B)."
+    _print_lines(words, output, picture)
+
+
 def _mirror_words(calibration: MirrorCalibration, name: str) -> str:
     import math
 

@@ -7,6 +7,8 @@ from pydantic import Field
 from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.errors import TouchlineError
+from touchline.perception.colour import ColourModel
+from touchline.perception.colour_file import load_colours
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, LinePoints, empty_points
 
@@ -31,6 +33,11 @@ class LearningSettings(Settings):
         description="images in a row with faded green before the colours are learned again: a robot that hides the "
         "view for a moment changes nothing",
     )
+    colour_file: str | None = Field(
+        None,
+        description="a colour table written by touchline calibrate colour, kept for the whole run; none: colours are "
+        "learned from the first images, and again when the green fades",
+    )
     least_contrast: float = Field(
         1.5,
         ge=0,
@@ -51,6 +58,8 @@ class SelfLearningDetector:
     ) -> None:
         self.detector = LinePointDetector(camera, settings, line_width_m)
         self.settings = learning or LearningSettings()
+        file = self.settings.colour_file
+        self._kept: ColourModel | None = None if file is None else load_colours(file)
         self._images: list[ImageArray] = []
         self._usual_green = 0.0
         self._faded = 0
@@ -70,7 +79,8 @@ class SelfLearningDetector:
         if len(self._images) < self.settings.frames and not self._learn(frame.image):
             return empty_points()
         points = self.detector.detect(frame.image)
-        self._watch_green(frame.image)
+        if self._kept is None:
+            self._watch_green(frame.image)
         return points
 
     def _learn(self, image: ImageArray) -> bool:
@@ -80,7 +90,10 @@ class SelfLearningDetector:
         if len(self._images) not in (1, self.settings.frames):
             return self.detector.colours is not None
         try:
-            self.detector.learn(self._images)
+            if self._kept is not None:
+                self.detector.use_colours(self._kept, self._images)
+            else:
+                self.detector.learn(self._images)
         except TouchlineError:
             self._images.pop()
         return self.detector.colours is not None
