@@ -70,7 +70,7 @@ class FakeSystem:
 
 
 class FakeSource:
-    """Frames with a plain green image; `missing` have none, `black` are black."""
+    """Frames with a green image that a white line crosses; `missing` have none, `black` are black."""
 
     def __init__(self, count: int, missing: tuple[int, ...] = (), black: tuple[int, ...] = ()) -> None:
         self.count, self.missing, self.black = count, missing, black
@@ -81,6 +81,7 @@ class FakeSource:
     def __iter__(self) -> Iterator[Frame]:
         for index in range(self.count):
             image = np.full((96, 96, 3), (40, 140, 40), dtype=np.uint8)
+            image[28:36] = 240
             if index in self.black:
                 image[:] = 5
             if index in self.missing:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +20,7 @@ from touchline.config import Settings
 from touchline.errors import NoFitError
 from touchline.evaluation import write_tum
 from touchline.systems import SYSTEMS, SystemInfo
-from touchline.types import Estimate, Frame
+from touchline.types import Estimate, Frame, Hypothesis
 
 HEAVY = ("numpy", "numba", "cv2", "matplotlib", "pydantic", "yaml")
 
@@ -218,9 +222,87 @@ def test_ctrl_c_finishes_the_folder_with_what_was_done(
     handler = signal.getsignal(signal.SIGINT)
     assert main(["run", str(recording), "--system", "fake"]) == 130
     assert signal.getsignal(signal.SIGINT) is handler
-    assert "interrupted: 5 images were done" in told(capsys)[0]
+    assert told(capsys)[1].splitlines()[-1] == "error: interrupted: 5 images done"
     assert len(Path("runs/tiny-1/trajectory.tum").read_text().splitlines()) == 5
     assert "was interrupted" in Path("runs/tiny-1/report.html").read_text()
+
+
+def test_ctrl_c_before_the_first_frame_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("touchline.sources.open_source", interrupted)
+    assert main(["check", "anything"]) == 130
+    assert told(capsys)[1] == "error: interrupted\n"
+
+
+def system_that(monkeypatch: pytest.MonkeyPatch, kind: type[FakeSystem], **options: Any) -> None:
+    info = SystemInfo("fake", "", FakeSettings, lambda field, camera, settings, rng: kind(rng, **options))
+    monkeypatch.setitem(SYSTEMS, "fake", info)
+
+
+def test_a_run_that_locates_nothing_fails_and_says_what_to_do(
+    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    system_that(monkeypatch, FakeSystem, searching=tuple(range(12)))
+    assert main(["run", str(recording), "--system", "fake"]) == 1
+    out, err = told(capsys)
+    assert "no errors to show: no frame is left to compare: the robot was never located" in out
+    said = f"error: none of 12 images was localised: `touchline check {recording}` may tell why"
+    assert err.splitlines()[-1] == said
+    summary = json.loads(Path("runs/tiny-1/summary.json").read_text())
+    assert summary["why_no_errors"].endswith("the robot was never located")
+
+
+def test_a_run_that_loses_the_robot_at_times_is_done(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    system_that(monkeypatch, FakeSystem, searching=tuple(range(11)))
+    assert main(["run", str(recording), "--system", "fake"]) == 0
+
+
+def test_an_unknown_side_of_the_field_is_told(
+    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Blind(FakeSystem):
+        def step(self, frame: Frame) -> Estimate:
+            estimate = super().step(frame)
+            return replace(estimate, rivals=(Hypothesis(estimate.pose.mirrored(), 0.02),))
+
+    system_that(monkeypatch, Blind)
+    assert main(["run", str(recording), "--system", "fake"]) == 0
+    (line,) = [line for line in told(capsys)[0].splitlines() if "no compass" in line]
+    assert line.startswith("no compass: in 11 of 12 images the pose at the other end fits as well (at last x 1.4")
+    assert "use --own-half or --start" in line
+    assert json.loads(Path("runs/tiny-1/summary.json").read_text())["either_side"]["count"] == 11
+
+
+@pytest.mark.parametrize("command", ["demo", "run", "view", "evaluate"])
+def test_help_names_the_default_place_of_results(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command, "--help"]) == 0
+    words = " ".join(re.sub(r"[│╭╮╰╯─]", " ", told(capsys)[0]).split())
+    assert re.search(r"\(default: (runs/|the recording's)", words), words
+
+
+def test_the_reader_of_a_pipe_may_leave() -> None:
+    code = (
+        "import os, sys\nfrom touchline.cli import main\n"
+        "status = main(['systems', 'nubot-mti'])\nos.write(2, f'status {status}'.encode())\nsys.exit(status)"
+    )
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, "status 0")
+
+
+def test_a_full_disk_is_told_in_one_line() -> None:
+    with Path("/dev/full").open("w") as file:
+        done = subprocess.run(
+            [sys.executable, "-m", "touchline.cli", "systems"], stdout=file, stderr=subprocess.PIPE, text=True
+        )
+    assert done.returncode == 1
+    assert done.stderr == "error: the output: No space left on device\n"
 
 
 def test_evaluate_prints_the_table_of_a_run(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -269,6 +351,9 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
         (["run", "tiny", "--system", "fake", "--config", "none.yaml"], "none.yaml: cannot be read"),
         (["run", "tiny", "--start", "1,2"], "expected X,Y,HEADING"),
         (["run", "tiny", "--start", "1,2,nan"], "finite"),
+        (["run", "tiny", "--start=1,2,90"], "is it in radians?"),
+        (["run", "tiny", "--start=-12.5,2,0"], "far off the field msl-18x12 of 18 × 12 m"),
+        (["run", "tiny", "--start=1,9.5,0"], "far off the field"),
         (["run", "tiny", "--start", "1,2,3", "--own-half"], "exclude each other"),
         (["run", "tiny", "--seed", "-1"], "--seed"),
         (["run", "tiny", "--seed", "one"], "--seed"),

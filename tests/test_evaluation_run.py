@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from touchline.evaluation import Run, evaluate, read_tum, write_tum
 from touchline.evaluation.estimates import csv_row, read_estimates
 from touchline.evaluation.latency import LatencyHistogram, milliseconds
 from touchline.evaluation.run_folder import RunFolder, new_folder, read_summary, write_summary
-from touchline.evaluation.runner import RunTally, is_black, run_frames
-from touchline.types import Estimate, Frame, Status
+from touchline.evaluation.runner import RunTally, run_frames
+from touchline.geometry import Pose
+from touchline.types import Estimate, Frame, Hypothesis, Status
 
 HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
 
@@ -104,11 +106,41 @@ def test_black_stretches_are_found(tmp_path: Path) -> None:
     assert tally.black_ns == [(2 * STEP_NS, 4 * STEP_NS), (7 * STEP_NS, 7 * STEP_NS)]
 
 
-def test_black_means_that_next_to_nothing_is_bright() -> None:
-    image = np.full((96, 96, 3), 20, dtype=np.uint8)
-    assert is_black(image)
-    image[::8, 0] = 200  # one column in twelve of the sample
-    assert not is_black(image)
+def test_a_dim_hall_is_not_black(tmp_path: Path) -> None:
+    class Dim(FakeSource):
+        def __iter__(self) -> Iterator[Frame]:
+            for frame in super().__iter__():
+                assert frame.image is not None
+                yield replace(frame, image=(frame.image * 0.1).astype(np.uint8))
+
+    assert run_into(tmp_path / "run", Dim(10, black=(2,))).black_ns == [(2 * STEP_NS, 2 * STEP_NS)]
+
+
+def test_frames_that_fit_the_other_end_of_the_field_as_well_are_counted(tmp_path: Path) -> None:
+    class Lost(FakeSystem):
+        """Has no compass, until frame 6 tells it the side; a rival elsewhere is there throughout."""
+
+        def step(self, frame: Frame) -> Estimate:
+            estimate = super().step(frame)
+            x, y, heading = estimate.pose
+            rivals = [Hypothesis(Pose(-x + 0.3, -y, heading + math.pi), 0.02), Hypothesis(Pose(-x, -y, heading), 0.02)]
+            return replace(estimate, rivals=tuple(rivals[0 if len(self.seen) <= 6 else 1 :]))
+
+    tally = run_into(tmp_path / "run", FakeSource(10), Lost(np.random.default_rng(0), noise_m=0.0))
+    assert tally.either_side == 5  # the first of the six is not located
+    x, y, heading = true_pose(5).mirrored()
+    assert tally.summary()["either_side"] == {"count": 5, "other_pose": pytest.approx([x, y, heading])}
+    assert run_into(tmp_path / "sure", FakeSource(10)).summary()["either_side"] == {"count": 0, "other_pose": None}
+
+
+def test_the_time_per_image_is_told_without_the_first_ten_too(tmp_path: Path) -> None:
+    class Starting(FakeSystem):
+        def step(self, frame: Frame) -> Estimate:
+            return replace(super().step(frame), perception_ms=100.0 if len(self.seen) <= 10 else 1.0)
+
+    latency = run_into(tmp_path / "run", FakeSource(30), Starting(np.random.default_rng(0))).summary()["latency_ms"]
+    assert latency["total"]["p99"] == pytest.approx(100.5, rel=0.01)
+    assert latency["total_after_10"]["max"] == pytest.approx(1.5)
 
 
 def test_a_failure_keeps_what_was_done(tmp_path: Path) -> None:
@@ -199,6 +231,18 @@ def test_evaluation_of_a_folder_knows_status_and_black_images(tmp_path: Path) ->
     assert evaluate(tmp_path / "run", tmp_path / "truth.tum", skip=4).skipped == 4
 
 
+def test_a_run_says_why_it_has_no_errors(tmp_path: Path) -> None:
+    run_into(tmp_path / "run", FakeSource(5), FakeSystem(np.random.default_rng(0), searching=tuple(range(5))))
+    run = Run(tmp_path / "run")
+    run.truth = true_samples(5)
+    assert run.errors is None
+    assert run.why_no_errors.endswith("the robot was never located")
+    run = Run(tmp_path / "run")
+    run.truth = None
+    assert run.errors is None
+    assert run.why_no_errors == "the recording holds no truth to compare with"
+
+
 def test_evaluation_of_a_trajectory_counts_every_frame(tmp_path: Path) -> None:
     run_into(tmp_path / "run", FakeSource(20, black=(5, 6)))
     write_tum(tmp_path / "truth.tum", true_samples(20))
@@ -211,6 +255,8 @@ def test_evaluation_without_truth_says_what_to_do(tmp_path: Path) -> None:
         evaluate(tmp_path / "run" / "trajectory.tum")
     with pytest.raises(InputError, match="no such recording"):
         evaluate(tmp_path / "run")  # the recording is gone
+    with pytest.raises(InputError, match="no such recording"):
+        _ = Run(tmp_path / "run").errors
     with pytest.raises(InputError, match="no such run"):
         evaluate(tmp_path / "nowhere")
     write_summary(tmp_path / "run", {"frames": 5})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +14,11 @@ import touchline
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization import LocateSettings, Location, locate, locate_points
+from touchline.localization import LocateSettings, Location, PoorFitError, ScatterError, locate, locate_points
 from touchline.localization.chance import ChanceSettings, rearranged
 from touchline.localization.points_file import read_points
 from touchline.localization.whole_field import thinned, thinned_to
+from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")
 TRUTH = Pose(3.2, -1.4, 0.5)
@@ -30,9 +32,13 @@ def apart(one: Pose, other: Pose) -> tuple[float, float]:
     return one.distance_to(other), abs(wrap_angle(one.heading - other.heading))
 
 
-def is_at(location: Location, pose: Pose) -> bool:
-    distance_m, turn_rad = apart(location.pose, pose)
+def is_near(pose: Pose, other: Pose) -> bool:
+    distance_m, turn_rad = apart(pose, other)
     return distance_m < 0.1 and turn_rad < 0.03
+
+
+def is_at(location: Location, pose: Pose) -> bool:
+    return is_near(location.pose, pose)
 
 
 @pytest.fixture(scope="module")
@@ -124,9 +130,59 @@ def test_lines_of_another_field_are_refused_with_what_to_check() -> None:
         locate_points(points, FIELD)
 
 
+@pytest.mark.parametrize("off_deg", [60, -60, 90, 120])
+def test_a_wrong_heading_is_refused_with_what_to_check(off_deg: float) -> None:
+    """However crisp the lines: at that heading half of the points lie out of the error function's reach."""
+    wrong = wrap_angle(TRUTH.heading + math.radians(off_deg))
+    with pytest.raises(PoorFitError, match=rf"Check the heading \({wrong:.3f} rad.*the field, the unit \(metres\)"):
+        locate_points(seen_from(TRUTH, count=600), FIELD, heading=wrong)
+
+
+def test_a_fit_whose_lines_miss_half_of_the_points_is_refused_with_the_numbers() -> None:
+    """Far better than chance, but farther from the lines than is allowed."""
+    strict = LocateSettings(most_median_m=0.005)
+    with pytest.raises(PoorFitError) as refused:
+        locate_points(seen_from(TRUTH), FIELD, settings=strict)
+    assert not isinstance(refused.value, ScatterError)
+    median_m = np.median(FIELD.line_distances(refused.value.best.pose.transform(seen_from(TRUTH))))
+    assert f"half of them more than {median_m:.2f} m from the lines" in str(refused.value)
+    assert "Check the field, the unit" in str(refused.value)
+    assert is_near(refused.value.best.pose, TRUTH) or is_near(refused.value.best.pose, TRUTH.mirrored())
+
+
+@pytest.mark.parametrize("heading", [180.0, -90.0, 6.4])
+def test_a_heading_beyond_a_whole_turn_is_not_in_radians(heading: float) -> None:
+    with pytest.raises(InputError, match=rf"the heading {heading:g} is more than a whole turn: is it in radians\?"):
+        locate_points(seen_from(TRUTH), FIELD, heading=heading)
+
+
+def test_a_whole_turn_more_is_the_same_heading() -> None:
+    assert is_at(locate_points(seen_from(TRUTH), FIELD, heading=TRUTH.heading - 2 * math.pi), TRUTH)
+
+
+def test_rivals_are_as_near_to_the_lines_as_the_pose() -> None:
+    """On a field with another penalty area the error saturates: only the distance tells the poor poses apart."""
+    points = view(open_field("msl-22x14"), Pose(6.0, 2.0, 0.5), np.random.default_rng(0), count=400)
+    loose = LocateSettings(rival_factor=3.0, rival_margin_m=10.0, most_median_m=5.0)
+    tied = loose.model_copy(update={"rival_margin_m": 0.0})
+    many, few = (locate_points(points, FIELD, settings=s) for s in (loose, tied))
+    assert few.pose == many.pose
+    assert max(rival.residual_m for rival in many.rivals) > 3 * many.mean_distance_m
+    assert few.rivals == tuple(r for r in many.rivals if r.residual_m <= 3 * many.mean_distance_m)
+
+
+def test_the_twin_is_always_a_rival_on_a_symmetric_field() -> None:
+    strict = LocateSettings(rival_factor=1.0, rival_margin=0.0, rival_margin_m=0.0)
+    for seed in range(3):
+        location = locate_points(seen_from(TRUTH, seed), FIELD, settings=strict)
+        assert any(is_near(rival.pose, location.pose.mirrored()) for rival in location.rivals)
+
+
 def test_too_few_points_are_refused() -> None:
     with pytest.raises(NoFitError, match="7 different points are too few"):
         locate_points(np.vstack((seen_from(TRUTH, count=7), seen_from(TRUTH, count=7))), FIELD)
+    with pytest.raises(NoFitError, match="1 different point is too few"):
+        locate_points(np.ones((9, 2)), FIELD)
 
 
 def test_a_heading_that_no_pose_has_is_refused() -> None:
@@ -177,6 +233,34 @@ def test_three_lines_of_python(tmp_path: Path) -> None:
     assert is_at(locate(tmp_path / "points.csv", "msl-18x12", heading=0.5), TRUTH)
     assert is_at(locate(seen_from(TRUTH), FIELD, heading=0.5), TRUTH)
     assert is_at(touchline.locate(seen_from(TRUTH), FIELD, heading=0.5), TRUTH)
+
+
+def test_points_and_field_may_come_in_any_usual_form(tmp_path: Path) -> None:
+    points = seen_from(TRUTH)
+    FIELD.to_yaml(tmp_path / "field.yaml")
+    expected = touchline.locate(points, "msl-18x12", heading=0.5)
+    assert touchline.locate([tuple(point) for point in points.tolist()], FIELD, heading=0.5).pose == expected.pose
+    assert touchline.locate(points, str(tmp_path / "field.yaml"), heading=0.5).pose == expected.pose
+    assert touchline.locate(points, FIELD, heading=0.5, seed=1).chance != expected.chance
+    with pytest.raises(NoFitError, match="at least 101 are needed"):
+        touchline.locate(points, FIELD, settings=LocateSettings(least_points=101))
+
+
+def test_line_points_are_weighed_by_their_precision() -> None:
+    """Half of the points are of another place and said to be imprecise; one that is no number is left out."""
+    one, other = Pose(3.2, -1.4, 0.5), Pose(-5.0, 2.0, 0.5)
+    positions = np.vstack((seen_from(one, clutter=0.0), seen_from(other, seed=1, clutter=0.0), [[np.nan, 0.0]]))
+    sigmas = np.repeat([0.01, 0.5], [100, 101])
+    for sigma_m, expected in ((sigmas, one), (sigmas[::-1], other)):
+        covariances = sigma_m[:, np.newaxis, np.newaxis] ** 2 * np.eye(2)
+        points = LinePoints(positions, covariances, np.ones(201), np.full((201, 2), np.nan))
+        assert is_at(touchline.locate(points, FIELD, heading=0.5), expected)
+
+
+@pytest.mark.parametrize("points", [[(1.0, 2.0), (1.0,)], [("a", "b")], None])
+def test_what_is_no_list_of_pairs_is_refused(points: Any) -> None:
+    with pytest.raises(InputError, match="line points need two columns, x and y in metres"):
+        touchline.locate(points, FIELD)
 
 
 def test_points_are_read_from_any_usual_header(tmp_path: Path) -> None:

@@ -148,5 +148,5 @@ def test_an_image_without_lines_is_refused_and_its_overlay_saved_nevertheless(
 def test_an_image_without_carpet_is_refused_by_name(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cv2.imwrite("grey.png", np.full((480, 480, 3), 120, dtype=np.uint8))
     camera = shared_data / "omni_msl_track" / "camera.yaml"
-    assert main(["locate", "grey.png", "--camera", str(camera)]) in (1, 2)
+    assert main(["locate", "grey.png", "--camera", str(camera)]) == 1
     assert "grey.png: no green carpet found" in capsys.readouterr().err

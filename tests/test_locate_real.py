@@ -13,7 +13,7 @@ from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.field.writing import field_to_text
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization import Location, ScatterError, locate_points
+from touchline.localization import Location, PoorFitError, ScatterError, locate_points
 
 # file, field with the lines as documented, field with the paint's true centre lines, documented pose, mean distance (m)
 MEASUREMENTS = [
@@ -94,6 +94,26 @@ def test_with_a_heading_only_that_pose_is_left(shared_data: Path, name: str) -> 
     location = locate_points(points, field_named(field), heading=wrap_angle(pose.heading + 0.1))
     assert location.pose.distance_to(pose) < 0.03
     assert location.rivals == ()
+
+
+@pytest.mark.parametrize("off_deg", [60, 90, 120, -60, -90, -120])
+def test_with_a_wrong_heading_nothing_is_found(shared_data: Path, off_deg: float) -> None:
+    points = load_points(shared_data / "real" / "nubot_robot1.csv")
+    heading = wrap_angle(math.radians(183.32 + off_deg))
+    with pytest.raises(PoorFitError, match="Check the heading"):
+        locate_points(points, field_named("msl-18x12"), heading=heading)
+
+
+@pytest.mark.parametrize(
+    ("name", "field"), [("nubot_robot3_recal", "msl-18x12"), ("msl_scans/savvy_2017-11-18.points", "savvy_2017-11-18")]
+)
+def test_a_poor_fit_has_its_twin_and_no_rival_that_is_far_worse(shared_data: Path, name: str, field: str) -> None:
+    """On the wrong field, or with a poor mirror, a third of the points is off; poorer poses yet are no rivals."""
+    location = locate_points(load_points(shared_data / "real" / f"{name}.csv"), field_named(field))
+    cm = [round(100 * rival.residual_m) for rival in location.rivals]
+    print(f"{name}: {100 * location.mean_distance_m:.1f} cm; rivals {cm} cm")
+    assert all(rival.residual_m <= 1.25 * location.mean_distance_m + 0.02 for rival in location.rivals)
+    assert any(rival.pose.distance_to(location.pose.mirrored()) < 0.03 for rival in location.rivals)
 
 
 def test_the_fields_of_the_scans_are_those_recovered_from_the_models(shared_data: Path) -> None:

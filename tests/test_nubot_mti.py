@@ -222,6 +222,119 @@ def test_the_odometry_carries_the_pose_while_nothing_is_seen() -> None:
     assert distance(estimates[14], path[14]) < 0.03
 
 
+@pytest.mark.parametrize("prior", [Prior(Pose(-2.9, 2.1, 0.35)), Prior(own_half=True)])
+def test_a_covered_camera_does_not_turn_the_field_round(prior: Prior) -> None:
+    """Without a compass both ends look alike: where the robot was decides after a moment of blindness."""
+    path = drive(24)
+    estimates = localize(frames(path, compass_error_rad=None, blind=range(8, 14)), prior)
+    assert estimates[13].status is Status.LOST
+    assert all(distance(e, p) < 0.10 for e, p in zip(estimates, path, strict=True))
+    assert estimates[-1].status is Status.TRACKING
+
+
+def test_a_compass_that_goes_astray_while_nothing_is_seen_moves_nothing() -> None:
+    path = drive(24)
+    made = frames(path, blind=range(8, 11))
+    for k in range(9, 16):
+        compass = made[k].compass
+        assert compass is not None
+        made[k] = replace(made[k], compass=Samples(compass.stamp_ns, compass.values + 0.8))
+    assert all(distance(e, p) < 0.10 for e, p in zip(localize(made), path, strict=True))
+
+
+def test_a_poor_calibration_is_believed_after_some_frames() -> None:
+    """Points 10 % too far: no fit is accepted, but the best one holds frame after frame."""
+    path = [Pose(-3.0, 2.0, 0.3)] * 8
+    made = []
+    for frame in frames(path):
+        assert frame.points is not None
+        made.append(replace(frame, points=replace(frame.points, positions_m=1.1 * frame.points.positions_m)))
+    estimates = localize(made)
+    assert [e.status for e in estimates[:3]] == [Status.SEARCHING] * 3
+    assert all(e.status is Status.TRACKING for e in estimates[3:])
+    assert all(distance(e, p) < 0.5 for e, p in zip(estimates, path, strict=True))
+
+
+def test_a_told_pose_that_is_wrong_is_not_called_tracking() -> None:
+    path = drive(6)
+    estimates = localize(frames(path), Prior(Pose(5.0, -4.0, 2.5)))
+    assert all(e.status is Status.TRACKING and distance(e, p) < 0.05 for e, p in zip(estimates, path, strict=True))
+
+
+def test_a_shove_that_the_odometry_does_not_feel_is_followed_at_once() -> None:
+    before = drive(8)
+    shoved = before[-1].compose(Pose(0.25, -0.15, -0.18))
+    path = before + drive(8, shoved)
+    estimates = localize(frames(path, jumps=[8]))
+    assert all(distance(e, p) < 0.05 for e, p in zip(estimates, path, strict=True))
+    assert all(e.status is Status.TRACKING for e in estimates)
+
+
+def test_a_shove_with_half_the_points_astray_is_followed_by_the_compass() -> None:
+    """From the predicted heading, matching settles elsewhere; from the compass heading it doesn't."""
+    before = drive(8)
+    shoved = before[-1].compose(Pose(0.3, 0.2, 0.5))
+    path = before + drive(6, shoved)
+    estimates = localize(frames(path, jumps=[8]))
+    assert all(distance(e, p) < 0.06 for e, p in zip(estimates[9:], path[9:], strict=True))
+
+
+def test_rivals_of_a_global_fix_state_their_mean_distance() -> None:
+    pose = Pose(-5.0, 0.3, 0.0)
+    made = frames([pose] * 3)
+    few = []
+    for frame in made:  # only the penalty area's front: many places explain a short line
+        assert frame.points is not None
+        p = frame.points
+        keep = np.abs(pose.transform(p.positions_m)[:, 0] + 6.8125) < 0.08
+        few.append(
+            replace(
+                frame,
+                points=LinePoints(p.positions_m[keep], p.covariances_m2[keep], p.confidences[keep], p.pixels[keep]),
+            )
+        )
+    estimate = localize(few)[0]
+    assert len(estimate.rivals) >= 1
+    for rival in estimate.rivals:
+        points = estimate.observation.points.positions_m if estimate.observation else np.zeros((0, 2))
+        wanted = float(np.mean(FIELD.line_distances(rival.pose.transform(points))))
+        assert rival.residual_m == pytest.approx(wanted, abs=0.03)
+
+
+def test_points_that_are_no_numbers_are_left_out() -> None:
+    path = drive(6)
+    spoiled = []
+    for frame in frames(path):
+        assert frame.points is not None
+        p = frame.points
+        positions, covariances = p.positions_m.copy(), p.covariances_m2.copy()
+        positions[3], covariances[5] = np.nan, np.inf
+        spoiled.append(replace(frame, points=LinePoints(positions, covariances, p.confidences, p.pixels)))
+    assert all(distance(e, p) < 0.03 for e, p in zip(localize(spoiled), path, strict=True))
+
+
+def test_a_frame_with_nothing_at_all_is_survived() -> None:
+    path = drive(6)
+    made = frames(path)
+    made[3] = Frame(made[3].stamp_ns)
+    estimates = localize(made)
+    assert distance(estimates[3], path[3]) < 0.3
+    assert distance(estimates[5], path[5]) < 0.05
+
+
+def test_a_start_that_is_no_pose_is_refused() -> None:
+    with pytest.raises(InputError, match="three finite numbers"):
+        Prior(Pose(math.nan, 0.0, 0.0))
+    with pytest.raises(InputError, match="not both"):
+        Prior(Pose(0.0, 0.0, 0.0), own_half=True)
+
+
+@pytest.mark.parametrize("setting", ["matching.c_m=.inf", "mirror_tilt.height_m=.nan", "global_search.shift_m=.nan"])
+def test_settings_that_are_no_numbers_are_refused(setting: str) -> None:
+    with pytest.raises(InputError, match=setting.partition("=")[0]):
+        load_settings(NubotMtiSettings, None, [setting])
+
+
 @pytest.mark.parametrize("turn", [0.0, 1.0, 3.0])
 def test_a_robot_put_down_elsewhere_is_found_even_with_its_old_heading(turn: float) -> None:
     before = drive(10)

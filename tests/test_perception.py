@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from touchline.geometry import FloatArray
 from touchline.perception import LinePointDetector, LinePointSettings, SelfLearningDetector
 from touchline.perception.colour import GREEN as GREEN_CLASS
 from touchline.perception.colour import WHITE as WHITE_CLASS
+from touchline.perception.colour import NoCarpetError
+from touchline.perception.covered import is_covered
 from touchline.perception.field_boundary import green_ends, inside_green
 from touchline.perception.profiles import BODY, sample_paths
 from touchline.perception.scan_lines import build_scan_lines
@@ -269,6 +272,70 @@ def test_the_greens_end_bridges_lines_but_not_walls() -> None:
     rows = np.zeros((4, 7))
     rows[:, 2:4] = 100.0 + radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
     np.testing.assert_array_equal(inside_green(rows, 100.0, 100.0, ends, 2.0), [True, False, True, False])
+
+
+def test_circles_cut_by_the_image_go_on_only_inside_it() -> None:
+    low = replace(CAMERA, height=300, center=(239.5, 149.5))
+    lines = build_scan_lines(low, 16, 8, 42.0, 200.0)
+    steps = np.hypot(*np.diff(lines.samples, axis=0).T)
+    within = np.ones(len(steps), dtype=bool)
+    within[lines.starts[1:-1][lines.starts[1:-1] < len(lines.samples)] - 1] = False  # from one path to the next
+    assert np.all(steps[within] < 1.1)
+    assert len(lines.starts) > 2 * 16 + 8 + 1
+    circles = lines.samples[lines.starts[32] :]
+    assert len(np.unique(circles.round(3), axis=0)) >= len(circles) - 60 * int(np.count_nonzero(lines.closed))
+
+
+def test_flat_colours_beside_a_line_are_survived() -> None:
+    """Without noise, plateaus are exactly flat."""
+
+    def banded(points: FloatArray) -> FloatArray:
+        colours = line_field(CROSS)(points)
+        colours[(points[:, 0] > 1.9) & (points[:, 0] < 2.05)] = BLACK
+        colours[(points[:, 1] < -1.3) & (points[:, 1] > -1.5)] = (110, 150, 110)
+        return colours
+
+    points = detected(paint_ground(CAMERA, banded, noise=0.0, samples=1))
+    assert np.all(np.isfinite(points.positions_m))
+
+
+def test_a_range_table_that_begins_late_leaves_no_points_without_covariance(cross_image: ImageArray) -> None:
+    late = replace(CAMERA, radius_px=CAMERA.radius_px[100:], range_m=CAMERA.range_m[:, 100:])
+    points = detected(cross_image, late)
+    assert len(points) >= 30
+    assert np.all(np.isfinite(points.covariances_m2))
+
+
+def test_a_failed_lesson_changes_nothing(cross_image: ImageArray) -> None:
+    detector = LinePointDetector(CAMERA)
+    detector.learn([cross_image])
+    before = detector.detect(cross_image).positions_m, detector.body.copy(), detector.colours
+    with pytest.raises(NoCarpetError):
+        detector.learn([np.full((480, 480, 3), 120, np.uint8)])
+    np.testing.assert_array_equal(detector.detect(cross_image).positions_m, before[0])
+    np.testing.assert_array_equal(detector.body, before[1])
+    assert detector.colours is before[2]
+
+
+def test_reset_forgets_the_colours_and_says_what_is_missing(cross_image: ImageArray) -> None:
+    detector = SelfLearningDetector(CAMERA)
+    assert len(detector.detect(Frame(0, cross_image))) > 0
+    assert detector.problem is None
+    detector.reset()
+    grey = np.full((480, 480, 3), 120, np.uint8)
+    grey[:240] = 180
+    assert len(detector.detect(Frame(1, grey))) == 0
+    assert detector.problem is not None
+    assert "no green carpet" in detector.problem
+    with pytest.raises(InputError, match="the camera file says"):
+        detector.detect(Frame(2, cross_image[:-20]))
+
+
+def test_a_covered_camera_is_told_from_a_dim_one(cross_image: ImageArray) -> None:
+    rng = np.random.default_rng(0)
+    assert is_covered(np.clip(rng.normal(7, 6, (480, 480, 3)), 0, 255).astype(np.uint8))
+    assert not is_covered((cross_image * 0.2).astype(np.uint8))
+    assert is_covered(np.full((5, 5, 3), 9, np.uint8))
 
 
 def test_stages_are_pictures_of_each_step(cross_image: ImageArray) -> None:

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fakes import FakeSource, FakeSystem, true_samples
+from fakes import STEP_NS, FakeSource, FakeSystem, true_samples
 
-from touchline.evaluation.estimates import read_estimates
-from touchline.evaluation.figures import RunData, thinned
+from touchline.evaluation.estimates import EstimateTable, read_estimates
+from touchline.evaluation.figures import RunData, error_figure, field_figure, thinned
 from touchline.evaluation.metrics import ErrorTable, error_table, signed_errors
 from touchline.evaluation.report import Picture, write_report
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import run_frames
 from touchline.field import open_field
-from touchline.types import Status
+from touchline.types import Samples, Status
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
@@ -56,14 +56,19 @@ class Page(HTMLParser):
             self.headings.append(data)
 
 
-def write(folder: Path, frames: int = 30, truth: bool = True, **changes: Any) -> tuple[str, ErrorTable | None]:
+def write(
+    folder: Path, frames: int = 30, truth: bool = True, searching: int = 1, **changes: Any
+) -> tuple[str, ErrorTable | None]:
     folder.mkdir(exist_ok=True)
+    system = FakeSystem(np.random.default_rng(0), searching=tuple(range(searching)))
     with RunFolder(folder) as writer:
-        tally = run_frames(FakeSource(frames, black=(9, 10)), FakeSystem(np.random.default_rng(0)), writer)
+        tally = run_frames(FakeSource(frames, black=(9, 10)), system, writer)
     table = read_estimates(folder / "estimates.csv")
     known = true_samples(frames) if truth and frames else None
     located = table.has_status(Status.TRACKING)
-    errors = None if known is None else error_table(table.trajectory, known, located=located, black_ns=tally.black_ns)
+    errors = None
+    if known is not None and searching < frames:
+        errors = error_table(table.trajectory, known, located=located, black_ns=tally.black_ns)
     summary = {
         "recording": {"name": "walk <1>", "field": "msl-18x12", "description": "Black & white"},
         "system": "fake",
@@ -72,13 +77,13 @@ def write(folder: Path, frames: int = 30, truth: bool = True, **changes: Any) ->
         "seed": 5,
         "versions": {"touchline": "0.1.0"},
         "cpu": "a processor",
+        "why_no_errors": "the recording holds no truth to compare with",
         "problems": {"counts": {"sensor gap": 2}, "messages": ["imu.csv, line 7: a gap", "imu.csv, line 9: <gap>"]},
         **tally.summary(),
         **changes,
     }
-    data = RunData(
-        table, open_field("msl-18x12"), known, None if known is None else signed_errors(table.trajectory, known)
-    )
+    signed = None if known is None else signed_errors(table.trajectory, known)
+    data = RunData(table, open_field("msl-18x12"), known, signed, tally.black_ns)
     pictures = [Picture("Image 3 at 0.30 s", "tracking", np.full((40, 60, 3), 90, dtype=np.uint8))]
     path = write_report(folder, summary, data, errors, pictures if frames else ())
     return path.read_text(encoding="utf-8"), errors
@@ -162,6 +167,54 @@ def test_without_truth_the_page_says_so(tmp_path: Path) -> None:
     assert "holds no truth" in page
 
 
+def test_a_robot_that_was_never_located_has_no_path_and_no_error_curve(tmp_path: Path) -> None:
+    page, _ = write(tmp_path, searching=30, why_no_errors="no frame is left: the robot was never located")
+    assert "<p>No frame is left: the robot was never located.</p>" in page
+    assert "holds no truth" not in page
+    assert "The truth alone" in page
+    assert "Error over time" not in Page(page).headings
+    assert "first located" not in page
+
+
+def run_data(frames: int, searching: int, black_ns: list[tuple[int, int]]) -> RunData:
+    """Estimates that are off by as many metres as their row; the first `searching` are not located."""
+    truth = true_samples(frames)
+    status = np.array([list(Status).index(Status.SEARCHING)] * searching + [0] * (frames - searching), dtype=np.int8)
+    floats, counts = np.ones(frames, dtype=np.float32), np.ones(frames, dtype=np.int32)
+    moved = Samples(truth.stamp_ns, truth.values + np.arange(frames)[:, np.newaxis] * [1.0, 0.0, 0.0])
+    table = EstimateTable(moved, np.ones((frames, 3), np.float32), status, floats, counts, floats, floats)
+    return RunData(table, open_field("msl-18x12"), truth, signed_errors(moved, truth), black_ns)
+
+
+def test_curves_start_where_the_robot_was_first_located() -> None:
+    data = run_data(20, 5, [])
+    errors = data.errors_since_located()
+    assert errors is not None
+    assert errors.rows.tolist() == list(range(5, 20))
+    np.testing.assert_allclose(errors.values[:, 0], np.arange(5.0, 20.0))
+    assert run_data(20, 20, []).errors_since_located() is None
+    assert "var(--tracking)" in field_figure(data)
+    assert "var(--searching)" not in field_figure(data)
+
+
+def test_black_stretches_are_shaded_and_their_errors_left_out() -> None:
+    plain, shaded = (error_figure(run_data(30, 0, black)) for black in ([], [(10 * STEP_NS, 14 * STEP_NS)]))
+    patches = [len(re.findall(r'id="errors[^"]*-patch_', figure)) for figure in (plain, shaded)]
+    assert patches[1] == patches[0] + 3  # one in each of the three panels
+    values = [
+        re.findall(r'd="(M[^"]*)"[^>]*stroke: var\(--series-x\)', figure, re.DOTALL) for figure in (plain, shaded)
+    ]
+    assert [text.count("M") for (text,) in values] == [1, 2]  # the curve is interrupted
+
+
+def test_an_unknown_side_of_the_field_is_told(tmp_path: Path) -> None:
+    page, _ = write(tmp_path, either_side={"count": 7, "other_pose": [1.0, -2.0, np.pi / 2]})
+    assert "no compass: in 7 of 30 images the pose at the other end fits as well" in page
+    assert "x 1.00 m, y -2.00 m, heading 90.0°" in page
+    assert "--own-half" in page
+    assert "no compass" not in write(tmp_path / "sure")[0]
+
+
 @pytest.mark.parametrize(("ended", "said"), [("interrupted", "was interrupted"), ("failed", "The run failed: Why")])
 def test_a_run_that_did_not_end_well_says_so(tmp_path: Path, ended: str, said: str) -> None:
     page, _ = write(tmp_path, ended=ended, failure="Why")
@@ -176,6 +229,7 @@ def test_a_run_of_no_frames_has_a_page(tmp_path: Path) -> None:
 def test_a_run_of_one_frame_has_a_page(tmp_path: Path) -> None:
     page, _ = write(tmp_path, frames=1, truth=False)
     assert "Status over time" in Page(page).headings
+    assert "1 image in 0.0 s" in page
 
 
 def test_long_series_keep_their_peaks() -> None:

@@ -17,18 +17,21 @@ import numpy as np
 from touchline.config import Settings, did_you_mean, load_settings
 from touchline.errors import InputError
 from touchline.evaluation.metrics import signed_errors
-from touchline.evaluation.run import Run, samples_of
+from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import RunFolder, new_folder, write_summary
 from touchline.evaluation.runner import OnFrame, RunTally, run_frames
-from touchline.geometry import Pose
+from touchline.evaluation.tum import pose_text
+from touchline.field import FieldModel
+from touchline.geometry import Pose, wrap_angle
 from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo, open_system
 from touchline.types import Prior, System
-from touchline.view.overlay import overlay_image, pose_text
+from touchline.view.overlay import overlay_image
 
 if TYPE_CHECKING:
     from touchline.evaluation.report import Picture
 
+_START_MARGIN_M = 3.0  # a robot may well start beside the field
 _LIBRARIES = ("touchline", "numpy", "numba", "opencv-python-headless")
 
 
@@ -88,10 +91,12 @@ class PreparedRun:
         summary["problems"] = _problems(self.source)
         write_summary(folder, summary)
         finished = Run(folder)
-        finished.truth = samples_of(self.source.truth)
+        finished.truth = None if self.source.truth is None else self.source.truth.samples()
+        summary["why_no_errors"] = finished.why_no_errors
         if finished.errors is not None:
-            summary["errors"] = finished.summary["errors"] = finished.errors.as_dict()
-            write_summary(folder, summary)
+            summary["errors"] = finished.errors.as_dict()
+        finished.summary = summary
+        write_summary(folder, summary)
         _write_report(finished, self.source, tally)
         return finished, tally.failure
 
@@ -131,7 +136,7 @@ def prepare(
     source = open_source(recording)
     rng = np.random.default_rng(seed)
     built = open_system(system, source.field, source.camera, settings, rng)
-    prior = prior or Prior()
+    prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
     return PreparedRun(source, built, info, settings, prior, seed)
 
@@ -141,6 +146,21 @@ def system_info(name: str) -> SystemInfo:
     if name not in SYSTEMS:
         raise InputError(f"unknown system '{name}': {did_you_mean(name, list(SYSTEMS))}")
     return SYSTEMS[name]
+
+
+def checked_prior(prior: Prior, field: FieldModel) -> Prior:
+    """The prior, its heading wrapped. Raises InputError for a start far off the field, or in degrees."""
+    if prior.pose is None:
+        return prior
+    x, y, heading = prior.pose
+    if abs(heading) > 2.0 * math.pi:
+        raise InputError(f"the start heading {heading:g} is more than a full turn: is it in radians?")
+    if abs(x) > field.length / 2 + _START_MARGIN_M or abs(y) > field.width / 2 + _START_MARGIN_M:
+        raise InputError(
+            f"the start ({x:g}, {y:g}) m lies far off the field {field.name} of {field.length:g} × {field.width:g} m, "
+            "whose centre is (0, 0)"
+        )
+    return Prior(Pose(x, y, wrap_angle(heading)), prior.own_half)
 
 
 def cpu_name() -> str:
@@ -165,7 +185,7 @@ def _write_report(finished: Run, source: Recording, tally: RunTally) -> None:
 
     truth, trajectory = finished.truth, finished.estimates.trajectory
     errors = None if truth is None else signed_errors(trajectory, truth)
-    data = RunData(finished.estimates, source.field, truth, errors)
+    data = RunData(finished.estimates, source.field, truth, errors, finished.black_ns())
     write_report(finished.folder, finished.summary, data, finished.errors, _pictures(source, tally))
 
 

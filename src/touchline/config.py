@@ -16,7 +16,7 @@ from touchline.errors import InputError
 class Settings(BaseModel):
     """Base of every settings tree: frozen, and an unknown key is refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
 
 
 SettingsT = TypeVar("SettingsT", bound=Settings)

@@ -5,6 +5,7 @@ Arrays are not copied: treat them as read-only. Time stamps are integer nanoseco
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -12,6 +13,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose
 
 ImageArray = npt.NDArray[np.uint8]
@@ -59,6 +61,14 @@ class LinePoints:
     def __len__(self) -> int:
         return len(self.positions_m)
 
+    def finite(self) -> LinePoints:
+        """Those with a finite position, covariance and confidence."""
+        kept = np.isfinite(self.positions_m).all(axis=1) & np.isfinite(self.covariances_m2).all(axis=(1, 2))
+        kept &= np.isfinite(self.confidences)
+        if kept.all():
+            return self
+        return LinePoints(self.positions_m[kept], self.covariances_m2[kept], self.confidences[kept], self.pixels[kept])
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Frame:
@@ -85,10 +95,11 @@ class Frame:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Observation:
-    """What was seen in one frame, in the robot frame."""
+    """What was seen in one frame, in the robot frame. problem: why nothing could be seen, if so."""
 
     stamp_ns: int
     points: LinePoints
+    problem: str | None = None
 
 
 class Status(StrEnum):
@@ -128,10 +139,16 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known before the first frame: a pose, the own half (x < 0), or nothing."""
+    """What is known before the first frame: a pose, the own half (x < 0), or nothing. Raises InputError for both."""
 
     pose: Pose | None = None
     own_half: bool = False
+
+    def __post_init__(self) -> None:
+        if self.pose is not None and not all(math.isfinite(value) for value in self.pose):
+            raise InputError(f"the start pose {tuple(self.pose)} must be three finite numbers: x, y (m), heading (rad)")
+        if self.pose is not None and self.own_half:
+            raise InputError("give a start pose or the own half, not both")
 
 
 class System(Protocol):

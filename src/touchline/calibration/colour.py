@@ -15,14 +15,13 @@ from touchline.config import did_you_mean
 from touchline.errors import InputError, TouchlineError
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import ColourModel
+from touchline.perception.covered import is_covered
 from touchline.perception.marked_colours import CLASSES, Region, marked_colour_model
-from touchline.perception.self_learning import LearningSettings, contrast
 from touchline.sources import Recording
 from touchline.sources.decoding import decode_image, usable_image
 from touchline.types import ImageArray
 
 REGIONS = "regions.yaml"
-_LEAST_CONTRAST = float(LearningSettings().least_contrast)
 _IMAGES = 8  # of a recording, spread over it: more teach nothing new
 
 
@@ -42,9 +41,7 @@ def calibrate_recording(recording: Recording, regions_file: Path | None = None) 
     if file is not None:
         return calibrate_marked(recording.folder, file)
     chosen = np.unique(np.linspace(0, len(recording) - 1, _IMAGES).astype(int))
-    images = [
-        image for k in chosen if (image := recording.image(int(k))) is not None and contrast(image) > _LEAST_CONTRAST
-    ]
+    images = [image for k in chosen if (image := recording.image(int(k))) is not None and not is_covered(image)]
     if not images:
         raise InputError(f"{recording.folder}: none of its images shows anything; touchline check tells why")
     width = recording.field.line_width

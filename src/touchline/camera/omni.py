@@ -7,7 +7,7 @@ radii the range follows a monotone cubic, between bearings it is linear and peri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,9 @@ class OmniCamera:
     radius_px: FloatArray
     bearings_rad: FloatArray
     range_m: FloatArray
+    # for the compiled loops: ranges (B, F) at uniform steps; u0, v0, handedness, yaw, first radius, step, last radius
+    lookup_table: FloatArray = field(init=False, repr=False)
+    lookup_constants: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         radii, ranges = self.radius_px, self.range_m
@@ -60,9 +63,6 @@ class OmniCamera:
             ),
         )
 
-    lookup_table: FloatArray = None  # type: ignore[assignment]  # (B, F) ranges at uniform steps, for the compiled loops
-    lookup_constants: FloatArray = None  # type: ignore[assignment]  # (7,) u0, v0, handedness, yaw, first radius, step, last
-
     def ground_from_image(self, pixels: npt.ArrayLike) -> FloatArray:
         """Ground points (N, 2) in the base frame (m) of pixels (N, 2) u, v; NaN outside the table's radii."""
         uv = np.ascontiguousarray(np.asarray(pixels, dtype=np.float64).reshape(-1, 2))
@@ -74,11 +74,18 @@ class OmniCamera:
         return pixels_from_ground(xy, self.lookup_constants, self.bearings_rad, self.lookup_table)
 
     def ground_jacobian(self, pixels: npt.ArrayLike) -> FloatArray:
-        """(N, 2, 2) derivative of the ground point (m) by the pixel, from central differences over one pixel."""
+        """(N, 2, 2) derivative of the ground point (m) by the pixel, from differences over one pixel.
+
+        At the table's edges the difference is one-sided, over half a pixel. NaN outside the table.
+        """
         uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        here = self.ground_from_image(uv)
         columns = []
         for offset in (np.array([0.5, 0.0]), np.array([0.0, 0.5])):
-            columns.append(self.ground_from_image(uv + offset) - self.ground_from_image(uv - offset))
+            after, before = self.ground_from_image(uv + offset), self.ground_from_image(uv - offset)
+            ahead, behind = 2.0 * (after - here), 2.0 * (here - before)
+            central = np.where(np.isnan(ahead), behind, np.where(np.isnan(behind), ahead, 0.5 * (ahead + behind)))
+            columns.append(central)
         return np.stack(columns, axis=-1)
 
     @classmethod
@@ -90,20 +97,11 @@ class OmniCamera:
 
 def omni_from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
     """An OmniCamera from the content of a camera.yaml; `path` is named in errors."""
-    required = (
-        "width",
-        "height",
-        "center",
-        "inner_radius_px",
-        "outer_radius_px",
-        "handedness",
-        "mount_yaw",
-        "range_table",
-    )
-    for key in required:
+    for key in _KEYS:
         if key not in tree:
-            similar = [other for other in tree if other not in _KEYS]
-            raise InputError(f"{path}: '{key}' is missing" + (f" ({did_you_mean(key, similar)})" if similar else ""))
+            unknown = [other for other in tree if other not in (*_KEYS, "model")]
+            hint = f" ({did_you_mean(key, unknown)})" if unknown else ""
+            raise InputError(f"{path}: '{key}' is missing{hint}; an omni camera needs {', '.join(_KEYS)}")
     center = _numbers(tree["center"], path, "center", 1)
     if center.shape != (2,):
         raise InputError(f"{path}: 'center' needs two numbers, u and v")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -34,8 +35,8 @@ app.command("systems")(systems.systems)
 app.add_typer(fields.fields_app, name="fields")
 app.add_typer(calibrate.calibrate_app, name="calibrate")
 
-# Click's errors, wherever this version of Typer keeps Click: BadParameter is a UsageError is a ClickException.
-_CLICK_EXCEPTION: type[Exception] = typer.BadParameter.__mro__[2]
+# Click's errors, wherever this version of Typer keeps Click: beside it, or inside itself.
+_CLICK_EXCEPTION: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 
 
 def _show_version(asked: bool) -> None:
@@ -67,6 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
         status = typer.main.get_command(app).main(given, prog_name="touchline", standalone_mode=False)
+        sys.stdout.flush()
     except TouchlineError as error:
         return _complain(str(error), error.exit_status)
     except _CLICK_EXCEPTION as error:
@@ -74,14 +76,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:  # the reader of a pipe has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return 0
+    except OSError as error:
+        if os.environ.get(DEBUG_VARIABLE):
+            raise
+        _drop_output()
+        return _complain(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise
         said = f"{type(error).__name__}: {error}"
         return _complain(f"unexpected {said} (touchline --debug {' '.join(given)} shows the traceback)", 1)
+    if status == INTERRUPTED:  # Typer's word for a Ctrl-C
+        return _complain("interrupted", INTERRUPTED)
     return status if isinstance(status, int) else 0
+
+
+def _drop_output() -> None:
+    """Send what stdout still holds nowhere, so that Python doesn't try again at its end."""
+    with suppress(OSError, ValueError):  # a stdout that is no file needs nothing
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _usage_message(error: Exception) -> str:

@@ -27,7 +27,7 @@ def check(
     """
     from touchline.cli.console import output
     from touchline.sources import open_source
-    from touchline.sources.findings import Severity
+    from touchline.sources.findings import Severity, counted
 
     source = open_source(recording)
     findings = _check_with_progress(source)
@@ -40,7 +40,7 @@ def check(
             console.width = _PIPE_WIDTH  # one line for each finding, for grep
         console.print(_table(findings), soft_wrap=False)
         words = ", ".join(f"{count} {severity}" for severity, count in reversed(counts.items()))
-        console.print(f"{source.name}: {len(source)} images, {words}", markup=False)
+        console.print(f"{source.name}: {counted(len(source), 'image')}, {words}", markup=False)
     if counts["error"]:
         raise typer.Exit(1)
 

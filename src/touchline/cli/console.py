@@ -14,9 +14,18 @@ if TYPE_CHECKING:
 DEBUG_VARIABLE = "TOUCHLINE_DEBUG"
 
 
+class _Output(Console):
+    def on_broken_pipe(self) -> None:
+        """Tell `main`, instead of ending the process from here."""
+        raise BrokenPipeError
+
+
 def output() -> Console:
-    """The console for results: plain text where it is not a terminal, long lines unbroken."""
-    return Console(highlight=False, soft_wrap=True)
+    """The console for results: plain text where it is not a terminal, long lines unbroken.
+
+    Raises BrokenPipeError if its reader has gone.
+    """
+    return _Output(highlight=False, soft_wrap=True)
 
 
 def errors_console() -> Console:

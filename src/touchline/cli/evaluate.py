@@ -12,7 +12,7 @@ def evaluate(
     run: Annotated[Path, typer.Argument(help="The folder of a run, or a trajectory.tum.", show_default=False)],
     truth: Annotated[
         Path | None,
-        typer.Option(help="True poses in TUM format [default: the recording's].", show_default=False),
+        typer.Option(help="True poses in TUM format (default: the recording's).", show_default=False),
     ] = None,
     skip: Annotated[int, typer.Option(min=0, metavar="N", help="Leave out the first N frames.")] = 0,
 ) -> None:

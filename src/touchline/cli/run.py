@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,6 +17,8 @@ from touchline.cli.console import output as output_console
 from touchline.errors import InputError, TouchlineError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from touchline.api import PreparedRun
     from touchline.evaluation import Run
     from touchline.geometry import Pose
@@ -26,11 +27,17 @@ EXAMPLE = "omni_msl_track_short"
 INTERRUPTED = 130  # what a shell expects after Ctrl-C
 
 
+class InterruptedRun(TouchlineError):
+    """Ctrl-C, after the folder of the run has been finished."""
+
+    exit_status = INTERRUPTED
+
+
 def run(
     recording: Annotated[Path, typer.Argument(help="A recording: a folder in Touchline's format.", show_default=False)],
     system: Annotated[str | None, typer.Option(help="The system to run; see touchline systems.")] = None,
     output: Annotated[
-        Path | None, typer.Option(help="New folder for the results [default: runs/NAME-N].", show_default=False)
+        Path | None, typer.Option(help="New folder for the results (default: runs/NAME-N).", show_default=False)
     ] = None,
     start: Annotated[
         str | None, typer.Option(metavar="X,Y,HEADING", help="Where the robot starts (m, m, rad), field frame.")
@@ -58,7 +65,7 @@ def run(
 
 def demo(
     output: Annotated[
-        Path | None, typer.Option(help="New folder for the results [default: runs/demo-N].", show_default=False)
+        Path | None, typer.Option(help="New folder for the results (default: runs/demo-N).", show_default=False)
     ] = None,
 ) -> None:
     """Localise the bundled recording, print the error table, write a report."""
@@ -79,15 +86,13 @@ def example_recording() -> Path:
 
 def parse_pose(text: str) -> Pose:
     """The pose written as X,Y,HEADING (m, m, rad). Raises InputError for anything else."""
-    from touchline.geometry import Pose, wrap_angle
+    from touchline.geometry import Pose
 
     try:
         x, y, heading = (float(part) for part in text.split(","))
     except ValueError:
         raise InputError(f"--start {text}: expected X,Y,HEADING in m, m, rad, for example --start=-3,1.5,0") from None
-    if not all(map(math.isfinite, (x, y, heading))):
-        raise InputError(f"--start {text}: the values must be finite numbers")
-    return Pose(x, y, wrap_angle(heading))
+    return Pose(x, y, heading)
 
 
 def execute(prepared: PreparedRun, output: Path | None, name: str | None = None) -> None:
@@ -95,6 +100,7 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from touchline.evaluation.run_folder import new_folder
+    from touchline.sources.findings import counted
 
     folder = new_folder(output, name or prepared.source.name)
     columns = (
@@ -117,11 +123,16 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
             raise failure
         raise TouchlineError(
-            f"the run failed after {finished.summary['frames']} frames: {type(failure).__name__}: {failure} "
+            f"the run failed after {counted(finished.summary['frames'], 'frame')}: {type(failure).__name__}: {failure} "
             "(touchline --debug run … shows the traceback)"
         ) from failure
+    frames = finished.summary["frames"]
     if finished.summary["ended"] == "interrupted":
-        raise typer.Exit(INTERRUPTED)
+        raise InterruptedRun(f"interrupted: {counted(frames, 'image')} done")
+    if not finished.summary["status"]["tracking"]:
+        raise TouchlineError(
+            f"none of {counted(frames, 'image')} was localised: `touchline check {prepared.source.folder}` may tell why"
+        )
 
 
 @contextmanager
@@ -143,26 +154,37 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 
 def print_run(finished: Run) -> None:
     """The error table, rates, problems and where the report is."""
-    from touchline.evaluation.latency import milliseconds
+    from touchline.evaluation.report import other_side_text
 
     console, summary = output_console(), finished.summary
-    if summary["ended"] == "interrupted":
-        console.print(f"interrupted: {summary['frames']} images were done", style="yellow")
     if finished.errors is not None:
         print_errors(console, finished.errors)
-    elif summary["errors"] is None:
-        console.print("no errors to show: the recording holds no truth, or the robot was never located")
-    total, status = summary["latency_ms"]["total"], summary["status"]
-    if total["median"] is not None:
-        median, p99, most = (milliseconds(total[name]) for name in ("median", "p99", "max"))
-        console.print(f"{summary['frames']} images at {summary['rate_fps']:.0f} images/s, reading included")
-        console.print(
-            f"time per image: {median} ms median, {p99} ms p99, {most} ms at most "
-            "(first images: code is loaded, colours learned)"
-        )
-    console.print(", ".join(f"{name} {count}" for name, count in status.items() if count) or "no images")
+    else:
+        console.print(f"no errors to show: {finished.why_no_errors}")
+    _print_speed(console, summary)
+    console.print(", ".join(f"{name} {count}" for name, count in summary["status"].items() if count) or "no images")
+    if told := other_side_text(summary):
+        console.print(told, style="yellow", markup=False)
     problems = summary["problems"]["counts"]
     if problems:
         said = ", ".join(f"{count} × {kind}" for kind, count in problems.items())
         console.print(f"problems of the recording: {said} (touchline check lists them)", style="yellow")
-    console.print(f"report: {finished.report}")
+    console.print(f"report: {finished.report}", markup=False)
+
+
+def _print_speed(console: Console, summary: dict[str, Any]) -> None:
+    """The start, which loads code and learns colours, apart from the rest."""
+    from touchline.evaluation.latency import milliseconds
+    from touchline.sources.findings import counted
+
+    total, settled = summary["latency_ms"]["total"], summary["latency_ms"]["total_after_10"]
+    if total["median"] is None:
+        return
+    console.print(f"{counted(summary['frames'], 'image')} at {summary['rate_fps']:.0f} images/s, reading included")
+    later = settled["median"] is not None
+    median, p99 = (milliseconds((settled if later else total)[name]) for name in ("median", "p99"))
+    most = milliseconds(total["max"])
+    words = f"{median} ms median, {p99} ms p99"
+    words += f" after the first 10; {most} ms at most" if later else f", {most} ms at most"
+    start = total["max"] > (settled["max"] or 0.0)
+    console.print(f"time per image: {words}" + (" at the start (code is loaded, colours are learned)" if start else ""))

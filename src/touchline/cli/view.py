@@ -24,7 +24,7 @@ def view(
         str | None, typer.Option(metavar="NAME|FILE", help="The field an image was taken on.", show_default=False)
     ] = None,
     output: Annotated[
-        Path | None, typer.Option(help="New folder for the pictures [default: runs/NAME-view-N].", show_default=False)
+        Path | None, typer.Option(help="New folder for the pictures (default: runs/NAME-view-N).", show_default=False)
     ] = None,
 ) -> None:
     """Draw points and field lines over one image; with --stages, every step on the way there."""

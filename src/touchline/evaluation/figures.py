@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from touchline.evaluation.estimates import EstimateTable
 from touchline.evaluation.latency import LatencyHistogram, milliseconds
-from touchline.evaluation.metrics import Errors
+from touchline.evaluation.metrics import Errors, within
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.types import Samples, Status
@@ -72,12 +72,31 @@ _WIDTH_IN = 7.2
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RunData:
-    """What the figures draw: the estimates, the truth (values (M, 3), m and rad) and errors where known."""
+    """What the figures draw: the estimates, the truth (values (M, 3), m and rad) and errors where known.
+
+    black_ns: first and last stamp of every stretch of black images.
+    """
 
     table: EstimateTable
     field: FieldModel
     truth: Samples | None = None
     errors: Errors | None = None
+    black_ns: Sequence[tuple[int, int]] = ()
+
+    @property
+    def first_located(self) -> int:
+        """The row of the first located estimate; the number of rows if there is none."""
+        located = self.table.has_status(Status.TRACKING)
+        return int(np.argmax(located)) if located.any() else len(self.table)
+
+    def errors_since_located(self) -> Errors | None:
+        """The errors from the first located estimate on; None if there are none."""
+        if self.errors is None:
+            return None
+        begun = self.errors.rows >= self.first_located
+        if not begun.any():
+            return None
+        return Errors(self.errors.rows[begun], self.errors.stamp_ns[begun], self.errors.values[begun])
 
     def seconds(self, stamp_ns: npt.NDArray[np.int64]) -> FloatArray:
         """Time since the first frame (s)."""
@@ -86,14 +105,20 @@ class RunData:
 
 
 def thinned(times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A long series (N,) for drawing: lowest and highest value of each of 600 stretches, so that no peak is lost."""
+    """A long series (N,) for drawing: lowest and highest value of each of 600 stretches, so that no peak is lost.
+
+    A NaN interrupts the line; of a stretch without any number one is kept.
+    """
     if len(times) <= 2 * _MOST_BUCKETS:
         return times, values
     edges = np.linspace(0, len(times), _MOST_BUCKETS + 1).astype(np.int64)
     rows: list[int] = []
     for first, last in pairwise(edges):
         part = values[first:last]
-        rows += sorted({int(first + np.argmin(part)), int(first + np.argmax(part))})
+        if np.isnan(part).all():
+            rows.append(int(first))
+            continue
+        rows += sorted({int(first + np.nanargmin(part)), int(first + np.nanargmax(part))})
     return times[rows], values[rows]
 
 
@@ -126,15 +151,16 @@ def _draw_paths(axes: Axes, data: RunData) -> None:
     if data.truth is not None:
         path = _thinned_path(data.truth.values)
         axes.plot(*path.T, color=TRUTH, linewidth=6, alpha=0.5, label="truth", solid_capstyle="round")
-    positions, status = _thinned_path(data.table.trajectory.values), _thinned_path(data.table.status[:, np.newaxis])
+    begun = slice(data.first_located, None)
+    positions = _thinned_path(data.table.trajectory.values[begun])
+    status = _thinned_path(data.table.status[begun, np.newaxis])
     for number, name in enumerate(Status):
         here = np.flatnonzero(status[:, 0] == number)
         if len(here):
             color = STATUS_COLORS[name]
             axes.plot(*positions[here].T, ".", color=color, markersize=5, markeredgewidth=0, label=name.value)
-    located = np.flatnonzero(data.table.has_status(Status.TRACKING))
-    if len(located):
-        first = data.table.trajectory.values[located[0], :2]
+    if data.first_located < len(data.table):
+        first = data.table.trajectory.values[data.first_located, :2]
         axes.plot(*first, "o", color=INK, markersize=8, fillstyle="none", label="first located", linestyle="none")
 
 
@@ -144,19 +170,27 @@ def _thinned_path(rows: npt.NDArray[np.generic]) -> FloatArray:
 
 
 def error_figure(data: RunData) -> str:
-    """Signed errors of x, y (cm) and heading (degrees) over time."""
-    errors = data.errors
+    """Signed errors of x, y (cm) and heading (degrees) from the first located estimate on; black images are shaded."""
+    errors = data.errors_since_located()
     if errors is None:
-        raise ValueError("an error figure needs the truth")
+        raise ValueError("an error figure needs the truth and a located estimate")
     times = data.seconds(errors.stamp_ns)
+    black = within(errors.stamp_ns, data.black_ns)
+    values = np.where(black[:, np.newaxis], np.nan, errors.values)
+
+    step = _step(times)
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(3, 1, sharex=True)
         scales = ((100.0, "x (cm)"), (100.0, "y (cm)"), (float(np.degrees(1.0)), "heading (°)"))
         for column, (axes, (scale, label)) in enumerate(zip(panels, scales, strict=True)):
             axes.axhline(0.0, color=SOFT, linewidth=0.8)
-            axes.plot(*thinned(times, scale * errors.values[:, column]), color=SERIES[column], linewidth=1.3)
-            _calm_limits(axes, scale * errors.values[:, column])
+            for first, last, is_black in _stretches(black.astype(np.int8)):
+                if is_black:
+                    axes.axvspan(times[first] - 0.5 * step, times[last] + 0.5 * step, color=GRID, linewidth=0)
+            axes.plot(*thinned(times, scale * values[:, column]), color=SERIES[column], linewidth=1.3)
+            if not black.all():
+                _calm_limits(axes, scale * values[~black, column])
             axes.set_ylabel(label)
         panels[-1].set_xlabel("time (s)")
         figure.align_ylabels()
@@ -212,7 +246,7 @@ def _step(times: FloatArray) -> float:
 
 
 def _stretches(status: npt.NDArray[np.int8]) -> list[tuple[int, int, int]]:
-    """First row, last row and value of every stretch of equal status; thinned to what a screen can show."""
+    """First row, last row and value of every stretch of equal values; thinned to what a screen can show."""
     step = max(1, len(status) // 20_000)
     starts = np.flatnonzero(np.diff(status[::step], prepend=np.int8(-1))) * step
     ends = np.append(starts[1:] - 1, len(status) - 1)

@@ -21,6 +21,10 @@ BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
 
+class NothingToCompareError(InputError):
+    """Estimates and truth are there, but no frame counts."""
+
+
 @dataclass(frozen=True, slots=True)
 class ErrorStatistics:
     """Of N errors in one unit (m or rad): mean, median, maximum of |error|, and both standard deviations (of N)."""
@@ -153,7 +157,7 @@ def error_table(
     located: (N,) whether the system was tracking; frames before the first of them are left out. None: all were.
     black_ns: first and last stamp of every stretch of black images. skip: leave out this many frames at the start.
 
-    Raises InputError if nothing is left to compare.
+    Raises NothingToCompareError if nothing is left to compare.
     """
     keep = np.arange(len(trajectory)) >= skip
     first = 0 if located is None else int(np.argmax(located)) if located.any() else len(trajectory)
@@ -164,7 +168,7 @@ def error_table(
     known[errors.rows] = True
     counted = (keep & begun & ~black & known)[errors.rows]
     if not counted.any():
-        raise InputError(_why_nothing_is_left(keep, begun, known))
+        raise NothingToCompareError(_why_nothing_is_left(keep, begun, known))
     values = errors.values[counted]
     return ErrorTable(
         x=ErrorStatistics.of(values[:, 0]),
@@ -188,8 +192,10 @@ def within(stamp_ns: IntArray, stretches_ns: Sequence[tuple[int, int]]) -> BoolA
 
 
 def _why_nothing_is_left(keep: BoolArray, begun: BoolArray, known: BoolArray) -> str:
+    if not begun.any():
+        return "no frame is left to compare: the robot was never located"
     if not known.any():
         return "no estimate has a truth within half a frame: do both come from the same recording and clock?"
     if not (keep & begun).any():
-        return "no frame is left to compare: the system never found its place, or all frames were left out"
+        return "no frame is left to compare: all frames after the first estimate were left out"
     return "no frame is left to compare: all images with a truth are black or come before the first estimate"

@@ -17,6 +17,9 @@ from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorTable
 from touchline.evaluation.report_style import STYLE
 from touchline.evaluation.run_folder import REPORT
+from touchline.evaluation.tum import pose_text
+from touchline.geometry import Pose
+from touchline.sources.findings import counted
 from touchline.types import ImageArray
 
 _JPEG_QUALITY = 82
@@ -42,13 +45,8 @@ def write_report(
     sections = [
         _header(summary),
         _key_figures(summary, errors),
-        _error_table(errors),
-        _figure("Path", field_figure(data), "Each dot is one image, coloured by the status of its estimate.")
-        if len(data.table)
-        else "",
-        _figure("Error over time", error_figure(data), "Estimate minus truth, in the field frame.")
-        if data.errors is not None and len(data.errors.rows)
-        else "",
+        _error_table(errors, summary),
+        *_path_figures(data),
         *_time_figures(data),
         _gallery(pictures),
         _problems(summary),
@@ -75,17 +73,29 @@ def _header(summary: dict[str, Any]) -> str:
         "interrupted": "The run was interrupted; this is what was done until then.",
         "failed": f"The run failed: {summary.get('failure')}. This is what was done until then.",
     }[summary["ended"]]
-    note = f'<p class="warning">{html.escape(told)}</p>' if told else ""
+    notes = "".join(f'<p class="warning">{html.escape(text)}</p>' for text in (told, other_side_text(summary)) if text)
     facts = [
         f"system <strong>{html.escape(summary['system'])}</strong>",
         f"field {html.escape(str(recording['field']))}",
-        f"{summary['frames']} images in {summary['duration_s']:.1f} s",
+        f"{counted(summary['frames'], 'image')} in {summary['duration_s']:.1f} s",
         html.escape(str(summary["started"])[:16].replace("T", " ")),
     ]
     description = html.escape(str(recording.get("description") or ""))
     return (
         f"<header><p class='brand'>Touchline</p><h1>{name}</h1><p class='facts'>{' · '.join(facts)}</p>"
-        f"<p class='description'>{description}</p>{note}</header>"
+        f"<p class='description'>{description}</p>{notes}</header>"
+    )
+
+
+def other_side_text(summary: dict[str, Any]) -> str:
+    """That the side of the field is unknown, and what to do; empty if it is known."""
+    told = summary["either_side"]
+    if not told["count"]:
+        return ""
+    pose = pose_text(Pose(*told["other_pose"]))
+    return (
+        f"no compass: in {told['count']} of {counted(summary['frames'], 'image')} the pose at the other end "
+        f"fits as well (at last {pose}); use --own-half or --start"
     )
 
 
@@ -101,7 +111,9 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None) -> str:
     frames = summary["frames"]
     if frames:
         tiles.append(("images tracked", f"{100 * summary['status']['tracking'] / frames:.1f}", "%"))
-    latency = summary["latency_ms"]["total"]
+    latency = summary["latency_ms"]["total_after_10"]
+    if latency["median"] is None:
+        latency = summary["latency_ms"]["total"]
     if latency["median"] is not None:
         tiles.append(("time per image, median", milliseconds(latency["median"]), "ms"))
         tiles.append(("time per image, p99", milliseconds(latency["p99"]), "ms"))
@@ -114,9 +126,10 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None) -> str:
     return f"<dl class='tiles'>{cells}</dl>"
 
 
-def _error_table(errors: ErrorTable | None) -> str:
+def _error_table(errors: ErrorTable | None, summary: dict[str, Any]) -> str:
     if errors is None:
-        return "<section><h2>Errors</h2><p>The recording holds no truth to compare with.</p></section>"
+        why = summary["why_no_errors"]
+        return f"<section><h2>Errors</h2><p>{html.escape(why[:1].upper() + why[1:])}.</p></section>"
     head = "".join(f"<th>{title}</th>" for title in COLUMNS)
     rows = "".join(
         f"<tr><th>{name}</th>{''.join(f'<td>{value}</td>' for value in values)}</tr>" for name, values in errors.rows()
@@ -131,6 +144,22 @@ def _error_table(errors: ErrorTable | None) -> str:
 def _figure(title: str, svg: str, caption: str) -> str:
     drawing = f"<div class='scroll'>{svg}</div><figcaption>{caption}</figcaption>"
     return f"<section><h2>{title}</h2><figure>{drawing}</figure></section>"
+
+
+def _path_figures(data: RunData) -> list[str]:
+    """The path and the errors, from the first located estimate on."""
+    located = data.first_located < len(data.table)
+    figures = []
+    if located:
+        caption = "Each dot is one image since the robot was first located, coloured by the status of its estimate."
+        figures.append(_figure("Path", field_figure(data), caption))
+    elif data.truth is not None and len(data.table):
+        figures.append(_figure("Path", field_figure(data), "The truth alone: the robot was never located."))
+    if data.errors_since_located() is not None:
+        caption = "Estimate minus truth, in the field frame, since the robot was first located."
+        caption += " Shaded: black images." if data.black_ns else ""
+        figures.append(_figure("Error over time", error_figure(data), caption))
+    return figures
 
 
 def _time_figures(data: RunData) -> list[str]:

@@ -6,14 +6,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from touchline.errors import InputError
 from touchline.evaluation.estimates import EstimateTable, read_estimates
-from touchline.evaluation.metrics import ErrorTable, error_table
+from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
 from touchline.evaluation.run_folder import ESTIMATES, REPORT, SUMMARY, read_summary
 from touchline.evaluation.tum import read_tum
-from touchline.sources import Truth, open_source
+from touchline.sources import open_source
 from touchline.types import Samples, Status
 
 
@@ -43,22 +41,38 @@ class Run:
 
         Raises InputError if the recording is no longer where it was.
         """
-        return samples_of(open_source(self._recording()["path"]).truth)
+        truth = open_source(self._recording()["path"]).truth
+        return None if truth is None else truth.samples()
+
+    @property
+    def errors(self) -> ErrorTable | None:
+        """Errors against the recording's truth; None if there is none, or no frame to compare: `why_no_errors` says.
+
+        Raises InputError if the recording is no longer where it was.
+        """
+        return self._compared[0]
+
+    @property
+    def why_no_errors(self) -> str:
+        """Why `errors` is None; empty if it isn't. Raises InputError as `errors` does."""
+        return self._compared[1]
 
     @cached_property
-    def errors(self) -> ErrorTable | None:
-        """Errors against the recording's truth; None if there is none, or no frame to compare."""
+    def _compared(self) -> tuple[ErrorTable | None, str]:
+        if self.truth is None:
+            return None, "the recording holds no truth to compare with"
         try:
-            return None if self.truth is None else self.errors_against(self.truth)
-        except InputError:
-            return None
+            return self.errors_against(self.truth), ""
+        except NothingToCompareError as error:
+            return None, str(error)
 
     def errors_against(self, truth: Samples, skip: int = 0) -> ErrorTable:
         """Errors against a truth (M, 3), the first `skip` frames left out. Raises InputError if no frame is left."""
         located = self.estimates.has_status(Status.TRACKING)
-        return error_table(self.estimates.trajectory, truth, located=located, black_ns=self._black_ns(), skip=skip)
+        return error_table(self.estimates.trajectory, truth, located=located, black_ns=self.black_ns(), skip=skip)
 
-    def _black_ns(self) -> list[tuple[int, int]]:
+    def black_ns(self) -> list[tuple[int, int]]:
+        """First and last stamp of every stretch of black images. Raises InputError if summary.json is not a run's."""
         try:
             return [(int(first), int(last)) for first, last in self.summary["black_images"]["stretches_ns"]]
         except (KeyError, TypeError, ValueError):
@@ -72,11 +86,6 @@ class Run:
 
     def __repr__(self) -> str:
         return f"Run({str(self.folder)!r})"
-
-
-def samples_of(truth: Truth | None) -> Samples | None:
-    """A source's truth as samples (M, 3) of x, y, heading (m, m, rad)."""
-    return None if truth is None else Samples(truth.stamp_ns, np.asarray(truth.poses, dtype=np.float64))
 
 
 def evaluate(run: str | Path, truth: str | Path | None = None, skip: int = 0) -> ErrorTable:

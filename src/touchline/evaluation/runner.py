@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-import numpy as np
-
 from touchline.evaluation.latency import LatencyHistogram
 from touchline.evaluation.run_folder import RunFolder
-from touchline.types import Estimate, Frame, ImageArray, Status, System
+from touchline.geometry import Pose, wrap_angle
+from touchline.perception.covered import is_covered
+from touchline.types import Estimate, Frame, Status, System
 
-_BLACK_LEVEL = 40  # of 255: sensor noise under a covered lens stays below it, white lines in any playable light do not
-_BLACK_SHARE = 0.01  # of the pixels may be brighter
 _MOST_PICTURES = 6
+_START_IMAGES = 10  # in them code is loaded and colours are learned: no measure of the speed
+_SAME_PLACE_M, _SAME_HEADING_RAD = 0.5, 0.5
 
 OnFrame = Callable[[Frame, Estimate], None]
 
@@ -33,7 +34,11 @@ class KeptFrame:
 
 @dataclass(eq=False, slots=True)
 class RunTally:
-    """What is known of a run at its end. ended: complete, interrupted, or failed."""
+    """What is known of a run at its end. ended: complete, interrupted, or failed.
+
+    either_side: located frames whose lines fit as well at the other end of the field; other_side: the last such pose.
+    settled: time per frame without the first ten.
+    """
 
     ended: str = "complete"
     failure: BaseException | None = None
@@ -45,9 +50,12 @@ class RunTally:
     black_ns: list[tuple[int, int]] = field(default_factory=list)
     black: int = 0
     missing_images: int = 0
+    either_side: int = 0
+    other_side: Pose | None = None
     perception: LatencyHistogram = field(default_factory=LatencyHistogram)
     localization: LatencyHistogram = field(default_factory=LatencyHistogram)
     total: LatencyHistogram = field(default_factory=LatencyHistogram)
+    settled: LatencyHistogram = field(default_factory=LatencyHistogram)
     pictures: FramePicker | None = None
 
     def add(self, frame: Frame, estimate: Estimate, was_black: bool) -> None:
@@ -56,15 +64,19 @@ class RunTally:
         self.first_ns = frame.stamp_ns if self.first_ns is None else self.first_ns
         self.last_ns = frame.stamp_ns
         self.statuses[estimate.status] += 1
-        if frame.image is not None and is_black(frame.image):
+        if frame.image is not None and is_covered(frame.image):
             self.black += 1
             first_ns = self.black_ns.pop()[0] if was_black else frame.stamp_ns
             self.black_ns.append((first_ns, frame.stamp_ns))
         if frame.image is None and frame.points is None:
             self.missing_images += 1
+        if fits_other_side(estimate):
+            self.either_side, self.other_side = self.either_side + 1, estimate.pose.mirrored()
         self.perception.add(estimate.perception_ms)
         self.localization.add(estimate.localization_ms)
         self.total.add(estimate.perception_ms + estimate.localization_ms)
+        if self.frames > _START_IMAGES:
+            self.settled.add(estimate.perception_ms + estimate.localization_ms)
 
     def summary(self) -> dict[str, Any]:
         """Counts, rates and latencies for summary.json."""
@@ -79,10 +91,15 @@ class RunTally:
             "status": {status.value: self.statuses[status] for status in Status},
             "missing_images": self.missing_images,
             "black_images": {"count": self.black, "stretches_ns": self.black_ns},
+            "either_side": {
+                "count": self.either_side,
+                "other_pose": None if self.other_side is None else list(self.other_side),
+            },
             "latency_ms": {
                 "perception": self.perception.summary(),
                 "localization": self.localization.summary(),
                 "total": self.total.summary(),
+                f"total_after_{_START_IMAGES}": self.settled.summary(),
             },
         }
 
@@ -171,7 +188,13 @@ def _step_through(
             return
 
 
-def is_black(image: ImageArray) -> bool:
-    """Whether an image (H, W, 3) shows nothing, as if the lens were covered; looks at every eighth pixel."""
-    sample = image[::8, ::8]
-    return bool(np.count_nonzero(sample > _BLACK_LEVEL) <= _BLACK_SHARE * sample.size)
+def fits_other_side(estimate: Estimate) -> bool:
+    """Whether a located robot may as well stand at the other end of the field, as far as the system can tell."""
+    if estimate.status is not Status.TRACKING:
+        return False
+    x, y, heading = estimate.pose.mirrored()
+    return any(
+        math.hypot(rival.pose.x - x, rival.pose.y - y) < _SAME_PLACE_M
+        and abs(wrap_angle(rival.pose.heading - heading)) < _SAME_HEADING_RAD
+        for rival in estimate.rivals
+    )

@@ -35,6 +35,12 @@ def fixed(value: float, decimals: int) -> str:
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
 
 
+def pose_text(field_from_robot: Pose) -> str:
+    """A pose in words, with units."""
+    x, y, heading = field_from_robot
+    return f"x {fixed(x, 2)} m, y {fixed(y, 2)} m, heading {fixed(math.degrees(heading), 1)}°"
+
+
 def stamp_from_text(text: str) -> int:
     """Nanoseconds from seconds in decimal notation, without the rounding of a float where it can be avoided.
 

@@ -3,7 +3,7 @@
 from touchline.localization.compass import CompassCorrection, CompassSettings
 from touchline.localization.failure import FailureDetector, FailureSettings
 from touchline.localization.global_search import OWN_HALF, GlobalFix, GlobalSearch, GlobalSearchSettings, Region
-from touchline.localization.locate import LocateSettings, Location, ScatterError, locate, locate_points
+from touchline.localization.locate import LocateSettings, Location, PoorFitError, ScatterError, locate, locate_points
 from touchline.localization.matching import Match, Matcher, MatchingSettings
 from touchline.localization.tracking import FusionSettings, PoseFilter
 from touchline.localization.weights import WeightSettings, precision_weights, range_weights
@@ -23,6 +23,7 @@ __all__ = [
     "Match",
     "Matcher",
     "MatchingSettings",
+    "PoorFitError",
     "PoseFilter",
     "Region",
     "ScatterError",

@@ -36,6 +36,18 @@ class GlobalSearchSettings(Settings):
         description="weighted mean error with matching's c below which a pose is accepted. Clutter of 5 % and 2 % "
         "range noise leave 0.06 (median); wrong poses of equal error are rare below 0.1, frequent above",
     )
+    rival_factor: float = Field(
+        1.25,
+        ge=1,
+        description="a pose whose error is up to this factor, plus rival_margin, above another's is its equal",
+    )
+    rival_margin: float = Field(0.02, ge=0, description="see rival_factor; what noise alone changes in the mean error")
+    confirmations: int = Field(
+        3,
+        ge=1,
+        description="frames in a row in which a pose that was not accepted must hold against the search before it is "
+        "believed: real calibrations may leave more than accepted_error everywhere",
+    )
     heading_tolerance_rad: float = Field(
         0.6,
         gt=0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,10 +16,10 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.chance import Chance, ChanceSettings, chance_test
 from touchline.localization.matching import Match, Matcher, MatchingSettings
-from touchline.localization.points_file import read_points
+from touchline.localization.points_file import points_and_weights
 from touchline.localization.weights import WeightSettings, normalized, range_weights
 from touchline.localization.whole_field import PoseGrid, thinned_to
-from touchline.types import Hypothesis
+from touchline.types import Hypothesis, LinePoints
 
 
 class LocateSettings(Settings):
@@ -65,6 +66,15 @@ class LocateSettings(Settings):
         1.25, ge=1, description="a rival's mean error is at most this factor, plus rival_margin, above the best"
     )
     rival_margin: float = Field(0.02, ge=0, description="see rival_factor; what noise alone changes in the mean error")
+    rival_margin_m: float = Field(
+        0.02, ge=0, description="a rival's mean distance (m) is within rival_factor and this margin of the best, too"
+    )
+    most_median_m: float = Field(
+        0.25,
+        gt=0,
+        description="largest median distance of the points to the lines (m): half of them must lie within the reach "
+        "c of the error function, matching.c_m; beyond it they no longer pull at the pose",
+    )
     chance: ChanceSettings = ChanceSettings()
     matching: MatchingSettings = MatchingSettings()
     # The mirror of an unknown robot is off by more than its range noise: near points must not decide alone.
@@ -91,8 +101,8 @@ class Location:
     chance: Chance
 
 
-class ScatterError(NoFitError):
-    """Points that fit no pose better than chance: the best pose nevertheless, and the test that it failed."""
+class PoorFitError(NoFitError):
+    """Points that most of the lines miss even at the best pose: that pose nevertheless, and the test against chance."""
 
     def __init__(self, message: str, best: Hypothesis, chance: Chance) -> None:
         super().__init__(message)
@@ -100,18 +110,28 @@ class ScatterError(NoFitError):
         self.chance = chance
 
 
-def locate(points: str | Path | FloatArray, field: str | Path | FieldModel, heading: float | None = None) -> Location:
+class ScatterError(PoorFitError):
+    """Points that fit no pose better than chance: `chance` is the test that the best pose failed."""
+
+
+def locate(
+    points: str | Path | FloatArray | Sequence[Sequence[float]] | LinePoints,
+    field: str | Path | FieldModel,
+    heading: float | None = None,
+    settings: LocateSettings | None = None,
+    seed: int = 0,
+) -> Location:
     """The pose of a robot from one set of line points.
 
-    points: a CSV file (header x_m,y_m) or an array (N, 2) in m, robot frame. field: a preset's name, a field.yaml or
-    a FieldModel. heading: from a compass (rad, field frame), or None to search the whole circle.
-    Raises InputError for a file or field that can't be read, NoFitError for points that fit no pose.
+    points: the path of a CSV file (header x_m,y_m, perhaps weight), an array or a sequence of pairs (N, 2) in m, robot
+    frame, or LinePoints, which are weighed by their precision. field: a preset's name, the path of a field.yaml or a
+    FieldModel. heading: from a compass (rad, field frame), or None to search the whole circle. settings, seed: as of
+    `locate_points`.
+    Raises InputError for points or a field that can't be read, NoFitError for points that fit no pose.
     """
     model = field if isinstance(field, FieldModel) else open_field(field)
-    if isinstance(points, np.ndarray):
-        return locate_points(points, model, heading)
-    positions_m, weights = read_points(Path(points))
-    return locate_points(positions_m, model, heading, weights)
+    positions_m, weights = points_and_weights(points)
+    return locate_points(positions_m, model, heading, weights, settings, seed)
 
 
 def locate_points(
@@ -126,12 +146,12 @@ def locate_points(
 
     heading: from a compass (rad, field frame); None searches the whole circle. weights (N,): relative; None weighs by
     the generic range noise. seed: of the test against chance.
-    Raises NoFitError for too few points, ScatterError (a NoFitError) for points that fit no pose better than chance,
-    InputError for points that are no numbers.
+    Raises NoFitError for too few points, PoorFitError (a NoFitError) if the lines miss most points at the best pose,
+    ScatterError (a PoorFitError) for points that fit no pose better than chance, InputError for points that are no
+    numbers and for a heading beyond a whole turn.
     """
     s = settings or LocateSettings()
-    if heading is not None and not math.isfinite(heading):
-        raise InputError(f"the heading {heading} is not an angle in radians")
+    _check_heading(heading)
     points, weights = _different_points(points, weights, s)
     matcher = Matcher(field.distance_map(), s.matching)
     grid = PoseGrid(field.length, field.width, s.spacing_m, s.beyond_m, s.spacing_rad, heading, s.heading_tolerance_rad)
@@ -143,25 +163,44 @@ def locate_points(
     best = matches[0]
     chance = chance_test(matcher, grid, points, s.sample_c_m, s.chance, seed)
     distances = field.line_distances(best.pose.transform(points))
+    mean_m, median_m = float(np.mean(distances)), float(np.median(distances))
+    nearest = Hypothesis(best.pose, mean_m)
     if chance.significance < s.chance.least_significance:
-        nearest = Hypothesis(best.pose, float(np.mean(distances)))
-        raise ScatterError(_scatter_message(len(points), nearest, chance, s), nearest, chance)
-    limit = best.error * s.rival_factor + s.rival_margin
-    rivals = tuple(
-        Hypothesis(match.pose, float(np.mean(field.line_distances(match.pose.transform(points)))))
-        for match in matches[1:]
-        if match.error <= limit
-    )
-    return Location(
-        best.pose,
-        best.covariance,
-        best.error,
-        float(np.mean(distances)),
-        float(np.median(distances)),
-        rivals,
-        len(points),
-        chance,
-    )
+        raise ScatterError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
+    if median_m > s.most_median_m:
+        raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
+    rivals = _rivals(matches, field, points, mean_m, heading, s)
+    return Location(best.pose, best.covariance, best.error, mean_m, median_m, rivals, len(points), chance)
+
+
+def _check_heading(heading: float | None) -> None:
+    if heading is None:
+        return
+    if not math.isfinite(heading):
+        raise InputError(f"the heading {heading} is not an angle in radians")
+    if abs(heading) > 2 * math.pi:
+        raise InputError(
+            f"the heading {heading:g} is more than a whole turn: is it in radians? "
+            f"{heading:g} degrees are {math.radians(heading):.4f} rad"
+        )
+
+
+def _rivals(
+    matches: list[Match], field: FieldModel, points: FloatArray, mean_m: float, heading: float | None, s: LocateSettings
+) -> tuple[Hypothesis, ...]:
+    """The other matches whose error and mean distance are both about those of the first, the better first.
+
+    Both, because the error saturates: once far points are lost, it hardly tells how far.
+    """
+    best = matches[0]
+    most_error, most_m = best.error * s.rival_factor + s.rival_margin, mean_m * s.rival_factor + s.rival_margin_m
+    similar = [match.pose for match in matches[1:] if match.error <= most_error]
+    means_m = [float(np.mean(field.line_distances(pose.transform(points)))) for pose in similar]
+    rivals = [Hypothesis(pose, found_m) for pose, found_m in zip(similar, means_m, strict=True) if found_m <= most_m]
+    twin = best.pose.mirrored()
+    if field.is_symmetric and _allowed(twin, heading, s) and not _is_among(twin, [r.pose for r in rivals], s):
+        rivals.insert(0, Hypothesis(twin, mean_m))  # it explains the points equally well by the field's symmetry
+    return tuple(rivals)
 
 
 def _different_points(
@@ -176,9 +215,8 @@ def _different_points(
     _, first = np.unique(table, axis=0, return_index=True)
     first = np.sort(first)
     if len(first) < s.least_points:
-        raise NoFitError(
-            f"{len(first)} different points are too few to tell a pose: at least {s.least_points} are needed"
-        )
+        noun = "point is" if len(first) == 1 else "points are"
+        raise NoFitError(f"{len(first)} different {noun} too few to tell a pose: at least {s.least_points} are needed")
     different = np.ascontiguousarray(table[first])
     if weights is None:
         return different, range_weights(different, s.weights)
@@ -201,34 +239,52 @@ def _matches(
     # The twin on a symmetric field is always a candidate, even if the grid happened to miss it.
     finalists += [pose.mirrored() for pose in finalists]
     matches = sorted((matcher.match(points, weights, pose) for pose in finalists), key=lambda match: match.error)
-    allowed = [
-        match
-        for match in matches
-        if heading is None or abs(wrap_angle(match.pose.heading - heading)) <= s.heading_tolerance_rad
-    ]
+    allowed = [match for match in matches if _allowed(match.pose, heading, s)]
     kept = _different_poses([match.pose for match in allowed], s)
     return [match for match in allowed if any(match.pose is pose for pose in kept)]
+
+
+def _allowed(pose: Pose, heading: float | None, s: LocateSettings) -> bool:
+    return heading is None or abs(wrap_angle(pose.heading - heading)) <= s.heading_tolerance_rad
 
 
 def _different_poses(poses: list[Pose], s: LocateSettings) -> list[Pose]:
     """Poses without those that come to the same as an earlier one."""
     kept: list[Pose] = []
     for pose in poses:
-        same = (
-            pose.distance_to(other) < s.same_m and abs(wrap_angle(pose.heading - other.heading)) < s.same_rad
-            for other in kept
-        )
-        if not any(same):
+        if not _is_among(pose, kept, s):
             kept.append(pose)
     return kept
 
 
-def _scatter_message(points: int, best: Hypothesis, chance: Chance, s: LocateSettings) -> str:
-    x, y, heading = best.pose
-    return (
-        f"the {points} points fit no pose better than scatter would: the best one ({x:.2f} m, {y:.2f} m, {heading:.3f} "
-        f"rad) leaves them {best.residual_m:.2f} m from the lines on average, and rearranged pieces of the same points "
-        f"fit as well (error {chance.error:.2f} against {chance.mean:.2f}: {chance.significance:.1f} deviations, "
-        f"{s.chance.least_significance:.0f} are needed). Check the field, the unit (metres) and the axes (x forward, "
-        "y left)"
+def _is_among(pose: Pose, others: list[Pose], s: LocateSettings) -> bool:
+    return any(
+        pose.distance_to(other) < s.same_m and abs(wrap_angle(pose.heading - other.heading)) < s.same_rad
+        for other in others
     )
+
+
+def _scatter_message(points: int, best: Hypothesis, chance: Chance, heading: float | None, s: LocateSettings) -> str:
+    return (
+        f"the {points} points fit no pose better than scatter would: the best one ({_words(best.pose)}) leaves them "
+        f"{best.residual_m:.2f} m from the lines on average, and rearranged pieces of the same points fit as well "
+        f"(error {chance.error:.2f} against {chance.mean:.2f}: {chance.significance:.1f} deviations, "
+        f"{s.chance.least_significance:.0f} are needed). {_what_to_check(heading)}"
+    )
+
+
+def _poor_message(points: int, best: Hypothesis, median_m: float, heading: float | None, s: LocateSettings) -> str:
+    return (
+        f"the {points} points fit no pose well: the best one ({_words(best.pose)}) leaves half of them more than "
+        f"{median_m:.2f} m from the lines ({best.residual_m:.2f} m on average); at most {s.most_median_m:.2f} m are "
+        f"allowed. {_what_to_check(heading)}"
+    )
+
+
+def _words(pose: Pose) -> str:
+    return f"{pose.x:.2f} m, {pose.y:.2f} m, {pose.heading:.3f} rad"
+
+
+def _what_to_check(heading: float | None) -> str:
+    first = "" if heading is None else f"the heading ({heading:.3f} rad, in the field frame), "
+    return f"Check {first}the field, the unit (metres) and the axes (x forward, y left)"

@@ -1,17 +1,40 @@
-"""Line points from a CSV file."""
+"""Line points from a CSV file, or from whatever else holds them."""
 
 from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
+from touchline.localization.weights import WeightSettings, precision_weights
+from touchline.types import LinePoints
 
 _NAMES = {"x_m": "x", "x": "x", "y_m": "y", "y": "y", "weight": "weight"}
+
+
+def points_and_weights(
+    points: str | Path | FloatArray | Sequence[Sequence[float]] | LinePoints,
+) -> tuple[FloatArray, FloatArray | None]:
+    """Points (N, 2) in m, robot frame, and weights (N,) or None, from a file, pairs of numbers or detected points.
+
+    Raises InputError for a file that can't be read and for what is no table of numbers.
+    """
+    if isinstance(points, LinePoints):
+        known = points.finite()
+        return known.positions_m, precision_weights(known, WeightSettings())
+    if isinstance(points, str | Path):
+        return read_points(Path(points))
+    try:
+        return np.asarray(points, dtype=np.float64), None
+    except (TypeError, ValueError):
+        raise InputError(
+            "line points need two columns, x and y in metres: an array (N, 2) or a list of pairs"
+        ) from None
 
 
 def read_points(path: Path) -> tuple[FloatArray, FloatArray | None]:

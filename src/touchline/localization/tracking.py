@@ -24,6 +24,27 @@ class FusionSettings(Settings):
         description="squared Mahalanobis distance between prediction and match above which they contradict each other: "
         "the 99.9 % quantile of chi square with 3 degrees of freedom",
     )
+    better_factor: float = Field(
+        2.0,
+        ge=1,
+        description="a match beyond the gate is believed if the prediction's mean error is more than this factor, or "
+        "better_margin, above its own: a lone line that RPROP slid along is explained as well where it was predicted",
+    )
+    better_margin: float = Field(
+        0.02, ge=0, description="see better_factor; what noise alone changes in the mean error"
+    )
+    poor_error: float = Field(
+        0.1,
+        gt=0,
+        le=1,
+        description="mean error of a match from which matching also starts with the compass heading; as accepted_error",
+    )
+    shoved_rad: float = Field(
+        0.05,
+        gt=0,
+        description="difference between corrected compass and predicted heading (rad) from which matching also starts "
+        "with the compass heading: beyond its noise of half a degree, below the ten degrees of a shove",
+    )
     start_position_m: float = Field(
         0.3, gt=0, description="standard deviation of x and y of a pose told by a person (m)"
     )

@@ -25,6 +25,10 @@ _DARKEST_SUM = 40.0  # of B, G and R: below, the steps of the grey levels leave 
 _CELLS = 64  # of the chromaticity histogram per axis
 
 
+class NoCarpetError(TouchlineError):
+    """No greenish colour is frequent where carpet is expected."""
+
+
 class ColourSettings(Settings):
     """How the carpet's colour is learned; nothing here depends on the light."""
 
@@ -92,7 +96,7 @@ def learn_carpet(
     """Learn from images (H, W, 3): green is the most frequent greenish colour in `near`, its spread that in `around`.
 
     near, around: (H, W) masks, the ring about the robot that is mostly carpet, and all of the field that is looked at.
-    Raises TouchlineError when no greenish colour is frequent near the robot.
+    Raises NoCarpetError when no greenish colour is frequent near the robot.
     """
     coarse: list[ImageArray] = [cv2.GaussianBlur(image, (0, 0), 2.5).astype(np.uint8) for image in images]
     center = _most_frequent_green(_pixels(coarse, near))
@@ -127,7 +131,7 @@ def _most_frequent_green(pixels: FloatArray) -> FloatArray:
     greenish = (pixels[:, 1] > 1.06 * pixels[:, 2]) & (pixels[:, 1] > 0.95 * pixels[:, 0]) & (pixels.max(axis=1) < 250)
     greenish &= pixels.sum(axis=1) > _DARKEST_SUM
     if greenish.sum() < 0.05 * max(len(pixels), 1):
-        raise TouchlineError(
+        raise NoCarpetError(
             "no green carpet found around the robot: is the camera covered, or its center or inner_radius_px wrong?"
         )
     blue, red = chromaticity(pixels[greenish]).T

@@ -8,9 +8,9 @@ from numba import njit
 
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
+from touchline.perception.colour import GREEN
 from touchline.perception.profiles import BODY
 
-_GREEN = 1
 _BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line sees no green itself
 
 
@@ -42,7 +42,7 @@ def green_ends(
         low, high = starts[2 * ray], starts[2 * ray + 1]
         last, missing = 0, 0
         for k in range(high - low):
-            if classes[low + k] == _GREEN:
+            if classes[low + k] == GREEN:
                 last, missing = k, 0
             elif classes[low + k] != BODY:
                 missing += 1

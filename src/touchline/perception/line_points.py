@@ -27,7 +27,7 @@ from touchline.perception.colour import (
     signal_noise,
 )
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
-from touchline.perception.profiles import COLUMNS, find_crossings, sample_paths
+from touchline.perception.profiles import COLUMNS, find_line_profiles, sample_paths
 from touchline.perception.scan_lines import ScanLines, build_scan_lines
 from touchline.perception.stages import draw_stages
 from touchline.types import ImageArray, LinePoints
@@ -131,16 +131,17 @@ class LinePointDetector:
     def learn(self, images: Sequence[ImageArray]) -> None:
         """Learn green, white and the robot's own body from a few images (H, W, 3), B, G, R, of this camera.
 
-        Raises TouchlineError where no green carpet is seen, InputError for an image of another size.
+        Raises NoCarpetError where no green carpet is seen, InputError for an image of another size.
         """
         for image in images:
             self._check_size(image)
         near, around = (self._ring(self.camera.inner_radius_px, share * self.outer_px) for share in (0.65, 0.9))
         noise = pixel_noise(images, near)
-        self._smoothing_px = _smoothing_for(noise)
-        smooth = [self._smoothed(image) for image in images]
+        smoothing_px = _smoothing_for(noise)
+        smooth = [_smoothed(image, smoothing_px) for image in images]
+        carpet = learn_carpet(smooth, near, around, noise)  # raises before anything has changed
+        self._smoothing_px = smoothing_px
         self._see_body(np.zeros_like(self.body))
-        carpet = learn_carpet(smooth, near, around, noise)
         self.colours = colour_model(carpet, self.settings.colour)
         white = self._white_on_lines(smooth)
         if white is not None:
@@ -159,13 +160,19 @@ class LinePointDetector:
         self.colours = colours
         self._smoothing_px = _smoothing_for(colours.noise)
         self._noise = float(np.linalg.norm(colours.signal)) * min(colours.noise, _SMOOTH_NOISE)
-        smooth = [self._smoothed(image) for image in images]
+        smooth = [_smoothed(image, self._smoothing_px) for image in images]
         self._see_body(self._own_body(smooth) if smooth else np.zeros_like(self.body))
+
+    def forget(self) -> None:
+        """Forget colours and body."""
+        self.colours = None
+        self._smoothing_px = 0.0
+        self._see_body(np.zeros_like(self.body))
 
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""
         self._check_size(image)
-        found = self._crossings(self._smoothed(image))
+        found = self._crossings(_smoothed(image, self._smoothing_px))
         covariances = self._covariances(found[:, 2:4])
         confidences = np.clip(found[:, 4], 0.0, 1.0)
         return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
@@ -174,7 +181,7 @@ class LinePointDetector:
         """Title -> picture (H, W, 3), B, G, R, of each step of `detect` on an image."""
         points = self.detect(image)
         assert self.colours is not None
-        return draw_stages(self, self.colours, self._smoothed(image), points)
+        return draw_stages(self, self.colours, _smoothed(image, self._smoothing_px), points)
 
     @property
     def green_share(self) -> float:
@@ -207,7 +214,7 @@ class LinePointDetector:
             ],
             dtype=np.float64,
         )
-        count = find_crossings(
+        count = find_line_profiles(
             lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,
             (camera.lookup_constants, camera.bearings_rad, camera.lookup_table), self._found,
         )  # fmt: skip
@@ -223,13 +230,6 @@ class LinePointDetector:
         jacobians = self.camera.ground_jacobian(pixels)
         covariances: FloatArray = self.settings.noise_px**2 * jacobians @ jacobians.transpose(0, 2, 1)
         return covariances + np.eye(2) * self.settings.noise_m**2
-
-    def _smoothed(self, image: ImageArray) -> ImageArray:
-        image = np.ascontiguousarray(image)
-        if self._smoothing_px == 0.0:
-            return image
-        blurred: ImageArray = cv2.GaussianBlur(image, (0, 0), self._smoothing_px)  # type: ignore[assignment]
-        return blurred
 
     def _see_body(self, body: npt.NDArray[np.bool_]) -> None:
         self.body, self._masked = body, self.scan_lines.at_samples(body)
@@ -288,6 +288,12 @@ def _usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
     too_coarse = np.nonzero(steps > coarsest_px_m)[0]
     limit = camera.radius_px[too_coarse[0]] if len(too_coarse) else camera.radius_px[-1]
     return float(min(limit, camera.outer_radius_px))
+
+
+def _smoothed(image: ImageArray, sigma_px: float) -> ImageArray:
+    """The image, contiguous, blurred if sigma_px is not 0."""
+    image = np.ascontiguousarray(image)
+    return cv2.GaussianBlur(image, (0, 0), sigma_px).astype(np.uint8) if sigma_px else image
 
 
 def _smoothing_for(noise: float) -> float:

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.camera.omni import ground_from_pixel
+from touchline.perception.colour import GREEN
 from touchline.types import ImageArray
 
 BODY = 3  # a fourth class of samples: the robot itself
-_GREEN = 1
 COLUMNS = 7  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path
 
 
@@ -66,7 +66,7 @@ def _flank(samples, first, step, count, low, high, mean):  # type: ignore[no-unt
     mean[:] = 0.0
     for m in range(count):
         k = first + step * m
-        if classes[k] != _GREEN:
+        if classes[k] != GREEN:
             continue
         green += 1
         level += levels[k]
@@ -131,6 +131,8 @@ def _edge(levels, foot, base, peak, step):  # type: ignore[no-untyped-def]
         m += step
         if levels[m] > levels[k]:
             k = m
+    if levels[k] <= base:
+        return -1.0
     half = 0.5 * (base + levels[k])
     for _ in range(12):
         k -= step
@@ -160,7 +162,7 @@ def _at(path, position):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def find_crossings(path, starts, closed, samples, paint, limits, camera, out):  # type: ignore[no-untyped-def]
+def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out):  # type: ignore[no-untyped-def]
     """Green-white-green profiles of all scan lines into out (M, COLUMNS); returns how many.
 
     path (N, 2), starts, closed: ScanLines. samples: colours (N, 3), levels (N,), classes (N,) of `sample_paths`.
@@ -168,9 +170,11 @@ def find_crossings(path, starts, closed, samples, paint, limits, camera, out):  
     run (samples), least and greatest chord (m), blur (px), least cosine of the excess. camera: constants, bearings,
     ranges of the OmniCamera's look-up.
     """
-    _, levels, classes = samples
+    colours, levels, classes = samples
     green, white = paint
     contrast, count, reach = limits[0], int(limits[1]), int(limits[2])
+    least_chord, greatest_chord, blur_px, cosine = limits[3], limits[4], limits[5], limits[6]
+    constants, bearings, ranges = camera
     left_mean, right_mean = np.zeros(3), np.zeros(3)
     found = 0
     for p in range(len(starts) - 1):
@@ -202,16 +206,15 @@ def find_crossings(path, starts, closed, samples, paint, limits, camera, out):  
             k = max(k, int(b) + 1)
             if closed[p] > 0 and not low + count <= middle < low + count + closed[p]:
                 continue
-            if not _looks_white(
-                samples[0], middle, left_mean, right_mean, white - green, 0.7 * contrast * brightness, limits[6]
-            ):
+            least = 0.7 * contrast * brightness
+            if not _looks_white(colours, middle, left_mean, right_mean, white - green, least, cosine):
                 continue
             (ua, va), (ub, vb) = _at(path, a), _at(path, b)
-            xa, ya = ground_from_pixel(ua, va, camera[0], camera[1], camera[2])
-            xb, yb = ground_from_pixel(ub, vb, camera[0], camera[1], camera[2])
+            xa, ya = ground_from_pixel(ua, va, constants, bearings, ranges)
+            xb, yb = ground_from_pixel(ub, vb, constants, bearings, ranges)
             chord = np.hypot(xa - xb, ya - yb)
-            blur = limits[5] * chord / (b - a)
-            if not max(limits[3] - blur, 0.5 * limits[3]) <= chord <= limits[4] + blur:
+            blur = blur_px * chord / (b - a)
+            if not max(least_chord - blur, 0.5 * least_chord) <= chord <= greatest_chord + blur:
                 continue
             row = out[found]
             row[0], row[1], row[2], row[3] = 0.5 * (xa + xb), 0.5 * (ya + yb), 0.5 * (ua + ub), 0.5 * (va + vb)

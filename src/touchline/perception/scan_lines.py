@@ -59,18 +59,26 @@ def build_scan_lines(
         angles = 2.0 * np.pi / count * np.arange(count + _CIRCLE_OVERLAP_PX)
         paths.append(np.column_stack((u0 + radius * np.cos(angles), v0 + radius * np.sin(angles))))
         closed.append(count)
-    inside = [_inside(path, camera) for path in paths]
-    starts = np.concatenate(([0], np.cumsum([len(path) for path in inside]))).astype(np.int64)
-    # a circle that left the image is an open path
-    lengths = [count if len(kept) == len(path) else 0 for path, kept, count in zip(paths, inside, closed, strict=True)]
-    samples = np.concatenate(inside)
+    pieces = [piece for path, count in zip(paths, closed, strict=True) for piece in _inside(path, count, camera)]
+    starts = np.concatenate(([0], np.cumsum([len(path) for path, _ in pieces]))).astype(np.int64)
+    lengths = np.array([count for _, count in pieces], dtype=np.int64)
+    samples = np.concatenate([path for path, _ in pieces])
     whole = np.floor(samples)
     corners = (3 * (whole[:, 1] * camera.width + whole[:, 0])).astype(np.int32)
     shares = (samples - whole).astype(np.float32)
-    return ScanLines(samples, starts, np.array(lengths, dtype=np.int64), corners, shares)
+    return ScanLines(samples, starts, lengths, corners, shares)
 
 
-def _inside(path: FloatArray, camera: OmniCamera) -> FloatArray:
+def _inside(path: FloatArray, closed: int, camera: OmniCamera) -> list[tuple[FloatArray, int]]:
+    """The path, or what the image's border leaves of it: open pieces. closed: see ScanLines; 0 for an open path."""
     u, v = path.T
-    kept: FloatArray = path[(u >= 2) & (u <= camera.width - 3) & (v >= 2) & (v <= camera.height - 3)]
-    return kept
+    inside = (u >= 2) & (u <= camera.width - 3) & (v >= 2) & (v <= camera.height - 3)
+    if inside.all():
+        return [(path, closed)]
+    if not closed:  # a ray leaves the image once; it stays a path even if nothing is left of it
+        return [(path[inside], 0)]
+    first = int(np.argmin(inside[:closed]))  # go round once, from where the circle leaves the image
+    order = (first + np.arange(closed)) % closed
+    path, inside = path[order], inside[order]
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
+    return [(path[low:high], 0) for low, high in zip(edges[::2], edges[1::2], strict=True)]

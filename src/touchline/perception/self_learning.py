@@ -6,9 +6,9 @@ from pydantic import Field
 
 from touchline.camera import OmniCamera
 from touchline.config import Settings
-from touchline.errors import TouchlineError
-from touchline.perception.colour import ColourModel
+from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
+from touchline.perception.covered import LEAST_CONTRAST, is_covered
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, LinePoints, empty_points
 
@@ -39,7 +39,7 @@ class LearningSettings(Settings):
         "learned from the first images, and again when the green fades",
     )
     least_contrast: float = Field(
-        1.5,
+        LEAST_CONTRAST,
         ge=0,
         description="standard deviation (grey levels) between parts of the image below which the camera is covered: "
         "a covered one has 0.2, the dimmest usable image 3",
@@ -60,21 +60,30 @@ class SelfLearningDetector:
         self.settings = learning or LearningSettings()
         file = self.settings.colour_file
         self._kept: ColourModel | None = None if file is None else load_colours(file)
+        self.problem: str | None = None  # why nothing can be seen in the last frame
+        self._begin_anew()
+
+    def reset(self) -> None:
+        """Forget the colours."""
+        self.detector.forget()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Learn from the next images; the old colours serve until then."""
         self._images: list[ImageArray] = []
         self._usual_green = 0.0
         self._faded = 0
 
-    def reset(self) -> None:
-        """Forget the colours."""
-        self._images = []
-        self._usual_green = 0.0
-        self._faded = 0
-
     def detect(self, frame: Frame) -> LinePoints:
-        """Line points of a frame: its own if it has them already, none where no field is to be seen."""
+        """Line points of a frame: its own if it has them already, none where no field is to be seen (see `problem`)."""
+        self.problem = None
         if frame.points is not None:
             return frame.points
-        if frame.image is None or contrast(frame.image) < self.settings.least_contrast:
+        if frame.image is None:
+            self.problem = frame.problem or "there is no image"
+            return empty_points()
+        if is_covered(frame.image, self.settings.least_contrast):
+            self.problem = "the image is black, or shows nothing at all"
             return empty_points()
         if len(self._images) < self.settings.frames and not self._learn(frame.image):
             return empty_points()
@@ -94,8 +103,9 @@ class SelfLearningDetector:
                 self.detector.use_colours(self._kept, self._images)
             else:
                 self.detector.learn(self._images)
-        except TouchlineError:
+        except NoCarpetError as error:
             self._images.pop()
+            self.problem = str(error)
         return self.detector.colours is not None
 
     def _watch_green(self, image: ImageArray) -> None:
@@ -106,13 +116,5 @@ class SelfLearningDetector:
             self._faded = 0
             self._usual_green += 0.1 * (share - self._usual_green) if self._usual_green else share
         if self._faded >= self.settings.faded_frames:
-            self.reset()
+            self._begin_anew()
             self._learn(image)
-
-
-def contrast(image: ImageArray) -> float:
-    """Standard deviation (grey levels) of the mean brightness of 10 x 10 parts of an image (H, W, 3)."""
-    thin = image[::4, ::4]
-    rows, columns = (size // 10 for size in thin.shape[:2])
-    parts = thin[: 10 * rows, : 10 * columns].reshape(10, rows, 10, columns, 3)
-    return float(parts.mean(axis=(1, 3, 4)).std())

@@ -21,6 +21,7 @@ _LEAST_FRAMES = 5
 _NEAR_M = 4.0
 _GOOD_M = 0.03  # a line's deviation at up to _NEAR_M with a good calibration; real robots have 0.02 to 0.04
 _POOR_M = 0.08
+_LEAST_NEAR = 0.75  # of the points, within a quarter metre; goals and clutter take a tenth
 _TILT_DEG = 0.1
 _SCALE = 0.01
 
@@ -52,7 +53,9 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         yield Finding("lines", Severity.WARNING, FIELD, what, advice)
         return
     frames = [_deviations(system, estimate) for estimate in estimates]
-    yield _fit(np.concatenate([off[ranges < _NEAR_M] for off, _, ranges in frames]), len(estimates), looked)
+    near_a_line = sum(len(off) for off, _, _ in frames) / sum(estimate.points for estimate in estimates)
+    off = np.concatenate([off[ranges < _NEAR_M] for off, _, ranges in frames])
+    yield _fit(off, near_a_line, f"tracked in {len(estimates)} of {looked} images")
     yield from _range_scale(frames)
     yield _tilt(system)
 
@@ -74,13 +77,16 @@ def _deviations(system: NubotMti, estimate: Estimate) -> tuple[FloatArray, Float
     return distance[near], derivative[near], np.hypot(*points.T)[near]
 
 
-def _fit(off: FloatArray, tracked: int, looked: int) -> Finding:
+def _fit(off: FloatArray, near_a_line: float, tracked: str) -> Finding:
     typical = float(np.median(off)) if len(off) else math.inf
-    what = f"points lie {100 * typical:.1f} cm from the lines (median), tracked in {tracked} of {looked} images"
+    what = f"points lie {100 * typical:.1f} cm from the lines (median), {tracked}"
+    advice = "Is it this field, and this camera's calibration?"
+    if near_a_line < _LEAST_NEAR:
+        what += f"; but only {100 * near_a_line:.0f} % of them lie near a line at all"
+        return Finding("lines", Severity.WARNING, FIELD, what, advice)
     if typical <= _GOOD_M:
         return Finding("lines", Severity.OK, FIELD, what)
-    severity = Severity.WARNING if typical > _POOR_M else Severity.NOTE
-    return Finding("lines", severity, FIELD, what, "Is it this field, and this camera's calibration?")
+    return Finding("lines", Severity.WARNING if typical > _POOR_M else Severity.NOTE, FIELD, what, advice)
 
 
 def _range_scale(frames: list[tuple[FloatArray, FloatArray, FloatArray]]) -> Iterator[Finding]:

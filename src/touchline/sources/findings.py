@@ -29,6 +29,11 @@ class Finding:
     advice: str = ""
 
 
+def counted(count: int, noun: str) -> str:
+    """`1 image`, `2 images`."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def frames_in_words(frames: list[int], shown: int = 6) -> str:
     """`frame 3`, `frames 3, 4, 9 and 12 more`."""
     if len(frames) == 1:

@@ -12,7 +12,7 @@ import numpy as np
 from touchline.geometry import FloatArray, Pose
 from touchline.sources.problems import ProblemLog
 from touchline.sources.tables import StampArray
-from touchline.types import Frame
+from touchline.types import Frame, Samples
 
 if TYPE_CHECKING:
     from touchline.camera import OmniCamera
@@ -33,6 +33,10 @@ class Truth:
 
     def __getitem__(self, index: int) -> Pose:
         return Pose(*self.poses[index].tolist())
+
+    def samples(self) -> Samples:
+        """The same as samples (N, 3) of x, y, heading."""
+        return Samples(self.stamp_ns, self.poses)
 
     def nearest_index(self, stamp_ns: int) -> int:
         """Index of the pose whose stamp is nearest."""

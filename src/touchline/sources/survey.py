@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, wrap_angle
+from touchline.perception.covered import is_covered
 from touchline.sources.folder import Recording
 from touchline.sources.image_measures import (
     Mask,
@@ -30,14 +31,14 @@ if TYPE_CHECKING:
 RIM_IMAGES = 24  # images whose rim is fitted, spread over the recording
 MOTION_COLUMNS = ("x", "y", "theta", "a", "b", "roll", "pitch", "yaw", "gx", "gy", "gz")
 _LEAST_TURN_RAD, _MOST_TURN_RAD = np.radians(4.0), np.radians(40.0)
-_BLACK = 12.0
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
     """Numbers per image (N,), NaN where there is none.
 
-    brightness (0..255), saturated (0..1), sharpness: see image_measures. frozen: equal to the image before.
+    brightness (0..255), saturated (0..1), sharpness: see image_measures. black: shows nothing, as under a covered lens.
+    frozen: equal to the image before.
     motion: (N, 11), the last sample of each of MOTION_COLUMNS. changed: bool (N, 11), whether it changed since the
     image before. turn_rad: the gyro's yaw rate summed up since the image before (NaN across a gap).
     turn_score: `TurnGauge.preference` for the camera's handedness. rims: (frame, rim).
@@ -47,6 +48,7 @@ class Survey:
     brightness: FloatArray
     saturated: FloatArray
     sharpness: FloatArray
+    black: npt.NDArray[np.bool_]
     frozen: npt.NDArray[np.bool_]
     motion: FloatArray
     changed: npt.NDArray[np.bool_]
@@ -70,11 +72,6 @@ class Survey:
         seconds: FloatArray = self.recording.image_stamps / 1e9
         return seconds
 
-    @property
-    def black(self) -> npt.NDArray[np.bool_]:
-        """(N,) images without any light."""
-        return self.brightness < _BLACK
-
     def column(self, name: str) -> FloatArray:
         """One of MOTION_COLUMNS (N,)."""
         return self.motion[:, MOTION_COLUMNS.index(name)]
@@ -92,6 +89,7 @@ def take_survey(recording: Recording, progress: Callable[[], None] | None = None
         brightness=np.full(count, np.nan),
         saturated=np.full(count, np.nan),
         sharpness=np.full(count, np.nan),
+        black=np.zeros(count, dtype=np.bool_),
         frozen=np.zeros(count, dtype=np.bool_),
         motion=np.full((count, len(MOTION_COLUMNS)), np.nan),
         changed=np.zeros((count, len(MOTION_COLUMNS)), dtype=np.bool_),
@@ -172,6 +170,7 @@ class _ImageTaker:
             sample = image[::5, ::5, 1].copy()
             survey.frozen[index] = self._before is not None and np.array_equal(sample, self._before)
             self._before = sample
+            survey.black[index] = is_covered(image)
             if survey.black[index]:
                 image = None
         if image is not None:

@@ -29,7 +29,7 @@ from touchline.localization.weights import WeightSettings, precision_weights
 from touchline.motion.compass import CompassTrack, CompassTrackSettings
 from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector
-from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Status
+from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Status, empty_points
 
 
 class MapSettings(Settings):
@@ -58,13 +58,10 @@ class TrackerSettings(Settings):
 class MatchingTracker(ABC):
     """A system as sources and sinks know it: `reset` and `step`. Global localization is its heirs' part."""
 
-    def __init__(
-        self, field: FieldModel, camera: OmniCamera | None, settings: TrackerSettings, accepted_error: float
-    ) -> None:
-        """camera: None if frames bring their points. accepted_error: mean error below which a match is believed."""
+    def __init__(self, field: FieldModel, camera: OmniCamera | None, settings: TrackerSettings) -> None:
+        """camera: None if frames bring their points."""
         self.shared = settings
         self.field = field
-        self.accepted_error = accepted_error
         self.detector = (
             None
             if camera is None
@@ -85,6 +82,8 @@ class MatchingTracker(ABC):
         self.failure = FailureDetector(s.failure)
         self.filter = PoseFilter(prior.pose or Pose(0.0, 0.0, 0.0), None, s.fusion)
         self.status = Status.TRACKING if prior.pose is not None else Status.SEARCHING
+        self.placed = prior.pose is not None
+        self.told = prior.pose is not None
         self.tilt.reset()
         self.rivals: tuple[Hypothesis, ...] = ()
         self.failures = 0  # how often the pose was believed wrong
@@ -102,12 +101,15 @@ class MatchingTracker(ABC):
         compass_rad = self.compass.heading_at(frame.stamp_ns)
         weights = precision_weights(points, self.shared.weights)
         usable = len(points) >= self.shared.failure.least_points
-        match = None
+        match = self._match_from_prediction(points, weights, compass_rad) if usable and self.placed else None
         if self.status is Status.TRACKING:
-            match = self._track(points, weights, compass_rad) if usable else None
-            if self._failed(match, len(points), compass_rad):
+            if match is not None:
+                self._fuse(points, weights, match, compass_rad)
+            failed = self._failed(match, len(points), compass_rad)
+            if failed or (self.told and self.failure.bad_frames > 0):  # a told pose that nothing has confirmed yet
                 self.status = Status.LOST
                 self.failures += 1
+            self.told = self.told and match is None
         if self.status is not Status.TRACKING and usable:
             match = self._localize(points, weights, compass_rad, match)
         done = time.perf_counter()
@@ -121,22 +123,24 @@ class MatchingTracker(ABC):
             self.rivals if self.side_known else (*self.rivals, self._twin(match)),
             1e3 * (seen - started),
             1e3 * (done - seen),
-            Observation(frame.stamp_ns, points),
+            Observation(frame.stamp_ns, points, None if self.detector is None else self.detector.problem),
         )
 
     @abstractmethod
     def _localize(
-        self, points: LinePoints, weights: FloatArray, compass_rad: float | None, tracked: Match | None
+        self, points: LinePoints, weights: FloatArray, compass_rad: float | None, held: Match | None
     ) -> Match | None:
-        """Global localization, or the next cycle of it: sets filter and status. tracked: the match that has failed."""
+        """Global localization, or the next cycle of it: sets filter and status. held: the match from the prediction."""
 
-    def _found(self, compass_rad: float | None) -> None:
+    def _believe(self) -> None:
         """Global localization has succeeded: from here on the pose is tracked."""
-        self.status = Status.TRACKING
-        self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
-        self.region = None
+        self.status, self.region = Status.TRACKING, None
         self.failure.reset()
         self.correction.interrupt()
+
+    def _knows_the_side(self, compass_rad: float | None) -> bool:
+        """Whether a pose found now is known to be at the right end of the field."""
+        return compass_rad is not None or self.region is not None or not self.field.is_symmetric
 
     def _may_face(self, heading_rad: float, compass_rad: float | None) -> bool:
         """Whether a heading doesn't contradict the compass outright, as at the wrong end of a symmetric field."""
@@ -153,9 +157,8 @@ class MatchingTracker(ABC):
     def _line_points(self, frame: Frame) -> LinePoints:
         """Section 4.1: line points of the panoramic image."""
         if self.detector is not None:
-            return self.detector.detect(frame)
-        assert frame.points is not None, "a frame without points needs a camera"
-        return frame.points
+            return self.detector.detect(frame).finite()
+        return empty_points() if frame.points is None else frame.points.finite()
 
     def _predict(self, frame: Frame) -> None:
         """Section 4.2: the odometry carries the pose on to this frame."""
@@ -167,40 +170,42 @@ class MatchingTracker(ABC):
         self.stamp_ns = frame.stamp_ns
         self.rivals = ()
 
-    def _track(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
-        """Section 4.2: matching from the odometry's prediction, then Kalman fusion."""
-        good = self.accepted_error
+    def _match_from_prediction(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
+        """Section 4.2: matching that starts where the odometry says."""
         positions_m = self.tilt.corrected(points.positions_m)
         pose, error, _ = self.matcher.descend(positions_m, weights, self.filter.pose.as_array())
-        if error > good and compass_rad is not None:
+        heading = self.filter.pose.heading if compass_rad is None else self.correction.heading(compass_rad)
+        turn_rad = abs(wrap_angle(heading - self.filter.pose.heading))
+        s = self.shared.fusion
+        if turn_rad > s.shoved_rad or (error > s.poor_error and turn_rad > 0.0):
             # a shove turns the robot, too; the compass feels what the odometry doesn't
-            turned = self.filter.pose._replace(heading=self.correction.heading(compass_rad))
+            turned = self.filter.pose._replace(heading=heading)
             other, other_error, _ = self.matcher.descend(positions_m, weights, turned.as_array())
             if other_error < error:
                 pose, error = other, other_error
-        match = self._upright(points, weights, pose, error)
-        covariance = self._covariance_without_sliding(positions_m, weights, match)
-        self.filter.update(match.pose, covariance, trusted=match.error < good)
+        return self._upright(points, weights, pose, error)
+
+    def _fuse(self, points: LinePoints, weights: FloatArray, match: Match, compass_rad: float | None) -> None:
+        """Section 4.2: Kalman fusion of prediction and match, and correction of the compass."""
+        s = self.shared.fusion
+        covariance, trusted = match.covariance, True
+        if self.filter.distance2_to(match.pose, covariance) > s.gate:
+            positions_m = self.tilt.corrected(points.positions_m)
+            predicted = self.filter.pose.as_array()
+            error = self.matcher.error(positions_m, weights, predicted)
+            trusted = error > max(s.better_factor * match.error, match.error + s.better_margin)
+            if not trusted:
+                # RPROP may slide along a lone line to where the same points look unambiguous: what counts is what
+                # they say at the prediction, which explains them as well
+                covariance = self.matcher.assess(positions_m, weights, predicted, error).covariance
+        self.filter.update(match.pose, covariance, trusted)
         if compass_rad is not None:
             self.correction.update(match.mean_distance_m, match.pose.heading, compass_rad)
-        return match
-
-    def _covariance_without_sliding(self, positions_m: FloatArray, weights: FloatArray, match: Match) -> FloatArray:
-        """Covariance of the match: that at the prediction, if the match went far away from it for nothing.
-
-        Where a single line is seen, RPROP may slide along it to a place where the same points look unambiguous.
-        """
-        if self.filter.distance2_to(match.pose, match.covariance) <= self.shared.fusion.gate:
-            return match.covariance
-        predicted = self.filter.pose.as_array()
-        error = self.matcher.error(positions_m, weights, predicted)
-        if error > max(2.0 * match.error, match.error + 0.02):
-            return match.covariance
-        return self.matcher.assess(positions_m, weights, predicted, error).covariance
 
     def _upright(self, points: LinePoints, weights: FloatArray, pose: FloatArray, error: float) -> Match:
         """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
-        if self.shared.mirror_tilt.enabled and error < self.accepted_error:
+        tilt = self.shared.mirror_tilt
+        if tilt.enabled and error < tilt.most_error:
             positions_m = self.tilt.corrected(points.positions_m, self.tilt.update(points, as_pose(pose)))
             refined, refined_error, _ = self.matcher.descend(positions_m, weights, pose)
             if refined_error <= error:

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching import Match
 from touchline.localization.particles import MonteCarlo, MonteCarloSettings
 from touchline.localization.tracking import PoseFilter
@@ -46,6 +46,13 @@ class NubotMclSettings(TrackerSettings):
         ge=1,
         description="cycles after which particles that have not converged start anew: they converge within 5",
     )
+    confirmations: int = Field(
+        3,
+        ge=1,
+        description="starts in a row after which the same pose is believed though it was not accepted, as nubot-mti's "
+        "global search: real calibrations may leave more than accepted_error everywhere",
+    )
+    same_m: float = Field(0.5, gt=0, description="distance (m) within which that is the same pose: a frame's travel")
     widening: float = Field(
         2.0,
         ge=1,
@@ -61,7 +68,7 @@ class NubotMcl(MatchingTracker):
         self, field: FieldModel, camera: OmniCamera | None, settings: NubotMclSettings, rng: np.random.Generator
     ) -> None:
         """camera: None if frames bring their points. rng: all chance comes from it."""
-        super().__init__(field, camera, settings, settings.accepted_error)
+        super().__init__(field, camera, settings)
         self.settings = settings
         self.particles = MonteCarlo(
             self.matcher, field.length, field.width, rng, settings.particles, symmetric=field.is_symmetric
@@ -73,6 +80,8 @@ class NubotMcl(MatchingTracker):
         super().reset(prior)
         self.cycles = 0
         self.starts = 0
+        self.doubtful: Pose | None = None
+        self.confirmations = 0
 
     def _predict(self, frame: Frame) -> None:
         """The odometry carries every particle on, too, while they are in use."""
@@ -80,40 +89,54 @@ class NubotMcl(MatchingTracker):
         if self.cycles and self.motion is not None:
             self.particles.move(self.motion)
 
-    def _track(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
+    def _match_from_prediction(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
         """Matching as both papers have it, or one more cycle of the particles."""
         if self.settings.followed_by == "matching":
-            return super()._track(points, weights, compass_rad)
+            return super()._match_from_prediction(points, weights, compass_rad)
         if not self.cycles:
             self._start(compass_rad, around=True)
         return self._cycle(points, weights, compass_rad)
 
+    def _fuse(self, points: LinePoints, weights: FloatArray, match: Match, compass_rad: float | None) -> None:
+        """Kalman fusion; particles have the odometry in them already."""
+        if self.settings.followed_by == "matching":
+            super()._fuse(points, weights, match, compass_rad)
+
     def _localize(
-        self, points: LinePoints, weights: FloatArray, compass_rad: float | None, tracked: Match | None
+        self, points: LinePoints, weights: FloatArray, compass_rad: float | None, held: Match | None
     ) -> Match | None:
         """One cycle of Monte Carlo localization; tracking starts once the particles agree on a pose that fits."""
         if self.status is Status.LOST or not self.cycles:
-            self.starts = 0
+            self.starts = self.confirmations = 0
+            self.doubtful = None
             self._start(compass_rad)
         elif self.cycles >= self.settings.most_cycles:
             self._start(compass_rad)
-        self.status = Status.SEARCHING
+        self.status, self.placed = Status.SEARCHING, False
         match = self._cycle(points, weights, compass_rad)
         if not self.particles.converged:
             return match
-        if self.settings.followed_by == "matching":
-            pose, error, _ = self.matcher.descend(
-                self.tilt.corrected(points.positions_m), weights, self.particles.pose.as_array()
-            )
+        alone = self.settings.followed_by == "particles"
+        if not alone:
+            positions_m = self.tilt.corrected(points.positions_m)
+            pose, error, _ = self.matcher.descend(positions_m, weights, self.particles.pose.as_array())
             match = self._upright(points, weights, pose, error)
             self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
-        if match.error < self.accepted_error or self.settings.followed_by == "particles":
-            self._found(compass_rad)
-            if self.settings.followed_by == "matching":
-                self.cycles = 0
+        if alone or match.error < self.settings.accepted_error or self._confirmed(match.pose):
+            self.side_known = self._knows_the_side(compass_rad)
+            self.placed = True
+            self._believe()
+            self.cycles = self.cycles if alone else 0
         else:
             self.cycles = self.settings.most_cycles  # a wrong end: start anew with the next frame
         return match
+
+    def _confirmed(self, pose: Pose) -> bool:
+        """Whether the particles have come to the same doubtful pose several times in a row."""
+        same = self.doubtful is not None and pose.distance_to(self.doubtful) < self.settings.same_m
+        self.confirmations = self.confirmations + 1 if same else 0
+        self.doubtful = pose
+        return self.confirmations >= self.settings.confirmations
 
     def _start(self, compass_rad: float | None, around: bool = False) -> None:
         """Spread the particles; around: a pose that was told, else over the field."""

@@ -22,7 +22,7 @@ from touchline.localization.global_search import GlobalFix, GlobalSearch, Global
 from touchline.localization.matching import Match
 from touchline.localization.tracking import PoseFilter
 from touchline.systems.matching_tracker import MatchingTracker, TrackerSettings
-from touchline.types import Hypothesis, LinePoints, Status
+from touchline.types import Hypothesis, LinePoints, Prior, Status
 
 # Without a compass the whole circle is searched; matching turns by half a step and more.
 _ALL_HEADINGS = tuple(float(heading) for heading in np.arange(24) * np.pi / 12.0 - np.pi)
@@ -41,41 +41,64 @@ class NubotMti(MatchingTracker):
         self, field: FieldModel, camera: OmniCamera | None, settings: NubotMtiSettings, rng: np.random.Generator
     ) -> None:
         """camera: None if frames bring their points. rng is not needed: nothing here is left to chance."""
-        super().__init__(field, camera, settings, settings.global_search.accepted_error)
+        super().__init__(field, camera, settings)
         self.settings = settings
         self.search = GlobalSearch(self.matcher, field.length, field.width, settings.global_search)
         self.reset()
 
+    def reset(self, prior: Prior | None = None) -> None:
+        """Forget everything but the prior."""
+        super().reset(prior)
+        self.confirmations = 0
+
     def _localize(
-        self, points: LinePoints, weights: FloatArray, compass_rad: float | None, tracked: Match | None
+        self, points: LinePoints, weights: FloatArray, compass_rad: float | None, held: Match | None
     ) -> Match | None:
-        """Section 4.1: global localization; a pose that has just failed stays if no other fits the lines better."""
+        """Section 4.1: global localization. held: the match from the prediction, which stays unless another is better.
+
+        A pose that isn't accepted is followed as the best there is, and believed once it has held against the search
+        for some frames in a row.
+        """
+        s = self.settings.global_search
+        if held is not None and not self._may_face(held.pose.heading, compass_rad):
+            held = None
+        fix = self._search(points, weights, compass_rad)
+        if fix is None and held is None:
+            return None
+        if held is not None and (fix is None or held.error <= s.rival_factor * fix.match.error + s.rival_margin):
+            match, accepted = held, held.error < s.accepted_error
+            self._fuse(points, weights, held, compass_rad)
+            self.confirmations += 1
+        else:
+            assert fix is not None
+            match = self._upright(points, weights, fix.match.pose.as_array(), fix.match.error)
+            accepted = fix.accepted
+            self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
+            self.side_known = self._knows_the_side(compass_rad)
+            self.placed, self.confirmations = True, 0
+        self.rivals = () if fix is None else self._rivals(fix, match, points, weights)
+        if accepted or self.confirmations >= s.confirmations:
+            self.confirmations = 0
+            self._believe()
+        else:
+            self.status = Status.SEARCHING
+        return match
+
+    def _search(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> GlobalFix | None:
+        """The best of the sampled search with the compass heading, or with headings all around without a compass."""
         positions_m = self.tilt.corrected(points.positions_m)
         headings = _ALL_HEADINGS if compass_rad is None else (self.correction.heading(compass_rad),)
         fixes = [self.search.locate(positions_m, weights, heading, self.region) for heading in headings]
-        fix = min((f for f in fixes if f is not None), key=lambda f: f.match.error, default=None)
-        if fix is None:
-            return tracked
-        accepted = fix.accepted
-        match = self._upright(points, weights, fix.match.pose.as_array(), fix.match.error)
-        if tracked is not None and not self._may_face(tracked.pose.heading, compass_rad):
-            tracked = None
-        if tracked is not None and tracked.error <= match.error:
-            match, accepted = tracked, tracked.error < self.accepted_error
-        self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
-        self.rivals = _rivals(fix)
-        self.status = Status.SEARCHING
-        if accepted:
-            self._found(compass_rad)
-        return match
+        return min((fix for fix in fixes if fix is not None), key=lambda fix: fix.match.error, default=None)
 
-
-def _rivals(fix: GlobalFix) -> tuple[Hypothesis, ...]:
-    """Refined samples elsewhere whose error comes near the best one's."""
-    best = fix.match
-    near: list[Hypothesis] = []
-    for candidate in sorted(fix.rounds[-1].candidates, key=lambda c: c.error):
-        elsewhere = all(candidate.pose.distance_to(p) > 0.5 for p in (best.pose, *(h.pose for h in near)))
-        if elsewhere and candidate.error < 2.0 * best.error:
-            near.append(Hypothesis(candidate.pose, candidate.error))
-    return tuple(near)
+    def _rivals(self, fix: GlobalFix, chosen: Match, points: LinePoints, weights: FloatArray) -> tuple[Hypothesis, ...]:
+        """Refined samples elsewhere that explain the points nearly as well as the chosen pose."""
+        s = self.settings.global_search
+        positions_m = self.tilt.corrected(points.positions_m)
+        rivals: list[Hypothesis] = []
+        for candidate in sorted(fix.rounds[-1].candidates, key=lambda c: c.error):
+            elsewhere = all(candidate.pose.distance_to(p) > 0.5 for p in (chosen.pose, *(r.pose for r in rivals)))
+            if elsewhere and candidate.error <= s.rival_factor * chosen.error + s.rival_margin:
+                match = self.matcher.assess(positions_m, weights, candidate.pose.as_array(), candidate.error)
+                rivals.append(Hypothesis(candidate.pose, match.mean_distance_m))
+        return tuple(rivals)

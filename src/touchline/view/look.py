@@ -11,15 +11,17 @@ import numpy as np
 
 from touchline.camera import OmniCamera, open_camera
 from touchline.errors import InputError, NoFitError
-from touchline.evaluation.runner import is_black
+from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.perception import LinePointDetector
+from touchline.perception.covered import is_covered
 from touchline.sources import Recording, open_source
+from touchline.sources.findings import counted
 from touchline.systems import DEFAULT_SYSTEM, open_system
 from touchline.types import ImageArray, LinePoints
-from touchline.view.overlay import overlay_image, pose_text
+from touchline.view.overlay import overlay_image
 from touchline.view.stages import stage_pictures
 
 _COLOUR_IMAGES = 5
@@ -73,7 +75,7 @@ def look_at_recording(path: Path, index: int) -> Look:
     detector.learn([image, *_colour_images(source)])
     points = detector.detect(image)
     name = f"{source.name}-{index}"
-    found = f"{estimate.status.value}, as {DEFAULT_SYSTEM} has it after {index + 1} images"
+    found = f"{estimate.status.value}, as {DEFAULT_SYSTEM} has it after {counted(index + 1, 'image')}"
     return Look(name, image, source.camera, detector, points, source.field, estimate.pose, found)
 
 
@@ -113,7 +115,7 @@ def read_image(path: Path) -> ImageArray:
 
 
 def _colour_images(source: Recording) -> list[ImageArray]:
-    """A few images spread over the recording, to learn the colours from; not the missing and the black ones."""
+    """A few images spread over the recording that show something, to learn the colours from."""
     indices = np.unique(np.linspace(0, len(source) - 1, _COLOUR_IMAGES).astype(int))
     images = [source.image(int(index)) for index in indices]
-    return [image for image in images if image is not None and not is_black(image)]
+    return [image for image in images if image is not None and not is_covered(image)]

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from touchline.camera import OmniCamera
-from touchline.evaluation.tum import fixed
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.types import ImageArray, LinePoints
@@ -49,12 +46,6 @@ def overlay_image(
     if points is not None:
         legend += _draw_points(canvas, field, field_from_robot, points, scale)
     return _with_legend(canvas, legend)
-
-
-def pose_text(field_from_robot: Pose) -> str:
-    """A pose in words, with units."""
-    x, y, heading = field_from_robot
-    return f"x {fixed(x, 2)} m, y {fixed(y, 2)} m, heading {fixed(math.degrees(heading), 1)}°"
 
 
 def projected_lines(camera: OmniCamera, field: FieldModel, field_from_robot: Pose) -> list[FloatArray]:
