@@ -13,12 +13,12 @@ NAMES = (
     "marked-points", "match", "occlusion-12", "occlusion-25", "occlusion-50", "straight-tracks", "tour-20",
     "walk-in-place",
 )  # fmt: skip
-SECONDS = {"calibration-strip": 3.5, "chessboard": 4.0, "kidnap": 2.6, "marked-points": 2.0}
+SECONDS = {"calibration-strip": 3.5, "chessboard": 4.0, "kidnap": 2.6, "marked-points": 1.0, "walk-in-place": 1.0}
 
 
 def shortened(name: str, seconds: float | None = None, seed: int | None = None) -> Simulation:
     """A scenario at reduced length."""
-    return Simulation(open_scenario(name, seed, seconds or SECONDS.get(name, 1.0)))
+    return Simulation(open_scenario(name, seed, seconds or SECONDS.get(name, 0.6)))
 
 
 def content(folder: Path) -> dict[str, str]:

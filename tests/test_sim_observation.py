@@ -17,7 +17,7 @@ from touchline.systems import open_system
 from touchline.types import Status
 
 SILENT = ObservationNoise(
-    noise_px=0.0, wild_px=0.0, circle_noise_px=0.0, circle_wild_px=0.0, outward_px=0.0, frame_px=0.0,
+    noise_px=0.0, wild_px=0.0, circle_noise_px=0.0, circle_wild_px=0.0, spread_px=0.0, frame_px=0.0,
     found_share=1.0, circle_share=1.0, thin_half_px=1e-3, thin_slope_px=1e-4, circle_half_px=1e-3, circle_slope_px=1e-4,
     coarse_half_m=9.0, coarse_slope_m=0.1, long_px=1e9, false_points=0.0, goal_points=0.0,
 )  # fmt: skip
@@ -117,7 +117,7 @@ class TestObservedLines:
     def test_points_err_along_their_ray_by_the_documented_mixture(self) -> None:
         noise = SILENT.model_copy(
             update={"noise_px": 0.2, "wild_px": 0.8, "wild_share": 0.25, "circle_share": 0.0, "thin_px": 0.0,
-                    "oblique_px": 1e6, "outward_px": 0.1}
+                    "oblique_px": 1e6}
         )  # fmt: skip
         observer = ObservedLines(leaning_view(0.8, 190.0, 9.0), open_field("msl-18x12"), noise)
         truth = ObservedLines(observer.camera, observer.field, SILENT.model_copy(update={"circle_share": 0.0}))
@@ -129,9 +129,9 @@ class TestObservedLines:
             assert len(pixels) == len(exact)
             errors.append(np.hypot(*(pixels - middle).T) - np.hypot(*(exact - middle).T))
         found = np.concatenate(errors)
-        assert found.mean() == pytest.approx(0.1, abs=0.02)
+        assert found.mean() == pytest.approx(0.0, abs=0.02)
         assert found.std() == pytest.approx(math.sqrt(0.75 * 0.2**2 + 0.25 * 0.8**2), rel=0.05)
-        assert np.mean(np.abs(found - 0.1) < 0.4) == pytest.approx(0.75 * 0.9545 + 0.25 * 0.3829, abs=0.02)
+        assert np.mean(np.abs(found) < 0.4) == pytest.approx(0.75 * 0.9545 + 0.25 * 0.3829, abs=0.02)
 
     def test_misses_and_false_points_come_as_often_as_documented(self) -> None:
         observer = head()
@@ -156,13 +156,12 @@ class TestObservedLines:
         assert one.shape != other.shape or not np.array_equal(one, other)
 
 
-def position_errors(name: str, level: str, rate_hz: float, seconds: float) -> FloatArray:
-    """(N, 2) position error (m) and heading error (rad) of nubot-mti in each tracked frame after the first three."""
-    scenario = open_scenario(name, seconds=seconds)
-    scenario = scenario.model_copy(update={"camera": scenario.camera.model_copy(update={"rate_hz": rate_hz})})
+def tracking_errors(name: str, level: str, seed: int) -> FloatArray:
+    """(N, 2) position error (m) and heading error (rad) of nubot-mti at two frames a second, tracked frames only."""
+    scenario = open_scenario(name, seed, 45.0)
+    scenario = scenario.model_copy(update={"camera": scenario.camera.model_copy(update={"rate_hz": 2.0})})
     simulation = Simulation(scenario, level)
-    camera = simulation.camera if level == "images" else None
-    system = open_system("nubot-mti", simulation.field, camera)
+    system = open_system("nubot-mti", simulation.field, simulation.camera if level == "images" else None)
     errors = []
     for index, frame in enumerate(simulation):
         estimate, truth = system.step(frame), simulation.truth[index]
@@ -173,9 +172,10 @@ def position_errors(name: str, level: str, rate_hz: float, seconds: float) -> Fl
     return np.array(errors)
 
 
-@pytest.mark.parametrize(("name", "seconds"), [("straight-tracks", 50.0), ("match", 60.0), ("tour-20", 60.0)])
-def test_both_levels_give_a_system_the_same_error_statistics(name: str, seconds: float) -> None:
-    rendered = position_errors(name, "images", 2.0, seconds)
-    observed = position_errors(name, "points", 2.0, seconds)
+@pytest.mark.parametrize("name", ["straight-tracks", "match", "tour-20"])
+def test_both_levels_give_a_system_the_same_error_statistics(name: str) -> None:
+    """Mean and root mean square of position and heading errors, of 87 images and 261 observations of each scenario."""
+    rendered = tracking_errors(name, "images", seed=1)
+    observed = np.concatenate([tracking_errors(name, "points", seed) for seed in (1, 2, 3)])
     np.testing.assert_allclose(observed.mean(axis=0), rendered.mean(axis=0), rtol=0.2)
     np.testing.assert_allclose(np.sqrt(np.mean(observed**2, axis=0)), np.sqrt(np.mean(rendered**2, axis=0)), rtol=0.2)

@@ -34,6 +34,7 @@ class TestMistakes:
             ("field: msl-18x21", r"msl-18x21"),
             ("seconds: 0.01", r"too short for a single image"),
             ("camera: {kind: omni, file: nowhere.yaml}", r"nowhere.yaml: cannot be read"),
+            ("camera: {mirror: {profile: hyperbolic, horizon_px: 20}}", r"mirror: no profile shows this range: at \d+"),
             ("light: {lamps: -1}", r"setting 'light.lamps'"),
             ("seconds: [", r"mine.yaml, line 2: is not valid YAML"),
         ],

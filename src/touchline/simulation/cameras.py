@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,17 @@ from touchline.config import did_you_mean, read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.simulation.camera_base import Motion
+from touchline.simulation.mirror import (
+    MirrorProfile,
+    Target,
+    combined,
+    horizontally_isometric,
+    hyperbolic,
+    solve_mirror,
+    tangent_range,
+    vertically_isometric,
+)
+from touchline.simulation.mirror_rays import MirrorMount
 from touchline.simulation.omni import SimulatedOmniCamera
 from touchline.simulation.pinhole import SimulatedPinholeCamera
 from touchline.simulation.scenario import CameraSettings
@@ -55,9 +68,23 @@ def _from_file(path: Path, kind: str, readout_s: float) -> SimulatedCamera:
 
 
 def _mirror_camera(settings: CameraSettings, readout_s: float) -> SimulatedCamera:
-    from touchline.camera import OmniCamera
+    mirror = settings.mirror
+    tilt_x, tilt_y = np.radians(mirror.tilt_deg)
+    shift_x, shift_y = 1e-3 * np.array(mirror.shift_mm)
+    mount = MirrorMount(float(tilt_x), float(tilt_y), float(shift_x), float(shift_y))
+    profile = _solved(mirror.profile, mirror.metres_per_px, mirror.horizon_px)
+    return SimulatedOmniCamera.from_mirror(profile, mount, readout_s=readout_s)
 
-    radii = np.arange(0.0, 221.0)
-    ranges = 0.0115 * radii / np.maximum(1.0 - radii / 222.5, 1e-3) ** 0.72
-    design = OmniCamera(480, 480, (239.5, 239.5), 52.0, 220.0, -1, -0.5 * np.pi, radii, np.zeros(1), ranges[np.newaxis])
-    return SimulatedOmniCamera(design, readout_s=readout_s)
+
+@lru_cache(maxsize=16)
+def _solved(profile: str, metres_per_px: float, horizon_px: float) -> MirrorProfile:
+    """The solved mirror of a profile's name. Raises InputError where no mirror shows the wanted range."""
+    if profile == "hyperbolic":
+        return solve_mirror(*hyperbolic(horizon_px=horizon_px))
+    targets: dict[str, Callable[[], Target]] = {
+        "combined": combined,
+        "horizontally-isometric": lambda: horizontally_isometric(metres_per_px),
+        "vertically-isometric": vertically_isometric,
+        "recorded": tangent_range,
+    }
+    return solve_mirror(targets[profile]())

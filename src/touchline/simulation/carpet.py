@@ -11,15 +11,15 @@ LEVELS = 9
 
 
 def pile_pyramid(rng: np.random.Generator) -> npt.NDArray[np.float32]:
-    """Brightness of the pile (LEVELS, 512, 512) float32, mean 0, standard deviation 1 at the finest level.
+    """Brightness of the pile: LEVELS tiles one after the other, float32, mean 0, standard deviation 1 at the finest level.
 
-    Level n is the finest one averaged over 2^n texels, repeated to fill its tile, so that a look-up at a level whose
+    Level n is the finest one (512 x 512 texels) averaged over 2^n texels (512 / 2^n squared), so that a look-up at a level whose
     texel is as large as a pixel's footprint shows what a camera would average: the further, the smoother. The finest
-    level is white noise with a standard deviation of 0.8 plus noise 4, 16 and 64 texels wide, which distance leaves over.
+    level is white noise plus weaker noise 4, 16 and 64 texels wide, which distance leaves over.
     """
     size = TILE_TEXELS
-    tile = 0.8 * rng.standard_normal((size, size))
-    for step, strength in ((4, 0.45), (16, 0.3), (64, 0.25)):
+    tile = 1.0 * rng.standard_normal((size, size))
+    for step, strength in ((4, 0.25), (16, 0.15), (64, 0.12)):
         coarse = rng.standard_normal((size // step, size // step))
         tile += strength * _stretched(coarse, step)
     tile -= tile.mean()
@@ -29,7 +29,7 @@ def pile_pyramid(rng: np.random.Generator) -> npt.NDArray[np.float32]:
         last = levels[-1]
         half = 0.25 * (last[::2, ::2] + last[1::2, ::2] + last[::2, 1::2] + last[1::2, 1::2])
         levels.append(half)
-    return np.stack([np.tile(level, (size // len(level),) * 2) for level in levels]).astype(np.float32)
+    return np.concatenate([level.ravel() for level in levels]).astype(np.float32)
 
 
 def wear_map(rng: np.random.Generator, columns: int, rows: int, step_m: float) -> npt.NDArray[np.float64]:

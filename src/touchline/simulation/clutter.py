@@ -13,7 +13,7 @@ _CLOTHES = ("red", "orange", "blue", "brown", "white", "green", "black", "yellow
 
 
 def random_clutter(
-    hall: tuple[float, float, float], carpet: tuple[float, float], rng: np.random.Generator, share: float = 0.55
+    hall: tuple[float, float, float], carpet: tuple[float, float], rng: np.random.Generator, share: float = 0.6
 ) -> list[Block]:
     """Blocks between carpet and walls that fill about `share` of the hall's circumference.
 
@@ -26,7 +26,7 @@ def random_clutter(
         across = 0.5 * (hall[1] if side % 2 == 0 else hall[0])
         position = -0.5 * along + 0.4
         while position < 0.5 * along - 1.2:
-            size = float(rng.uniform(0.3, 1.3))
+            size = float(rng.uniform(0.35, 1.5))
             if rng.random() < share:
                 depth = across - float(rng.uniform(0.15, max(0.2, 0.75 * gap)))
                 blocks += _thing(rng, *_place(side, position + 0.5 * size, depth), side, size)
@@ -43,7 +43,7 @@ def _thing(rng: np.random.Generator, x: float, y: float, side: int, size: float)
     kind = rng.random()
     if kind < 0.45:  # a panel, often with something printed on it
         decal = _paint(rng, _PANELS) if rng.random() < 0.6 else None
-        top = float(rng.uniform(0.4, 1.3))
+        top = float(rng.uniform(0.5, 1.4))
         return [Block("box", x, y, turn, size, 0.05, 0.0, top, (_paint(rng, _PANELS),), decal)]
     if kind < 0.7:
         depth = float(rng.uniform(0.25, 0.5))

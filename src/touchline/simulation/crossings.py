@@ -14,12 +14,14 @@ from touchline.camera import OmniCamera
 from touchline.field.distance_map import lookup
 from touchline.geometry import FloatArray
 
-COLUMNS = 6  # of a crossing: x, y (m, base frame), path, paint across the path (m), metres per pixel along it, disc
+# of a crossing: x, y (m, base frame), path, paint along the path (m), metres per pixel along it, whether it is a disc,
+# growth of the scale outwards (metres per pixel and metre)
+COLUMNS = 7
 SCALE_STEP_M = 0.01
 _MOST_PER_PATH = 64
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add(hits, count, where, sine, disc):  # type: ignore[no-untyped-def]
     """Append (where on the path, sine of the crossing's angle or chord of a disc, disc) and return the new count."""
     if count < len(hits):
@@ -28,12 +30,12 @@ def _add(hits, count, where, sine, disc):  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _on_arc(angle, start, sweep):  # type: ignore[no-untyped-def]
     return (angle - start) % (2.0 * math.pi) <= sweep
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def ray_hits(x, y, cx, sx, segments, rounds, discs, hits):  # type: ignore[no-untyped-def]
     """Crossings of a ray from x, y along (cx, sx) with the paint, into hits (K, 3); returns how many.
 
@@ -75,7 +77,7 @@ def ray_hits(x, y, cx, sx, segments, rounds, discs, hits):  # type: ignore[no-un
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def circle_hits(x, y, reach, segments, rounds, discs, hits):  # type: ignore[no-untyped-def]
     """Crossings of a circle about x, y with the paint as direction (rad, field frame) and sine; as `ray_hits`."""
     count = 0
@@ -116,7 +118,7 @@ def circle_hits(x, y, reach, segments, rounds, discs, hits):  # type: ignore[no-
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def hidden(x, y, px, py, bodies):  # type: ignore[no-untyped-def]
     """Whether the ground at px, py is hidden from x, y by one of the bodies (K, 4); field frame, m.
 
@@ -139,7 +141,7 @@ def hidden(x, y, px, py, bodies):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _green(px, py, least, carpet, grid):  # type: ignore[no-untyped-def]
     """Whether there is carpet without paint at px, py. grid: values, origin x, y, resolution of the distance map."""
     if abs(px) > carpet[0] or abs(py) > carpet[1]:
@@ -147,7 +149,7 @@ def _green(px, py, least, carpet, grid):  # type: ignore[no-untyped-def]
     return lookup(grid[0], grid[1], grid[2], grid[3], px, py)[0] > least
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _shadows(x, y, cx, sx, bodies, shadows):  # type: ignore[no-untyped-def]
     """Stretches (K, 2) of a ray, from and to (m), that bodies (K, 4) hide, into shadows; returns how many."""
     count = 0
@@ -162,9 +164,9 @@ def _shadows(x, y, cx, sx, bodies, shadows):  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _ray_is_clear(along, chord, reach_m, scale, ray, view, shadows, width, carpet, grid):  # type: ignore[no-untyped-def]
-    """Whether there is free green on both sides of a crossing. ray: direction; view: x, y; shadows: stretches hidden."""
+    """Whether there is green on both sides of a crossing. ray: direction; view: x, y; shadows: hidden stretches."""
     for step in (-0.5 * chord - reach_m, -0.5 * chord - scale, 0.5 * chord + scale, 0.5 * chord + reach_m):
         place = along + step
         for i in range(len(shadows)):
@@ -175,7 +177,7 @@ def _ray_is_clear(along, chord, reach_m, scale, ray, view, shadows, width, carpe
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _circle_is_clear(angle, chord, reach_m, scale, reach, view, bodies, width, carpet, grid):  # type: ignore[no-untyped-def]
     """The same on a circle of the radius `reach` about the view; angle: direction of the crossing (field frame)."""
     for step in (-0.5 * chord - reach_m, -0.5 * chord - scale, 0.5 * chord + scale, 0.5 * chord + reach_m):
@@ -186,7 +188,7 @@ def _circle_is_clear(angle, chord, reach_m, scale, reach, view, bodies, width, c
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def find_crossings(  # type: ignore[no-untyped-def]
     pose, rays, circles, limits, paint, bodies, carpet, grid, scales, out
 ):
@@ -212,17 +214,20 @@ def find_crossings(  # type: ignore[no-untyped-def]
             if not rays[p, 1] <= along <= rays[p, 2] or chord > (steepest + blur_px) * width or found >= len(out):
                 continue
             bx, by = along * math.cos(rays[p, 0]), along * math.sin(rays[p, 0])
-            scale = _ray_scale(along, scales)
+            scale = scale_at(along, scales)
             if math.isnan(scale) or chord > steepest * width + 0.5 * blur_px * scale:
                 continue
             near, far = along - 0.5 * chord - flank_px * scale, along + 0.5 * chord + scale
             reach_m = (flank_px + 1.0) * scale
-            if near < rays[p, 1] or far > rays[p, 2] or not _ray_is_clear(
-                along, chord, reach_m, scale, ray, view, shadows[:dark], width, carpet, grid
+            if (
+                near < rays[p, 1]
+                or far > rays[p, 2]
+                or not _ray_is_clear(along, chord, reach_m, scale, ray, view, shadows[:dark], width, carpet, grid)
             ):
                 continue
             row = out[found]
             row[0], row[1], row[2], row[3], row[4], row[5] = bx, by, p, chord, scale, hits[h, 2]
+            row[6] = (scale_at(along + SCALE_STEP_M, scales) - scale) / SCALE_STEP_M
             found += 1
     for q in range(len(circles)):
         reach, scale = circles[q, 0], circles[q, 0] / circles[q, 1]
@@ -236,13 +241,13 @@ def find_crossings(  # type: ignore[no-untyped-def]
                 continue
             angle, row = hits[h, 0] - heading, out[found]
             row[0], row[1] = reach * math.cos(angle), reach * math.sin(angle)
-            row[2], row[3], row[4], row[5] = len(rays) + q, chord, scale, hits[h, 2]
+            row[2], row[3], row[4], row[5], row[6] = len(rays) + q, chord, scale, hits[h, 2], 0.0
             found += 1
     return found
 
 
-@njit(cache=True)
-def _ray_scale(along, scales):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def scale_at(along, scales):  # type: ignore[no-untyped-def]
     """Metres per pixel outwards at a ground range (m). scales (T,): at ranges SCALE_STEP_M apart from 0 on."""
     position = along / SCALE_STEP_M
     k = int(position)

@@ -13,27 +13,28 @@ from numba import njit
 from touchline.geometry import FloatArray
 from touchline.simulation.carpet import FIRST_TEXEL_M, LEVELS, TILE_TEXELS
 from touchline.simulation.illumination import (
-    AROUND_PAINT,
     FLAGS_PER_M,
     HAS_PAINT,
     HAS_SEAM,
     NEAR_BODY,
+    PAINT_AROUND,
+    PAINT_NEAR,
     SUN_EDGE,
     SUNLIT,
     contact_shadow,
     light_at,
     sun_at,
 )
-from touchline.simulation.paint import TIGHT_MARGIN_M, paint_at
-from touchline.simulation.solids import SECTORS, turn_number
+from touchline.simulation.paint import MIDDLE_MARGIN_M, TIGHT_MARGIN_M, paint_at
+from touchline.simulation.solids import SECTORS
 from touchline.simulation.tracing import CARPET
 
 EDGE_FLAG = 1 << 30  # labels: a pixel that needs supersampling whatever its neighbours are
 SUN_FLAG = 1 << 29
 GROUND_LABEL = 1
 SEAM_M = 0.012  # width of a seam between two strips of carpet
-PILE = 0.085  # standard deviation of the pile's brightness at its finest texel
-_MASK = np.uint32(TILE_TEXELS - 1)
+PILE = 0.13  # standard deviation of the pile's brightness at its finest texel
+_SMALLEST = np.uint32(TILE_TEXELS >> (LEVELS - 1))
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -42,25 +43,27 @@ def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float)
 
     whose texel is the next larger.
     """
-    level, texel = np.uint32(0), FIRST_TEXEL_M
-    while texel * texel < square and level < LEVELS - 1:
-        level = np.uint32(level + 1)
+    start, size, texel = np.uint32(0), np.uint32(TILE_TEXELS), FIRST_TEXEL_M
+    while texel * texel < square and size > _SMALLEST:
+        start = np.uint32(start + size * size)
+        size = np.uint32(size >> np.uint32(1))
         texel *= 2.0
+    mask = np.uint32(size - np.uint32(1))
     scale = 1.0 / texel
     fx, fy = x * scale + 65536.0, y * scale + 65536.0
     i, j = np.uint32(fx), np.uint32(fy)
     a, b = fx - i, fy - j
-    i0, j0, i1, j1 = i & _MASK, j & _MASK, np.uint32(i + 1) & _MASK, np.uint32(j + 1) & _MASK
-    top = pyramid[level, j0, i0] * (1.0 - a) + pyramid[level, j0, i1] * a
-    bottom = pyramid[level, j1, i0] * (1.0 - a) + pyramid[level, j1, i1] * a
+    low, high = np.uint32(start + (j & mask) * size), np.uint32(start + (np.uint32(j + 1) & mask) * size)
+    i0, i1 = i & mask, np.uint32(i + 1) & mask
+    top = pyramid[low + i0] * (1.0 - a) + pyramid[low + i1] * a
+    bottom = pyramid[high + i0] * (1.0 - a) + pyramid[high + i1] * a
     return float(top * (1.0 - b) + bottom * b)
 
 
 @njit(cache=True, error_model="numpy")
 def shade_open_carpet(
-    rays: npt.NDArray[np.float32],
-    rows: npt.NDArray[np.int32],
-    poses: FloatArray,
+    cast: npt.NDArray[np.float32],
+    total: int,
     first_body: FloatArray,
     room: FloatArray,
     flags: npt.NDArray[np.uint8],
@@ -79,55 +82,45 @@ def shade_open_carpet(
 ) -> tuple[int, int]:
     """Fill radiance (N, 3) and labels (N,) of rays that end on open carpet; return how many others there are of two sorts.
 
-    ground: rays that end on the carpet, but not in the open (their ground_hits are filled as by `trace_rays`); rest: all
-    others.
-
-    first_body (512,): distance (m) of the first body in each sector. See `trace_rays` for rays, rows, poses and room.
+    cast (8, >= N): the rays, see `cast_rays`; total: N. ground: rays that end on the carpet, but not in the open (their
+    ground_hits are filled as by `trace_rays`); rest: all others. first_body (512,): distance (m) of the first body in
+    each sector; room: see `trace_rays`.
     """
     count, ground_count = 0, 0
     grain_scale = carpet[4] * PILE
     footprint = 0.49 * pixel_angle * pixel_angle
-    far = TIGHT_MARGIN_M / (0.37 * pixel_angle)
-    for i in range(len(rays)):
-        p = rows[i]
-        rx, ry, rz = rays[i, 3], rays[i, 4], rays[i, 5]
-        dz = poses[p, 6] * rx + poses[p, 7] * ry + poses[p, 8] * rz
-        if dz < -1e-4:
-            qx, qy, qz = rays[i, 0], rays[i, 1], rays[i, 2]
-            oz = poses[p, 6] * qx + poses[p, 7] * qy + poses[p, 8] * qz + poses[p, 11]
-            dx = poses[p, 0] * rx + poses[p, 1] * ry + poses[p, 2] * rz
-            dy = poses[p, 3] * rx + poses[p, 4] * ry + poses[p, 5] * rz
-            t = -oz / dz
-            sx, sy = t * dx, t * dy
-            x = sx + poses[p, 0] * qx + poses[p, 1] * qy + poses[p, 2] * qz + poses[p, 9]
-            y = sy + poses[p, 3] * qx + poses[p, 4] * qy + poses[p, 5] * qz + poses[p, 10]
-            if abs(x) < room[0] and abs(y) < room[1]:
-                square = sx * sx + sy * sy
-                body = first_body[min(np.uint32(turn_number(dx, dy) * (SECTORS / 4.0)), SECTORS - 1)]
-                column, row = np.uint32((x - flag_frame[0]) * FLAGS_PER_M), np.uint32((y - flag_frame[1]) * FLAGS_PER_M)
-                flag = flags[row, column] & 0xFF
-                if square + oz * oz < far * oz:  # no paint beyond the cell can matter
-                    flag &= 0xFF - AROUND_PAINT
-                if square < body * abs(body):
-                    s = np.sqrt(square)
-                    if flag != 0 and flag != SUNLIT:
-                        n, ground_count = ground_count, ground_count + 1
-                        ground[n] = i
-                        ground_hits[n, 0], ground_hits[n, 1], ground_hits[n, 3] = x, y, s
-                        ground_hits[n, 4], ground_hits[n, 5], ground_hits[n, 6] = sx / s, sy / s, -oz / s
-                        continue
-                    level = light_at(light, light_frame, 1, x, y)
-                    label = GROUND_LABEL
-                    if flag == SUNLIT:
-                        level *= 1.0 + sun_level / light_at(light, light_frame, 0, x, y)
-                        label |= SUN_FLAG
-                    grain = pile_at(pyramid, x, y, footprint * s * (oz * oz + square) / oz)
-                    level *= 1.0 + grain_scale * grain
-                    radiance[i, 0] = carpet[0] * level
-                    radiance[i, 1] = carpet[1] * level
-                    radiance[i, 2] = carpet[2] * level
-                    labels[i] = label
-                    continue
+    middle, far = TIGHT_MARGIN_M / (0.37 * pixel_angle), MIDDLE_MARGIN_M / (0.37 * pixel_angle)
+    for i in range(total):
+        s = float(cast[6, i])
+        ux, uy = float(cast[3, i]), float(cast[4, i])
+        x, y = cast[0, i] + s * ux, cast[1, i] + s * uy
+        if abs(x) < room[0] and abs(y) < room[1] and s < first_body[min(int(cast[7, i]), SECTORS - 1)]:
+            oz, square = float(cast[2, i]), s * s
+            column, row = np.uint32((x - flag_frame[0]) * FLAGS_PER_M), np.uint32((y - flag_frame[1]) * FLAGS_PER_M)
+            flag = flags[row, column] & 0xFF
+            reach = (square + oz * oz) / oz  # paint further from the cell than a third of a pixel cannot matter
+            if reach < far:
+                flag &= 0xFF - PAINT_AROUND
+            if reach < middle:
+                flag &= 0xFF - PAINT_NEAR
+            if flag != 0 and flag != SUNLIT:
+                n, ground_count = ground_count, ground_count + 1
+                ground[n] = i
+                ground_hits[n, 0], ground_hits[n, 1], ground_hits[n, 3] = x, y, s
+                ground_hits[n, 4], ground_hits[n, 5], ground_hits[n, 6] = ux, uy, cast[5, i]
+                continue
+            level = light_at(light, light_frame, 1, x, y)
+            label = GROUND_LABEL
+            if flag == SUNLIT:
+                level *= 1.0 + sun_level / light_at(light, light_frame, 0, x, y)
+                label |= SUN_FLAG
+            grain = pile_at(pyramid, x, y, footprint * s * reach)
+            level *= 1.0 + grain_scale * grain
+            radiance[i, 0] = carpet[0] * level
+            radiance[i, 1] = carpet[1] * level
+            radiance[i, 2] = carpet[2] * level
+            labels[i] = label
+            continue
         rest[count] = i
         count += 1
     return count, ground_count
@@ -170,7 +163,7 @@ def shade_ground(
         deep = pixel_angle * (height * height + s * s) / height
         flag = flags[np.uint32((y - paint_frame[1]) * FLAGS_PER_M), np.uint32((x - paint_frame[0]) * FLAGS_PER_M)]
         paint, label, level = -1, GROUND_LABEL, 1.0
-        if flag & (HAS_PAINT | AROUND_PAINT):
+        if flag & (HAS_PAINT | PAINT_NEAR | PAINT_AROUND):
             paint, edge = paint_at(shapes, starts, items, paint_frame, x, y)
             if edge < 0.37 * deep or deep > 0.8:
                 label |= EDGE_FLAG

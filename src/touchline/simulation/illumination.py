@@ -9,7 +9,7 @@ from numba import njit
 from touchline.geometry import FloatArray
 
 # what a flag cell of the ground (1/32 m) holds
-HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, AROUND_PAINT = 1, 2, 4, 8, 16, 32
+HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, PAINT_NEAR, PAINT_AROUND = 1, 2, 4, 8, 16, 32, 64
 FLAGS_PER_M = 32.0
 
 

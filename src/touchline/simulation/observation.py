@@ -20,25 +20,26 @@ from touchline.config import Settings
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointSettings
-from touchline.perception.line_points import _usable_radius
-from touchline.simulation.crossings import COLUMNS, find_crossings, round_table, scale_table
+from touchline.simulation.crossings import COLUMNS, find_crossings, round_table, scale_at, scale_table
 from touchline.types import LinePoints, empty_points
 
 
 class ObservationNoise(Settings):
     """What perception adds to the truth. Pixels are along the scan path that found the point."""
 
-    noise_px: float = Field(0.075, ge=0, description="standard deviation of most points on rays")
+    noise_px: float = Field(0.085, ge=0, description="standard deviation of most points on rays")
     wild_px: float = Field(0.33, ge=0, description="standard deviation of the others")
     circle_noise_px: float = Field(0.11, ge=0, description="standard deviation of most points on circles")
-    circle_wild_px: float = Field(0.75, ge=0, description="standard deviation of the others")
+    circle_wild_px: float = Field(0.72, ge=0, description="standard deviation of the others")
     wild_share: float = Field(0.08, ge=0, le=1, description="share of the others")
-    thin_px: float = Field(0.6, ge=0, description="width of a line at which the deviation has grown by 1.4")
-    oblique_px: float = Field(9.0, gt=0, description="length of a crossing at which the deviation has grown by 1.4")
-    outward_px: float = Field(0.02, description="mean shift of points on rays away from the robot")
-    frame_px: float = Field(0.008, ge=0, description="deviation that all points on rays of an image share")
-    found_share: float = Field(0.93, ge=0, le=1, description="share of easy crossings of rays that are found")
-    circle_share: float = Field(0.80, ge=0, le=1, description="share of easy crossings of circles that are found")
+    thin_px: float = Field(0.3, ge=0, description="width of a line at which the deviation has grown by 1.4")
+    oblique_px: float = Field(4.0, gt=0, description="length of a crossing at which the deviation has grown by 1.4")
+    spread_px: float = Field(
+        1.55, ge=0, description="blur that widens a line: where the mirror's scale grows it shifts points outwards"
+    )
+    frame_px: float = Field(0.02, ge=0, description="deviation that all points on rays of an image share")
+    found_share: float = Field(0.95, ge=0, le=1, description="share of easy crossings of rays that are found")
+    circle_share: float = Field(0.85, ge=0, le=1, description="share of easy crossings of circles that are found")
     thin_half_px: float = Field(0.47, gt=0, description="width at which half the lines on rays are too thin")
     thin_slope_px: float = Field(0.06, gt=0, description="how fast that changes with the width (logistic)")
     circle_half_px: float = Field(1.5, gt=0, description="width at which half the lines on circles are too thin")
@@ -49,8 +50,8 @@ class ObservationNoise(Settings):
     coarse_slope_m: float = Field(0.014, gt=0, description="how fast that changes with the length (logistic)")
     long_px: float = Field(20.0, gt=0, description="length of a crossing of which half as many are found")
     contrast_px: float = Field(1.5, gt=0, description="width at which blur leaves 63 % of the contrast: the confidence")
-    false_points: float = Field(0.5, ge=0, description="mean number of points on no line per image, anywhere in view")
-    goal_points: float = Field(5.0, ge=0, description="mean number of those in each goal in view: nets, posts, shadows")
+    false_points: float = Field(0.3, ge=0, description="mean number of points on no line per image, anywhere in view")
+    goal_points: float = Field(2.5, ge=0, description="mean number of those in each goal in view: nets, posts, shadows")
     lean_noise_rad: float = Field(0.0, ge=0, description="error of roll and of pitch that all points of an image share")
     height_m: float = Field(
         0.8, gt=0, description="height of the view: what hides the ground how far, and how a lean shifts it"
@@ -115,7 +116,7 @@ class ObservedLines:
         numbers = np.array(
             [
                 n.noise_px, n.wild_px, n.circle_noise_px, n.circle_wild_px, n.wild_share, n.thin_px, n.oblique_px,
-                n.outward_px, n.frame_px * rng.standard_normal(), n.found_share, n.circle_share, n.thin_half_px,
+                n.spread_px, n.frame_px * rng.standard_normal(), n.found_share, n.circle_share, n.thin_half_px,
                 n.thin_slope_px, n.circle_half_px, n.circle_slope_px, n.coarse_half_m, n.coarse_slope_m, n.long_px,
                 n.contrast_px, self.detector.noise_px, self.detector.noise_m,
                 *(n.lean_noise_rad * rng.standard_normal(2)), n.height_m,
@@ -125,7 +126,7 @@ class ObservedLines:
         rows = np.empty((total, 9))
         kept = _perturbed(
             self._found[:count], strays, len(self._rays), sectors, numbers,
-            rng.standard_normal(total), rng.random((total, 2)), self._lookup, rows,
+            rng.standard_normal(total), rng.random((total, 2)), self._lookup, self._scales, rows,
         )  # fmt: skip
         rows = rows[:kept]
         return LinePoints(rows[:, :2], rows[:, 2:6].reshape(-1, 2, 2), rows[:, 6], rows[:, 7:9])
@@ -150,8 +151,9 @@ def occluders(bodies: npt.ArrayLike, view_m: float) -> FloatArray:
 
 
 def _goal_corners(field: FieldModel) -> FloatArray:
-    """(G, 4) x of the goal line and beyond the net, lowest and highest y of each goal (m, field frame)."""
-    rows = [(g.x, g.x + math.copysign(g.depth + 0.5, g.x), *_widened(g.y_posts)) for g in field.goals]
+    """(G, 4) x inside the goal and behind its net, lowest and highest y of each goal (m, field frame)."""
+    sides = [(g, math.copysign(1.0, g.x)) for g in field.goals]
+    rows = [(g.x + side * 0.6 * g.depth, g.x + side * (g.depth + 0.6), *_widened(g.y_posts)) for g, side in sides]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
@@ -177,7 +179,7 @@ def _scan_geometry(camera: OmniCamera, s: LinePointSettings, view_rad: float) ->
 
     Where the camera's table depends on the direction, a circle of the image is taken for one on the ground.
     """
-    inner, outer = camera.inner_radius_px, _usable_radius(camera, s.coarsest_px_m)
+    inner, outer = camera.inner_radius_px, _farthest_radius(camera, s.coarsest_px_m)
     angles = np.pi / s.radial_scan_lines * np.arange(2 * s.radial_scan_lines)
     first = np.where(np.arange(len(angles)) % 2 == 0, inner, max(inner, 0.5 * outer))
     bearings = camera.mount_yaw_rad + camera.handedness * angles
@@ -192,7 +194,14 @@ def _scan_geometry(camera: OmniCamera, s: LinePointSettings, view_rad: float) ->
     return np.ascontiguousarray(rays[turned <= view_rad]), np.column_stack((ranges, radii))
 
 
-@njit(cache=True)
+def _farthest_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
+    """The radius (px) beyond which the detector does not look: a pixel there is longer than coarsest_px_m."""
+    too_coarse = np.flatnonzero(np.diff(camera.range_m, axis=1).max(axis=0) > coarsest_px_m * np.diff(camera.radius_px))
+    limit = camera.radius_px[too_coarse[0]] if len(too_coarse) else camera.radius_px[-1]
+    return float(min(limit, camera.outer_radius_px))
+
+
+@njit(cache=True, error_model="numpy")
 def _place_strays(counts, rays, goals, pose, uniforms, places):  # type: ignore[no-untyped-def]
     """Fill places (K, 2), base frame: counts[0] on rays (P, 3), then counts[1 + g] in each goal (G, 4), field frame."""
     x, y, heading = pose
@@ -211,7 +220,7 @@ def _place_strays(counts, rays, goals, pose, uniforms, places):  # type: ignore[
             k += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _inside_sector(bearing, sectors):  # type: ignore[no-untyped-def]
     for i in range(len(sectors)):
         if (bearing - sectors[i, 0]) % (2.0 * math.pi) <= (sectors[i, 1] - sectors[i, 0]) % (2.0 * math.pi):
@@ -219,7 +228,7 @@ def _inside_sector(bearing, sectors):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _found_share(on_ray, wide, scale, numbers):  # type: ignore[no-untyped-def]
     """Share of crossings that are found, `wide` pixels long where a pixel is `scale` m. numbers: see `observe`."""
     ray_share, circle_share, thin_half, thin_slope, circle_half, circle_slope, coarse_half, coarse_slope, long_px = (
@@ -233,20 +242,21 @@ def _found_share(on_ray, wide, scale, numbers):  # type: ignore[no-untyped-def]
     return share / (1.0 + (wide / long_px) ** 2)
 
 
-@njit(cache=True)
-def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms, camera, out):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms, camera, scales, out):  # type: ignore[no-untyped-def]
     """Points that are found, shifted, into out (N, 9): x, y, covariance (4), confidence, u, v; returns how many.
 
     found (M, COLUMNS) of `find_crossings`; strays (K, 2): places of false points. numbers: those of
     `ObservedLines.observe`. normals (N,) and uniforms (N, 2) bring the chance. camera: as there.
     """
-    noise, wild, circle_noise, circle_wild, wild_share, thin_px, oblique, outward, frame = numbers[:9]
+    noise, wild, circle_noise, circle_wild, wild_share, thin_px, oblique, spread, frame = numbers[:9]
     contrast_px, point_px, point_m, roll, pitch, height = numbers[18:]
     kept = 0
     for i in range(len(found) + len(strays)):
         on_ray = True
         if i < len(found):
             x, y, path, chord, scale = found[i, 0], found[i, 1], found[i, 2], found[i, 3], found[i, 4]
+            bend = found[i, 6]
             on_ray = path < first_circle
             wide = chord / scale
             if uniforms[i, 0] >= _found_share(on_ray, wide, scale, numbers[9:18]):
@@ -258,7 +268,7 @@ def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms,
             shift = size * math.sqrt(1.0 + (wide / oblique) ** 2 + (thin_px / wide) ** 2) * normals[i]
         else:
             x, y = strays[i - len(found), 0], strays[i - len(found), 1]
-            wide, shift = 1.5, 0.0
+            wide, shift, bend = 1.5, 0.0, 0.0
         if _inside_sector(math.atan2(y, x), sectors):
             continue
         u, v = pixel_from_ground(x, y, camera[0], camera[1], camera[2])
@@ -267,8 +277,9 @@ def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms,
         if not radius > 1.0:
             continue
         if on_ray:
-            u += (shift + outward + frame) * du / radius
-            v += (shift + outward + frame) * dv / radius
+            shift += frame + 0.5 * spread * spread * bend
+            u += shift * du / radius
+            v += shift * dv / radius
         else:
             u -= shift * dv / radius
             v += shift * du / radius
@@ -276,11 +287,8 @@ def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms,
         if math.isnan(x):
             continue
         du, dv = u - camera[0][0], v - camera[0][1]
-        radius, distance = math.sqrt(du * du + dv * dv), math.sqrt(x * x + y * y)
-        eu, ev = 0.5 * du / radius, 0.5 * dv / radius
-        ax, ay = ground_from_pixel(u + eu, v + ev, camera[0], camera[1], camera[2])
-        bx, by = ground_from_pixel(u - eu, v - ev, camera[0], camera[1], camera[2])
-        outwards, across = (ax - bx) ** 2 + (ay - by) ** 2, (distance / radius) ** 2
+        distance = math.sqrt(x * x + y * y)
+        outwards, across = scale_at(distance, scales) ** 2, distance * distance / (du * du + dv * dv)
         cx, cy = x / distance, y / distance
         row = out[kept]
         lean = (x * pitch - y * roll) / height

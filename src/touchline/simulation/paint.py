@@ -17,7 +17,7 @@ from touchline.geometry import FloatArray
 from touchline.simulation.world import GroundMark
 
 CELL_M = 0.25
-MARGIN_M, TIGHT_MARGIN_M = 0.3, 0.02
+MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M = 0.3, 0.1, 0.02
 _BAR, _RING, _DISC = 0.0, 1.0, 2.0
 
 
@@ -64,17 +64,20 @@ def build_paint(field: FieldModel, marks: Sequence[GroundMark], hall: tuple[floa
 
 
 @njit(cache=True, error_model="numpy")
-def mark_paint(grid: PaintGrid, per_m: float, flags: npt.NDArray[np.uint8], near: int, around: int) -> None:
-    """Set a bit in the flags (ny, nx) of cells with paint within 0.02 m of them, another for paint within 0.3 m."""
+def mark_paint(grid: PaintGrid, per_m: float, flags: npt.NDArray[np.uint8], bits: tuple[int, int, int]) -> None:
+    """Set bits in the flags (ny, nx) of cells with paint within 0.02 m, 0.1 m and 0.3 m of them."""
     half = np.sqrt(0.5) / per_m
     for j in range(flags.shape[0]):
         for i in range(flags.shape[1]):
             x, y = grid.frame[0] + (i + 0.5) / per_m, grid.frame[1] + (j + 0.5) / per_m
             cell = int(j / per_m * 4.0) * int(grid.frame[2]) + int(i / per_m * 4.0)
             for entry in range(grid.starts[cell], grid.starts[cell + 1]):
-                flags[j, i] |= around
-                if shape_depth(grid.shapes, grid.items[entry], x, y) > -TIGHT_MARGIN_M - half:
-                    flags[j, i] |= near
+                depth = shape_depth(grid.shapes, grid.items[entry], x, y) + half
+                flags[j, i] |= bits[2]
+                if depth > -MIDDLE_MARGIN_M:
+                    flags[j, i] |= bits[1]
+                if depth > -TIGHT_MARGIN_M:
+                    flags[j, i] |= bits[0]
 
 
 @njit(cache=True, error_model="numpy")

@@ -18,6 +18,7 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.simulation.calibration_layout import make_layout
 from touchline.simulation.cameras import SimulatedCamera, base_motion, open_simulated_camera
+from touchline.simulation.features import ObservedFeatures, SeenFeatures
 from touchline.simulation.motions import make_track
 from touchline.simulation.observation import ObservationNoise, ObservedLines, leaning_view
 from touchline.simulation.others import make_others
@@ -35,7 +36,7 @@ LEVELS = ("images", "points")
 _ROBOT_PARTS = ((0.24, 0.38), (0.143, 0.56), (0.117, 0.80))
 _BALL = (0.11, 0.22)
 _PINHOLE_REACH_M = 6.5
-_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, wild_px=0.8, lean_noise_rad=0.004, height_m=1.1)
+_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, wild_px=0.8, lean_noise_rad=0.004, height_m=1.1, goal_points=1.0)
 
 
 class Simulation:
@@ -212,6 +213,16 @@ class Simulation:
             return empty_points()
         rng = np.random.default_rng([self.scenario.seed, 6, index])
         return self._observed.observe(self.track.pose_at(time_s), rng, self._bodies(time_s), self._black_rad)
+
+    def features(self, index: int) -> SeenFeatures:
+        """Lines, crossings and posts of one frame at the observation level."""
+        time_s = float(self.image_times_s[index])
+        if self.track.covered_at(time_s):
+            return SeenFeatures((), (), ())
+        lines = self._observed
+        observer = ObservedFeatures(lines.camera, self.field, None, lines.view_rad)
+        rng = np.random.default_rng([self.scenario.seed, 9, index])
+        return observer.observe(self.track.pose_at(time_s), rng, self._bodies(time_s), self._black_rad)
 
     def _bodies(self, time_s: float) -> FloatArray:
         """(K, 4) x, y, radius, height of what hides lines: robots as cylinders one on another, and balls."""

@@ -18,11 +18,16 @@ Place = tuple[float, float, float]
 
 
 class MirrorSettings(Settings):
-    """The mirror of an omnidirectional camera and how well it is built."""
+    """The mirror of an omnidirectional camera and how well it is built. Tilt about, shift along x and y (base)."""
 
-    profile: str = Field("combined", description="hyperbolic, horizontally-isometric, vertically-isometric, combined")
-    tilt_deg: tuple[float, float] = Field((0.0, 0.0), description="lean of the mirror's axis forward and to the left")
-    offset_px: tuple[float, float] = Field((0.0, 0.0), description="shift of the mirror's centre in the image, u and v")
+    profile: Literal["combined", "hyperbolic", "horizontally-isometric", "vertically-isometric", "recorded"] = Field(
+        "combined",
+        description="shape: combined is the papers' of three parts; recorded is that of the public recordings",
+    )
+    metres_per_px: float = Field(0.045, gt=0, description="ground per pixel of a horizontally isometric mirror (m)")
+    horizon_px: float = Field(210.0, gt=0, description="pixel radius of the horizon of a hyperbolic mirror")
+    tilt_deg: tuple[float, float] = Field((0.0, 0.0), description="lean of the mirror about its apex (degrees)")
+    shift_mm: tuple[float, float] = Field((0.0, 0.0), description="displacement of the mirror (mm)")
 
 
 class CameraSettings(Settings):

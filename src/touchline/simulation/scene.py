@@ -12,10 +12,11 @@ from touchline.geometry import FloatArray
 from touchline.simulation.carpet import pile_pyramid, wear_map
 from touchline.simulation.ground_shading import SEAM_M
 from touchline.simulation.illumination import (
-    AROUND_PAINT,
     FLAGS_PER_M,
     HAS_PAINT,
     HAS_SEAM,
+    PAINT_AROUND,
+    PAINT_NEAR,
     mark_sunlight,
     place_casters,
 )
@@ -34,7 +35,7 @@ from touchline.simulation.world import PAINTS, World, WorldState
 
 RADIANCE_PER_LEVEL = 0.275  # white paint (0.84) under level 1: 0.23, as in the recorded images under hall lamps
 _LIGHT_STEP_M = 0.125
-_ROOM_PAINTS = ((0.27, 0.25, 0.205), (0.02, 0.02, 0.025), (0.52, 0.47, 0.39), (0.6, 0.58, 0.52))
+_ROOM_PAINTS = ((0.27, 0.25, 0.21), (0.02, 0.02, 0.025), (0.70, 0.645, 0.535), (0.8, 0.76, 0.65))
 
 
 class SceneArrays(NamedTuple):
@@ -152,7 +153,7 @@ class Scene:
         y = self.light_frame[1] + np.arange(rows) * _LIGHT_STEP_M
         self._lamp_shares = lamps_on_ground(world.lights.lamps, *np.meshgrid(x, y))
         self.light = np.empty((rows, columns, 2), dtype=np.float32)
-        self._carpet_brightness = 1.0 + 0.055 * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
+        self._carpet_brightness = 1.0 + 0.04 * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
         if world.seam_spacing > 0.0:  # every other strip lies against the nap
             odd = np.floor(x / world.seam_spacing + 0.37 + 0.5).astype(int) % 2
             self._carpet_brightness *= 1.0 + 0.018 * world.carpet_contrast * (2.0 * odd - 1.0)
@@ -193,7 +194,7 @@ class Scene:
         x0, _, columns, rows = self.paint.frame
         shape = (round(rows * CELL_M * FLAGS_PER_M), round(columns * CELL_M * FLAGS_PER_M))
         self._still_flags = np.zeros(shape, dtype=np.uint8)
-        mark_paint(self.paint, FLAGS_PER_M, self._still_flags, HAS_PAINT, AROUND_PAINT)
+        mark_paint(self.paint, FLAGS_PER_M, self._still_flags, (HAS_PAINT, PAINT_NEAR, PAINT_AROUND))
         spacing = self.world.seam_spacing
         if spacing > 0.0 and self.world.carpet_contrast > 0.0:
             strip = (x0 + (np.arange(shape[1]) + 0.5) / FLAGS_PER_M) / spacing + 0.37

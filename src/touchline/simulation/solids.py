@@ -21,7 +21,7 @@ from touchline.simulation.world import PAINTS, BallActor, Block, Colour, RobotAc
 CYLINDER, BOX, BALL, NET = 0, 1, 2, 3
 COLUMNS = 14
 SECTORS = 512
-NET_MESH_M, NET_THREAD_M = 0.11, 0.007
+NET_MESH_M, NET_THREAD_M = 0.12, 0.011
 
 
 class Palette:

@@ -11,18 +11,16 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.solids import SECTORS, turn_number
+from touchline.simulation.casting import FAR_M
+from touchline.simulation.solids import SECTORS
 
 CARPET, FLOOR, BOARD, WALL, CEILING = -1, -2, -3, -4, -8  # walls: east -4, west -5, north -6, south -7
-FAR_M = 1e6
 
 
 @njit(cache=True, error_model="numpy")
 def trace_rays(
-    rays: npt.NDArray[np.float32],
-    rows: npt.NDArray[np.int32],
+    cast: npt.NDArray[np.float32],
     rest: npt.NDArray[np.int32],
-    poses: FloatArray,
     solids: FloatArray,
     starts: npt.NDArray[np.int32],
     items: npt.NDArray[np.int16],
@@ -32,27 +30,18 @@ def trace_rays(
     hits: npt.NDArray[np.float32],
     codes: npt.NDArray[np.int32],
 ) -> None:
-    """Fill hits (M, 8) and codes (M,) for the body rays (N, 6) that rest (M,) lists: origin (m), direction (any length).
+    """Fill hits (M, 8) and codes (M,) for those of the cast rays (8, N) that rest (M,) lists; see `cast_rays`.
 
-    rows (N,) selects each ray's pose among poses (P, 12): rotation field_from_body by rows, then its translation (m).
     room (6,): half length and width of carpet and of hall, ceiling, height of the board around the carpet (m).
     hits: x, y, z of the point (m, field frame), s, horizontal direction x and y, rise, share of light that nets let by.
     """
     for i in range(len(rest)):
         r = rest[i]
-        p = rows[r]
-        qx, qy, qz, rx, ry, rz = rays[r, 0], rays[r, 1], rays[r, 2], rays[r, 3], rays[r, 4], rays[r, 5]
-        ox = poses[p, 0] * qx + poses[p, 1] * qy + poses[p, 2] * qz + poses[p, 9]
-        oy = poses[p, 3] * qx + poses[p, 4] * qy + poses[p, 5] * qz + poses[p, 10]
-        oz = poses[p, 6] * qx + poses[p, 7] * qy + poses[p, 8] * qz + poses[p, 11]
-        dx = poses[p, 0] * rx + poses[p, 1] * ry + poses[p, 2] * rz
-        dy = poses[p, 3] * rx + poses[p, 4] * ry + poses[p, 5] * rz
-        dz = poses[p, 6] * rx + poses[p, 7] * ry + poses[p, 8] * rz
-        scale = 1.0 / max(np.sqrt(dx * dx + dy * dy), 1e-9)
-        ux, uy, rise = dx * scale, dy * scale, dz * scale
-        s, code = _background(ox, oy, oz, ux, uy, rise, room)
+        ox, oy, oz = float(cast[0, r]), float(cast[1, r]), float(cast[2, r])
+        ux, uy, rise = float(cast[3, r]), float(cast[4, r]), float(cast[5, r])
+        s, code = _background(ox, oy, oz, ux, uy, rise, float(cast[6, r]), room)
+        sector = min(int(cast[7, r]), SECTORS - 1)
         open_share = 1.0
-        sector = min(np.uint32(turn_number(ux, uy) * (SECTORS / 4.0)), SECTORS - 1)
         for entry in range(starts[sector], starts[sector + 1]):
             k = items[entry]
             if near[k] > s:
@@ -76,10 +65,10 @@ def trace_rays(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _background(
-    ox: float, oy: float, oz: float, ux: float, uy: float, rise: float, room: FloatArray
+    ox: float, oy: float, oz: float, ux: float, uy: float, rise: float, ground: float, room: FloatArray
 ) -> tuple[float, int]:
-    """Distance and code of carpet, board, floor, wall or ceiling."""
-    s = -oz / rise if rise < 0.0 else FAR_M
+    """Distance and code of carpet, board, floor, wall or ceiling; ground: distance (m) of the ground."""
+    s = ground
     code = CARPET
     if rise >= 0.0 or abs(ox + s * ux) > room[0] or abs(oy + s * uy) > room[1]:
         code = FLOOR

@@ -7,12 +7,12 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.ground_shading import PILE, SUN_FLAG, pile_at
+from touchline.simulation.ground_shading import PILE, SUN_FLAG
 from touchline.simulation.illumination import light_at, sun_at
 from touchline.simulation.tracing import BOARD, CARPET, CEILING, FLOOR
 
 _WALL_NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])  # east, west, north, south
-_NET_REFLECTANCE = 0.55
+_NET_REFLECTANCE = 0.72
 
 
 @njit(cache=True, error_model="numpy")
@@ -30,7 +30,6 @@ def shade_upright(
     casters: FloatArray,
     sun: FloatArray,
     windows: FloatArray,
-    pixel_angle: float,
     radiance: npt.NDArray[np.float32],
     labels: npt.NDArray[np.int32],
 ) -> None:
@@ -41,7 +40,6 @@ def shade_upright(
     for n in range(len(rest)):
         i, code = rest[n], codes[n]
         x, y, z = float(hits[n, 0]), float(hits[n, 1]), float(hits[n, 2])
-        footprint = hits[n, 3] * pixel_angle
         gaps = float(hits[n, 7])
         if code == CARPET and gaps == 1.0:
             continue
@@ -61,12 +59,15 @@ def shade_upright(
                 label = 23 - code
                 nx, ny = _WALL_NORMALS[-4 - code, 0], _WALL_NORMALS[-4 - code, 1]
             if nx != 0.0 or ny != 0.0:
-                level *= 0.62 + 0.12 * (0.5 * nx + 0.87 * ny)
+                level *= 0.75 + 0.10 * (0.5 * nx + 0.87 * ny)
             facing = nx * sun[1] + ny * sun[2] if nx != 0.0 or ny != 0.0 else sun[3]
             if sun[0] > 0.0 and facing > 0.0 and sun_at(sun, windows, casters[:0], x, y, z):
                 level += sun[0] * min(facing / max(sun[3], 0.2), 2.0)
                 label |= SUN_FLAG
-            level *= 1.0 + grain * PILE * pile_at(pyramid, x + 0.7 * y, z + 0.3 * y, footprint * footprint)
+            level *= (
+                1.0
+                + grain * PILE * pyramid[(int(z * 80.0 + 4096.0) & 255) * 512 + (int((x + y) * 57.0 + 4096.0) & 511)]
+            )
             for c in range(3):
                 shade = palette[colour, c] if code >= 0 else room_colours[_room_row(code), c]
                 radiance[i, c] = shade * level

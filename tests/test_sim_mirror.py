@@ -1,0 +1,168 @@
+"""Mirror profiles: what a solved mirror shows is what was wanted, by a trace that knows nothing of how it was solved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from touchline.errors import InputError
+from touchline.simulation.mirror import (
+    MirrorHead,
+    MirrorProfile,
+    Target,
+    combined,
+    from_range,
+    horizontally_isometric,
+    hyperbolic,
+    solve_mirror,
+    tangent_range,
+    vertically_isometric,
+)
+from touchline.simulation.mirror_rays import MirrorMount, mirror_rays
+from touchline.simulation.omni import SimulatedOmniCamera
+
+READY: dict[str, Callable[[], Target]] = {
+    "hyperbolic": lambda: hyperbolic()[0],
+    "horizontally isometric": horizontally_isometric,
+    "vertically isometric": vertically_isometric,
+    "combined": combined,
+    "tangent": tangent_range,
+}
+
+
+def traced_range(profile: MirrorProfile, rho: float) -> float:
+    """Ground range at a pixel radius from the profile's points alone: a polynomial through nearby points, its meeting
+
+    with the camera's ray by bisection, its normal from the polynomial, then the law of reflection.
+    """
+    head = profile.head
+    radii, heights = profile.radius_m, profile.height_m
+    tangent = rho / head.focal_px
+    nearest = int(np.argmin(np.abs(radii / heights - tangent)))
+    low = min(max(nearest - 3, 0), len(radii) - 7)
+    middle, scale = radii[low + 3], radii[low + 6] - radii[low]
+    curve = np.polynomial.Polynomial.fit((radii[low : low + 7] - middle) / scale, heights[low : low + 7], 4)
+    inner, outer = radii[low], radii[low + 6]
+    for _ in range(60):
+        between = 0.5 * (inner + outer)
+        inner, outer = (between, outer) if between < tangent * curve((between - middle) / scale) else (inner, between)
+    radius = 0.5 * (inner + outer)
+    slope = curve.deriv()((radius - middle) / scale) / scale
+    incoming = np.array([tangent, 1.0]) / math.hypot(tangent, 1.0)
+    normal = np.array([slope, -1.0]) / math.hypot(slope, 1.0)
+    outgoing = incoming - 2.0 * (incoming @ normal) * normal
+    height = head.camera_height_m + radius / tangent
+    return float(radius - height * outgoing[0] / outgoing[1]) if outgoing[1] < 0.0 else math.inf
+
+
+def wanted_range(target: Target, profile: MirrorProfile, rho: float) -> float:
+    """Ground range of the straight line from the mirror's point at a pixel radius through its target."""
+    x, z, w = target(rho)
+    height = float(np.interp(rho / profile.head.focal_px, profile.radius_m / profile.height_m, profile.height_m))
+    radius, above = height * rho / profile.head.focal_px, profile.head.camera_height_m + height
+    along, down = x - w * radius, w * above - z
+    return radius + above * along / down if down > 0.0 else math.inf
+
+
+@pytest.mark.parametrize("name", READY)
+def test_the_solved_mirror_shows_the_wanted_range_to_a_millimetre_up_to_eight_metres(name: str) -> None:
+    target = READY[name]()
+    profile = solve_mirror(target)
+    radii = np.linspace(2.03, 231.0, 400)
+    wanted = np.array([wanted_range(target, profile, float(rho)) for rho in radii])
+    near = (wanted > 0.0) & (wanted < 8.0)
+    assert near.sum() > 250
+    traced = np.array([traced_range(profile, float(rho)) for rho in radii[near]])
+    assert np.max(np.abs(traced - wanted[near])) < 1e-3
+
+
+@pytest.mark.parametrize("name", READY)
+def test_the_cameras_rays_agree_with_that_trace(name: str) -> None:
+    profile = solve_mirror(READY[name]())
+    radii = np.linspace(5.0, 170.0, 60)
+    rays = mirror_rays(profile, MirrorMount(), radii, np.zeros_like(radii))
+    ranges = rays[:, 0] - rays[:, 2] * rays[:, 3] / rays[:, 5]
+    traced = np.array([traced_range(profile, float(rho)) for rho in radii])
+    assert np.max(np.abs(ranges - traced)) < 1e-3
+
+
+def test_the_hyperbolic_mirror_is_a_hyperboloid_with_the_pinhole_in_its_far_focus() -> None:
+    target, head = hyperbolic(horizon_px=210.0)
+    profile = solve_mirror(target, head)
+    ratio = 210.0 / head.focal_px
+    eccentricity = ratio + math.hypot(ratio, 1.0)
+    a = head.apex_m / (1.0 + eccentricity)
+    c = eccentricity * a
+    expected = c + a * np.sqrt(1.0 + profile.radius_m**2 / (c * c - a * a))
+    assert np.max(np.abs(profile.height_m - expected)) < 1e-12
+
+
+def test_a_horizontally_isometric_mirror_shows_equal_steps_of_ground() -> None:
+    camera = SimulatedOmniCamera.from_mirror(solve_mirror(horizontally_isometric(0.04)))
+    pixels = np.column_stack((239.5 + np.arange(10.0, 200.0, 10.0), np.full(19, 239.5)))
+    ranges = np.hypot(*camera.ground_from_image(pixels).T)
+    assert np.allclose(np.diff(ranges), 0.4, atol=1e-6)
+
+
+def test_a_vertically_isometric_mirror_shows_equal_steps_of_height_on_a_wall() -> None:
+    profile = solve_mirror(vertically_isometric(distance_m=5.0, lowest_m=-6.0, highest_m=1.0))
+    radii = np.arange(40.0, 231.0, 10.0)
+    rays = mirror_rays(profile, MirrorMount(), radii, np.zeros_like(radii))
+    on_wall = rays[:, 2] + (5.0 - rays[:, 0]) / rays[:, 3] * rays[:, 5]
+    assert np.allclose(np.diff(on_wall), 10.0 * 7.0 / 231.5, atol=1e-5)
+
+
+def test_the_combined_mirror_has_its_three_parts_from_the_inside_out() -> None:
+    camera = SimulatedOmniCamera.from_mirror(solve_mirror(combined(inner=(95.0, 1.2), middle=(178.0, 5.5))))
+    radii = np.array([95.0, 120.0, 145.0, 178.0])
+    ranges = np.interp(radii, camera.design.radius_px, camera.design.range_m[0])
+    assert ranges[0] == pytest.approx(1.2, abs=1e-3)
+    assert ranges[3] == pytest.approx(5.5, abs=1e-3)
+    assert np.allclose(np.diff(ranges) / np.diff(radii), 4.3 / 83.0, atol=1e-4)
+    inside = np.interp([30.0, 60.0, 90.0], camera.design.radius_px, camera.design.range_m[0])
+    assert np.diff(inside)[1] > 1.3 * np.diff(inside)[0], "the hyperbolic part stretches outwards"
+
+
+@pytest.mark.parametrize(
+    ("solve", "words"),
+    [
+        (lambda: solve_mirror(from_range(lambda rho: 5.0 - 0.01 * rho)), "must grow with the pixel radius"),
+        (lambda: solve_mirror(from_range(lambda rho: math.inf)), "must grow with the pixel radius"),
+        (lambda: solve_mirror(tangent_range(), MirrorHead(outer_px=600.0)), "no profile shows this range: at "),
+        (lambda: solve_mirror(lambda rho: (math.nan, 0.0, 1.0)), "breaks down at 0.0 px"),
+        (lambda: horizontally_isometric(-0.1), "shows no ground"),
+        (lambda: combined(inner=(95.0, 5.0), middle=(178.0, 1.0)), "must grow outwards"),
+        (lambda: MirrorHead(focal_px=0.0), "positive numbers"),
+    ],
+)
+def test_a_mirror_that_cannot_be_solved_is_refused_in_one_sentence(solve: Callable[[], object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        solve()
+
+
+def test_a_mirror_mounted_askew_sees_other_ground_and_can_still_be_projected_into() -> None:
+    profile = solve_mirror(tangent_range())
+    ideal, askew = (
+        SimulatedOmniCamera.from_mirror(profile, mount)
+        for mount in (MirrorMount(), MirrorMount(tilt_x=0.02, tilt_y=-0.015, shift_x=0.001, shift_y=-0.002))
+    )
+    points: npt.NDArray[np.float64] = np.array([[1.0, 2.0], [3.0, -1.0], [-4.0, 2.0], [0.9, 0.0], [5.0, 5.0]])
+    assert np.max(np.abs(ideal.ground_from_image(ideal.project(points)) - points)) < 1e-3
+    assert np.max(np.abs(askew.ground_from_image(askew.project(points)) - points)) < 1e-6
+    shift = np.hypot(*(askew.project(points) - ideal.project(points)).T)
+    assert shift.min() > 1.0
+    assert askew.camera_yaml() == ideal.camera_yaml(), "camera.yaml is the head as designed"
+
+
+def test_tilting_a_flat_mirror_by_an_angle_turns_its_rays_by_twice_that() -> None:
+    head = MirrorHead(apex_m=0.2)
+    radii = np.linspace(0.0, 0.1, 400)
+    flat = MirrorProfile(head, radii, np.full(400, 0.2), np.zeros(400))
+    angle = 0.03
+    straight = mirror_rays(flat, MirrorMount(), np.array([0.0]), np.array([0.0]))[0]
+    tilted = mirror_rays(flat, MirrorMount(tilt_y=angle), np.array([0.0]), np.array([0.0]))[0]
+    assert math.acos(float(straight[3:] @ tilted[3:])) == pytest.approx(2.0 * angle, abs=1e-9)

@@ -1,0 +1,100 @@
+"""Lines, crossings and posts at the observation level."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from touchline.field import open_field
+from touchline.field.crossings import CrossingKind
+from touchline.geometry import Pose, wrap_angle
+from touchline.simulation.features import FeatureNoise, ObservedFeatures
+from touchline.simulation.observation import leaning_view
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+
+SILENT = FeatureNoise(noise_px=0.0, orientation_deg=0.0, found_share=1.0, wrong_kind_share=0.0)
+POSE = Pose(-2.0, 0.8, 0.6)
+
+
+def observer(noise: FeatureNoise = SILENT, view_rad: float = math.pi) -> ObservedFeatures:
+    return ObservedFeatures(leaning_view(0.8, 190.0, 9.0), open_field("indoor-9x6"), noise, view_rad)
+
+
+def test_without_noise_each_crossing_is_one_of_the_field_with_its_kind_and_orientation() -> None:
+    seen = observer().observe(POSE, np.random.default_rng(0)).crossings
+    assert len(seen) > 5
+    for crossing in seen:
+        x, y = POSE.transform(crossing.position_m)
+        twin = min(observer().field.crossings, key=lambda c: math.hypot(c.x - x, c.y - y))
+        assert math.hypot(twin.x - x, twin.y - y) < 1e-4
+        assert crossing.kind is twin.kind
+        turn = wrap_angle(crossing.orientation_rad + POSE.heading - twin.orientation_rad)
+        quarter = turn % (math.pi / 2) if twin.kind is CrossingKind.X else turn
+        assert min(abs(quarter), abs(quarter - math.pi / 2)) < 1e-9
+
+
+def test_all_within_reach_is_seen_and_nothing_beyond() -> None:
+    features = observer().observe(POSE, np.random.default_rng(0))
+    ranges = [math.hypot(c.x - POSE.x, c.y - POSE.y) for c in observer().field.crossings]
+    assert len(features.crossings) == sum(0.4 < r <= 5.5 for r in ranges)
+    assert max(math.hypot(*c.position_m) for c in features.crossings) <= 5.5 + 1e-6
+    assert {post.colors_from_ground for post in features.posts} >= {("yellow",), ("yellow", "blue", "yellow")}
+
+
+def test_lines_are_the_visible_part_of_the_fields_lines() -> None:
+    lines = observer().observe(POSE, np.random.default_rng(0)).lines
+    assert len(lines) == 5  # the goal area is too far away or too short
+    for line in lines:
+        steps = np.linspace(line.ends_m[0], line.ends_m[1], 20)
+        assert np.all(observer().field.line_distances(POSE.transform(steps)) < 1e-3)
+        assert math.hypot(*(line.ends_m[1] - line.ends_m[0])) >= 0.6
+
+
+def test_what_stands_behind_a_robot_or_in_a_black_sector_is_not_seen() -> None:
+    free = observer().observe(POSE, np.random.default_rng(0))
+    target = free.crossings[0].position_m
+    body = np.array([(*POSE.transform(0.6 * target), 0.26, 0.8)])
+    blocked = observer().observe(POSE, np.random.default_rng(0), body)
+    assert not any(np.allclose(crossing.position_m, target) for crossing in blocked.crossings)
+    assert len(blocked.crossings) < len(free.crossings)
+    bearing = math.atan2(target[1], target[0])
+    black = observer().observe(POSE, np.random.default_rng(0), None, np.array([[bearing - 0.1, bearing + 0.1]]))
+    assert not any(np.allclose(crossing.position_m, target) for crossing in black.crossings)
+    ahead = observer(view_rad=0.5).observe(POSE, np.random.default_rng(0))
+    assert all(abs(math.atan2(*c.position_m[::-1])) <= 0.5 + 1e-6 for c in ahead.crossings)
+
+
+def test_errors_are_as_large_as_their_covariances_say() -> None:
+    noisy = observer(SILENT.model_copy(update={"noise_px": 0.8}))
+    exact = observer().observe(POSE, np.random.default_rng(0)).crossings
+    squares = []
+    for seed in range(150):
+        for truth, seen in zip(exact, noisy.observe(POSE, np.random.default_rng(seed)).crossings, strict=True):
+            error = seen.position_m - truth.position_m
+            squares.append(error @ np.linalg.solve(seen.covariance_m2, error))
+    assert np.mean(squares) == pytest.approx(2.0, rel=0.1)
+
+
+def test_misses_and_wrong_kinds_come_as_often_as_documented() -> None:
+    noise = SILENT.model_copy(update={"found_share": 0.7, "wrong_kind_share": 0.2})
+    every = len(observer().observe(POSE, np.random.default_rng(0)).crossings)
+    kinds = {(round(c.x, 3), round(c.y, 3)): c.kind for c in observer().field.crossings}
+    found, wrong = 0, 0
+    for seed in range(200):
+        for crossing in observer(noise).observe(POSE, np.random.default_rng(seed)).crossings:
+            x, y = POSE.transform(crossing.position_m)
+            twin = min(kinds, key=lambda place: math.hypot(place[0] - x, place[1] - y))
+            found, wrong = found + 1, wrong + (kinds[twin] is not crossing.kind)
+    assert found / (200 * every) == pytest.approx(0.7, abs=0.04)
+    assert wrong / found == pytest.approx(0.2, abs=0.04)
+
+
+def test_a_run_gives_the_same_features_for_a_frame_and_none_when_covered() -> None:
+    simulation = Simulation(open_scenario("kidnap", seconds=3.0), "points")
+    one, same = simulation.features(3), simulation.features(3)
+    np.testing.assert_array_equal([c.position_m for c in one.crossings], [c.position_m for c in same.crossings])
+    assert simulation.features(18).crossings == ()
+    assert len(Simulation(open_scenario("humanoid-walk", seconds=2.0), "points").features(5).lines) > 0
