@@ -85,7 +85,7 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
         COLUMNS,
         tuple(rows),
         Headline("mean errors with 0 to 50 % hidden", "5.7-7.8 cm in x and y, 0.044-0.064 rad",
-                 f"{100 * min(means):.1f}-{100 * max(means):.1f} cm away, {min(turns):.4f}-{max(turns):.4f} rad"),
+                 f"{100 * min(means):.2f}-{100 * max(means):.2f} cm away, {min(turns):.4f}-{max(turns):.4f} rad"),
         (
             "The scenario straight-tracks at the observation level, 60 s at 10 Hz per seed; errors from the first "
             "tracked frame on. One black sector of 45 degrees, two opposite, four alternating; a half in one piece.",
