@@ -35,6 +35,12 @@ EXPERIMENTS = {
         Experiment("lu2013-occlusion", "Table 1: errors with part of the view hidden", "occlusion", "lu2013_occlusion"),
         Experiment("lu2013-kidnap", "figure 9: kidnapped robots find back by particles", "kidnap", "lu2013_kidnap"),
         Experiment("lu2013-timing", "figure 12: time of the particles and of matching", "timing", "lu2013_timing"),
+        Experiment(
+            "lu2013-exposure",
+            "figures 6, 10, 11: entropy, its ridge and the search",
+            "lu2013_exposure",
+            "lu2013_exposure",
+        ),
         Experiment("xiong-samples", "figure 7: errors of the 315 samples", "samples", "xiong_samples"),
         Experiment("xiong-kidnap", "figure 8: kidnapped robots find back by samples", "kidnap", "xiong_kidnap"),
         Experiment("xiong-convergence", "figure 9: RPROP from the five best samples", "samples", "xiong_convergence"),
