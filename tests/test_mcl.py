@@ -26,7 +26,7 @@ FIELD = open_field("msl-18x12")
 MATCHER = Matcher(FIELD.distance_map())
 STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 PAPER = MonteCarloSettings(
-    refined_clusters=0, independent_points=None, farthest_m=None, precise_points=False, kept_share=0.0
+    refined_clusters=0, independent_points=None, farthest_m=None, precise_points=False, kept_share=0.0, fresh_share=0.0
 )
 
 
@@ -161,7 +161,7 @@ def test_resampling_waits_until_the_effective_sample_size_falls() -> None:
     patient.cycle(None, points, None)
     assert np.array_equal(patient.particles, before)
     assert patient.weights.max() > 10 / 600
-    eager = monte_carlo(MonteCarloSettings(least_effective=1.0, refined_clusters=0))
+    eager = monte_carlo(MonteCarloSettings(least_effective=1.0, refined_clusters=0, fresh_share=0.0))
     eager.restart(0.3)
     eager.cycle(None, points, None)
     assert np.all(eager.weights == 1 / 600)
@@ -257,6 +257,17 @@ def test_the_kept_share_starts_about_the_last_pose() -> None:
     mcl = monte_carlo(MonteCarloSettings(kept_share=0.25))
     mcl.restart(0.0, near=(Pose(30.0, 0.0, 0.0), np.eye(3) * 1e-4))
     assert np.count_nonzero(mcl.particles[:, 0] > 29.0) == 150
+
+
+def test_some_particles_start_anew_at_every_drawing_until_all_agree() -> None:
+    """None of the first ones is anywhere near the robot."""
+    pose = Pose(6.0, -3.0, 0.2)
+    for share, found in ((0.0, False), (0.1, True)):
+        mcl = monte_carlo(MonteCarloSettings(fresh_share=share, refined_clusters=0, converged_m=1e-3))
+        mcl.restart(0.2, near=(Pose(-6.0, 3.0, 0.2), np.eye(3) * 1e-3), everything_near=True)
+        for seed in range(60):
+            mcl.cycle(STILL, seen_from(pose, seed), None, 0.2)
+        assert (mcl.pose.distance_to(pose) < 1.0) == found
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------------

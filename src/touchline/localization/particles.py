@@ -108,6 +108,13 @@ class MonteCarloSettings(Settings):
     heading_tolerance_rad: float = Field(
         0.6, gt=0, description="largest turn of a refined particle from the compass (rad), as global_search's"
     )
+    fresh_share: float = Field(
+        0.1,
+        ge=0,
+        lt=1,
+        description="share of particles that start anew at every drawing until all agree: 600 may miss the robot; "
+        "0 as in the paper",
+    )
     kept_share: float = Field(
         0.1,
         ge=0,
@@ -163,17 +170,9 @@ class MonteCarlo:
         spread = min(s.compass_rad * widening, math.pi)
         self._tolerance_rad = max(s.heading_tolerance_rad, 2.0 * spread)
         count = s.particles if compass_rad is not None else s.particles_all_headings
-        region = region or Region()
-        reach = 0.5 * self.size_m + s.beyond_m
-        low = np.maximum(-reach, [region.least_x, region.least_y])
-        high = np.minimum(reach, [region.most_x, region.most_y])
-        self.particles = np.empty((count, 3))
-        self.particles[:, :2] = self.rng.uniform(low, high, (count, 2))
-        if compass_rad is not None:
-            self.particles[:, 2] = compass_rad + spread * self.rng.standard_normal(count)
-        else:
-            half = self.symmetric and region == Region()
-            self.particles[:, 2] = self.rng.uniform(-1.0, 1.0, count) * (0.5 * np.pi if half else np.pi)
+        self._spread_rad = spread
+        self._region = region or Region()
+        self.particles = self._fresh(count, compass_rad)
         if near is not None:
             kept = count if everything_near else int(s.kept_share * count)
             pose, covariance = near
@@ -194,6 +193,9 @@ class MonteCarlo:
         self.weigh(points, weights, compass_rad)
         if self.effective < self.settings.least_effective * len(self.particles):
             self.resample()
+            fresh = 0 if self.converged else int(self.settings.fresh_share * len(self.particles))
+            if fresh:
+                self.particles[:: len(self.particles) // fresh][:fresh] = self._fresh(fresh, compass_rad)
         return self.pose
 
     def move(self, motion: Motion) -> None:
@@ -276,6 +278,20 @@ class MonteCarlo:
             best.append(int(order[k]))
             free &= np.hypot(places[:, 0] - places[k, 0], places[:, 1] - places[k, 1]) >= s.cluster_m
         return best
+
+    def _fresh(self, count: int, compass_rad: float | None) -> FloatArray:
+        """New particles (count, 3), evenly over the region, headings as `restart` has them."""
+        region, reach = self._region, 0.5 * self.size_m + self.settings.beyond_m
+        low = np.maximum(-reach, [region.least_x, region.least_y])
+        high = np.minimum(reach, [region.most_x, region.most_y])
+        particles = np.empty((count, 3))
+        particles[:, :2] = self.rng.uniform(low, high, (count, 2))
+        if compass_rad is not None:
+            particles[:, 2] = compass_rad + self._spread_rad * self.rng.standard_normal(count)
+        else:
+            half = self.symmetric and region == Region()
+            particles[:, 2] = self.rng.uniform(-1.0, 1.0, count) * (0.5 * np.pi if half else np.pi)
+        return particles
 
     def _weigh_alike(self) -> None:
         self._log_weights = np.zeros(len(self.particles))

@@ -29,6 +29,8 @@ MCL_ALONE = (
     "particles.independent_points=null",
     "particles.farthest_m=null",
     "particles.precise_points=false",
+    "particles.fresh_share=0",
+    "particles.kept_share=0",
 )
 
 
