@@ -78,10 +78,10 @@ def rewrite_images(folder: Path, indices: range, change: Callable[[np.ndarray, i
 @pytest.mark.parametrize(
     ("name", "warned"),
     [
-        ("humanoid_9x6_walk", []),
+        ("humanoid_9x6_walk", ["camera"]),  # no system takes a pinhole camera
         ("omni_9x6_points", []),
         ("omni_calibration", []),
-        ("omni_exposure", []),
+        ("omni_exposure", ["images"]),  # linear: no image yet
         ("omni_msl_kidnap", ["light"]),  # the camera is covered twice for three images
         ("omni_msl_match", []),
         ("omni_msl_sun", []),
@@ -100,9 +100,9 @@ def test_black_images_of_a_covered_camera_are_named(shared_data: Path) -> None:
     assert finding.what == "6 black: frames 17, 18, 19, 37, 38, 39"
 
 
-def test_sixteen_bit_images_are_a_note_where_sequence_says_so(shared_data: Path) -> None:
+def test_sixteen_bit_images_are_an_error(shared_data: Path) -> None:
     finding = found(shared_data / "omni_exposure", "images")
-    assert finding.severity is Severity.NOTE
+    assert finding.severity is Severity.ERROR
     assert "6 of 6 images" in finding.what
     assert "exposure" in finding.advice
 
@@ -159,6 +159,35 @@ def test_broken_rows_and_gaps_are_summed_up_by_file(arc: Path) -> None:
 def test_a_missing_sensor_is_noted(arc: Path) -> None:
     (arc / "odometry.csv").unlink()
     assert_found(arc, "sensors", Severity.NOTE, "odometry.csv", "is not there")
+
+
+def test_rows_beyond_those_kept_are_counted_file_by_file(arc: Path) -> None:
+    for name in ("imu.csv", "wheels.csv"):
+        lines = (arc / name).read_text().splitlines()
+        (arc / name).write_text("\n".join([lines[0], *(f"{line},1" for line in lines[1:121]), *lines[121:]]))
+    rows = [finding.what for finding in check_recording(arc) if "values where" in finding.what]
+    assert len(rows) == 2
+    assert all(what.endswith("(and 119 more like it)") for what in rows)
+
+
+def test_an_unusable_sensor_file_is_an_error_and_nothing_else_is_said_of_it(arc: Path) -> None:
+    (arc / "wheels.csv").write_text("t;a;b\n0;1;2\n")
+    assert_found(
+        arc, "rows", Severity.ERROR, "wheels.csv, line 1", "separated by commas; the recording is read without"
+    )
+    assert all(finding.check != "sensors" for finding in check_recording(arc))
+
+
+def test_a_missing_compass_is_a_warning_that_says_what_to_do(arc: Path) -> None:
+    lines = [line.split(",") for line in (arc / "imu.csv").read_text().splitlines()]
+    (arc / "imu.csv").write_text("\n".join(",".join([*cells[:3], cells[3][:0], *cells[4:]]) for cells in lines[1:]))
+    header = ",".join(lines[0])
+    (arc / "imu.csv").write_text(header + "\n" + (arc / "imu.csv").read_text())
+    assert_found(arc, "compass", Severity.WARNING, "imu.csv", "column 'yaw' is empty: no compass")
+    assert "--own-half" in found(arc, "compass").advice
+    assert all("clock" not in finding.advice for finding in check_recording(arc))
+    (arc / "imu.csv").unlink()
+    assert_found(arc, "compass", Severity.WARNING, "imu.csv", "is not there: no compass")
 
 
 def test_a_sensor_on_another_clock_is_an_error(arc: Path) -> None:
@@ -276,7 +305,9 @@ def test_a_late_compass_is_found(tmp_path: Path) -> None:
 
 def test_a_turned_compass_is_found_where_the_truth_is_known(arc: Path) -> None:
     assert_found(arc, "compass", Severity.OK, "imu.csv", r"0\.0° off the true heading")
-    rewrite_column(arc / "imu.csv", 3, lambda yaw: yaw + math.radians(20.0))
+    rewrite_column(arc / "imu.csv", 3, lambda yaw: yaw + math.radians(9.0))
+    assert_found(arc, "compass", Severity.NOTE, "imu.csv", r"\+9\.0° off")
+    rewrite_column(arc / "imu.csv", 3, lambda yaw: yaw + math.radians(11.0))
     assert_found(arc, "compass", Severity.WARNING, "imu.csv", r"\+20\.0° off")
     rewrite_column(arc / "imu.csv", 3, lambda yaw: yaw + math.radians(70.0))
     assert_found(arc, "compass", Severity.ERROR, "imu.csv", r"\+90\.0° off")
@@ -324,7 +355,10 @@ def test_a_senseless_pinhole_camera_is_found(
     shared_data: Path, tmp_path: Path, keys: dict[str, object], what: str
 ) -> None:
     folder = borrow(shared_data / "humanoid_9x6_walk", tmp_path / "walk", frames=4)
-    assert_found(folder, "camera", Severity.OK, "camera.yaml", r"pinhole, 752×480 pixels, 1\.1 m high")
+    assert_found(
+        folder, "camera", Severity.ERROR, "camera.yaml", r"pinhole, 752×480 pixels, 1\.1 m high: .*omnidirectional"
+    )
+    assert "touchline locate" in found(folder, "camera").advice
     rewrite_yaml(folder / "camera.yaml", **keys)
     assert_found(folder, "camera", Severity.ERROR, "camera.yaml", what)
 

@@ -68,6 +68,35 @@ def test_a_leaning_mirror_is_told(recording: Path) -> None:
     assert float(tilt.what.split()[-1].rstrip("°")) == pytest.approx(0.25, abs=0.06)
 
 
+@pytest.mark.parametrize(("turned_deg", "severity"), [(2.0, Severity.NOTE), (-4.0, Severity.WARNING)])
+def test_a_turned_camera_is_told_with_what_to_add(recording: Path, turned_deg: float, severity: Severity) -> None:
+    mount_yaw = yaml.safe_load((recording / "camera.yaml").read_text())["mount_yaw"]
+    change_camera(recording, mount_yaw=mount_yaw + math.radians(turned_deg))
+    heading = findings(recording)["heading"]
+    assert heading.severity is severity
+    assert "mount_yaw" in heading.advice
+    to_add = float(heading.advice.split("add ")[1].split(" rad")[0])
+    assert math.degrees(to_add) == pytest.approx(-turned_deg, abs=0.3)
+
+
+def test_few_images_tell_nothing(recording: Path) -> None:
+    rows = (recording / "images.csv").read_text().splitlines()
+    (recording / "images.csv").write_text("\n".join(rows[:4]))
+    lines = findings(recording)["lines"]
+    assert lines.severity is Severity.NOTE
+    assert lines.what == "too few images to tell whether the lines fit: 3 usable, 5 are needed"
+
+
+def test_the_look_at_the_lines_leaves_the_problems_as_they_were(recording: Path) -> None:
+    (recording / "images" / "000059.jpg").unlink()
+    source = open_source(recording)
+    survey = take_survey(source)
+    before = list(source.problems)
+    assert len(before) == 1
+    list(check_lines(survey))
+    assert list(source.problems) == before
+
+
 def test_another_field_fits_no_pose(recording: Path) -> None:
     shutil.copy(Path(__file__).parents[1] / "src/touchline/field/presets/spl-9x6.yaml", recording / "field.yaml")
     assert findings(recording)["lines"].severity is Severity.WARNING

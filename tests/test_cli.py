@@ -179,6 +179,16 @@ def test_a_broken_image_is_survived_counted_and_told(recording: Path, capsys: py
     assert "images/000004.png" in Path("runs/tiny-1/report.html").read_text()
 
 
+def test_a_run_goes_on_without_an_unusable_sensor_and_warns(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (recording / "odometry.csv").write_text("t;x;y;theta\n0;0;0;0\n")
+    assert main(["run", str(recording), "--system", "fake"]) == 0
+    out, err = told(capsys)
+    assert "problems of the recording: 1 × unreadable sensor file" in out
+    assert "warning: odometry.csv, line 1: column 't' is missing from the header (found: t;x;y;theta)" in err
+
+
 def test_nothing_is_overwritten(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "out").mkdir()
     assert main(["run", str(recording), "--system", "fake", "--output", "out"]) == 2

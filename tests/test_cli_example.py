@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 import touchline
@@ -73,6 +78,51 @@ def test_everything_public_can_be_reached() -> None:
         assert callable(getattr(touchline, name))
         assert name in dir(touchline)
     assert touchline.__version__
+
+
+def test_a_dim_hall_keeps_its_error_table(tmp_path: Path) -> None:
+    """With a seventh of the light no image counts as black, and none is left out of the errors."""
+    dim = Path(shutil.copytree(example_recording(), tmp_path / "dim"))
+    for path in (dim / "images").iterdir():
+        image = cv2.imread(str(path))
+        assert image is not None
+        path.write_bytes(
+            cv2.imencode(".jpg", (image * 0.15).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+        )
+    run = touchline.run(dim)
+    assert run.errors is not None
+    assert (run.errors.black, run.errors.frames) == (0, 60)
+    assert run.summary["black_images"] == {"count": 0, "stretches_ns": []}
+
+
+def folder_of_length(folder: Path, images: int) -> Path:
+    """The bundled recording there and back again, until it has this many images; a few rows of text, no new image."""
+    example = example_recording()
+    folder.mkdir()
+    for name in ("sequence.yaml", "camera.yaml", "field.yaml"):
+        shutil.copy(example / name, folder)
+    (folder / "images").symlink_to(example / "images")
+    there = list(range(60))
+    order = itertools.cycle([*there, *reversed(there)])
+    rows = [f"{k / 25:.2f},images/{index:06d}.jpg" for k, index in zip(range(images), order, strict=False)]
+    (folder / "images.csv").write_text("\n".join(["t,file", *rows]) + "\n")
+    return folder
+
+
+def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
+    code = (
+        "import resource, sys\nfrom touchline.cli import main\nstatus = main(['run', sys.argv[1]])\n"
+        "print('peak', resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\nsys.exit(status)"
+    )
+    peaks_mb = []
+    for images in (60, 400):
+        recording = folder_of_length(tmp_path / str(images), images)
+        done = subprocess.run([sys.executable, "-c", code, str(recording)], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        peaks_mb.append(int(done.stdout.split("peak ")[1]) / 1024)
+    short_mb, long_mb = peaks_mb
+    assert long_mb < 400
+    assert (long_mb - short_mb) / 340 < 0.1  # an image that is kept takes 0.7 MB
 
 
 def test_view_of_a_recording_saves_every_stage(capsys: pytest.CaptureFixture[str]) -> None:

@@ -127,7 +127,7 @@ def test_nothing_to_compare_is_refused_with_the_reason() -> None:
     truth = samples([(0.0, 0.0, 0.0)] * 3)
     with pytest.raises(InputError, match="same recording and clock"):
         error_table(samples([(0.0, 0.0, 0.0)] * 3, start=1000), truth)
-    with pytest.raises(InputError, match="never found its place"):
+    with pytest.raises(InputError, match="the robot was never located"):
         error_table(truth, truth, located=np.zeros(3, dtype=np.bool_))
     with pytest.raises(InputError, match="all frames were left out"):
         error_table(truth, truth, skip=3)

@@ -136,7 +136,53 @@ def test_bad_letters_are_refused_and_nothing_is_written(arguments: list[str], wo
     assert not path.exists()
 
 
+@pytest.mark.parametrize("columns", ["40", "60", "75", "80"])
+def test_a_narrow_terminal_cuts_no_name(monkeypatch: pytest.MonkeyPatch, columns: str) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    listed = answer()
+    for name in preset_names():
+        assert row(listed, name)
+    assert "…" not in listed
+
+
+def test_options_may_stand_before_the_name(tmp_path: Path) -> None:
+    picture = tmp_path / "field.png"
+    answer("--output", str(picture), "--scale", "20", "spl-9x6")
+    drawn = cv2.imread(str(picture))
+    assert drawn is not None
+    assert drawn.shape == (148, 208, 3)
+    assert "draw one field: touchline fields NAME --output" in refusal("--output", str(tmp_path / "all.png"))
+
+
+def test_the_letters_that_came_from_the_base_are_told(tmp_path: Path) -> None:
+    said = answer("new", "lab", "A=12", "B=9", "C=5", "D=3", "H=2", "--output", str(tmp_path / "lab.yaml"))
+    line = next(line for line in said.splitlines() if line.startswith("as in msl-22x14:"))
+    assert "E=2.25, F=0.75, G=0.75, I=3.6, J=0.15, K=0.125" in line
+    assert not any(f" {letter}=" in line for letter in "ABCDH")
+    assert "warning" not in said
+
+
+def test_a_new_field_with_the_name_of_a_preset_is_warned_of(tmp_path: Path) -> None:
+    said = answer("new", "msl-18x12", "A=18", "B=12", "--output", str(tmp_path / "mine.yaml"))
+    assert "warning: msl-18x12 is the name of a preset, too" in said
+
+
+def test_a_file_that_is_named_like_no_preset_and_is_no_field_is_told_as_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("x").write_text("junk", encoding="utf-8")
+    Path("junk.yaml").write_text("junk", encoding="utf-8")
+    said = refusal("x")
+    assert said.startswith("x: no such preset (known: humanoid-adult-14x9,")
+    assert said.endswith(
+        "the file of this name is no field file: x: expected keys and values at the top level, found a str"
+    )
+    assert refusal("junk.yaml") == "junk.yaml: expected keys and values at the top level, found a str"
+
+
 def test_help_names_both_ways() -> None:
+    assert "--output" in answer("--help")
     assert "NAME|FILE" in answer("--help")
     assert "LETTER=METRES" in answer("new", "--help")
     assert "--output" in answer("msl-18x12", "--help")

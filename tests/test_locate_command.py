@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -36,7 +38,8 @@ def test_the_table_shows_the_pose_its_residual_and_the_twin(points: Path, capsys
     lines = capsys.readouterr().out.splitlines()
     assert "100 different points" in lines[0]
     assert "from the nearest line on average" in lines[0]
-    rows = {line.split("  ")[0]: line.split() for line in lines[2:]}
+    assert lines[1].startswith("the field msl-18x12 is assumed")
+    rows = {line.split("  ")[0]: line.split() for line in lines[3:]}
     places = [tuple(map(float, rows[name][-5:-2])) for name in ("pose", "rival 1")]
     for expected in (TRUTH, TRUTH.mirrored()):
         assert any(np.allclose(place, expected, atol=0.05) for place in places)
@@ -47,6 +50,7 @@ def test_a_heading_leaves_one_pose(points: Path, capsys: pytest.CaptureFixture[s
     assert main(["locate", str(points), "--heading", "0.6", "--field", "msl-18x12"]) == 0
     out = capsys.readouterr().out
     assert "rival" not in out
+    assert "assumed" not in out
     assert "no other pose explains the points as well" in out
 
 
@@ -57,6 +61,7 @@ def test_json_holds_everything(points: Path, capsys: pytest.CaptureFixture[str])
     assert [tree["pose"][key] for key in ("x_m", "y_m", "heading_rad")] == pytest.approx(twin, abs=0.05)
     assert np.array(tree["covariance"]).shape == (3, 3)
     assert tree["points"] == 100
+    assert (tree["field"], tree["field_assumed"]) == ("msl-18x12", True)
     assert tree["rivals"] == []
     assert 0 < tree["median_distance_m"] <= tree["mean_distance_m"] < 0.1
     assert tree["deviations_better_than_chance"] > 3
@@ -105,12 +110,18 @@ def test_too_few_points_are_refused_with_status_1(tmp_path: Path, capsys: pytest
         (["broken.csv", "--field", "msl-18x13"], "msl-18x12"),
         (["broken.csv", "--output", "drawn.gif"], "pictures are written as .png or .jpg"),
         (["broken.csv", "--heading", "north"], "'--heading'"),
+        (["good.csv", "--heading", "180"], "more than a whole turn: is it in radians? 180 degrees are 3.1416 rad"),
+        (["good.csv", "--heading", "nan"], "the heading nan is not an angle"),
+        (["good.csv", "--heading", "-inf"], "the heading -inf is not an angle"),
+        (["."], ".: is a folder; expected one CSV file of line points or one image"),
+        (["good.csv", "--field", "good.csv"], "good.csv: no such preset (known: humanoid-adult-14x9"),
     ],
 )
 def test_bad_input_ends_with_status_2_and_one_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], complaint: str
 ) -> None:
     (tmp_path / "broken.csv").write_text("x_m,y_m\na,1\n")
+    np.savetxt("good.csv", np.random.default_rng(0).normal(size=(20, 2)), delimiter=",", header="x,y", comments="")
     (tmp_path / "photo.png").write_bytes(b"none")
     assert main(["locate", *arguments]) == 2
     captured = capsys.readouterr()
@@ -150,3 +161,38 @@ def test_an_image_without_carpet_is_refused_by_name(shared_data: Path, capsys: p
     camera = shared_data / "omni_msl_track" / "camera.yaml"
     assert main(["locate", "grey.png", "--camera", str(camera)]) == 1
     assert "grey.png: no green carpet found" in capsys.readouterr().err
+    deep = cv2.imread("grey.png").astype(np.uint16) * 16
+    cv2.imwrite("deep.png", deep)
+    assert main(["locate", "deep.png", "--camera", str(camera)]) == 1
+    assert "(read as an image of 16 bits per channel; 8 are expected)" in capsys.readouterr().err
+
+
+def test_an_image_of_another_size_is_refused_by_name(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite("small.png", np.full((240, 240, 3), 120, dtype=np.uint8))
+    assert main(["locate", "small.png", "--camera", str(shared_data / "omni_msl_track" / "camera.yaml")]) == 2
+    assert (
+        "small.png: the image is (240, 240, 3) of uint8; the camera file says (480, 480, 3)" in capsys.readouterr().err
+    )
+
+
+def test_a_wrong_heading_is_refused_with_the_best_pose(points: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["locate", str(points), "--heading", "2.1", "--json"]) == 1
+    captured = capsys.readouterr()
+    assert "Check the heading (2.100 rad, in the field frame), the field" in captured.err
+    assert "(--field was not given: msl-18x12 was assumed)" in captured.err
+    assert json.loads(captured.out)["best_refused"]["mean_distance_m"] > 0.2
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_a_full_disk_gives_one_message(points: Path, options: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "touchline.cli", "locate", str(points), "--heading", "0.5", *options]
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr == "error: the output cannot be written (No space left on device)\n"
+
+
+def test_the_help_says_where_the_overlay_goes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["locate", "--help"]) == 0
+    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "overlay.png in runs/NAME-locate-N" in said

@@ -16,7 +16,7 @@ from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.sources import open_source
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, open_system
-from touchline.systems.nubot_mti import NubotMtiSettings
+from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.types import Estimate, Frame, LinePoints, Prior, Samples, Status
 
 FIELD = open_field("msl-18x12")
@@ -320,6 +320,42 @@ def test_a_frame_with_nothing_at_all_is_survived() -> None:
     estimates = localize(made)
     assert distance(estimates[3], path[3]) < 0.3
     assert distance(estimates[5], path[5]) < 0.05
+
+
+def test_the_own_half_is_only_where_it_begins() -> None:
+    before = drive(8, Pose(-3.0, 2.0, 0.3))
+    path = before + drive(14, Pose(4.5, -2.5, 1.5))
+    estimates = localize(frames(path, jumps=[8]), Prior(own_half=True))
+    assert all(distance(e, p) < 0.05 for e, p in zip(estimates[15:], path[15:], strict=True))
+
+
+@pytest.mark.parametrize("heading", [0.79, -2.36, 1.3])
+def test_without_a_compass_any_heading_is_found(heading: float) -> None:
+    path = [Pose(-3.3, 1.4, heading)] * 3
+    estimates = localize(frames(path, compass_error_rad=None), Prior(own_half=True))
+    assert all(distance(e, p) < 0.04 for e, p in zip(estimates, path, strict=True))
+
+
+def test_a_handful_of_stray_points_is_as_good_as_none() -> None:
+    path = drive(8)
+    made = frames(path)
+    stray = np.array([[1.0, 0.5], [1.1, 0.8], [0.9, -0.4], [2.0, 1.0]])
+    few = LinePoints(stray, np.tile(np.eye(2) * 1e-4, (4, 1, 1)), np.ones(4), np.full((4, 2), np.nan))
+    made[4] = replace(made[4], points=few)
+    estimates = localize(made)
+    assert math.isnan(estimates[4].residual_m)
+    assert distance(estimates[4], path[4]) < 0.05
+
+
+def test_reset_forgets_the_colours_too(shared_data: Path) -> None:
+    source = open_source(shared_data / "omni_msl_track")
+    system = open_system("nubot-mti", source.field, source.camera)
+    assert isinstance(system, NubotMti)
+    assert system.detector is not None
+    system.step(next(iter(source)))
+    assert system.detector.detector.colours is not None
+    system.reset()
+    assert system.detector.detector.colours is None
 
 
 def test_a_start_that_is_no_pose_is_refused() -> None:

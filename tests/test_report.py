@@ -148,6 +148,10 @@ def test_the_figures_of_the_table_are_printed(tmp_path: Path) -> None:
     assert "27 frames counted; left out: 1 before the first estimate, 2 black images" in page
 
 
+def test_the_speed_leaves_the_start_out(page: str) -> None:
+    assert "time per image, p99, first 10 left out" in page
+
+
 def test_text_from_the_recording_is_escaped(page: str) -> None:
     assert "walk &lt;1&gt;" in page
     assert "Black &amp; white" in page
@@ -230,6 +234,7 @@ def test_a_run_of_one_frame_has_a_page(tmp_path: Path) -> None:
     page, _ = write(tmp_path, frames=1, truth=False)
     assert "Status over time" in Page(page).headings
     assert "1 image in 0.0 s" in page
+    assert "first 10 left out" not in page
 
 
 def test_long_series_keep_their_peaks() -> None:

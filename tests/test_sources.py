@@ -11,6 +11,7 @@ import pytest
 from small_recordings import HEIGHT, WIDTH, arc_pose, delete_lines, edit_line, write_recording
 
 from touchline.errors import InputError
+from touchline.evaluation import read_tum
 from touchline.geometry import Pose
 from touchline.sources import ProblemKind, Source, open_source
 from touchline.types import Samples
@@ -35,6 +36,18 @@ def folder(tmp_path: Path) -> Path:
 def joined(samples: list[Samples | None]) -> Samples:
     given = [part for part in samples if part is not None]
     return Samples(np.concatenate([part.stamp_ns for part in given]), np.concatenate([part.values for part in given]))
+
+
+def test_the_heading_of_the_truth_is_that_of_the_whole_quaternion(tmp_path: Path) -> None:
+    """A robot that leans by 0.2 rad about its own forward axis keeps its heading."""
+    folder = write_recording(tmp_path / "leaning", frames=1)
+    yaw, lean = 0.7, 0.2
+    cy, sy, cl, sl = math.cos(yaw / 2), math.sin(yaw / 2), math.cos(lean / 2), math.sin(lean / 2)
+    (folder / "ground_truth.tum").write_text(f"0.1 1 2 0 {cy * sl:.9f} {sy * sl:.9f} {sy * cl:.9f} {cy * cl:.9f}\n")
+    truth = open_source(folder).truth
+    assert truth is not None
+    assert truth[0] == pytest.approx((1.0, 2.0, yaw), abs=1e-8)
+    np.testing.assert_allclose(read_tum(folder / "ground_truth.tum").values, truth.poses, atol=1e-12)
 
 
 def test_a_frame_holds_its_image_settings_and_name(folder: Path) -> None:

@@ -76,9 +76,10 @@ UNREADABLE: dict[str, tuple[Damage, str]] = {
     "images.csv has no image": (write("images.csv", "t,file\n"), r"images\.csv: names no image"),
     "images.csv has no good row": (write("images.csv", "t,file\nx,a.jpg\n0.1\n"), r"images\.csv: names no image"),
     "images.csv lacks a column": (write("images.csv", "t,name\n0.1,a.jpg\n"), MISSING_IMAGES_COLUMN),
-    "odometry.csv lacks a column": (replaced("odometry.csv", 1, "t,x,y,z"), r"odometry\.csv, line 1: column 'theta'"),
-    "wheels.csv is empty": (write("wheels.csv", ""), r"wheels\.csv, line 1: column 't' is missing"),
-    "imu.csv has no header": (replaced("imu.csv", 1, "0,0,0,0,0,0,0"), r"imu\.csv, line 1: column 't' is missing"),
+    "images.csv is no text": (
+        lambda f: (f / "images.csv").write_bytes(b"\x89PNG\x1b[31m\n"),
+        r"images\.csv: is not a text",
+    ),
 }
 
 
@@ -91,6 +92,77 @@ def test_what_cannot_be_opened_says_why_and_where(folder: Path, case: str) -> No
     assert re.search(message, str(error.value)), str(error.value)
     assert str(folder) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+UNUSABLE_SENSORS: dict[str, tuple[Damage, str, str]] = {
+    "lacks a column": (replaced("odometry.csv", 1, "t,x,y,z"), "odometry", r"odometry\.csv, line 1: column 'theta' is"),
+    "is empty": (write("wheels.csv", ""), "wheels", r"wheels\.csv, line 1: column 't' is missing .*the file is empty"),
+    "has no header": (replaced("imu.csv", 1, "0,0,0,0,0,0,0"), "gyro", r"imu\.csv, line 1: column 't' is missing"),
+    "has semicolons": (
+        replaced("wheels.csv", 1, "t;a;b"),
+        "wheels",
+        r"found: t;a;b.* expected t,a,b, separated by commas",
+    ),
+    "is binary": (
+        lambda f: (f / "imu.csv").write_bytes(b"t,\x00\x1b[2J\xff\n"),
+        "compass",
+        r"imu\.csv: is not a text file",
+    ),
+    "hides escapes": (write("odometry.csv", "t,x,\x1b[2J\n"), "odometry", r"odometry\.csv: is not a text file"),
+    "is a folder": (
+        lambda f: ((f / "wheels.csv").unlink(), (f / "wheels.csv").mkdir()),
+        "wheels",
+        r"wheels\.csv: cannot be read \(Is a directory\)",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", UNUSABLE_SENSORS)
+def test_a_recording_is_read_without_a_sensor_whose_file_is_unusable(folder: Path, case: str) -> None:
+    damage, sensor, message = UNUSABLE_SENSORS[case]
+    damage(folder)
+    source = open_source(folder)
+    frames = list(source)
+    assert len(frames) == 8
+    assert all(getattr(frame, sensor) is None for frame in frames)
+    assert source.problems.counts == {ProblemKind.SENSOR_FILE: 1}
+    (problem,) = source.problems
+    assert re.match(f".*{message}", problem.message), problem.message
+    assert problem.message.endswith("the recording is read without it")
+    assert problem.message.isprintable()
+    others = {"odometry", "wheels", "gyro"} - {"gyro" if sensor == "compass" else sensor}
+    assert all(getattr(frames[-1], other) is not None for other in others)
+
+
+@pytest.mark.parametrize("nothing", ["", " ", "nan"])
+def test_an_empty_cell_of_the_imu_costs_one_quantity_and_no_row(folder: Path, nothing: str) -> None:
+    for line in (5, 6, 30):
+        edit_line(folder / "imu.csv", line, 3, nothing)
+    edit_line(folder / "imu.csv", 8, 0 + 1, nothing)
+    source = open_source(folder)
+    frames = list(source)
+    compass, gyro, tilt = (
+        sum(len(samples) for frame in frames if (samples := getattr(frame, name)) is not None)
+        for name in ("compass", "gyro", "tilt")
+    )
+    assert (compass, gyro, tilt) == (gyro - 3, 41, gyro - 1)
+    assert source.problems.counts == {ProblemKind.EMPTY_COLUMN: 2}
+    rows = len((folder / "imu.csv").read_text().splitlines()) - 1
+    what = "in {} of {} rows; what it measures is unknown there"
+    assert [problem.message for problem in source.problems] == [
+        f"imu.csv: column 'roll' is empty {what.format(1, rows)}",
+        f"imu.csv: column 'yaw' is empty {what.format(3, rows)}",
+    ]
+
+
+def test_another_look_at_the_frames_leaves_the_problems_alone(folder: Path) -> None:
+    (folder / IMAGE).unlink()
+    source = open_source(folder)
+    list(source)
+    for frame in source.again():
+        assert frame.image is not None
+        break
+    assert source.problems.counts == {ProblemKind.MISSING_IMAGE: 1}
 
 
 def test_a_path_that_is_no_recording_says_so(tmp_path: Path) -> None:
@@ -425,7 +497,7 @@ def test_all_problems_are_counted_and_the_first_of_each_kind_kept(folder: Path) 
     problems = source.problems
     assert problems.counts == {ProblemKind.BROKEN_ROW: 2000, ProblemKind.MISSING_IMAGE: 1}
     assert problems.total == 2001
-    assert len(problems) == KEPT_PER_KIND + 1
+    assert len(problems) == KEPT_PER_KIND + 2  # the image, and the first of the second file
     assert "2000 × broken row" in problems.summary()
     assert "1 × missing image" in problems.summary()
 

@@ -24,28 +24,51 @@ class _FieldsGroup(TyperGroup):
         return super().resolve_command(ctx, args if args[0] == "new" else ["show", *args])
 
 
+_SCALE = 50.0  # pixels per metre
+_WIDTH_OF_DESCRIPTIONS = 76  # characters: with fewer, the presets are listed without them
+
 fields_app = typer.Typer(cls=_FieldsGroup, subcommand_metavar="[NAME|FILE | new NAME ...]")
 
 
+_Picture = Annotated[
+    Path | None,
+    typer.Option("--output", metavar="PICTURE.png", help="Draw the field NAME into a new picture.", show_default=False),
+]
+_Scale = Annotated[
+    float | None,
+    typer.Option(
+        "--scale",
+        min=1.0,
+        max=500.0,
+        help=f"Pixels per metre of the picture (default: {_SCALE:g}).",
+        show_default=False,
+    ),
+]
+
+
 @fields_app.callback(invoke_without_command=True)
-def fields(ctx: typer.Context) -> None:
+def fields(ctx: typer.Context, output: _Picture = None, scale: _Scale = None) -> None:
     """List the preset fields; with NAME or FILE show one field; with new make your own.
 
     touchline fields msl-18x12 --output field.png   shows and draws one.
     """
+    if ctx.invoked_subcommand != "show" and (output is not None or scale is not None):
+        raise InputError("--output and --scale draw one field: touchline fields NAME --output PICTURE.png")
+    ctx.obj = (output, scale)
     if ctx.invoked_subcommand is None:
         _list_presets()
 
 
 @fields_app.command("show", hidden=True)
 def show(
+    ctx: typer.Context,
     name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, a field.yaml or a recording.")],
-    output: Annotated[
-        Path | None, typer.Option(metavar="PICTURE.png", help="Draw the field into a new picture.", show_default=False)
-    ] = None,
-    scale: Annotated[float, typer.Option(min=1.0, max=500.0, help="Pixels per metre of the picture.")] = 50.0,
+    output: _Picture = None,
+    scale: _Scale = None,
 ) -> None:
     """Show one field: its sizes, lines, crossings, posts and poles."""
+    before = ctx.obj if isinstance(ctx.obj, tuple) else (None, None)  # options may stand before the name, too
+    output, scale = output if output is not None else before[0], scale if scale is not None else before[1]
     from touchline.field import open_field
 
     field = open_field(name)
@@ -54,7 +77,7 @@ def show(
     out.print(_sizes(field))
     out.print(_counts(field))
     if output is not None:
-        _draw(field, output, scale)
+        _draw(field, output, scale if scale is not None else _SCALE)
         out.print(f"drawn into {output}", markup=False)
 
 
@@ -82,7 +105,7 @@ def new(
     sizes = _parse_letters(letters or [])
     if measured_to not in ("edge", "middle"):
         raise InputError(f"--measured-to {measured_to}: expected edge or middle")
-    from touchline.field import field_from_letters
+    from touchline.field import field_from_letters, open_field, preset_names
 
     field = field_from_letters(name, sizes, base, "middle" if measured_to == "middle" else "edge")
     path = output if output is not None else Path(f"{name}.yaml")
@@ -90,6 +113,14 @@ def new(
     out = _console()
     out.print(_sizes(field))
     out.print(_counts(field))
+    kept = {key: metres for key, metres in open_field(base).letters.items() if key not in sizes and metres > 0.0}
+    said = ", ".join(f"{key}={metres:g}" for key, metres in kept.items())
+    out.print(f"as in {base}: {said or 'nothing'}; give the others as LETTER=METRES", markup=False)
+    if name in preset_names():
+        from touchline.cli.console import errors_console
+
+        said = f"warning: {name} is the name of a preset, too; where a field is asked for, {name} means the preset"
+        errors_console().print(said, markup=False)
     out.print(f"written to {path}; touchline fields {path} shows it", markup=False)
 
 
@@ -119,12 +150,18 @@ def _parse_letters(items: list[str]) -> dict[str, float]:
 def _list_presets() -> None:
     from touchline.field import open_field, preset_names
 
-    table = _table("name", "description", "length", "width", "line", "L", "T", "X", numbers_from=2)
+    out = _console()
+    narrow = out.width < _WIDTH_OF_DESCRIPTIONS
+    titles = ("name",) if narrow else ("name", "description")
+    table = _table(*titles, "length", "width", "line", "L", "T", "X", numbers_from=len(titles))
+    table.columns[0].no_wrap = True
     for name in preset_names():
         field = open_field(name)
         sizes = [f"{size:g} m" for size in (field.length, field.width, field.line_width)]
-        table.add_row(name, field.description, *sizes, *map(str, _crossing_counts(field)))
-    out = _console()
+        words = (name,) if narrow else (name, field.description)
+        table.add_row(*words, *sizes, *map(str, _crossing_counts(field)))
+    if narrow:  # names are for typing: rather let the terminal break a line than cut one
+        out.width = max(out.width, out.measure(table, options=out.options.update(width=200)).maximum)
     out.print(table)
     out.print("sizes include the lines; L, T, X: crossings. touchline fields NAME shows one", style="dim")
 

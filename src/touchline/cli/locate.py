@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,8 +19,10 @@ if TYPE_CHECKING:
     from touchline.field import FieldModel
     from touchline.geometry import FloatArray, Pose
     from touchline.localization import Location
-    from touchline.types import ImageArray
+    from touchline.perception import LinePointDetector
+    from touchline.types import ImageArray, LinePoints
 
+_ASSUMED_FIELD = "msl-18x12"
 _PICTURES = (".png", ".jpg", ".jpeg")
 
 
@@ -25,7 +31,12 @@ def locate(
         Path,
         typer.Argument(metavar="POINTS.csv|IMAGE", help="Line points (x_m,y_m), or one image.", show_default=False),
     ],
-    field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.")] = "msl-18x12",
+    field: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE", help=f"The field; without it {_ASSUMED_FIELD} is assumed.", show_default=False
+        ),
+    ] = None,
     camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image.", show_default=False)] = None,
     heading: Annotated[
         float | None,
@@ -36,8 +47,8 @@ def locate(
         Path | None,
         typer.Option(
             metavar="PICTURE.png",
-            help="New picture: the overlay of an image [default: overlay.png in runs/NAME-locate-N], or the points on "
-            "the field.",
+            help="New picture: the overlay of an image (without it overlay.png in runs/NAME-locate-N), or the points "
+            "on the field.",
             show_default=False,
         ),
     ] = None,
@@ -46,23 +57,43 @@ def locate(
 
     Points are in the robot's frame: x forward, y left, metres. Points that fit no pose are refused (exit status 1).
     """
+    if source.is_dir():
+        raise InputError(
+            f"{source}: is a folder; expected one CSV file of line points or one image (touchline run takes recordings)"
+        )
     if camera is None and source.suffix.lower() in _PICTURES:
         raise InputError(f"{source}: an image needs its camera model; give it with --camera FILE")
     if output is not None:
         _check_picture(output)
     from touchline.field import open_field
 
-    model = open_field(field)
+    model = open_field(field if field is not None else _ASSUMED_FIELD)
     find = _from_points if camera is None else _from_image
     found, picture = find(source, camera, model, heading, output)
-    if as_json:
-        _print_json(found, picture)
-    elif not isinstance(found, NoFitError):
-        _print_table(source, model, found)
-    if picture is not None and not as_json:
-        _console().print(f"drawn into {picture}", markup=False)
+    with _whole_output():
+        if as_json:
+            _print_json(found, model, field is None, picture)
+        elif not isinstance(found, NoFitError):
+            _print_table(source, model, field is None, found)
+        if picture is not None and not as_json:
+            _console().print(f"drawn into {picture}", markup=False)
     if isinstance(found, NoFitError):
-        raise NoFitError(f"{source}: {found}")
+        assumed = f" (--field was not given: {model.name} was assumed)" if field is None else ""
+        raise NoFitError(f"{source}: {found}{assumed}")
+
+
+@contextmanager
+def _whole_output() -> Iterator[None]:
+    """What is printed inside arrives, or one message says why not. A full disk shows when the buffer is emptied."""
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        with Path(os.devnull).open("w") as nowhere:  # what is still in the buffer must not fail again at the end
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        raise TouchlineError(f"the output cannot be written ({error.strerror})") from None
 
 
 def _from_points(
@@ -96,12 +127,7 @@ def _from_image(
     assert camera is not None, "the caller chose this function because there is one"
     model = open_camera(camera)
     image = read_image(source)
-    detector = LinePointDetector(model, line_width_m=field.line_width)
-    try:
-        detector.learn([image])
-    except TouchlineError as error:
-        raise type(error)(f"{source}: {error}") from None
-    points = detector.detect(image)
+    points = _detected(source, image, LinePointDetector(model, line_width_m=field.line_width))
     found: Location | NoFitError
     try:
         found = locate_points(points.positions_m, field, heading, precision_weights(points, WeightSettings()))
@@ -113,9 +139,28 @@ def _from_image(
     return found, path
 
 
-def _print_table(source: Path, field: FieldModel, location: Location) -> None:
+def _detected(source: Path, image: ImageArray, detector: LinePointDetector) -> LinePoints:
+    """The line points of a lone image, which its own colours are learned from; errors name the file."""
+    try:
+        detector.learn([image])
+        return detector.detect(image)
+    except TouchlineError as error:
+        deep = " (read as an image of 16 bits per channel; 8 are expected)" if _has_16_bits(source) else ""
+        raise type(error)(f"{source}: {error}{deep}") from None
+
+
+def _has_16_bits(path: Path) -> bool:
+    """Whether a file is a PNG of 16 bits per channel: often 10 or 12 bits of a camera, and then almost black."""
+    with path.open("rb") as file:
+        head = file.read(25)
+    return head[:4] == b"\x89PNG" and head[24:] == b"\x10"
+
+
+def _print_table(source: Path, field: FieldModel, assumed: bool, location: Location) -> None:
     out = _console()
     out.print(_summary(source, field, location), markup=False)
+    if assumed:
+        out.print(f"the field {field.name} is assumed; --field NAME or FILE tells another", style="dim", markup=False)
     out.print(_table(location))
     if not location.rivals:
         out.print("no other pose explains the points as well", style="dim")
@@ -156,15 +201,15 @@ def _table(location: Location) -> Table:
     return table
 
 
-def _print_json(found: Location | NoFitError, picture: Path | None) -> None:
+def _print_json(found: Location | NoFitError, field: FieldModel, assumed: bool, picture: Path | None) -> None:
     import json
 
-    from touchline.localization import ScatterError
+    from touchline.localization import PoorFitError
 
     tree: dict[str, Any]
     if isinstance(found, NoFitError):
         tree = {"pose": None, "refused": str(found)}
-        if isinstance(found, ScatterError):
+        if isinstance(found, PoorFitError):
             tree["best_refused"] = {**_pose_tree(found.best.pose), "mean_distance_m": found.best.residual_m}
             tree["deviations_better_than_chance"] = found.chance.significance
     else:
@@ -178,6 +223,7 @@ def _print_json(found: Location | NoFitError, picture: Path | None) -> None:
             "deviations_better_than_chance": found.chance.significance,
             "rivals": [{**_pose_tree(r.pose), "mean_distance_m": r.residual_m} for r in found.rivals],
         }
+    tree |= {"field": field.name, "field_assumed": assumed}
     if picture is not None:
         tree["picture"] = str(picture)
     typer.echo(json.dumps(tree, indent=2))

@@ -100,8 +100,12 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from touchline.evaluation.run_folder import new_folder
+    from touchline.sources import ProblemKind
     from touchline.sources.findings import counted
 
+    for problem in prepared.source.problems:
+        if problem.kind is ProblemKind.SENSOR_FILE:
+            errors_console().print(f"warning: {problem}", style="yellow", markup=False)
     folder = new_folder(output, name or prepared.source.name)
     columns = (
         TextColumn("{task.description}"),

@@ -197,5 +197,5 @@ def _why_nothing_is_left(keep: BoolArray, begun: BoolArray, known: BoolArray) ->
     if not known.any():
         return "no estimate has a truth within half a frame: do both come from the same recording and clock?"
     if not (keep & begun).any():
-        return "no frame is left to compare: all frames after the first estimate were left out"
+        return "no frame is left to compare: all frames were left out"
     return "no frame is left to compare: all images with a truth are black or come before the first estimate"

@@ -111,12 +111,12 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None) -> str:
     frames = summary["frames"]
     if frames:
         tiles.append(("images tracked", f"{100 * summary['status']['tracking'] / frames:.1f}", "%"))
-    latency = summary["latency_ms"]["total_after_10"]
+    latency, which = summary["latency_ms"]["total_after_10"], ", first 10 left out"
     if latency["median"] is None:
-        latency = summary["latency_ms"]["total"]
+        latency, which = summary["latency_ms"]["total"], ""
     if latency["median"] is not None:
         tiles.append(("time per image, median", milliseconds(latency["median"]), "ms"))
-        tiles.append(("time per image, p99", milliseconds(latency["p99"]), "ms"))
+        tiles.append((f"time per image, p99{which}", milliseconds(latency["p99"]), "ms"))
     if summary["rate_fps"] is not None:
         tiles.append(("rate, reading included", f"{summary['rate_fps']:.0f}", "images/s"))
     cells = "".join(

@@ -10,6 +10,7 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.geometry import Pose
+from touchline.sources.truth import heading_of
 from touchline.types import Samples
 
 NS_PER_S = 1_000_000_000
@@ -100,5 +101,4 @@ def _parse(line: str, where: str) -> tuple[int, Pose]:
         raise InputError(f"{where}: a value is not a number") from None
     if not all(map(math.isfinite, (x, y, qx, qy, qz, qw))) or not any((qx, qy, qz, qw)):
         raise InputError(f"{where}: a value is NaN, infinite or the quaternion is zero")
-    # yaw of a general quaternion; 2 atan2(qz, qw) if the robot stands upright
-    return stamp_ns, Pose(x, y, math.atan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
+    return stamp_ns, Pose(x, y, heading_of(qx, qy, qz, qw))

@@ -28,7 +28,20 @@ def open_field(name_or_path: str | Path) -> FieldModel:
     if path.is_dir():
         path = path / "field.yaml"
     if path.is_file():
-        return load_field(path)
+        return _load_file(name_or_path, path)
     if path.suffix in (".yaml", ".yml"):
         raise InputError(f"{path}: no such field file; presets: {', '.join(preset_names())}")
     raise InputError(f"{name_or_path}: no such field; {did_you_mean(str(name_or_path), preset_names())}")
+
+
+def _load_file(given: str | Path, path: Path) -> FieldModel:
+    """A file's field. A name without an ending may have been meant as a preset's: then the error tells both."""
+    try:
+        return load_field(path)
+    except InputError as error:
+        if Path(given).suffix in (".yaml", ".yml") or Path(given) != path:
+            raise
+        raise InputError(
+            f"{given}: no such preset ({did_you_mean(str(given), preset_names())}), and the file of this name is no "
+            f"field file: {error}"
+        ) from None

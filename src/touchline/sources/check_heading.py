@@ -88,6 +88,9 @@ def check_compass(survey: Survey) -> Iterator[Finding]:
         yield Finding("compass", Severity.ERROR, "imu.csv", what, "Its zero has to be the field's x axis.")
     elif abs(middle) > math.radians(12.0) or spread > math.radians(12.0):
         yield Finding("compass", Severity.WARNING, "imu.csv", what, "Calibrate the compass away from metal.")
+    elif abs(middle) >= math.radians(8.0) or spread >= math.radians(6.0):
+        advice = "Usable; calibrating the compass away from metal makes the search for the pose surer."
+        yield Finding("compass", Severity.NOTE, "imu.csv", what, advice)
     else:
         yield Finding("compass", Severity.OK, "imu.csv", what)
 

@@ -34,8 +34,6 @@ def check_readable(survey: Survey) -> Iterator[Finding]:
         if not count:
             continue
         severity = Severity.ERROR if count > SPOILED_SHARE * total else Severity.WARNING
-        if kind is ProblemKind.LINEAR_IMAGE and survey.recording.linear:
-            severity = Severity.NOTE  # sequence.yaml says so itself
         first = next(problem for problem in problems if problem.kind is kind)
         yield Finding("images", severity, IMAGE_LIST, f"{count} of {total} images: {first.message}", advice)
     if not any(problems.counts[kind] for kind in _IMAGE_ADVICE):

@@ -9,7 +9,8 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.field.distances import nearest_line_points
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, wrap_angles
+from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
 from touchline.sources.findings import Finding, Severity
 from touchline.sources.survey import Survey
@@ -24,6 +25,8 @@ _POOR_M = 0.08
 _LEAST_NEAR = 0.75  # of the points, within a quarter metre; goals and clutter take a tenth
 _TILT_DEG = 0.1
 _SCALE = 0.01
+_HEADING_DEG, _POOR_HEADING_DEG = 1.0, 3.0
+_SAME_POSE_M = 1.0
 
 
 def check_lines(survey: Survey) -> Iterator[Finding]:
@@ -38,15 +41,19 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         return  # the check of the field says so
     system = NubotMti(field, camera, NubotMtiSettings(), np.random.default_rng(0))
     estimates, looked = [], 0
-    for frame in recording:
+    for frame in recording.again():
         if looked == _MOST_FRAMES:
             break
-        if frame.image is None:
+        if frame.image is None or is_covered(frame.image):
             continue
         looked += 1
         estimate = system.step(frame)
         if estimate.status is Status.TRACKING and estimate.points:
             estimates.append(estimate)
+    if looked < _LEAST_FRAMES:
+        what = f"too few images to tell whether the lines fit: {looked} usable, {_LEAST_FRAMES} are needed"
+        yield Finding("lines", Severity.NOTE, FIELD, what, "Record more images, or mend what is wrong with these.")
+        return
     if len(estimates) < _LEAST_FRAMES:
         what = f"the lines fit no pose in {looked - len(estimates)} of {looked} images"
         advice = "Look at `touchline view --stages`; check the field, camera.yaml and whether the carpet is in view."
@@ -58,6 +65,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
     yield _fit(off, near_a_line, f"tracked in {len(estimates)} of {looked} images")
     yield from _range_scale(frames)
     yield _tilt(system)
+    yield from _headings(survey, estimates)
 
 
 def _deviations(system: NubotMti, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -106,6 +114,26 @@ def _range_scale(frames: list[tuple[FloatArray, FloatArray, FloatArray]]) -> Ite
         yield Finding(
             "ranges", Severity.WARNING, CAMERA, what, "Calibrate the mirror again, or check the field's size."
         )
+
+
+def _headings(survey: Survey, estimates: list[Estimate]) -> Iterator[Finding]:
+    """A constant difference between the headings by the lines and the true ones, where these are known."""
+    truth = survey.recording.truth
+    if truth is None:
+        return
+    pairs = [(estimate.pose, truth.nearest(estimate.stamp_ns)) for estimate in estimates]
+    near = [(pose, true) for pose, true in pairs if pose.distance_to(true) < _SAME_POSE_M]
+    if len(near) < _LEAST_FRAMES:
+        return  # the other end of the field, or a truth of something else
+    off_deg = np.degrees(wrap_angles([pose.heading - true.heading for pose, true in near]))
+    middle = float(np.median(off_deg))
+    spread = 1.4826 * float(np.median(np.abs(off_deg - middle)))
+    if abs(middle) <= _HEADING_DEG or spread > 0.5 * abs(middle):
+        return
+    what = f"headings by the lines are {middle:+.1f}° off the true ones throughout (± {spread:.1f}°)"
+    advice = f"If the truth is right, add {math.radians(middle):+.4f} rad to mount_yaw."
+    severity = Severity.WARNING if abs(middle) > _POOR_HEADING_DEG else Severity.NOTE
+    yield Finding("heading", severity, CAMERA, what, advice)
 
 
 def _tilt(system: NubotMti) -> Finding:

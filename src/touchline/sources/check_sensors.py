@@ -12,7 +12,8 @@ import numpy.typing as npt
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.sources.description import finite_number
 from touchline.sources.findings import Finding, Severity
-from touchline.sources.problems import ProblemKind
+from touchline.sources.folder import SENSOR_COLUMNS
+from touchline.sources.problems import Problem, ProblemKind
 from touchline.sources.survey import Survey
 
 _LEAST_STUCK_S = 0.5
@@ -20,9 +21,11 @@ _LEAST_TRAVEL_M = 1.0
 _WINDOW_S = 1.0
 _STILL_M, _STILL_RAD = 0.0005, math.radians(0.1)
 _LEAST_STILL_S = 1.0
-_FIRST_COLUMN = {"odometry.csv": "x", "wheels.csv": "a", "imu.csv": "yaw"}
+_NO_COMPASS = "A pose and the one at the other end of the field fit equally well: run with --own-half or --start."
 
 _ROW_ADVICE = {
+    ProblemKind.SENSOR_FILE: "Write it as docs/how-to-recording.md says; a run goes on without this sensor.",
+    ProblemKind.EMPTY_COLUMN: "Find out why the sensor writes nothing.",
     ProblemKind.BROKEN_ROW: "Mend or delete the lines; they are left out.",
     ProblemKind.NOT_A_NUMBER: "Find out why the sensor writes this; the rows are left out.",
     ProblemKind.TIME_ORDER: "Two clocks, or a clock that was set while recording? The rows are left out.",
@@ -44,28 +47,38 @@ def check_rows(survey: Survey) -> Iterator[Finding]:
     """What the reading of the files reported, one finding for each kind and file."""
     problems = survey.recording.problems
     for kind, advice in _ROW_ADVICE.items():
-        found = [problem for problem in problems if problem.kind is kind]
-        for file in dict.fromkeys(problem.file for problem in found):
-            of_file = [problem for problem in found if problem.file == file]
-            more = "" if len(of_file) == 1 else f" (and {len(of_file) - 1} more like it)"
-            if len(found) < problems.counts[kind]:
-                more += f"; {problems.counts[kind]} in all files"
-            where = file if of_file[0].line is None else f"{file}, line {of_file[0].line}"
-            what = of_file[0].message.partition(": ")[2]
-            yield Finding("rows", Severity.WARNING, where, f"{what}{more}", advice)
+        severity = Severity.ERROR if kind is ProblemKind.SENSOR_FILE else Severity.WARNING
+        firsts: dict[str, Problem] = {}
+        for problem in problems:
+            if problem.kind is kind:
+                firsts.setdefault(problem.file, problem)
+        for file, first in firsts.items():
+            count = problems.file_counts[kind, file]
+            more = "" if count == 1 else f" (and {count - 1} more like it)"
+            where = file if first.line is None else f"{file}, line {first.line}"
+            yield Finding("rows", severity, where, f"{first.message.partition(': ')[2]}{more}", advice)
     if not any(problems.counts[kind] for kind in _ROW_ADVICE):
         yield Finding("rows", Severity.OK, "*.csv", "every row can be read, times run forwards, no sensor gap")
 
 
 def check_presence(survey: Survey) -> Iterator[Finding]:
     """Sensors that are missing, or whose times share nothing with the images'."""
-    for file, first in _FIRST_COLUMN.items():
+    counts = survey.recording.problems.file_counts
+    for file, columns in SENSOR_COLUMNS.items():
+        seen = {name: bool(np.isfinite(survey.column(name)).any()) for name in columns}
         if not (survey.recording.folder / file).exists():
             advice = "Without it a pose between images is a guess." if file == "odometry.csv" else ""
-            yield Finding("sensors", Severity.NOTE, file, "is not there", advice)
-        elif not np.isfinite(survey.column(first)).any():
+            if file == "imu.csv":
+                yield Finding("compass", Severity.WARNING, file, "is not there: no compass, no gyro", _NO_COMPASS)
+            else:
+                yield Finding("sensors", Severity.NOTE, file, "is not there", advice)
+        elif counts[ProblemKind.SENSOR_FILE, file]:
+            continue  # the check of the rows says so
+        elif not any(seen.values()):
             what = "no sample lies between the first and the last image"
             yield Finding("sensors", Severity.ERROR, file, what, "Use one clock for images and sensors.")
+        elif file == "imu.csv" and not seen["yaw"]:
+            yield Finding("compass", Severity.WARNING, file, "column 'yaw' is empty: no compass", _NO_COMPASS)
 
 
 def check_stuck(survey: Survey) -> Iterator[Finding]:

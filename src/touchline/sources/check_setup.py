@@ -192,5 +192,7 @@ def _check_pinhole(model: dict[str, object]) -> Iterator[Finding]:
             "Calibrate again.",
         )
     else:
-        what = f"pinhole, {width:g}×{height:g} pixels, {number('z', model.get('mount')):g} m high"
-        yield Finding("camera", Severity.OK, CAMERA, what)
+        what = f"pinhole, {width:g}×{height:g} pixels, {number('z', model.get('mount')):g} m high: `touchline run` "
+        what += "takes omnidirectional cameras only"
+        advice = "Detect the line points yourself and give them to `touchline locate POINTS.csv`."
+        yield Finding("camera", Severity.ERROR, CAMERA, what, advice)

@@ -16,7 +16,7 @@ from touchline.sources.images import read_image_list
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import SensorStream
 from touchline.sources.source import Truth
-from touchline.sources.tables import StampArray, Table, open_table
+from touchline.sources.tables import StampArray, Table, TableError, open_table
 from touchline.sources.truth import TRUTH, read_truth
 from touchline.types import Frame, ImageArray, Samples
 
@@ -30,6 +30,7 @@ SENSOR_COLUMNS = {
     "wheels.csv": ("a", "b"),
     "imu.csv": ("roll", "pitch", "yaw", "gx", "gy", "gz"),
 }
+_MAY_BE_EMPTY = SENSOR_COLUMNS["imu.csv"]  # three sensors in one file: a robot without compass has the others
 
 
 class Recording:
@@ -54,16 +55,24 @@ class Recording:
         if not (folder / IMAGE_LIST).is_file():
             raise InputError(f"{folder / IMAGE_LIST}: is missing; it has to list the images as t,file,exposure_ms,gain")
         self._images = read_image_list(folder / IMAGE_LIST, self._opening)
-        self._tables: dict[str, Table] = {
-            name: open_table(folder / name, ["t", *columns])
-            for name, columns in SENSOR_COLUMNS.items()
-            if (folder / name).exists()
-        }
+        self._tables: dict[str, Table] = {}
+        for name in SENSOR_COLUMNS:
+            self._open_sensor(name)
         self.truth: Truth | None = None
         """The true poses, where they are known. For evaluation only."""
         if (folder / TRUTH).exists():
             self.truth = read_truth(folder / TRUTH, self._images.stamp_ns, self._opening)
         self._size = self._about.image_size
+
+    def _open_sensor(self, name: str) -> None:
+        """Note the table of a sensor; a file that can't be used is reported, the recording goes on without it."""
+        if not (self.folder / name).exists():
+            return
+        try:
+            self._tables[name] = open_table(self.folder / name, ["t", *SENSOR_COLUMNS[name]])
+        except TableError as error:
+            what = f"{error.what}; the recording is read without it"
+            self._opening.add(ProblemKind.SENSOR_FILE, name, what, line=error.line)
 
     @property
     def name(self) -> str:
@@ -135,8 +144,18 @@ class Recording:
         return len(self._images)
 
     def __iter__(self) -> Iterator[Frame]:
-        self._pass = log = ProblemLog()
-        streams = {name: SensorStream(table, SENSOR_COLUMNS[name], log) for name, table in self._tables.items()}
+        self._pass = ProblemLog()
+        return self._frames(self._pass)
+
+    def again(self) -> Iterator[Frame]:
+        """The frames once more, for another look: `problems` stays as the latest pass left it."""
+        return self._frames(ProblemLog())
+
+    def _frames(self, log: ProblemLog) -> Iterator[Frame]:
+        streams = {
+            name: SensorStream(table, SENSOR_COLUMNS[name], log, _MAY_BE_EMPTY if name == "imu.csv" else ())
+            for name, table in self._tables.items()
+        }
         for index, name in enumerate(self._images.file_names()):
             stamp = int(self._images.stamp_ns[index])
             taken = {name: stream.take_until(stamp) for name, stream in streams.items()}
@@ -177,11 +196,19 @@ class Recording:
         if image is None:
             kind = outcome.kind or ProblemKind.BROKEN_IMAGE
             line = int(self._images.lines[index])
-            return None, log.add(kind, IMAGE_LIST, f"{name} {outcome.what}", line=line, frame=index).message
+            shown = name if name.isprintable() else repr(name)
+            return None, log.add(kind, IMAGE_LIST, f"{shown} {outcome.what}", line=line, frame=index).message
         if self._size is None:
             self._size = (image.shape[1], image.shape[0])
         return image, None
 
 
 def _columns(samples: Samples | None, start: int, stop: int) -> Samples | None:
-    return None if samples is None else Samples(samples.stamp_ns, samples.values[:, start:stop])
+    """Some of the columns; rows with an empty one left out."""
+    if samples is None:
+        return None
+    values = samples.values[:, start:stop]
+    known = np.isfinite(values).all(axis=1)
+    if known.all():
+        return Samples(samples.stamp_ns, values)
+    return Samples(samples.stamp_ns[known], values[known]) if known.any() else None

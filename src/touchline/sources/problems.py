@@ -22,6 +22,8 @@ class ProblemKind(StrEnum):
     NOT_A_NUMBER = "not a number"
     TIME_ORDER = "time order"
     SENSOR_GAP = "sensor gap"
+    SENSOR_FILE = "unreadable sensor file"
+    EMPTY_COLUMN = "empty column"
     TRUTH = "truth"
     SEQUENCE = "sequence"
 
@@ -44,11 +46,12 @@ class Problem:
 
 
 class ProblemLog(Sequence[Problem]):
-    """Problems in the order of discovery: the first `KEPT_PER_KIND` of each kind, and the count of all."""
+    """Problems in the order of discovery: `KEPT_PER_KIND` of each kind, the first of each file, and the counts."""
 
     def __init__(self) -> None:
         self._kept: list[Problem] = []
         self.counts: Counter[ProblemKind] = Counter()
+        self.file_counts: Counter[tuple[ProblemKind, str]] = Counter()
 
     def add(
         self, kind: ProblemKind, file: str, what: str, *, line: int | None = None, frame: int | None = None
@@ -58,9 +61,10 @@ class ProblemLog(Sequence[Problem]):
         if frame is not None:
             place += f" (frame {frame})"
         problem = Problem(file, line, frame, kind, f"{place}: {what}")
-        if self.counts[kind] < KEPT_PER_KIND:
+        if self.counts[kind] < KEPT_PER_KIND or not self.file_counts[kind, file]:
             self._kept.append(problem)
         self.counts[kind] += 1
+        self.file_counts[kind, file] += 1
         return problem
 
     @property
@@ -73,6 +77,7 @@ class ProblemLog(Sequence[Problem]):
         both = ProblemLog()
         both._kept = [*self._kept, *other._kept]
         both.counts = self.counts + other.counts
+        both.file_counts = self.file_counts + other.file_counts
         return both
 
     def summary(self) -> str:

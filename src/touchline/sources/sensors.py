@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -19,12 +19,18 @@ GAP_PERIODS = 3.5
 
 
 class SensorStream:
-    """The samples of one table, read lazily. Rows whose time runs backwards and gaps go to the log."""
+    """The samples of one table, read lazily. Rows whose time runs backwards and gaps go to the log.
 
-    def __init__(self, table: Table, names: Sequence[str], log: ProblemLog) -> None:
+    optional: columns whose cells may be empty (NaN); `drain` reports how many were.
+    """
+
+    def __init__(self, table: Table, names: Sequence[str], log: ProblemLog, optional: Collection[str] = ()) -> None:
         self._table = table
         self._log = log
-        self._blocks = self._watched(in_order(table, read_blocks(table, ["t", *names], log), log))
+        self._names = names
+        self._rows = 0
+        self._empty = np.zeros(len(names), dtype=np.int64)
+        self._blocks = self._watched(in_order(table, read_blocks(table, ["t", *names], log, optional), log))
         self._stamps: StampArray = np.zeros(0, dtype=np.int64)
         self._values: FloatArray = np.zeros((0, len(names)))
         self._next = 0
@@ -62,6 +68,11 @@ class SensorStream:
         """Read to the end of the file, so that its last rows are checked as well."""
         for _ in self._blocks:
             pass
+        for name, count in zip(self._names, self._empty.tolist(), strict=True):
+            if count:
+                what = f"column '{name}' is empty in {count} of {self._rows} rows; what it measures is unknown there"
+                self._log.add(ProblemKind.EMPTY_COLUMN, self._table.name, what)
+        self._empty[:] = 0
 
     def __iter__(self) -> Iterator[Samples]:
         """The remaining samples, block by block."""
@@ -80,6 +91,8 @@ class SensorStream:
                 )
                 self._log.add(ProblemKind.SENSOR_GAP, self._table.name, what, line=int(block.lines[row]))
             self._last_ns = int(stamps[-1])
+            self._rows += len(stamps)
+            self._empty += np.isnan(block.values[:, 1:]).sum(axis=0)
             yield Samples(stamps, block.values[:, 1:])
 
     def _note_start(self, first_ns: int, stamp_ns: int) -> None:

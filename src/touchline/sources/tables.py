@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,20 +51,36 @@ class Block(NamedTuple):
     values: FloatArray
 
 
+class TableError(InputError):
+    """A CSV file that can't be used at all. what: the reason without the place; line: None for the whole file."""
+
+    def __init__(self, path: Path, what: str, line: int | None = None) -> None:
+        super().__init__(f"{path}: {what}" if line is None else f"{path}, line {line}: {what}")
+        self.what = what
+        self.line = line
+
+
 def open_table(path: Path, needed: Sequence[str]) -> Table:
-    """Read the header; InputError if it can't be read or lacks a needed column."""
+    """Read the header; TableError if it can't be read or lacks a needed column."""
     try:
         with path.open("rb") as file:
             header = file.readline(LONGEST_LINE)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    names = [name.strip().strip('"') for name in header.decode("utf-8-sig", errors="replace").split(",")]
+        raise TableError(path, f"cannot be read ({error.strerror})") from None
+    try:
+        text = header.decode("utf-8-sig").strip()
+    except UnicodeDecodeError:
+        text = "\0"
+    if not text.replace("\t", " ").isprintable():
+        raise TableError(path, "is not a text file")
+    names = [name.strip().strip('"') for name in text.split(",")]
     for name in needed:
         if name not in names:
             hint = f"found: {', '.join(names)[:200]}" if any(names) else "the file is empty"
-            raise InputError(
-                f"{path}, line 1: column '{name}' is missing from the header ({hint}); expected {','.join(needed)}"
-            )
+            what = f"column '{name}' is missing from the header ({hint}); expected {','.join(needed)}"
+            if ";" in text or "\t" in text:
+                what += ", separated by commas"
+            raise TableError(path, what, 1)
     return Table(path, {name: names.index(name) for name in names}, len(names), len(header))
 
 
@@ -97,10 +113,11 @@ def read_lines(table: Table) -> Iterator[list[Line]]:
             yield [Line(number, offset, carry)]
 
 
-def read_blocks(table: Table, names: Sequence[str], log: ProblemLog) -> Iterator[Block]:
+def read_blocks(table: Table, names: Sequence[str], log: ProblemLog, optional: Collection[str] = ()) -> Iterator[Block]:
     """The named columns as numbers, block by block; broken rows go to the log.
 
-    The first named column is the time (s) and has to lie within ±LATEST_TIME_S, the others within ±LARGEST.
+    An empty cell (or NaN) of an optional column is NaN and breaks no row. The first named column is the time (s), which
+    has to lie within ±LATEST_TIME_S, the others within ±LARGEST.
     """
     wanted = [table.columns[name] for name in names]
     for lines in read_lines(table):
@@ -111,13 +128,16 @@ def read_blocks(table: Table, names: Sequence[str], log: ProblemLog) -> Iterator
             if (sizes[:, 0] < LATEST_TIME_S).all() and (sizes[:, 1:] < LARGEST).all():
                 yield Block(np.array([line.number for line in lines], dtype=np.int64), picked)
                 continue
-        rows = [(line.number, row) for line in lines if (row := parse_row(table, line, names, log)) is not None]
+        parsed = ((line.number, parse_row(table, line, names, log, optional)) for line in lines)
+        rows = [(number, row) for number, row in parsed if row is not None]
         if rows:
             yield Block(np.array([number for number, _ in rows], dtype=np.int64), np.array([row for _, row in rows]))
 
 
-def parse_row(table: Table, line: Line, names: Sequence[str], log: ProblemLog) -> list[float] | None:
-    """The named columns of one line; None, and a report, if it is broken."""
+def parse_row(
+    table: Table, line: Line, names: Sequence[str], log: ProblemLog, optional: Collection[str] = ()
+) -> list[float] | None:
+    """The named columns of one line; None, and a report, if it is broken. Empty cells of optional columns are NaN."""
     cells = line.text.split(",")
     if len(cells) != table.width:
         values = "1 value" if len(cells) == 1 else f"{len(cells)} values"
@@ -128,6 +148,9 @@ def parse_row(table: Table, line: Line, names: Sequence[str], log: ProblemLog) -
     for name in names:
         cell = cells[table.columns[name]].strip()
         value = to_number(cell)
+        if name in optional and (not cell or (value is not None and math.isnan(value))):
+            row.append(math.nan)
+            continue
         if value is None:
             what = f"column '{name}' reads {shown(cell)}, which is not a number; the row is left out"
             log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)

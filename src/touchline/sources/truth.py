@@ -74,9 +74,14 @@ def _pose_row(file: str, number: int, text: str, log: ProblemLog) -> tuple[float
             log.add(ProblemKind.NOT_A_NUMBER, file, f"{name} is {value}; the pose is left out", line=number)
             return None
         values.append(value)
-    time_s, x, y, _, _, _, qz, qw = values
+    time_s, x, y, _, qx, qy, qz, qw = values
     if abs(time_s) >= LATEST_TIME_S or max(map(abs, values[1:])) >= LARGEST or math.hypot(qz, qw) < 1e-6:
         what = "needs a time of a clock, metres and a rotation about z; the pose is left out"
         log.add(ProblemKind.BROKEN_ROW, file, what, line=number)
         return None
-    return time_s, x, y, 2.0 * math.atan2(qz, qw)
+    return time_s, x, y, heading_of(qx, qy, qz, qw)
+
+
+def heading_of(qx: float, qy: float, qz: float, qw: float) -> float:
+    """Yaw (rad) of a quaternion of any length but zero; 2 atan2(qz, qw) if the robot stands upright."""
+    return math.atan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)

@@ -51,9 +51,10 @@ class Look:
 
     def words(self) -> str:
         """What was found, in one line."""
+        points = counted(len(self.points), "line point")
         if self.field_from_robot is None:
-            return f"{self.name}: {len(self.points)} line points; {self.found}"
-        return f"{self.name}: {len(self.points)} line points; {pose_text(self.field_from_robot)} ({self.found})"
+            return f"{self.name}: {points}; {self.found}"
+        return f"{self.name}: {points}; {pose_text(self.field_from_robot)} ({self.found})"
 
 
 def look_at_recording(path: Path, index: int) -> Look:
