@@ -46,13 +46,14 @@ def strip_image(camera: OmniCamera, bearing_rad: float, edges_m: list[float] = E
 
 
 def ground_colour(points: FloatArray, bearing_rad: float, edges_m: list[float]) -> FloatArray:
-    """Linear B, G, R (N, 3) of ground points (N, 2): the strip, a white line behind it, carpet; dark beyond."""
+    """Linear B, G, R (N, 3) of ground points (N, 2): strip, carpet, a white line, 0.4 m behind the strip a white wall."""
     along = points @ (math.cos(bearing_rad), math.sin(bearing_rad))
     across = points @ (-math.sin(bearing_rad), math.cos(bearing_rad))
     patch = np.searchsorted(edges_m, along) - 1
     on_strip = (np.abs(across) <= HALF_WIDTH_M) & (patch >= 0) & (patch < len(edges_m) - 1)
     colour = np.tile(np.array(GREEN), (len(points), 1))
     colour[np.abs(points[:, 0] - 2.9) < 0.06] = WHITE
+    colour[np.hypot(*points.T) > 6.9] = WHITE
     colour[on_strip & (patch % 2 == 0)] = BLACK
     colour[on_strip & (patch % 2 == 1)] = WHITE
     colour[np.isnan(points[:, 0])] = BODY

@@ -78,6 +78,8 @@ def measure_edges(view: View, center: FloatArray, angle: float, rough_px: FloatA
     levels = []
     for a, b in itertools.pairwise(bounds):
         levels.append(np.median(light[(r > a + 0.3 * (b - a)) & (r < b - 0.3 * (b - a))]))
+    levels[0] = _carpet_beside(view, center, angle, rough_px, strip, 0, levels[0])
+    levels[-1] = _carpet_beside(view, center, angle, rough_px, strip, len(rough_px) - 2, levels[-1])
     edges = np.empty(len(rough_px))
     for k, rough in enumerate(rough_px):
         if np.sign(levels[k + 1] - levels[k]) != strip.signs[k]:
@@ -88,6 +90,23 @@ def measure_edges(view: View, center: FloatArray, angle: float, rough_px: FloatA
             raise InputError(f"{edge_name(strip, k)} is not found near {rough:.0f} px from the centre")
         edges[k] = near[np.argmin(np.abs(near - rough))]
     return edges
+
+
+def _carpet_beside(
+    view: View, center: FloatArray, angle: float, edges_px: FloatArray, strip: Strip, k: int, ahead: float
+) -> float:
+    """Brightness of the ground around the strip's first or last rectangle k: the middle one of what lies on its left,
+    on its right and ahead (given). A line or wall right behind the strip leaves too little of the ground to be seen.
+    """
+    radius = 0.5 * (edges_px[k] + edges_px[k + 1])
+    half = np.arctan2(strip.half_width_m, 0.5 * (strip.edges_m[k] + strip.edges_m[k + 1]))
+    offsets = np.linspace(1.4, 2.0, 9) * half + 1.5 / radius
+    candidates = [ahead]
+    for side in (-1.0, 1.0):
+        at = angle + side * offsets
+        u, v = center[0] + radius * np.cos(at), center[1] + radius * np.sin(at)
+        candidates.append(float(np.median(view.sample(u[np.newaxis], v[np.newaxis]))))
+    return float(np.median(candidates))
 
 
 def edge_name(strip: Strip, k: int) -> str:
