@@ -86,3 +86,17 @@ def test_a_poor_frame_or_a_gap_starts_the_count_anew() -> None:
             assert not one.update(GOOD, 1.0, 0.9)
         interruption()
     assert one.offset_rad == 0.0
+
+
+def test_half_a_turn_from_the_compass_is_bad_however_well_the_lines_fit() -> None:
+    """At the other end of a symmetric field the lines fit perfectly."""
+    detector = FailureDetector()
+    assert [detector.update(100, 0.01, math.pi - 0.1) for _ in range(5)] == [False] * 4 + [True]
+    paper = FailureDetector(FailureSettings(lone_rules=False))
+    assert not any(paper.update(100, 0.01, math.pi - 0.1) for _ in range(20))
+
+
+def test_the_compass_is_never_corrected_to_the_wrong_end_of_the_field() -> None:
+    one = CompassCorrection()
+    assert not any(one.update(0.01, math.pi - 0.2, 0.0) for _ in range(20))
+    assert one.offset_rad == 0.0

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from touchline.cli import check, evaluate, fields, locate, run, simulate, systems, view
+from touchline.cli import calibrate, check, evaluate, experiment, fields, locate, run, simulate, systems, view
 from touchline.cli.console import DEBUG_VARIABLE, complain
 from touchline.cli.run import INTERRUPTED
 from touchline.errors import TouchlineError
@@ -30,8 +30,10 @@ app.command("evaluate")(evaluate.evaluate)
 app.command("check")(check.check)
 app.command("view")(view.view)
 app.command("simulate")(simulate.simulate)
+app.command("experiment")(experiment.experiment)
 app.command("systems")(systems.systems)
 app.add_typer(fields.fields_app, name="fields")
+app.add_typer(calibrate.calibrate_app, name="calibrate")
 
 # Click's errors, wherever this version of Typer keeps Click: beside it, or inside itself.
 _CLICK_EXCEPTION: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")

@@ -20,6 +20,12 @@ class CompassSettings(Settings):
     good_frames: int = Field(
         5, ge=1, description="good frames in a row before the compass is corrected, as many as mean failure"
     )
+    most_rad: float = Field(
+        0.6,
+        gt=0,
+        description="difference (rad) that can't be the compass's error, so that nothing is learned from it: twice the "
+        "worst of usual errors, as global_search.heading_tolerance_rad; half a turn means the wrong end of the field",
+    )
     gain: float = Field(
         0.2,
         gt=0,
@@ -43,11 +49,11 @@ class CompassCorrection:
 
     def update(self, mean_distance_m: float, heading_rad: float, compass_rad: float) -> bool:
         """Learn from one match and the compass's own reading at its time; whether the offset was corrected."""
-        good = mean_distance_m < self.settings.good_deviation_m
+        difference = wrap_angle(heading_rad - self.heading(compass_rad))
+        good = mean_distance_m < self.settings.good_deviation_m and abs(difference) < self.settings.most_rad
         self.good_frames = self.good_frames + 1 if good else 0
         if self.good_frames < self.settings.good_frames:
             return False
-        difference = wrap_angle(heading_rad - self.heading(compass_rad))
         self.offset_rad = wrap_angle(self.offset_rad + self.settings.gain * difference)
         return True
 

@@ -25,11 +25,17 @@ class FailureSettings(Settings):
     frames: int = Field(5, ge=1, description="bad frames in a row that mean failure: the five cycles of Lu et al. 2013")
     lone_rules: bool = Field(
         True,
-        description="let lone_deviation_m and frames without usable points count as bad without the compass: a robot "
-        "put down elsewhere with nearly its old heading never trips the paper's rule",
+        description="let lone_deviation_m, lone_heading_rad and frames without usable points count as bad by "
+        "themselves: a robot put down elsewhere with nearly its old heading never trips the paper's rule",
     )
     lone_deviation_m: float = Field(
         0.35, gt=0, description="mean distance (m) that makes a frame bad whatever the compass says"
+    )
+    lone_heading_rad: float = Field(
+        1.6,
+        gt=0,
+        description="difference between heading and compass (rad) that makes a frame bad however well the lines fit, "
+        "with lone_rules: at the other end of a symmetric field they fit perfectly, half a turn off",
     )
     blind_frames: int = Field(
         2,
@@ -66,7 +72,8 @@ class FailureDetector:
         if points < s.least_points:
             return s.lone_rules
         strays = heading_error_rad is not None and abs(heading_error_rad) > s.heading_rad
-        far_off = s.lone_rules and mean_distance_m > s.lone_deviation_m
+        turned = heading_error_rad is not None and abs(heading_error_rad) > s.lone_heading_rad
+        far_off = s.lone_rules and (mean_distance_m > s.lone_deviation_m or turned)
         return far_off or (mean_distance_m > s.deviation_m and strays)
 
     def reset(self) -> None:

@@ -32,6 +32,8 @@ from touchline.perception.scan_lines import ScanLines, build_scan_lines
 from touchline.perception.stages import draw_stages
 from touchline.types import ImageArray, LinePoints
 
+_SMOOTH_NOISE = 2.5  # grey levels of noise that a blur leaves
+
 
 class LinePointSettings(Settings):
     """Detection of line points. Lengths in the image are in pixels, so they hold for images of about 500 pixels."""
@@ -146,6 +148,20 @@ class LinePointDetector:
             self.colours = colour_model(carpet, self.settings.colour, white)
         self._noise = signal_noise(smooth, near, self.colours)
         self._see_body(self._own_body(smooth))
+
+    def use_colours(self, colours: ColourModel, images: Sequence[ImageArray] = ()) -> None:
+        """Take a learned or loaded colour table instead of learning one; `learn` would replace it.
+
+        images: of this camera, to learn the robot's own body from; without any only what lies within
+        inner_radius_px is left out.
+        """
+        for image in images:
+            self._check_size(image)
+        self.colours = colours
+        self._smoothing_px = _smoothing_for(colours.noise)
+        self._noise = float(np.linalg.norm(colours.signal)) * min(colours.noise, _SMOOTH_NOISE)
+        smooth = [_smoothed(image, self._smoothing_px) for image in images]
+        self._see_body(self._own_body(smooth) if smooth else np.zeros_like(self.body))
 
     def forget(self) -> None:
         """Forget colours and body."""
@@ -281,6 +297,6 @@ def _smoothed(image: ImageArray, sigma_px: float) -> ImageArray:
 
 
 def _smoothing_for(noise: float) -> float:
-    """Standard deviation (px) of the blur that brings white noise down to 2.5 grey levels; 0 where it is low."""
-    sigma = noise / (2.0 * np.sqrt(np.pi) * 2.5)
+    """Standard deviation (px) of the blur that brings white noise down to _SMOOTH_NOISE; 0 where it is low."""
+    sigma = noise / (2.0 * np.sqrt(np.pi) * _SMOOTH_NOISE)
     return sigma if sigma > 0.45 else 0.0

@@ -6,7 +6,8 @@ from pydantic import Field
 
 from touchline.camera import OmniCamera
 from touchline.config import Settings
-from touchline.perception.colour import NoCarpetError
+from touchline.perception.colour import ColourModel, NoCarpetError
+from touchline.perception.colour_file import load_colours
 from touchline.perception.covered import LEAST_CONTRAST, is_covered
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, LinePoints, empty_points
@@ -32,6 +33,11 @@ class LearningSettings(Settings):
         description="images in a row with faded green before the colours are learned again: a robot that hides the "
         "view for a moment changes nothing",
     )
+    colour_file: str | None = Field(
+        None,
+        description="a colour table written by touchline calibrate colour, kept for the whole run; none: colours are "
+        "learned from the first images, and again when the green fades",
+    )
     least_contrast: float = Field(
         LEAST_CONTRAST,
         ge=0,
@@ -52,6 +58,8 @@ class SelfLearningDetector:
     ) -> None:
         self.detector = LinePointDetector(camera, settings, line_width_m)
         self.settings = learning or LearningSettings()
+        file = self.settings.colour_file
+        self._kept: ColourModel | None = None if file is None else load_colours(file)
         self.problem: str | None = None  # why nothing can be seen in the last frame
         self._begin_anew()
 
@@ -80,7 +88,8 @@ class SelfLearningDetector:
         if len(self._images) < self.settings.frames and not self._learn(frame.image):
             return empty_points()
         points = self.detector.detect(frame.image)
-        self._watch_green(frame.image)
+        if self._kept is None:
+            self._watch_green(frame.image)
         return points
 
     def _learn(self, image: ImageArray) -> bool:
@@ -90,7 +99,10 @@ class SelfLearningDetector:
         if len(self._images) not in (1, self.settings.frames):
             return self.detector.colours is not None
         try:
-            self.detector.learn(self._images)
+            if self._kept is not None:
+                self.detector.use_colours(self._kept, self._images)
+            else:
+                self.detector.learn(self._images)
         except NoCarpetError as error:
             self._images.pop()
             self.problem = str(error)

@@ -1,6 +1,7 @@
 """What the robot's own sensors make of a track: odometry, measuring wheels, gyro, compass, roll and pitch.
 
-The columns, units and signs are those of docs/how-to-recording.md. All errors are settings; set to zero, the sensors tell the truth.
+The columns, units and signs are those of docs/how-to-recording.md. All errors are settings; set to zero, the sensors
+tell the truth.
 """
 
 from __future__ import annotations

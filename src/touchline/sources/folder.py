@@ -184,7 +184,11 @@ class Recording:
         For a look at single frames out of order; adds nothing to `problems`.
         """
         index = range(len(self))[index]
-        return self._load(index, next(self._images.file_names(index)), ProblemLog())[0]
+        return self._load(index, self.image_name(index), ProblemLog())[0]
+
+    def image_name(self, index: int) -> str:
+        """The file of one frame by its index, relative to the recording."""
+        return next(self._images.file_names(range(len(self))[index]))
 
     def _load(self, index: int, name: str, log: ProblemLog) -> tuple[ImageArray | None, str | None]:
         """The image of one frame, or the problem that left none."""

@@ -12,6 +12,7 @@ from touchline.camera import OmniCamera
 from touchline.config import Settings, did_you_mean
 from touchline.errors import InputError
 from touchline.field import FieldModel
+from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.types import System
 
@@ -35,6 +36,12 @@ SYSTEMS = {
             "compass heading, 315 grid samples, RPROP matching, Kalman fusion with odometry (Xiong et al.)",
             NubotMtiSettings,
             NubotMti,
+        ),
+        SystemInfo(
+            "nubot-mcl",
+            "600 particles find the robot; RPROP matching, Kalman fusion with odometry follow it (Lu et al. 2013)",
+            NubotMclSettings,
+            NubotMcl,
         ),
     )
 }

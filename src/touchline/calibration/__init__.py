@@ -1,0 +1,1 @@
+"""Calibration: each module is what one `touchline calibrate NAME` runs."""

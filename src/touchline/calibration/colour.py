@@ -1,0 +1,127 @@
+"""What `touchline calibrate colour` runs: a colour table from marked regions, or from the field itself without any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from touchline.camera import OmniCamera
+from touchline.config import did_you_mean
+from touchline.errors import InputError, TouchlineError
+from touchline.perception import LinePointDetector
+from touchline.perception.colour import ColourModel
+from touchline.perception.covered import is_covered
+from touchline.perception.marked_colours import CLASSES, Region, marked_colour_model
+from touchline.sources import Recording
+from touchline.sources.decoding import decode_image, usable_image
+from touchline.types import ImageArray
+
+REGIONS = "regions.yaml"
+_IMAGES = 8  # of a recording, spread over it: more teach nothing new
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ColourCalibration:
+    """The table, an image (H, W, 3) that it was learned from, and in words what from."""
+
+    colours: ColourModel
+    image: ImageArray
+    learned_from: str
+
+
+def calibrate_recording(recording: Recording, regions_file: Path | None = None) -> ColourCalibration:
+    """From a recording: its marked regions if it has regions.yaml (or another file is given), else its field."""
+    own = recording.folder / REGIONS
+    file = regions_file or (own if own.exists() else None)
+    if file is not None:
+        return calibrate_marked(recording.folder, file)
+    chosen = np.unique(np.linspace(0, len(recording) - 1, _IMAGES).astype(int))
+    images = [image for k in chosen if (image := recording.image(int(k))) is not None and not is_covered(image)]
+    if not images:
+        raise InputError(f"{recording.folder}: none of its images shows anything; touchline check tells why")
+    width = recording.field.line_width
+    return calibrate_unmarked(images, recording.camera, f"{len(images)} images of {recording.name}", width)
+
+
+def calibrate_unmarked(
+    images: Sequence[ImageArray], camera: OmniCamera, name: str, line_width_m: float = 0.125
+) -> ColourCalibration:
+    """From the field itself: its green is the most frequent one around the robot, white what crosses it as lines do."""
+    detector = LinePointDetector(camera, line_width_m=line_width_m)
+    try:
+        detector.learn(images)
+    except InputError:
+        raise
+    except TouchlineError as error:
+        raise type(error)(f"{name}: {error}") from None
+    assert detector.colours is not None
+    return ColourCalibration(detector.colours, images[0], f"{name}, without marks")
+
+
+def calibrate_marked(folder: Path, regions_file: Path) -> ColourCalibration:
+    """From marked regions of images in a folder."""
+    regions = read_regions(regions_file)
+    images = {name: read_picture(folder / name) for name in dict.fromkeys(region.file for region in regions)}
+    for region in regions:
+        height, width = images[region.file].shape[:2]
+        if not region.mask((height, width)).any():
+            raise InputError(f"{regions_file}: a {region.kind} region lies outside {region.file} ({width}×{height})")
+    try:
+        colours = marked_colour_model(images, regions)
+    except InputError as error:
+        raise InputError(f"{regions_file}: {error}") from None
+    words = f"{len(regions)} marked regions in {len(images)} image{'s' * (len(images) > 1)}"
+    return ColourCalibration(colours, images[regions[0].file], words)
+
+
+def read_regions(path: Path) -> list[Region]:
+    """regions.yaml: a list of {file, class, polygon: [[u, v], ...]} or {file, class, box: [u0, v0, u1, v1]}."""
+    try:
+        rows = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        raise InputError(f"{path}{line}: is not valid YAML") from None
+    if not isinstance(rows, list) or not rows:
+        raise InputError(f"{path}: expected a list of regions, each with file, class and polygon (or box)")
+    return [_region(row, f"{path}: region {number}") for number, row in enumerate(rows, start=1)]
+
+
+def _region(row: Any, where: str) -> Region:
+    if not isinstance(row, Mapping):
+        raise InputError(f"{where}: expected file, class and polygon (or box), found {row!r:.60}")
+    file, kind = row.get("file"), row.get("class")
+    if not isinstance(file, str) or not file:
+        raise InputError(f"{where}: 'file' must name an image")
+    if kind not in CLASSES:
+        raise InputError(f"{where}: class {kind!r} is not known; {did_you_mean(str(kind), CLASSES)}")
+    unknown = [key for key in row if key not in ("file", "class", "polygon", "box")]
+    if unknown or ("polygon" in row) == ("box" in row):
+        raise InputError(f"{where}: needs either 'polygon' or 'box', and nothing else than file and class")
+    try:
+        numbers = np.array(row.get("polygon", row.get("box")), dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if "box" in row and numbers.shape == (4,) and np.all(np.isfinite(numbers)):
+        u0, v0, u1, v1 = numbers
+        numbers = np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
+    if numbers.ndim != 2 or numbers.shape[1] != 2 or len(numbers) < 3 or not np.all(np.abs(numbers) < 1e6):
+        raise InputError(
+            f"{where}: 'polygon' needs at least three corners [u, v] (px), 'box' four numbers u0, v0, u1, v1"
+        )
+    return Region(file, str(kind), numbers)
+
+
+def read_picture(path: Path) -> ImageArray:
+    """An 8-bit image (H, W, 3), B, G, R. Raises InputError naming the file."""
+    image, outcome = usable_image(decode_image(path), None)
+    if image is None:
+        raise InputError(f"{path}: {outcome.what}")
+    return image

@@ -1,0 +1,131 @@
+"""Calibration without a model of the mirror: a range table from edges seen at known ranges in known directions.
+
+After Voigtländer et al., as section 3.2 of Lu et al. (2013) uses it: the edges seen in one direction are its support
+vectors; Lagrange interpolation gives the range between them, first along the radius, then around the centre.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from touchline.camera.omni import OmniCamera
+from touchline.geometry import FloatArray
+
+SUPPORT = 4  # nearest support vectors of an interpolation: one polynomial through 15 amplifies their noise 277-fold
+ROWS = 72  # directions of the written table: linear interpolation between rows 5° apart adds 0.1 % of a tilt's effect
+BEYOND = 2.0  # beyond the last edge the range is continued to so many times that edge's range ...
+WITHIN = 0.5  # ... and inside the first one to so many times that
+
+
+def lagrange(x: FloatArray, y: FloatArray, at: FloatArray, support: int = SUPPORT) -> FloatArray:
+    """Lagrange interpolation (M, ...) at (M,) through the `support` nearest of the points x (N,) ascending, y (N, ...).
+
+    Nearest: as many on one side as on the other, as far as there are any.
+    """
+    n = min(support, len(x))
+    first = np.clip(np.searchsorted(x, at) - n // 2, 0, len(x) - n)
+    if n % 2:  # an odd number leans to the side of the nearer point
+        first = np.clip(np.argmin(np.abs(x[:, np.newaxis] - at), axis=0) - n // 2, 0, len(x) - n)
+    chosen = first[:, np.newaxis] + np.arange(n)
+    xs = x[chosen]
+    weights = np.ones_like(xs)
+    for j in range(n):
+        for m in range(n):
+            if m != j:
+                weights[:, j] *= (at - xs[:, m]) / (xs[:, j] - xs[:, m])
+    result: FloatArray = np.einsum("mj,mj...->m...", weights, y[chosen])
+    return result
+
+
+def periodic_lagrange(angles_rad: FloatArray, y: FloatArray, at_rad: FloatArray, support: int = SUPPORT) -> FloatArray:
+    """The same around a circle: angles (N,) in any order, no two alike; y (N, ...); at (M,) any angles."""
+    turn = 2.0 * np.pi
+    wrapped = np.mod(angles_rad, turn)
+    order = np.argsort(wrapped)
+    x, rows = wrapped[order], y[order]
+    around = np.concatenate((x - turn, x, x + turn))
+    return lagrange(around, np.concatenate((rows, rows, rows)), np.mod(at_rad, turn), support)
+
+
+def table_radii(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
+    """The radii (R,) of a table for edges at radii (B, E), whole pixels: from the first edge of any direction to the
+    last of any, and further as far as every direction can be continued.
+    """
+    inner, outer = _ends(radii_px, ranges_m)
+    first = min(float(radii_px[:, 0].min()) - 1.0, float(inner.max()))
+    last = max(float(radii_px[:, -1].max()) + 1.0, float(outer.min()))
+    return np.arange(max(np.floor(first), 0.0), np.ceil(last) + 1.0)
+
+
+def ranges_along(radii_px: FloatArray, ranges_m: FloatArray, at_px: FloatArray) -> FloatArray:
+    """Ranges (B, R) at radii (R,) in each direction, from its edges at radii (B, E) and ranges (E,).
+
+    Between the edges the logarithm of the range is interpolated: relative errors count. Inside the first edge the
+    range goes on along the chord of the first interval down to half of the first range, from there on it shrinks
+    exponentially. Beyond the last edge the reciprocal range goes on along the chord of the last interval, for it falls
+    evenly towards the horizon, where it is 0; from twice the last range on the range grows linearly.
+    """
+    rows = []
+    inner, outer = _ends(radii_px, ranges_m)
+    near, far = _first_slopes(radii_px, ranges_m), _last_slopes(radii_px, ranges_m)
+    start, end = WITHIN * ranges_m[0], BEYOND * ranges_m[-1]
+    for d, edges in enumerate(radii_px):
+        row = np.exp(lagrange(edges, np.log(ranges_m), np.clip(at_px, edges[0], edges[-1])))
+        inside, past = at_px < edges[0], at_px > edges[-1]
+        row[inside] = ranges_m[0] + near[d] * (at_px[inside] - edges[0])
+        row[past] = 1.0 / np.maximum(1.0 / ranges_m[-1] + far[d] * (at_px[past] - edges[-1]), 1.0 / end)
+        innermost, outermost = at_px < inner[d], at_px > outer[d]
+        row[innermost] = start * np.exp((at_px[innermost] - inner[d]) * near[d] / start)
+        row[outermost] = end - far[d] * end**2 * (at_px[outermost] - outer[d])
+        rows.append(row)
+    return np.array(rows)
+
+
+def calibrated_camera(
+    size: tuple[int, int],
+    center: tuple[float, float],
+    handedness: int,
+    mount_yaw_rad: float,
+    bearings_rad: FloatArray,
+    radii_px: FloatArray,
+    ranges_m: FloatArray,
+    inner_radius_px: float,
+) -> OmniCamera:
+    """The camera whose table agrees with edges at radii (B, E) px, ranges (E,) m, in directions (B,) rad (base frame).
+
+    size: width, height. inner_radius_px: where the robot's own body ends; the field is seen from there on, or from
+    the table's first radius if that is larger, up to the table's last radius.
+    """
+    radii = table_radii(radii_px, ranges_m)
+    along = ranges_along(radii_px, ranges_m, radii)
+    rows = np.arange(ROWS) * (2.0 * np.pi / ROWS)
+    table = np.exp(periodic_lagrange(bearings_rad, np.log(along), rows))
+    inner = max(inner_radius_px, float(radii[0]))
+    return OmniCamera(*size, center, inner, float(radii[-1]), handedness, mount_yaw_rad, radii, rows, table)
+
+
+def range_image(camera: OmniCamera) -> FloatArray:
+    """The distance map: the ground range (H, W) of every pixel (m); NaN where the table has none."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
+    ground = camera.ground_from_image(np.column_stack((u.ravel(), v.ravel())))
+    distance: FloatArray = np.hypot(*ground.T).reshape(camera.height, camera.width)
+    return distance
+
+
+def _first_slopes(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
+    """Range by radius (m/px) between the first two edges, (B,)."""
+    slopes: FloatArray = (ranges_m[1] - ranges_m[0]) / (radii_px[:, 1] - radii_px[:, 0])
+    return slopes
+
+
+def _last_slopes(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
+    """Reciprocal range by radius (1/(m px)) between the last two edges, (B,)."""
+    slopes: FloatArray = (1.0 / ranges_m[-1] - 1.0 / ranges_m[-2]) / (radii_px[:, -1] - radii_px[:, -2])
+    return slopes
+
+
+def _ends(radii_px: FloatArray, ranges_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Radii (B,) at which half of the first range and twice the last one are reached."""
+    inner = radii_px[:, 0] - (1.0 - WITHIN) * ranges_m[0] / _first_slopes(radii_px, ranges_m)
+    outer = radii_px[:, -1] - (1.0 - 1.0 / BEYOND) / ranges_m[-1] / _last_slopes(radii_px, ranges_m)
+    return inner, outer

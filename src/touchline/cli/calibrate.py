@@ -1,0 +1,148 @@
+"""`touchline calibrate NAME`: what a robot has to know of itself before a match."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from touchline.errors import InputError
+
+if TYPE_CHECKING:
+    from touchline.calibration.mirror import MirrorCalibration
+    from touchline.types import ImageArray
+
+calibrate_app = typer.Typer(help="Calibrate the mirror or the colours.", no_args_is_help=True)
+
+_OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The file to write; a new one.", show_default=False)
+_PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it [default: the output's name with .png].")
+
+
+@calibrate_app.command("mirror")
+def mirror(
+    recording: Annotated[
+        Path, typer.Argument(help="A recording of the calibration strip in known directions.", show_default=False)
+    ],
+    output: Annotated[Path, _OUTPUT],
+    picture: Annotated[Path | None, _PICTURE] = None,
+    skip_unusable: Annotated[
+        bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")
+    ] = False,
+) -> None:
+    """Write a camera.yaml with a range table for every direction, from images of a strip of known edges."""
+    picture = _free_files(output, picture)
+    from touchline.calibration.mirror import calibrate_mirror
+    from touchline.calibration.strip_recording import camera_yaml
+    from touchline.cli.console import errors_console
+    from touchline.sources import open_source
+    from touchline.view.calibration import mirror_picture
+
+    source = open_source(recording)
+    calibration = calibrate_mirror(source, skip_unusable)
+    for message in calibration.unusable:
+        errors_console().print(f"left out: {message}", style="yellow", markup=False)
+    sighting = calibration.sightings[0]
+    image = source.image(sighting.index)
+    assert image is not None  # it was read a moment ago
+    _write_text(output, camera_yaml(calibration.camera, _mirror_words(calibration, source.name)))
+    _write_picture(picture, mirror_picture(calibration, image, sighting))
+    _print_lines(_mirror_words(calibration, source.name), output, picture)
+
+
+@calibrate_app.command("colour")
+def colour(
+    source: Annotated[
+        Path, typer.Argument(metavar="RECORDING|IMAGE", help="A recording, or one image.", show_default=False)
+    ],
+    output: Annotated[Path, _OUTPUT],
+    regions: Annotated[
+        Path | None, typer.Option(help="Marked regions [default: RECORDING/regions.yaml, if any].", show_default=False)
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="camera.yaml of an image without marks.", show_default=False)
+    ] = None,
+    picture: Annotated[Path | None, _PICTURE] = None,
+) -> None:
+    """Write a colour table (.npz), learned from marked regions, or without any marks from the field itself."""
+    if not source.exists():
+        raise InputError(f"{source}: there is no such recording or image")
+    picture = _free_files(output, picture)
+    from touchline.calibration.colour import calibrate_marked, calibrate_recording, calibrate_unmarked, read_picture
+    from touchline.camera import open_camera
+    from touchline.perception.colour_file import save_colours
+    from touchline.sources import open_source
+    from touchline.view.colour_table import colour_picture
+
+    if source.is_dir():
+        if camera is not None:
+            raise InputError("--camera is for single images: a recording brings its own")
+        calibration = calibrate_recording(open_source(source), regions)
+    elif regions is not None:
+        calibration = calibrate_marked(source.parent, regions)
+    elif camera is not None:
+        calibration = calibrate_unmarked([read_picture(source)], open_camera(camera), source.name)
+    else:
+        raise InputError(
+            f"{source}: an image needs its camera model (--camera FILE), or marked regions (--regions FILE)"
+        )
+    save_colours(calibration.colours, output)
+    _write_picture(picture, colour_picture(calibration.colours, calibration.image))
+    green, white = (
+        tuple(round(float(c)) for c in color[::-1]) for color in (calibration.colours.green, calibration.colours.white)
+    )
+    words = f"Colours learned from {calibration.learned_from}: green {green}, white {white} (R, G, B)."
+    _print_lines(words, output, picture)
+
+
+def _mirror_words(calibration: MirrorCalibration, name: str) -> str:
+    import math
+
+    camera, edges = calibration.camera, calibration.strip.edges_m
+    return (
+        f"Mirror calibrated without a model from {name}: {len(calibration.sightings)} images of {len(edges)} edges.\n"
+        f"Centre {camera.center[0]:.2f}, {camera.center[1]:.2f} px; "
+        f"{'mirrored' if camera.handedness < 0 else 'straight'} image; "
+        f"mounted at {math.degrees(camera.mount_yaw_rad):.2f}°; "
+        f"bearings agree to {math.degrees(calibration.bearing_error_rad):.2f}°.\n"
+        f"Known from edges between {edges[0]:g} and {edges[-1]:g} m; continued from {camera.range_m[:, 0].min():.2f} "
+        f"to {camera.range_m[:, -1].max():.1f} m."
+    )
+
+
+def _free_files(output: Path, picture: Path | None) -> Path:
+    """The picture's file; InputError if one of both exists or has no folder."""
+    picture = output.with_suffix(".png") if picture is None else picture
+    for file in (output, picture):
+        if file.exists():
+            raise InputError(f"{file}: exists already; nothing is overwritten, choose another name")
+        if not file.parent.is_dir():
+            raise InputError(f"{file}: the folder {file.parent} does not exist")
+    if output == picture:
+        raise InputError(f"{output}: is the picture's name, too; name the picture with --picture FILE")
+    return picture
+
+
+def _write_text(file: Path, text: str) -> None:
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error.strerror})") from None
+
+
+def _write_picture(file: Path, picture: ImageArray) -> None:
+    import cv2
+
+    try:
+        file.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error.strerror})") from None
+
+
+def _print_lines(words: str, *files: Path) -> None:
+    from touchline.cli.console import output
+
+    console = output()
+    console.print(words, markup=False)
+    for file in files:
+        console.print(str(file), markup=False)

@@ -1,0 +1,60 @@
+"""`touchline experiment`: the papers' experiments, rerun."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+_WIDTH = 200  # tables keep their columns, whatever the terminal; pages of results are read from files, too
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from touchline.evaluation.experiments import ExperimentResult
+
+
+def experiment(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME|all", help="Which experiment.", show_default=False)
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with other chance; the spread is of these.")] = 5,
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Where pages and pictures go.")] = Path("results"),
+    listing: Annotated[bool, typer.Option("--list", help="List the experiments and stop.")] = False,
+) -> None:
+    """Rerun an experiment of the papers: our figures beside theirs, the picture, a row in DIR/results.md.
+
+    touchline experiment lu2013-kidnap --seeds 5   reruns one. Without a name, the experiments are listed.
+    """
+    from rich.console import Console
+
+    from touchline.cli.console import errors_console
+    from touchline.cli.console import output as console
+    from touchline.evaluation.experiments import EXPERIMENTS, chosen_experiments
+    from touchline.evaluation.experiments.writing import write_result
+
+    if listing or name is None:
+        for known in EXPERIMENTS.values():
+            console().print(f"{known.name:<18} {known.description}", markup=False)
+        return
+    for chosen in chosen_experiments(name):
+        with errors_console().status(f"{chosen.name}: {seeds} seeds"):
+            result = chosen.run(seeds)
+        files = write_result(result, output, list(EXPERIMENTS))
+        console().print(f"[bold]{result.name}[/bold]: {result.title}; {result.seeds} seeds")
+        Console(highlight=False, width=_WIDTH).print(_table(result))
+        for note in result.notes:
+            console().print(note, style="dim", markup=False)
+        console().print(f"written: {', '.join(str(path) for path in files)}\n", markup=False)
+
+
+def _table(result: ExperimentResult) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
+    for index, title in enumerate(result.columns):
+        table.add_column(title, justify="right" if index else "left", no_wrap=True)
+    for row in result.rows:
+        table.add_row(*row)
+    return table

@@ -1,0 +1,62 @@
+"""The papers' experiments, rerun: each gives our figures beside the paper's, over several seeds."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from touchline.config import did_you_mean
+from touchline.errors import InputError
+from touchline.evaluation.experiments.result import ExperimentResult
+
+DEFAULT_SEEDS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """An experiment: its name, one line about it, and the module and function that run it with so many seeds."""
+
+    name: str
+    description: str
+    module: str
+    function: str
+
+    def run(self, seeds: int = DEFAULT_SEEDS) -> ExperimentResult:
+        """Run it; seeds >= 1."""
+        module = importlib.import_module(f"touchline.evaluation.experiments.{self.module}")
+        function: Callable[[int], ExperimentResult] = getattr(module, self.function)
+        return function(seeds)
+
+
+EXPERIMENTS = {
+    experiment.name: experiment
+    for experiment in (
+        Experiment("lu2013-occlusion", "Table 1: errors with part of the view hidden", "occlusion", "lu2013_occlusion"),
+        Experiment("lu2013-kidnap", "figure 9: kidnapped robots find back by particles", "kidnap", "lu2013_kidnap"),
+        Experiment("lu2013-timing", "figure 12: time of the particles and of matching", "timing", "lu2013_timing"),
+        Experiment(
+            "lu2013-exposure",
+            "figures 6, 10, 11: entropy, its ridge and the search",
+            "lu2013_exposure",
+            "lu2013_exposure",
+        ),
+        Experiment("xiong-samples", "figure 7: errors of the 315 samples", "samples", "xiong_samples"),
+        Experiment("xiong-kidnap", "figure 8: kidnapped robots find back by samples", "kidnap", "xiong_kidnap"),
+        Experiment("xiong-convergence", "figure 9: RPROP from the five best samples", "samples", "xiong_convergence"),
+        Experiment("xiong-tracking", "Table 1: errors along straight lines", "occlusion", "xiong_tracking"),
+        Experiment("xiong-timing", "figure 11: time of a whole frame", "timing", "xiong_timing"),
+    )
+}
+
+
+def chosen_experiments(name: str) -> list[Experiment]:
+    """One experiment by name, or `all`. Raises InputError for an unknown name."""
+    if name == "all":
+        return list(EXPERIMENTS.values())
+    if name not in EXPERIMENTS:
+        raise InputError(f"experiment '{name}' is unknown; {did_you_mean(name, ['all', *EXPERIMENTS])}")
+    return [EXPERIMENTS[name]]
+
+
+__all__ = ["DEFAULT_SEEDS", "EXPERIMENTS", "Experiment", "ExperimentResult", "chosen_experiments"]

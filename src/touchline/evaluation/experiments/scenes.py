@@ -1,0 +1,66 @@
+"""What the experiments share: views at the observation level, places, and fields drawn with matplotlib."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from touchline.camera import OmniCamera
+from touchline.field import FieldModel, open_field
+from touchline.geometry import Pose
+from touchline.simulation.observation import ObservedLines
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+
+FIELD = "msl-18x12"
+CARPET, PAINT, INK = "#7fae86", "#ffffff", "#20302a"
+RED, BLUE, MAGENTA = "#c62828", "#1a56a8", "#c2269b"
+
+
+@cache
+def the_camera() -> OmniCamera:
+    """The papers' mirror of three parts, as designed."""
+    return Simulation(open_scenario("straight-tracks"), level="points").camera
+
+
+@cache
+def the_views() -> ObservedLines:
+    """What is seen through it on the 18 x 12 m field."""
+    return ObservedLines(the_camera(), open_field(FIELD))
+
+
+def random_place(field: FieldModel, rng: np.random.Generator, margin_m: float = 0.0) -> Pose:
+    """A pose anywhere on the field, at least margin_m inside its lines, facing anywhere."""
+    x = rng.uniform(-1.0, 1.0) * (0.5 * field.length - margin_m)
+    y = rng.uniform(-1.0, 1.0) * (0.5 * field.width - margin_m)
+    return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+
+
+def field_axes(axes: Axes, field: FieldModel, beyond_m: float = 1.5) -> None:
+    """Draw the field from above, x to the right, in metres."""
+    reach_x, reach_y = 0.5 * field.length + beyond_m, 0.5 * field.width + beyond_m
+    axes.add_patch(Rectangle((-reach_x, -reach_y), 2 * reach_x, 2 * reach_y, color=CARPET, zorder=0))
+    for line in field.polylines():
+        axes.plot(line[:, 0], line[:, 1], color=PAINT, linewidth=1.6, zorder=1, solid_capstyle="butt")
+    axes.set_xlim(-reach_x, reach_x)
+    axes.set_ylim(-reach_y, reach_y)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+
+
+def new_figure(
+    rows: int = 1, columns: int = 1, width_in: float = 7.2, height_in: float = 4.2
+) -> tuple[Figure, list[Axes]]:
+    """A figure and its axes, row by row."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    for each in axes:
+        each.grid(visible=True, color="#d8ddd8", linewidth=0.6)
+        each.set_axisbelow(True)
+    return figure, list(axes)

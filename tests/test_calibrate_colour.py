@@ -1,0 +1,260 @@
+"""Colour tables: learned from marks and without, saved, loaded, shown, and used by the detector."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from small_recordings import borrow
+from synthetic import line_field, mirror_camera, paint_ground
+
+from touchline.calibration.colour import calibrate_marked, calibrate_recording, calibrate_unmarked, read_regions
+from touchline.camera import OmniCamera
+from touchline.cli import main
+from touchline.errors import InputError, TouchlineError
+from touchline.perception import LinePointDetector
+from touchline.perception.colour import GREEN, OTHER, WHITE, ColourModel
+from touchline.perception.colour_file import load_colours, save_colours
+from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
+from touchline.sources import open_source
+from touchline.types import Frame, ImageArray
+
+LINES = [(1.0, 0.0, 1.5), (0.0, 1.0, -1.0), (0.0, 1.0, 2.0)]
+CARPET, PAINT, SHIRT, BALL = (60, 140, 70), (225, 230, 228), (190, 40, 200), (30, 120, 235)
+
+
+@pytest.fixture(scope="module")
+def camera() -> OmniCamera:
+    return mirror_camera()
+
+
+@pytest.fixture(scope="module")
+def image(camera: OmniCamera) -> ImageArray:
+    return paint_ground(camera, line_field(LINES), noise=2.0, samples=2)
+
+
+@pytest.fixture(scope="module")
+def colours(camera: OmniCamera, image: ImageArray) -> ColourModel:
+    return calibrate_unmarked([image], camera, "scene").colours
+
+
+def patches(folder: Path) -> Path:
+    """An image of four colours in four quarters, noisy, and regions that mark each with a box or a polygon."""
+    picture = np.zeros((80, 80, 3))
+    for k, colour in enumerate((CARPET, PAINT, SHIRT, BALL)):
+        picture[40 * (k // 2) : 40 * (k // 2) + 40, 40 * (k % 2) : 40 * (k % 2) + 40] = colour
+    picture += np.random.default_rng(0).normal(0.0, 3.0, picture.shape)
+    data = cv2.imencode(".png", np.clip(picture, 0, 255).astype(np.uint8))[1].tobytes()
+    (folder / "patches.png").write_bytes(data)
+    rows = [
+        {"file": "patches.png", "class": "green", "polygon": [[2, 2], [37, 2], [37, 37], [2, 37]]},
+        {"file": "patches.png", "class": "white", "box": [43, 3, 77, 37]},
+        {"file": "patches.png", "class": "magenta", "box": [3, 43, 37, 77]},
+        {"file": "patches.png", "class": "orange", "polygon": [[43, 43], [77, 43], [77, 77]]},
+    ]
+    (folder / "regions.yaml").write_text(yaml.safe_dump(rows))
+    return folder / "regions.yaml"
+
+
+# --- learning ---------------------------------------------------------------------------------------------------------
+
+
+def test_marked_colours_come_out_as_they_were_marked(tmp_path: Path) -> None:
+    calibration = calibrate_marked(tmp_path, patches(tmp_path))
+    classes = calibration.colours.classify(calibration.image)
+    wanted = np.repeat(np.repeat([[GREEN, WHITE], [OTHER, OTHER]], 40, axis=0), 40, axis=1)
+    assert np.mean(classes == wanted) > 0.995
+    assert calibration.colours.green == pytest.approx(CARPET, abs=1.0)
+    assert calibration.colours.white == pytest.approx(PAINT, abs=1.0)
+
+
+def test_what_lies_between_the_marks_follows_the_rules(tmp_path: Path) -> None:
+    colours = calibrate_marked(tmp_path, patches(tmp_path)).colours
+    shade = np.array([[[30, 70, 35], [150, 150, 150], [10, 10, 10]]], dtype=np.uint8)
+    assert colours.classify(shade)[0].tolist() == [GREEN, WHITE, OTHER]
+
+
+def test_a_mark_overrides_the_rule_where_it_lies(tmp_path: Path) -> None:
+    file = patches(tmp_path)
+    rows = yaml.safe_load(file.read_text())
+    rows[1]["class"] = "cyan"  # the bright quarter is no paint
+    file.write_text(yaml.safe_dump(rows))
+    colours = calibrate_marked(tmp_path, file).colours
+    assert colours.classify(np.array([[PAINT]], dtype=np.uint8))[0, 0] == OTHER
+
+
+def test_marks_in_a_recording_are_used_by_themselves(shared_data: Path, tmp_path: Path) -> None:
+    folder = borrow(shared_data / "omni_msl_track", tmp_path / "marked", frames=2)
+    unmarked = calibrate_recording(open_source(folder))
+    assert "without marks" in unmarked.learned_from
+    ring = {"file": "images/000000.jpg", "class": "green", "box": [150, 225, 185, 255]}
+    (folder / "regions.yaml").write_text(yaml.safe_dump([ring]))
+    marked = calibrate_recording(open_source(folder))
+    assert "1 marked region" in marked.learned_from
+    assert marked.colours.green == pytest.approx(unmarked.colours.green, abs=8.0)
+
+
+@pytest.mark.parametrize("letter", ["a", "b", "c"])
+def test_a_saved_table_separates_green_from_lines_of_photographs(
+    shared_data: Path, tmp_path: Path, letter: str
+) -> None:
+    from test_photographs import photograph
+
+    image, camera, marks = photograph(shared_data, letter)
+    save_colours(calibrate_unmarked([image], camera, letter).colours, tmp_path / "colours.npz")
+    classes = load_colours(tmp_path / "colours.npz").classify(image)
+    assert np.mean([classes[v, u] == GREEN for u, v in marks["green_not_line"]]) >= 0.95
+    assert not any(classes[v, u] == GREEN for u, v in marks["on_line"])
+
+
+def test_an_image_without_carpet_is_named(camera: OmniCamera) -> None:
+    with pytest.raises(TouchlineError, match=r"hall\.png: no green carpet"):
+        calibrate_unmarked([np.full((480, 480, 3), 120, np.uint8)], camera, "hall.png")
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_table_survives_its_file(colours: ColourModel, tmp_path: Path) -> None:
+    file = tmp_path / "colours.npz"
+    save_colours(colours, file)
+    loaded = load_colours(file)
+    assert np.array_equal(loaded.table, colours.table)
+    for name in ("green", "white", "signal"):
+        assert np.array_equal(getattr(loaded, name), getattr(colours, name))
+    assert loaded.noise == colours.noise
+
+
+def test_other_files_are_refused(colours: ColourModel, tmp_path: Path) -> None:
+    file = tmp_path / "colours.npz"
+    with pytest.raises(InputError, match="cannot be read"):
+        load_colours(file)
+    file.write_bytes(b"not at all")
+    with pytest.raises(InputError, match="is not a colour table"):
+        load_colours(file)
+    np.savez(file, table=np.zeros(3))
+    with pytest.raises(InputError, match="is not a colour table"):
+        load_colours(file)
+    save_colours(colours, file)
+    whole = dict(np.load(file))
+    np.savez(file, **(whole | {"format": np.array("other 7")}))
+    with pytest.raises(InputError, match="another format"):
+        load_colours(file)
+    np.savez(file, **(whole | {"green": np.array([np.nan, 1.0, 1.0])}))
+    with pytest.raises(InputError, match="damaged: 'green'"):
+        load_colours(file)
+    np.savez(file, **(whole | {"table": whole["table"] + np.uint8(7)}))
+    with pytest.raises(InputError, match="classes that are not known"):
+        load_colours(file)
+    save_colours(colours, file)
+    file.write_bytes(file.read_bytes()[:900])
+    with pytest.raises(InputError, match="is not a colour table"):
+        load_colours(file)
+
+
+# --- regions.yaml -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[", "is not valid YAML"),
+        ("{}", "expected a list"),
+        ("- green", "region 1: expected file, class"),
+        ("- {class: green, box: [1, 2, 3, 4]}", "region 1: 'file'"),
+        ("- {file: a.png, class: gren, box: [1, 2, 3, 4]}", "did you mean 'green'"),
+        ("- {file: a.png, class: green}", "either 'polygon' or 'box'"),
+        ("- {file: a.png, class: green, box: [1, 2, 3, 4], polygon: [[1, 2]]}", "either 'polygon' or 'box'"),
+        ("- {file: a.png, class: green, polygon: [[1, 2], [3, 4]]}", "at least three corners"),
+        ("- {file: a.png, class: green, box: [1, 2, here, 4]}", "'box' four numbers"),
+        ("- {file: a.png, class: green, box: [1, 2, .nan, 4]}", "'box' four numbers"),
+    ],
+)
+def test_what_is_wrong_with_regions_is_told(tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "regions.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError) as refused:
+        read_regions(file)
+    assert str(file) in str(refused.value)
+    assert said in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"file": "lost.png"}, "lost.png"),
+        ({"box": [900, 900, 950, 950], "polygon": None}, "outside patches.png"),
+        ({"class": "yellow"}, "0 pixels are marked green"),
+        ({"box": [43, 3, 77, 37], "polygon": None}, "hardly brighter"),
+    ],
+)
+def test_regions_that_teach_nothing_are_refused(tmp_path: Path, change: dict[str, object], said: str) -> None:
+    file = patches(tmp_path)
+    rows = yaml.safe_load(file.read_text())
+    rows[0] = {key: value for key, value in (rows[0] | change).items() if value is not None}
+    file.write_text(yaml.safe_dump(rows))
+    with pytest.raises(InputError, match=said):
+        calibrate_marked(tmp_path, file)
+
+
+# --- use --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_detector_with_a_saved_table_finds_what_it_would_find_itself(
+    camera: OmniCamera, image: ImageArray, colours: ColourModel
+) -> None:
+    own, given = LinePointDetector(camera), LinePointDetector(camera)
+    own.learn([image])
+    given.use_colours(colours, [image])
+    expected = own.detect(image).positions_m
+    assert len(expected) > 50
+    assert len(given.detect(image)) == pytest.approx(len(expected), rel=0.05)
+    bare = LinePointDetector(camera)
+    bare.use_colours(colours)
+    assert len(bare.detect(image)) == pytest.approx(len(expected), rel=0.1)
+
+
+def test_a_kept_table_is_never_learned_anew(
+    camera: OmniCamera, image: ImageArray, colours: ColourModel, tmp_path: Path
+) -> None:
+    save_colours(colours, tmp_path / "colours.npz")
+    learning = LearningSettings(colour_file=str(tmp_path / "colours.npz"), frames=2, faded_frames=1)
+    detector = SelfLearningDetector(camera, learning=learning)
+    dim = (image * 0.5).astype(np.uint8)
+    for stamp, picture in enumerate((image, image, dim, dim, dim)):
+        detector.detect(Frame(stamp, image=picture))
+        assert detector.detector.colours is not None
+        assert np.array_equal(detector.detector.colours.table, colours.table)
+
+
+# --- the command ------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_learns_from_an_image(
+    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shared_data / "real" / "omni"
+    output = tmp_path / "colours.npz"
+    camera_file = str(folder / "nubot_a.camera.yaml")
+    photo = str(folder / "nubot_a.png")
+    assert main(["calibrate", "colour", photo, "--camera", camera_file, "--output", str(output)]) == 0
+    assert "without marks: green" in capsys.readouterr().out
+    assert cv2.imread(str(tmp_path / "colours.png")).shape == (680, 1920, 3)
+    marks = json.loads((folder / "nubot_a.json").read_text())
+    classes = load_colours(output).classify(cv2.imread(photo).astype(np.uint8))
+    assert np.mean([classes[v, u] == GREEN for u, v in marks["green_not_line"]]) >= 0.95
+    assert main(["calibrate", "colour", photo, "--output", str(tmp_path / "b.npz")]) == 2
+    assert "--camera FILE" in capsys.readouterr().err
+
+
+def test_the_command_learns_from_marks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    regions = patches(tmp_path)
+    arguments = ["calibrate", "colour", str(tmp_path / "patches.png"), "--regions", str(regions)]
+    assert main([*arguments, "--output", str(tmp_path / "colours.npz")]) == 0
+    assert "4 marked regions in 1 image" in capsys.readouterr().out
+    assert main([*arguments, "--output", str(tmp_path / "no" / "colours.npz")]) == 2
+    assert "does not exist" in capsys.readouterr().err

@@ -1,0 +1,318 @@
+"""Model-free mirror calibration: interpolation in closed form, rendered strips of a known tilt, bad recordings."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from small_recordings import edit_line
+from strip_scenes import EDGES_M, HANDEDNESS, YAW_RAD, strip_image, tilted_camera, write_strip_recording
+
+from touchline.calibration.mirror import MirrorCalibration, calibrate_mirror
+from touchline.calibration.strip_recording import camera_yaml
+from touchline.camera import OmniCamera, open_camera
+from touchline.camera.model_free import lagrange, periodic_lagrange, range_image, ranges_along, table_radii
+from touchline.cli import main
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.sources import open_source
+
+
+def ring_points(low_m: float, high_m: float, bearings: int = 144, ranges: int = 120) -> FloatArray:
+    """Points (N, 2) at every bearing and range."""
+    b, r = np.meshgrid(np.arange(bearings) * 2 * np.pi / bearings, np.linspace(low_m, high_m, ranges))
+    return np.column_stack(((r * np.cos(b)).ravel(), (r * np.sin(b)).ravel()))
+
+
+def range_errors(found: OmniCamera, true: OmniCamera, low_m: float, high_m: float) -> tuple[FloatArray, FloatArray]:
+    """True ranges (N,) and the errors (N,) of the ranges that a camera reads at their pixels (m)."""
+    points = ring_points(low_m, high_m)
+    read = found.ground_from_image(true.image_from_ground(points))
+    ranges = np.hypot(*points.T)
+    return ranges, np.hypot(*read.T) - ranges
+
+
+# --- interpolation ----------------------------------------------------------------------------------------------------
+
+
+def test_four_support_points_reproduce_a_cubic_exactly() -> None:
+    x = np.array([0.0, 1.0, 2.5, 3.0, 4.2, 6.0, 7.0])
+    at = np.linspace(0.0, 7.0, 41)
+    assert lagrange(x, x**3 - 2.0 * x, at) == pytest.approx(at**3 - 2.0 * at, abs=1e-10)
+
+
+@pytest.mark.parametrize("support", [3, 4])
+def test_interpolation_goes_through_its_support_points(support: int) -> None:
+    x, y = np.array([1.0, 2.0, 4.0, 5.0, 7.0]), np.array([3.0, -1.0, 4.0, 1.0, -5.0])
+    assert lagrange(x, y, x, support) == pytest.approx(y)
+
+
+def test_only_the_nearest_support_points_count() -> None:
+    x, y = np.arange(9.0), np.zeros(9)
+    y[8] = 1000.0
+    assert lagrange(x, y, np.array([1.5, 3.5, 5.4])) == pytest.approx([0.0, 0.0, 0.0])
+
+
+def test_interpolation_around_the_circle_knows_no_seam() -> None:
+    angles = np.radians(np.arange(-180.0, 180.0, 15.0))
+    at = np.radians(np.linspace(-720.0, 720.0, 97))
+    assert periodic_lagrange(angles, 5.0 + np.cos(angles - 1.0), at) == pytest.approx(5.0 + np.cos(at - 1.0), abs=2e-4)
+
+
+def test_beyond_the_edges_the_table_goes_on_as_documented() -> None:
+    radii, ranges = np.array([[50.0, 60.0, 70.0, 80.0, 90.0]]), np.array([0.6, 0.8, 1.1, 1.6, 2.4])
+    inside, outside = ranges_along(radii, ranges, np.array([45.0, 93.0]))[0]
+    assert inside == pytest.approx(0.6 - 5.0 * 0.2 / 10.0)
+    assert 1.0 / outside == pytest.approx(1.0 / 2.4 - 3.0 * (1.0 / 1.6 - 1.0 / 2.4) / 10.0)
+    table = table_radii(radii, ranges)
+    assert ranges_along(radii, ranges, table)[0, [0, -1]] == pytest.approx([0.3, 4.8], rel=0.08)
+
+
+def test_directions_that_reach_less_far_are_continued_to_the_last_edge_of_the_others() -> None:
+    radii = np.array([[50.0, 60.0, 70.0, 80.0, 90.0], [62.0, 76.0, 90.0, 104.0, 118.0]])
+    table = table_radii(radii, np.array([0.6, 0.8, 1.1, 1.6, 2.4]))
+    ranges = ranges_along(radii, np.array([0.6, 0.8, 1.1, 1.6, 2.4]), table)
+    assert table[0] < 50.0
+    assert table[-1] > 118.0
+    assert np.all(ranges > 0.0)
+    assert np.all(np.diff(ranges, axis=1) > 0.0)
+
+
+# --- rendered strips --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_strip_recording(tmp_path_factory.mktemp("strip") / "strip", tilted_camera())
+
+
+@pytest.fixture(scope="module")
+def calibration(recording: Path) -> MirrorCalibration:
+    return calibrate_mirror(open_source(recording))
+
+
+def test_ranges_of_a_tilted_mirror_are_found_at_every_bearing(calibration: MirrorCalibration) -> None:
+    ranges, errors = range_errors(calibration.camera, tilted_camera(), EDGES_M[0], EDGES_M[-1])
+    assert np.abs(errors / ranges).max() < 0.005
+    assert np.abs(errors[ranges < 1.5]).max() < 0.008
+
+
+def test_a_table_for_all_directions_would_not_do(calibration: MirrorCalibration) -> None:
+    one_row = calibration.camera.range_m.mean(axis=0)
+    assert np.abs(calibration.camera.range_m / one_row - 1.0).max() > 0.02
+
+
+def test_centre_handedness_and_mounting_come_from_the_images(calibration: MirrorCalibration) -> None:
+    camera = calibration.camera
+    assert camera.center == pytest.approx(tilted_camera().center, abs=0.3)
+    assert camera.handedness == HANDEDNESS
+    assert camera.mount_yaw_rad == pytest.approx(YAW_RAD, abs=0.002)
+    assert 32.0 <= camera.inner_radius_px <= 38.0
+
+
+def test_every_image_gives_its_fifteen_edges_below_the_pixel(calibration: MirrorCalibration) -> None:
+    camera = tilted_camera()
+    for sighting in calibration.sightings:
+        direction = np.array([np.cos(sighting.bearing_rad), np.sin(sighting.bearing_rad)])
+        pixels = camera.image_from_ground(np.outer(EDGES_M, direction))
+        assert np.hypot(*(pixels - sighting.pixels).T).max() < 0.4
+
+
+def test_the_distance_map_knows_every_pixel_of_the_table(calibration: MirrorCalibration) -> None:
+    camera = calibration.camera
+    distance = range_image(camera)
+    assert distance.shape == (camera.height, camera.width)
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    radius = np.hypot(u - camera.center[0], v - camera.center[1])
+    seen = (radius >= camera.radius_px[0]) & (radius <= camera.radius_px[-1])
+    assert np.array_equal(np.isfinite(distance), seen)
+
+
+def test_the_written_file_is_the_same_camera(calibration: MirrorCalibration, tmp_path: Path) -> None:
+    file = tmp_path / "camera.yaml"
+    file.write_text(camera_yaml(calibration.camera, "two\nlines"), encoding="utf-8")
+    points = ring_points(0.6, 6.0, bearings=24, ranges=20)
+    assert open_camera(file).image_from_ground(points) == pytest.approx(
+        calibration.camera.image_from_ground(points), abs=0.01
+    )
+
+
+def test_revolutions_that_come_by_again_are_averaged(recording: Path, tmp_path: Path) -> None:
+    folder = copy_of(recording, tmp_path)
+    rows = (folder / "images.csv").read_text().split()
+    again = [f"{k + 100},{','.join(row.split(',')[1:])}" for k, row in enumerate(rows[1:4])]
+    (folder / "images.csv").write_text("\n".join(rows + again) + "\n")
+    twice = calibrate_mirror(open_source(folder))
+    assert len(twice.sightings) == 19
+    ranges, errors = range_errors(twice.camera, tilted_camera(), EDGES_M[0], EDGES_M[-1])
+    assert np.abs(errors / ranges).max() < 0.005
+
+
+# --- the public recording ---------------------------------------------------------------------------------------------
+
+
+def bare_copy(source: Path, folder: Path, center: tuple[float, float]) -> Path:
+    """A recording whose camera.yaml knows no more than the size and a rough centre."""
+    folder.mkdir()
+    for name in ("images", "images.csv", "sequence.yaml", "field.yaml"):
+        (folder / name).symlink_to(source / name)
+    rough = {"model": "omni", "width": 480, "height": 480, "center": list(center)}
+    (folder / "camera.yaml").write_text(yaml.safe_dump(rough))
+    return folder
+
+
+def test_the_public_recording_is_calibrated_without_its_range_table(shared_data: Path, tmp_path: Path) -> None:
+    source = shared_data / "omni_calibration"
+    with_table = calibrate_mirror(open_source(source)).camera
+    without = calibrate_mirror(open_source(bare_copy(source, tmp_path / "a", with_table_center(source)))).camera
+    assert np.array_equal(with_table.range_m, without.range_m)
+    assert (with_table.center, with_table.handedness, with_table.mount_yaw_rad) == (
+        without.center,
+        without.handedness,
+        without.mount_yaw_rad,
+    )
+    ranges, errors = range_errors(without, open_camera(source / "camera.yaml"), 0.6, 6.5)
+    assert np.all(np.abs(errors) <= np.where(ranges < 1.5, 0.015, 0.01 * ranges))
+
+
+def with_table_center(source: Path) -> tuple[float, float]:
+    return open_camera(source / "camera.yaml").center
+
+
+# --- bad recordings ---------------------------------------------------------------------------------------------------
+
+
+def copy_of(recording: Path, folder: Path) -> Path:
+    copy = folder / "copy"
+    shutil.copytree(recording, copy)
+    return copy
+
+
+def refusal(folder: Path) -> str:
+    with pytest.raises(InputError) as refused:
+        calibrate_mirror(open_source(folder))
+    return str(refused.value)
+
+
+def put_image(folder: Path, index: int, image: np.ndarray) -> None:  # type: ignore[type-arg]
+    (folder / f"images/{index:02d}.png").write_bytes(cv2.imencode(".png", image)[1].tobytes())
+
+
+def change_sequence(folder: Path, **changes: object) -> None:
+    tree = yaml.safe_load((folder / "sequence.yaml").read_text()) | changes
+    (folder / "sequence.yaml").write_text(yaml.safe_dump({k: v for k, v in tree.items() if v is not None}))
+
+
+def test_an_image_without_the_strip_is_named(recording: Path, tmp_path: Path) -> None:
+    folder = copy_of(recording, tmp_path)
+    put_image(folder, 5, np.zeros((400, 400, 3), np.uint8))
+    message = refusal(folder)
+    assert "images/05.png" in message
+    assert "strip is not found" in message
+    skipped = calibrate_mirror(open_source(folder), skip_unusable=True)
+    assert len(skipped.sightings) == 15
+    assert "images/05.png" in skipped.unusable[0]
+
+
+def test_a_lost_image_is_named(recording: Path, tmp_path: Path) -> None:
+    folder = copy_of(recording, tmp_path)
+    (folder / "images/07.png").unlink()
+    assert "images/07.png" in refusal(folder)
+
+
+def test_another_strip_in_one_image_is_out_of_order(recording: Path, tmp_path: Path) -> None:
+    folder = copy_of(recording, tmp_path)
+    other = [1.43 if edge == 1.35 else edge for edge in EDGES_M]
+    bearing = float((folder / "images.csv").read_text().split()[4].split(",")[2])
+    put_image(folder, 3, strip_image(tilted_camera(), bearing, other))
+    message = refusal(folder)
+    assert "images/03.png" in message
+    assert "out of order" in message
+
+
+def test_edges_out_of_order_in_the_description_are_named(recording: Path, tmp_path: Path) -> None:
+    folder = copy_of(recording, tmp_path)
+    swapped = [*EDGES_M[:4], EDGES_M[5], EDGES_M[4], *EDGES_M[6:]]
+    change_sequence(folder, patch_edges_m=swapped)
+    message = refusal(folder)
+    assert "sequence.yaml" in message
+    assert "edge 6 (1.17 m) must lie beyond edge 5 (1.35 m)" in message
+
+
+def test_a_wrong_bearing_is_named(recording: Path, tmp_path: Path) -> None:
+    folder = copy_of(recording, tmp_path)
+    edit_line(folder / "images.csv", 10, 2, "1.0")
+    message = refusal(folder)
+    assert "images/08.png" in message
+    assert "bearing_rad 1" in message
+
+
+@pytest.mark.parametrize(("kept", "said"), [(range(1, 7), "too few directions"), (range(1, 13), "none between")])
+def test_too_few_directions_are_told(recording: Path, tmp_path: Path, kept: range, said: str) -> None:
+    folder = copy_of(recording, tmp_path)
+    rows = (folder / "images.csv").read_text().split()
+    (folder / "images.csv").write_text("\n".join([rows[0], *(rows[k] for k in kept)]) + "\n")
+    message = refusal(folder)
+    assert "too few directions" in message
+    assert said in message
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"patch_edges_m": None}, "'patch_edges_m' is missing"),
+        ({"patch_edges_m": [1.0, 2.0]}, "at least five"),
+        ({"patch_edges_m": ["near", "far"]}, "must be numbers"),
+        ({"patch_colors": ["black", "red"] * 7}, "black and white by turns"),
+        ({"patch_colors": ["black", "white"] * 3}, "black and white by turns"),
+        ({"patch_half_width_m": -0.2}, "must be positive"),
+    ],
+)
+def test_a_strip_that_is_not_described_is_refused(
+    recording: Path, tmp_path: Path, changes: dict[str, object], said: str
+) -> None:
+    folder = copy_of(recording, tmp_path)
+    change_sequence(folder, **changes)
+    message = refusal(folder)
+    assert "sequence.yaml" in message
+    assert said in message
+
+
+def test_a_recording_without_bearings_is_refused(recording: Path, tmp_path: Path) -> None:
+    folder = copy_of(recording, tmp_path)
+    text = (folder / "images.csv").read_text()
+    (folder / "images.csv").write_text(text.replace("bearing_rad", "bearing"))
+    assert "'bearing_rad' is missing" in refusal(folder)
+    (folder / "images.csv").write_text(text)
+    edit_line(folder / "images.csv", 4, 2, "north")
+    assert "images.csv, line 4" in refusal(folder)
+
+
+# --- the command ------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_camera_and_picture(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "camera.yaml"
+    assert main(["calibrate", "mirror", str(recording), "--output", str(file)]) == 0
+    assert "16 images of 15 edges" in capsys.readouterr().out
+    assert len(open_camera(file).bearings_rad) == 72
+    picture = cv2.imread(str(tmp_path / "camera.png"))
+    assert picture.shape == (940, 2700, 3)
+    assert main(["calibrate", "mirror", str(recording), "--output", str(file)]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_the_command_says_what_it_left_out(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = copy_of(recording, tmp_path)
+    put_image(folder, 2, np.full((400, 400, 3), 90, np.uint8))
+    arguments = ["calibrate", "mirror", str(folder), "--output", str(tmp_path / "camera.yaml")]
+    assert main(arguments) == 2
+    assert "images/02.png" in capsys.readouterr().err
+    assert main([*arguments, "--skip-unusable"]) == 0
+    assert "left out" in capsys.readouterr().err

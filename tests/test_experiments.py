@@ -1,0 +1,150 @@
+"""touchline experiment: the frame, and the figures that each experiment must reach, with fewer runs than by default."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from touchline.cli import main
+from touchline.errors import InputError
+from touchline.evaluation.experiments import EXPERIMENTS, ExperimentResult, chosen_experiments, kidnap, occlusion
+from touchline.evaluation.experiments.result import Headline, percent, spread
+from touchline.evaluation.experiments.samples import searches, xiong_convergence, xiong_samples
+from touchline.evaluation.experiments.timing import lu2013_timing
+from touchline.evaluation.experiments.writing import result_page, with_row, write_result
+from touchline.field import open_field
+from touchline.geometry import Pose
+
+FIELD = open_field("msl-18x12")
+
+
+def result(name: str = "one", ours: str = "1 cm") -> ExperimentResult:
+    figure = Figure(figsize=(1, 1))
+    return ExperimentResult(
+        name, "A title", 5, ("what", "paper", "ours"), (("mean | max", "2", "1"),), Headline("mean", "2 cm", ours),
+        ("A note.",), (("map", figure),),
+    )  # fmt: skip
+
+
+# --- the frame --------------------------------------------------------------------------------------------------------
+
+
+def test_spread_is_mean_and_standard_deviation_over_the_seeds() -> None:
+    assert spread([1.0, 2.0, 3.0]) == "2.00 ± 1.00"
+    assert spread([2.5]) == "2.50"
+    assert percent([0.98, 1.0]) == "99.0 ± 1.4 %"
+
+
+def test_a_run_replaces_its_row_of_the_results_and_keeps_the_others_in_order() -> None:
+    page = with_row(with_row("", result("b")), result("a"), ["a", "b"])
+    again = with_row(page, result("b", "3 cm"), ["a", "b"])
+    rows = [line for line in again.splitlines() if line.startswith("| [")]
+    assert [row[3:4] for row in rows] == ["a", "b"]
+    assert "3 cm" in rows[1]
+    assert "1 cm" not in rows[1]
+
+
+def test_every_file_of_a_result_is_written_and_named(tmp_path: Path) -> None:
+    files = write_result(result(), tmp_path / "results")
+    assert [path.name for path in files] == ["one.md", "one-map.png", "results.md"]
+    assert all(path.stat().st_size > 0 for path in files)
+    page = files[0].read_text(encoding="utf-8")
+    assert "![one](one-map.png)" in page
+    assert "mean \\| max" in page
+    assert page == result_page(result(), ["one-map.png"])
+
+
+def test_a_folder_that_cannot_be_written_is_told_plainly(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="--output"):
+        write_result(result(), tmp_path / "file" / "results")
+
+
+def test_a_mistyped_experiment_is_answered_with_the_nearest() -> None:
+    with pytest.raises(InputError, match="did you mean 'lu2013-kidnap'"):
+        chosen_experiments("lu2013-kidnp")
+    assert len(chosen_experiments("all")) == len(EXPERIMENTS)
+
+
+def test_the_command_lists_the_experiments_and_runs_one(tmp_path: Path, capsys: Any) -> None:
+    assert main(["experiment"]) == 0
+    listed = capsys.readouterr().out
+    assert [name for name in EXPERIMENTS if name not in listed] == []
+    assert main(["experiment", "xiong-samples", "--seeds", "2", "--output", str(tmp_path / "out")]) == 0
+    assert "315" in capsys.readouterr().out
+    assert "[xiong-samples](xiong-samples.md)" in (tmp_path / "out" / "results.md").read_text(encoding="utf-8")
+    assert main(["experiment", "nonsense"]) == 2
+
+
+# --- the experiments --------------------------------------------------------------------------------------------------
+
+
+def test_black_sectors_cover_the_stated_share_of_the_view() -> None:
+    shares = [sum(high - low for low, high in condition.sectors) / 360.0 for condition in occlusion.CONDITIONS[:5]]
+    assert shares == [0.0, 0.125, 0.25, 0.5, 0.5]
+
+
+@pytest.mark.parametrize("condition", occlusion.CONDITIONS[:5], ids=lambda condition: condition.name)
+def test_errors_with_up_to_half_the_view_hidden(condition: occlusion.Condition) -> None:
+    errors = occlusion._drive("nubot-mcl", condition, seed=0).errors
+    assert errors.frames > 550
+    assert errors.position.mean <= 0.025
+    assert errors.position.max <= 0.15
+    assert errors.heading.mean <= 0.01
+
+
+def test_particles_alone_are_less_exact_than_particles_and_matching() -> None:
+    alone = occlusion._drive("nubot-mcl", occlusion.CONDITIONS[5], seed=0).errors
+    both = occlusion._drive("nubot-mcl", occlusion.CONDITIONS[0], seed=0).errors
+    assert alone.position.mean > 2.0 * both.position.mean
+
+
+@pytest.mark.parametrize(("system", "covered"), [("nubot-mcl", 3), ("nubot-mcl", 0), ("nubot-mti", 3)])
+def test_kidnapped_robots_are_right_within_10_cycles(system: str, covered: int) -> None:
+    every = kidnap.random_kidnaps(system, 0, 5.0, covered)
+    assert len(every) == 40
+    assert sum(one.success for one in every) >= 39
+    noticed = [one for one in every if one.waited is not None]
+    assert len(noticed) >= 35
+    assert all(one.waited == 0 for one in noticed) == (covered > 0)
+
+
+def test_a_kidnap_that_nobody_notices_and_that_is_wrong_is_no_success() -> None:
+    """Both of its figures come from the truth, not from what the system says of itself."""
+    one = kidnap.kidnap("nubot-mcl", FIELD, Pose(-3.0, 1.0, 0.0), Pose(4.0, -2.0, 2.0), 0.0, 3, (0,))
+    assert one.success
+    assert one.found.distance_to(one.truth) < kidnap.RIGHT_M
+    assert one.truth.distance_to(Pose(4.0, -2.0, 2.0)) < 0.5
+
+
+def test_the_search_of_figure_7_has_315_samples_of_which_the_nearest_is_the_best() -> None:
+    for search in searches(3):
+        assert len(search.round.errors) == 315
+        best = search.round.samples_m[int(np.argmin(search.round.errors))]
+        assert math.hypot(best[0] - search.truth.x, best[1] - search.truth.y) < 0.75
+        assert search.taken.distance_to(search.truth) < 0.05
+    assert "100.0 ± 0.0 % found" in xiong_samples(2).headline.ours
+
+
+def test_rprop_settles_within_20_steps_and_wrong_ends_have_thrice_the_error() -> None:
+    found = xiong_convergence(3)
+    near = [row for row in found.rows if row[3] != "elsewhere"]
+    wrong = [row for row in found.rows if row[3] == "elsewhere"]
+    assert near
+    assert max(int(row[-1]) for row in near) <= 20
+    assert all(float(row[5]) > 3.0 * max(float(n[5]) for n in near) for row in wrong)
+
+
+def test_timing_reports_every_part_and_the_curve() -> None:
+    found = lu2013_timing(1)
+    assert [row[0] for row in found.rows[:3]] == [
+        "particles: one cycle, 600 x 100", "particles: the same with five refined clusters",
+        "matching: one cycle, 100 points",
+    ]  # fmt: skip
+    assert found.rows[-1][0] == "particles: 100000 x 100"
+    assert len(found.pictures) == 2

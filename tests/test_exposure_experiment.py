@@ -1,0 +1,36 @@
+"""lu2013-exposure: rows, pictures and counts, on a coarse grid in one place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.camera.exposure import ExposureSettings
+from touchline.evaluation.experiments import EXPERIMENTS, lu2013_exposure
+from touchline.evaluation.experiments.writing import write_result
+from touchline.sources import open_source
+
+
+def test_the_experiment_draws_surface_path_and_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lu2013_exposure, "_GRID", 5)
+    monkeypatch.setattr(lu2013_exposure, "_STEP_STOPS", 0.5)
+    monkeypatch.setattr(lu2013_exposure, "public_recording", lambda: None)
+    result = EXPERIMENTS["lu2013-exposure"].run(seeds=1)
+    assert [row[:2] for row in result.rows] == [("simulated", name) for name in lu2013_exposure.CASES]
+    lamps, dull, sun = (float(row[3]) for row in result.rows)
+    assert sun < lamps < dull  # more light, shorter exposure
+    assert result.notes[0].startswith("6 changes")
+    assert "not found" in result.notes[-1]
+    files = write_result(result, tmp_path)
+    assert {f"lu2013-exposure-{name}.png" for name in ("surface", "path", "images")} <= {file.name for file in files}
+
+
+def test_the_recorded_places_come_with_their_lightings(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lu2013_exposure, "_STEP_STOPS", 1.0)
+    recording = open_source(shared_data / "omni_exposure")
+    places = lu2013_exposure._recorded_cases(recording, ExposureSettings())
+    assert [[case.name for case in cases] for cases in places] == [["dim", "lamps", "sun"]] * 2
+    assert all(np.all(np.isfinite(case.entropy)) for cases in places for case in cases)
+    assert all(cases[0].peak > cases[1].peak >= cases[2].peak for cases in places)

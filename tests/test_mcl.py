@@ -1,0 +1,366 @@
+"""Monte Carlo localization: each step against a closed form or its plain NumPy twin, then the whole."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from line_scenes import lone_line, view
+
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.localization.global_search import OWN_HALF
+from touchline.localization.matching import Matcher
+from touchline.localization.particle_kernels import (
+    add_log_likelihoods,
+    mean_and_covariance,
+    normalize,
+    occupied_bins,
+    resample,
+)
+from touchline.localization.particles import AdaptiveSettings, MonteCarlo, MonteCarloSettings, kld_number
+from touchline.motion.odometry import Motion
+
+FIELD = open_field("msl-18x12")
+MATCHER = Matcher(FIELD.distance_map())
+STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
+PAPER = MonteCarloSettings(
+    refined_clusters=0, independent_points=None, farthest_m=None, precise_points=False, kept_share=0.0, fresh_share=0.0
+)
+
+
+def monte_carlo(settings: MonteCarloSettings | None = None, seed: int = 0, field: FieldModel = FIELD) -> MonteCarlo:
+    matcher = MATCHER if field is FIELD else Matcher(field.distance_map())
+    return MonteCarlo(matcher, field.length, field.width, np.random.default_rng(seed), settings, field.is_symmetric)
+
+
+# --- sensor model -----------------------------------------------------------------------------------------------------
+
+
+def seen_from(pose: Pose, seed: int = 0, count: int = 100) -> FloatArray:
+    return view(FIELD, pose, np.random.default_rng(seed), count, 5.0, 0.01)
+
+
+def test_the_sensor_model_is_the_plain_sum_of_equations_1_to_3() -> None:
+    points = seen_from(Pose(2.0, 1.0, 0.3))
+    mcl = monte_carlo(PAPER)
+    poses = np.array([[2.0, 1.0, 0.3], [2.4, 0.8, 0.2], [-8.0, 5.0, 3.0], [9.9, -6.9, -1.0]])
+    for pose, found in zip(poses, mcl.log_likelihoods(points, None, poses), strict=True):
+        distances = FIELD.line_distances(Pose(*pose).transform(points))
+        plain = -np.sum(np.minimum(distances, 3.0) ** 2) / (2 * PAPER.sigma_m**2)
+        table_step_m = 0.036  # half the diagonal of a sample
+        slack = np.sum(2 * distances * table_step_m + table_step_m**2) / (2 * PAPER.sigma_m**2)
+        if np.all(np.abs(Pose(*pose).transform(points)) < (11.9, 8.9)):  # the table ends 3 m beyond the lines
+            assert abs(found - plain) <= slack
+
+
+def test_the_loop_agrees_with_its_numpy_twin_inside_and_outside_the_table() -> None:
+    rng = np.random.default_rng(1)
+    squares = rng.random((40, 60)).astype(np.float32)
+    particles = np.column_stack((rng.uniform(-5, 5, (50, 2)), rng.uniform(-4, 4, 50)))
+    points, shares = rng.uniform(-3, 3, (30, 2)), rng.random(30)
+    found = rng.random(50)
+    before = found.copy()
+    add_log_likelihoods(particles, points, shares, squares, -3.0, -2.0, 0.1, 1.7, found)
+    c, s = np.cos(particles[:, 2:]), np.sin(particles[:, 2:])
+    x = particles[:, :1] + c * points[:, 0] - s * points[:, 1]
+    y = particles[:, 1:2] + s * points[:, 0] + c * points[:, 1]
+    ix = np.clip(np.floor((x + 3.0) / 0.1 + 0.5), 0, 59).astype(int)
+    iy = np.clip(np.floor((y + 2.0) / 0.1 + 0.5), 0, 39).astype(int)
+    assert found == pytest.approx(before - 1.7 * (squares[iy, ix] * shares).sum(axis=1), rel=1e-9)
+
+
+def test_a_capped_distance_lets_a_stray_point_count_no_worse_than_the_cap() -> None:
+    capped = MonteCarloSettings(independent_points=None, farthest_m=0.5, precise_points=False)
+    points = seen_from(Pose(2.0, 1.0, 0.3))
+    stray = np.vstack((points, [[9.0, 7.0]]))  # 1.1 m from the nearest line
+    pose = np.array([[2.0, 1.0, 0.3]])
+    change = monte_carlo(capped).log_likelihoods(stray, None, pose) - monte_carlo(capped).log_likelihoods(
+        points, None, pose
+    )
+    assert change[0] == pytest.approx(-(0.5**2) / (2 * 0.3**2), rel=1e-6)
+
+
+def test_tempering_scales_the_logarithm_and_nothing_else() -> None:
+    points = seen_from(Pose(2.0, 1.0, 0.3))
+    poses = np.array([[2.4, 0.8, 0.2], [-8.0, 5.0, 3.0]])
+    tempered = PAPER.model_copy(update={"independent_points": 20.0})
+    ratio = monte_carlo(tempered).log_likelihoods(points, None, poses) / monte_carlo(PAPER).log_likelihoods(
+        points, None, poses
+    )
+    assert ratio == pytest.approx(20.0 / len(points), rel=1e-6)
+
+
+def test_a_hundred_points_on_no_line_underflow_nothing() -> None:
+    """The product of equation (3) would be e^-10000 here: 0 in any floating point number."""
+    points = np.tile([[30.0, 30.0]], (100, 1)) + np.random.default_rng(0).normal(0, 0.1, (100, 2))
+    mcl = monte_carlo(PAPER.model_copy(update={"sigma_m": 0.02}))
+    mcl.restart(0.0)
+    lone = mcl.log_likelihoods(points, None, mcl.particles)
+    assert lone.max() < -5000.0
+    mcl.weigh(points, None)
+    assert mcl.weights.sum() == pytest.approx(1.0)
+    assert np.isfinite(mcl.weights).all()
+    assert np.isfinite(mcl.covariance).all()
+    assert mcl.effective >= 1.0
+
+
+@pytest.mark.parametrize("shift", [0.0, -1e5, 1e5])
+def test_weights_are_the_exponentials_over_their_sum(shift: float) -> None:
+    logs = np.array([0.0, -1.0, -2.5, -800.0])
+    weights = np.empty(4)
+    effective = normalize(logs + shift, weights)
+    plain = np.exp(logs) / np.exp(logs).sum()
+    assert weights == pytest.approx(plain, rel=1e-9)
+    assert effective == pytest.approx(1.0 / np.sum(plain**2))
+
+
+def test_the_effective_sample_size_runs_from_one_to_all() -> None:
+    weights = np.empty(5)
+    assert normalize(np.zeros(5), weights) == pytest.approx(5.0)
+    assert normalize(np.array([0.0, -99.0, -99.0, -99.0, -99.0]), weights) == pytest.approx(1.0)
+
+
+# --- resampling -------------------------------------------------------------------------------------------------------
+
+
+def counts(weights: FloatArray, start: float, number: int) -> FloatArray:
+    particles = np.repeat(np.arange(len(weights), dtype=float)[:, None], 3, axis=1)
+    out = np.empty((number, 3))
+    resample(particles, weights, start, out)
+    return np.bincount(out[:, 0].astype(int), minlength=len(weights))
+
+
+def test_every_particle_is_drawn_its_weight_s_number_of_times_rounded_down_or_up() -> None:
+    rng = np.random.default_rng(2)
+    for number in (1, 7, 600):
+        weights = rng.random(40) ** 4
+        weights /= weights.sum()
+        drawn = counts(weights, float(rng.random()), number)
+        assert drawn.sum() == number
+        assert np.all(np.abs(drawn - number * weights) < 1.0)
+
+
+def test_the_mean_number_of_draws_is_exactly_the_weight() -> None:
+    weights = np.array([0.05, 0.4, 0.0, 0.3, 0.25])
+    starts = (np.arange(2000) + 0.5) / 2000
+    mean = np.mean([counts(weights, start, 6) for start in starts], axis=0)
+    assert mean == pytest.approx(6 * weights, abs=1e-3)
+
+
+def test_alike_weights_keep_every_particle_once() -> None:
+    assert counts(np.full(600, 1 / 600), 0.5, 600).tolist() == [1] * 600
+
+
+def test_resampling_waits_until_the_effective_sample_size_falls() -> None:
+    points = seen_from(Pose(2.0, 1.0, 0.3))
+    patient = monte_carlo(MonteCarloSettings(least_effective=0.0, refined_clusters=0))
+    patient.restart(0.3)
+    before = patient.particles.copy()
+    patient.cycle(None, points, None)
+    assert np.array_equal(patient.particles, before)
+    assert patient.weights.max() > 10 / 600
+    eager = monte_carlo(MonteCarloSettings(least_effective=1.0, refined_clusters=0, fresh_share=0.0))
+    eager.restart(0.3)
+    eager.cycle(None, points, None)
+    assert np.all(eager.weights == 1 / 600)
+    assert len(np.unique(eager.particles, axis=0)) < 600
+
+
+# --- mean -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_mean_heading_is_circular() -> None:
+    particles = np.array([[0.0, 0.0, math.pi - 0.1], [2.0, 4.0, -math.pi + 0.3]])
+    mean, covariance = mean_and_covariance(particles, np.array([0.5, 0.5]))
+    assert mean[:2] == pytest.approx([1.0, 2.0])
+    assert wrap_angle(mean[2] - (math.pi + 0.1)) == pytest.approx(0.0, abs=1e-12)
+    assert covariance[2, 2] == pytest.approx(0.2**2)
+    assert covariance[0, 1] == pytest.approx(2.0)
+
+
+def test_mean_and_covariance_agree_with_numpy() -> None:
+    rng = np.random.default_rng(3)
+    particles = rng.normal([1.0, -2.0, 0.4], [0.5, 0.2, 0.05], (400, 3))
+    weights = rng.random(400)
+    weights /= weights.sum()
+    mean, covariance = mean_and_covariance(particles, weights)
+    assert mean[:2] == pytest.approx(weights @ particles[:, :2])
+    assert mean[2] == pytest.approx(np.angle(weights @ np.exp(1j * particles[:, 2])))
+    away = particles - mean
+    assert covariance == pytest.approx((away.T * weights) @ away)
+
+
+# --- motion -----------------------------------------------------------------------------------------------------------
+
+
+def moved(motion: Pose, covariance: FloatArray | None = None) -> FloatArray:
+    """Where 20 000 particles at the origin, facing y, get to, each minus the motion without noise."""
+    mcl = monte_carlo(MonteCarloSettings(particles=20_000))
+    mcl.restart(0.0)
+    mcl.particles[:] = (0.0, 0.0, math.pi / 2)
+    mcl.move(Motion(motion, np.zeros((3, 3)) if covariance is None else covariance, 0.0))
+    return mcl.particles - Pose(0.0, 0.0, math.pi / 2).compose(motion).as_array()
+
+
+def test_particles_move_by_the_odometry_with_noise_in_proportion_to_the_motion() -> None:
+    noise = MonteCarloSettings().motion
+    away = moved(Pose(2.0, 1.0, 0.5))
+    travel = math.hypot(2.0, 1.0)
+    position = math.hypot(noise.travel_share * travel, noise.rest_m)
+    heading = math.sqrt((noise.turn_share * 0.5) ** 2 + (noise.bend_rad_per_m * travel) ** 2 + noise.rest_rad**2)
+    assert away.mean(axis=0) == pytest.approx([0, 0, 0], abs=0.01)
+    assert away.std(axis=0) == pytest.approx([position, position, heading], rel=0.03)
+
+
+def test_the_odometry_s_own_uncertainty_comes_on_top_and_turns_with_the_robot() -> None:
+    away = moved(Pose(0.0, 0.0, 0.0), np.diag([1.0, 0.0, 0.0]))
+    assert away[:, 1].std() == pytest.approx(1.0, rel=0.03)  # along the robot's x, which is the field's y
+    assert away[:, 0].std() == pytest.approx(MonteCarloSettings().motion.rest_m, rel=0.03)
+
+
+# --- start ------------------------------------------------------------------------------------------------------------
+
+
+def test_particles_start_evenly_over_field_and_margin_and_about_the_compass() -> None:
+    mcl = monte_carlo(MonteCarloSettings(particles=50_000, beyond_m=1.0, compass_rad=0.1))
+    mcl.restart(3.1)
+    x, y, heading = mcl.particles.T
+    assert len(x) == 50_000
+    for values, reach in ((x, 10.0), (y, 7.0)):
+        assert np.abs(values).max() <= reach
+        shares = np.histogram(values, bins=10, range=(-reach, reach))[0] / 50_000
+        assert shares == pytest.approx(0.1, abs=0.006)
+    turned = wrap_angles(heading - 3.1)
+    assert turned.mean() == pytest.approx(0.0, abs=0.002)
+    assert turned.std() == pytest.approx(0.1, rel=0.02)
+    assert np.all(mcl.weights == 1 / 50_000)
+
+
+def test_without_a_compass_headings_cover_half_the_circle_of_a_symmetric_field_and_the_whole_of_another() -> None:
+    for symmetric, most in ((True, math.pi / 2), (False, math.pi)):
+        mcl = MonteCarlo(MATCHER, 18.0, 12.0, np.random.default_rng(0), symmetric=symmetric)
+        mcl.restart(None)
+        assert len(mcl.particles) == MonteCarloSettings().particles_all_headings
+        assert np.abs(mcl.particles[:, 2]).max() == pytest.approx(most, rel=0.01)
+
+
+def test_a_region_keeps_its_particles_inside() -> None:
+    mcl = monte_carlo()
+    mcl.restart(0.0, OWN_HALF)
+    assert mcl.particles[:, 0].max() <= 0.0
+    assert mcl.particles[:, 0].min() < -9.0
+
+
+def test_the_kept_share_starts_about_the_last_pose() -> None:
+    mcl = monte_carlo(MonteCarloSettings(kept_share=0.25))
+    mcl.restart(0.0, near=(Pose(30.0, 0.0, 0.0), np.eye(3) * 1e-4))
+    assert np.count_nonzero(mcl.particles[:, 0] > 29.0) == 150
+
+
+def test_some_particles_start_anew_at_every_drawing_until_all_agree() -> None:
+    """None of the first ones is anywhere near the robot."""
+    pose = Pose(6.0, -3.0, 0.2)
+    for share, found in ((0.0, False), (0.1, True)):
+        mcl = monte_carlo(MonteCarloSettings(fresh_share=share, refined_clusters=0, converged_m=1e-3))
+        mcl.restart(0.2, near=(Pose(-6.0, 3.0, 0.2), np.eye(3) * 1e-3), everything_near=True)
+        for seed in range(60):
+            mcl.cycle(STILL, seen_from(pose, seed), None, 0.2)
+        assert (mcl.pose.distance_to(pose) < 1.0) == found
+
+
+# --- numbers ----------------------------------------------------------------------------------------------------------
+
+
+def test_bins_are_counted_once_each_and_wrap_with_the_heading() -> None:
+    apart = np.array([[0.1, 0.1, 0.0], [0.2, 0.3, 0.05], [0.7, 0.1, 0.0], [0.1, 0.1, 1.0], [-0.1, 0.1, 0.0]])
+    assert occupied_bins(apart, 0.5, 0.2618) == 4
+    assert occupied_bins(np.array([[0.1, 0.1, 3.1], [0.1, 0.1, 3.1 - 2 * math.pi]]), 0.5, 0.2618) == 1
+
+
+def test_kld_numbers_are_those_of_the_chi_square_quantile() -> None:
+    """Equation (7) approximates the quantile of chi² over 2 ε; at 99 %: 21.666 for 9, 135.81 for 100 degrees."""
+    settings = AdaptiveSettings(error=0.05)
+    assert kld_number(10, settings) == pytest.approx(21.666 / 0.1, abs=2)
+    assert kld_number(101, settings) == pytest.approx(135.807 / 0.1, abs=3)
+    assert kld_number(1, settings) == 1
+
+
+def test_adaptive_numbers_fall_to_a_single_particle_when_certain() -> None:
+    settings = MonteCarloSettings(adaptive=AdaptiveSettings(enabled=True), least_effective=1.0, independent_points=1.0)
+    pose = Pose(2.25, 1.25, 0.0)
+    mcl = monte_carlo(settings)
+    mcl.restart(0.05)
+    numbers = []
+    for seed in range(15):
+        mcl.cycle(STILL, seen_from(pose, seed), None)
+        numbers.append(len(mcl.particles))
+    assert numbers[0] == 600
+    assert 1 < numbers[3] < 600
+    assert numbers[-1] == 1
+    assert mcl.pose.distance_to(pose) < 0.1
+
+
+# --- the whole --------------------------------------------------------------------------------------------------------
+
+
+def test_particles_converge_on_the_robot_and_say_so() -> None:
+    pose = Pose(-3.0, 2.0, 1.0)
+    mcl = monte_carlo()
+    mcl.restart(1.0 + math.radians(5.0))
+    assert not mcl.converged
+    for seed in range(5):
+        mcl.cycle(STILL, seen_from(pose, seed), None)
+    assert mcl.converged
+    assert mcl.pose.distance_to(pose) < 0.15
+    assert abs(wrap_angle(mcl.pose.heading - pose.heading)) < math.radians(3)
+
+
+def test_the_paper_s_form_converges_too() -> None:
+    pose = Pose(-3.0, 2.0, 1.0)
+    mcl = monte_carlo(PAPER)
+    mcl.restart(1.0)
+    for seed in range(15):
+        mcl.cycle(STILL, seen_from(pose, seed), None)
+    assert mcl.converged
+    assert mcl.pose.distance_to(pose) < 0.3
+
+
+def test_particles_on_a_lone_line_never_converge() -> None:
+    """Along the line nothing is observed, and the motion's noise spreads them."""
+    field = lone_line()
+    mcl = monte_carlo(field=field)
+    mcl.restart(0.0)
+    for seed in range(10):
+        mcl.cycle(STILL, view(field, Pose(1.0, 0.5, 0.0), np.random.default_rng(seed), 60, 4.0), None)
+    assert not mcl.converged
+    assert abs(mcl.pose.y) == pytest.approx(0.5, abs=0.5)
+
+
+def test_the_same_seed_gives_the_same_particles_another_seed_others() -> None:
+    def run(seed: int) -> FloatArray:
+        mcl = monte_carlo(seed=seed)
+        mcl.restart(0.3)
+        for k in range(4):
+            mcl.cycle(STILL, seen_from(Pose(2.0, 1.0, 0.3), k), None)
+        return mcl.particles
+
+    assert np.array_equal(run(5), run(5))
+    assert not np.array_equal(run(5), run(6))
+
+
+def test_98_of_100_kidnapped_robots_are_found_within_10_cycles_with_a_compass_5_degrees_off() -> None:
+    found = 0
+    for k in range(100):
+        rng = np.random.default_rng(k)
+        pose = Pose(rng.uniform(-9, 9), rng.uniform(-6, 6), rng.uniform(-math.pi, math.pi))
+        compass = pose.heading + math.radians(5.0) * rng.choice([-1.0, 1.0])
+        mcl = monte_carlo(seed=k)
+        mcl.restart(compass)
+        for _ in range(10):
+            points = view(FIELD, pose, rng, 80, 5.0, 0.02, clutter=0.05)
+            mcl.cycle(STILL, points, None, compass)
+        right = mcl.pose.distance_to(pose) < 0.3 and abs(wrap_angle(mcl.pose.heading - pose.heading)) < 0.17
+        found += mcl.converged and right
+    assert found >= 98

@@ -1,0 +1,209 @@
+"""nubot-mcl on the public recordings, under black sectors, and on what may go wrong."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.camera import OmniCamera
+from touchline.config import load_settings
+from touchline.field import open_field
+from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.sources import open_source
+from touchline.systems import open_system
+from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
+from touchline.types import Estimate, Frame, LinePoints, Prior, Samples, Status, empty_points
+
+FIELD = open_field("msl-18x12")
+# from, to in degrees, in the image; the last is a contiguous half, which the papers don't have
+SECTORS = {
+    "none": [],
+    "12.5 %": [(0, 45)],
+    "25 %": [(0, 45), (180, 225)],
+    "50 %": [(0, 45), (90, 135), (180, 225), (270, 315)],
+    "half": [(0, 180)],
+}
+
+
+def in_sectors(camera: OmniCamera, sectors: list[tuple[int, int]]) -> FloatArray:
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    angle = np.degrees(np.arctan2(v - camera.center[1], u - camera.center[0])) % 360
+    return np.any([(angle >= low) & (angle < high) for low, high in sectors] or [angle < 0], axis=0)
+
+
+def follow(folder: Path, sectors: list[tuple[int, int]], *sets: str) -> tuple[FloatArray, list[Estimate], FloatArray]:
+    """Errors (N, 3), estimates, and which images are black (N,)."""
+    source = open_source(folder)
+    settings = load_settings(NubotMclSettings, None, sets)
+    system = open_system("nubot-mcl", source.field, source.camera, settings, np.random.default_rng(0))
+    truth = np.loadtxt(folder / "ground_truth.tum")
+    poses = np.column_stack((truth[:, 1:3], 2 * np.arctan2(truth[:, 6], truth[:, 7])))
+    hidden = in_sectors(source.camera, sectors)
+    estimates, black = [], []
+    for frame in source:
+        assert frame.image is not None
+        image = frame.image.copy()
+        image[hidden] = 0
+        estimates.append(system.step(replace(frame, image=image)))
+        black.append(frame.image.mean() < 12)
+    errors = np.array([e.pose for e in estimates]) - poses
+    errors[:, 2] = wrap_angles(errors[:, 2])
+    return errors, estimates, np.array(black)
+
+
+@pytest.mark.parametrize("sectors", SECTORS)
+def test_black_sectors_over_up_to_half_the_image_cost_little(shared_data: Path, sectors: str) -> None:
+    errors, estimates, _ = follow(shared_data / "omni_msl_track", SECTORS[sectors])
+    followed = np.array([e.status is Status.TRACKING for e in estimates])
+    assert followed[1:].all()
+    distance_m = np.hypot(errors[followed, 0], errors[followed, 1])
+    assert distance_m.mean() <= 0.015
+    assert distance_m.max() <= 0.05
+    assert np.abs(errors[followed, 2]).mean() <= 0.005
+
+
+@pytest.mark.parametrize("name", ["omni_msl_match", "omni_msl_sun", "omni_9x6_points"])
+def test_every_recording_is_followed(shared_data: Path, name: str) -> None:
+    errors, estimates, _ = follow(shared_data / name, [])
+    assert all(e.status is Status.TRACKING for e in estimates[2:])
+    assert np.hypot(errors[2:, 0], errors[2:, 1]).max() <= 0.05
+
+
+def test_a_kidnapped_robot_is_found_within_5_frames(shared_data: Path) -> None:
+    errors, estimates, black = follow(shared_data / "omni_msl_kidnap", [])
+    returns = np.nonzero(black[:-1] & ~black[1:])[0] + 1
+    assert len(returns) == 2
+    for first in [*returns, 0]:
+        place = slice(first + 4, first + 17)
+        assert np.hypot(errors[place, 0], errors[place, 1]).max() <= 0.05
+    assert any(e.status is Status.LOST for e in estimates)
+
+
+# ---- from here on without images: points of a known pose --------------------------------------------------------
+
+
+def seen_from(pose: Pose, seed: int = 0, reach_m: float = 5.0) -> LinePoints:
+    rng = np.random.default_rng(seed)
+    robot = pose.inverse().transform(np.concatenate([line[::5] for line in FIELD.polylines()]))
+    robot = robot[np.hypot(*robot.T) < reach_m]
+    robot = np.concatenate((robot + rng.normal(0, 0.01, robot.shape), rng.uniform(-4, 4, (5, 2))))
+    n = len(robot)
+    return LinePoints(robot, np.tile(np.eye(2) * 0.02**2, (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
+
+
+def frame(index: int, points: LinePoints, odometry: Pose, compass_rad: float | None) -> Frame:
+    stamp = np.array([index * 100_000_000], dtype=np.int64)
+    compass = None if compass_rad is None else Samples(stamp, np.array([[compass_rad]]))
+    return Frame(int(stamp[0]), points=points, odometry=Samples(stamp, np.array([odometry])), compass=compass)
+
+
+def system(*sets: str, prior: Prior | None = None, seed: int = 0) -> NubotMcl:
+    settings = load_settings(NubotMclSettings, None, sets)
+    made = open_system("nubot-mcl", FIELD, None, settings, np.random.default_rng(seed))
+    assert isinstance(made, NubotMcl)
+    made.reset(prior)
+    return made
+
+
+def stand(made: NubotMcl, pose: Pose, frames: range, compass_rad: float | None) -> list[Estimate]:
+    return [made.step(frame(k, seen_from(pose, k), Pose(0.0, 0.0, 0.0), compass_rad)) for k in frames]
+
+
+def error_m(estimate: Estimate, pose: Pose) -> float:
+    return estimate.pose.distance_to(pose)
+
+
+def test_figure_3_particles_then_matching_then_five_bad_frames_then_particles_again() -> None:
+    here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
+    made = system("failure.lone_rules=false")
+    found = stand(made, here, range(10), 0.3)
+    assert found[-1].status is Status.TRACKING
+    assert error_m(found[-1], here) < 0.02
+    after = stand(made, there, range(10, 30), -2.0)
+    statuses = [e.status for e in after]
+    assert statuses[:4] == [Status.TRACKING] * 4  # the paper's rule: five cycles in a row
+    assert after[-1].status is Status.TRACKING
+    assert error_m(after[-1], there) < 0.02
+
+
+def test_a_robot_carried_to_the_twin_of_its_pose_is_found_by_the_compass() -> None:
+    """The lines look exactly the same there; nothing but the compass can tell."""
+    here = Pose(-5.0, -3.0, -2.0)
+    made = system()
+    stand(made, here, range(10), -2.0)
+    assert (
+        stand(made, here.mirrored(), range(10, 25), here.mirrored().heading)[-1].pose.distance_to(here.mirrored())
+        < 0.03
+    )
+
+
+def test_a_told_pose_is_tracked_from_the_first_frame() -> None:
+    pose = Pose(-5.0, -3.0, -2.0)
+    estimate = stand(system(prior=Prior(pose=Pose(-4.9, -3.1, -1.95))), pose, range(1), None)[0]
+    assert estimate.status is Status.TRACKING
+    assert error_m(estimate, pose) < 0.03
+
+
+def test_without_a_compass_the_pose_or_its_twin_is_found_and_both_are_named() -> None:
+    pose = Pose(-5.0, -3.0, -2.0)
+    estimate = stand(system(), pose, range(12), None)[-1]
+    assert estimate.status is Status.TRACKING
+    named = [estimate.pose, *(rival.pose for rival in estimate.rivals)]
+    assert min(p.distance_to(pose) for p in named) < 0.03
+    assert min(p.distance_to(pose.mirrored()) for p in named) < 0.03
+
+
+def test_the_own_half_decides_without_a_compass() -> None:
+    pose = Pose(-5.0, -3.0, -2.0)
+    estimate = stand(system(prior=Prior(own_half=True)), pose, range(12), None)[-1]
+    assert error_m(estimate, pose) < 0.03
+    assert not any(rival.pose.distance_to(pose.mirrored()) < 0.5 for rival in estimate.rivals)
+
+
+@pytest.mark.parametrize("error_deg", [5.0, -5.0, 20.0, -20.0])
+def test_a_compass_that_errs_delays_but_does_not_deceive(error_deg: float) -> None:
+    for k, pose in enumerate((Pose(2.0, 1.0, 0.3), Pose(-7.0, 4.0, 2.0), Pose(6.0, -2.0, -1.0))):
+        estimate = stand(system(seed=k), pose, range(25), pose.heading + math.radians(error_deg))[-1]
+        assert error_m(estimate, pose) < 0.05
+        assert abs(wrap_angle(estimate.pose.heading - pose.heading)) < 0.02
+
+
+def test_particles_alone_follow_too_but_less_exactly() -> None:
+    """The paper's comparison: MCL without matching."""
+    pose = Pose(2.0, 1.0, 0.3)
+    paper_s = (
+        "followed_by=particles", "particles.refined_clusters=0", "particles.independent_points=null",
+        "particles.farthest_m=null", "particles.precise_points=false",
+    )  # fmt: skip
+    estimates = stand(system(*paper_s), pose, range(40), 0.3)[20:]
+    errors = [error_m(e, pose) for e in estimates]
+    assert max(errors) < 0.3
+    assert np.mean(errors) > 0.02
+
+
+def test_a_single_particle_follows_once_it_is_certain() -> None:
+    pose = Pose(2.2, 1.3, 0.25)  # in the middle of a bin
+    made = system("followed_by=particles", "particles.adaptive.enabled=true", "particles.least_effective=1")
+    estimates = stand(made, pose, range(20), 0.25)
+    assert len(made.particles.particles) == 1
+    assert max(error_m(e, pose) for e in estimates[10:]) < 0.1
+
+
+def test_frames_without_points_keep_the_search_going_and_break_nothing() -> None:
+    made = system()
+    for k in range(3):
+        estimate = made.step(frame(k, empty_points(), Pose(0.0, 0.0, 0.0), 0.3))
+        assert estimate.status is Status.SEARCHING
+    assert stand(made, Pose(2.0, 1.0, 0.3), range(3, 10), 0.3)[-1].status is Status.TRACKING
+
+
+def test_the_same_seed_gives_the_same_trajectory() -> None:
+    def trajectory(seed: int) -> list[Pose]:
+        return [e.pose for e in stand(system("followed_by=particles", seed=seed), Pose(2.0, 1.0, 0.3), range(6), 0.3)]
+
+    assert trajectory(3) == trajectory(3)
+    assert trajectory(3) != trajectory(4)
