@@ -46,7 +46,7 @@ def strip_image(camera: OmniCamera, bearing_rad: float, edges_m: list[float] = E
 
 
 def ground_colour(points: FloatArray, bearing_rad: float, edges_m: list[float]) -> FloatArray:
-    """Linear B, G, R (N, 3) of ground points (N, 2): strip, carpet, a white line, a white wall 0.4 m behind the strip."""
+    """Linear B, G, R (N, 3) of ground points (N, 2): strip, carpet, a white line, a white wall behind the strip."""
     along = points @ (math.cos(bearing_rad), math.sin(bearing_rad))
     across = points @ (-math.sin(bearing_rad), math.cos(bearing_rad))
     patch = np.searchsorted(edges_m, along) - 1
