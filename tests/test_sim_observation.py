@@ -172,10 +172,21 @@ def tracking_errors(name: str, level: str, seed: int) -> FloatArray:
     return np.array(errors)
 
 
+def root_mean_square(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of errors (N, 2) by columns, with its relative standard error."""
+    squares = errors**2
+    mean = squares.mean(axis=0)
+    return np.sqrt(mean), squares.std(axis=0) / (2.0 * mean * math.sqrt(len(errors)))
+
+
 @pytest.mark.parametrize("name", ["straight-tracks", "match", "tour-20"])
 def test_both_levels_give_a_system_the_same_error_statistics(name: str) -> None:
-    """Mean and root mean square of position and heading errors, of 87 images and 261 observations of each scenario."""
+    """Mean and root mean square of position and heading errors, of 87 images and 261 observations of each scenario.
+
+    They agree within 20 %, widened by the standard error that samples of this size have.
+    """
     rendered = tracking_errors(name, "images", seed=1)
     observed = np.concatenate([tracking_errors(name, "points", seed) for seed in (1, 2, 3)])
-    np.testing.assert_allclose(observed.mean(axis=0), rendered.mean(axis=0), rtol=0.2)
-    np.testing.assert_allclose(np.sqrt(np.mean(observed**2, axis=0)), np.sqrt(np.mean(rendered**2, axis=0)), rtol=0.2)
+    (seen, seen_error), (wanted, wanted_error) = root_mean_square(observed), root_mean_square(rendered)
+    assert np.all(np.abs(observed.mean(axis=0) / rendered.mean(axis=0) - 1.0) <= 0.2)
+    assert np.all(np.abs(seen / wanted - 1.0) <= 0.2 + np.hypot(seen_error, wanted_error))
