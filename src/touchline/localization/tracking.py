@@ -39,6 +39,8 @@ class FusionSettings(Settings):
         le=1,
         description="mean error of a match from which matching also starts with the compass heading; as accepted_error",
     )
+    shove_position_m: float = Field(0.3, gt=0, description="how far a shove moves the robot (m): 0.1 to 0.3 in matches")
+    shove_heading_rad: float = Field(0.2, gt=0, description="how far a shove turns the robot (rad): about ten degrees")
     shoved_rad: float = Field(
         0.05,
         gt=0,

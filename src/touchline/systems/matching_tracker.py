@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 
+import numpy as np
 from pydantic import Field
 
 from touchline.camera import OmniCamera
@@ -188,19 +189,39 @@ class MatchingTracker(ABC):
     def _fuse(self, points: LinePoints, weights: FloatArray, match: Match, compass_rad: float | None) -> None:
         """Section 4.2: Kalman fusion of prediction and match, and correction of the compass."""
         s = self.shared.fusion
-        covariance, trusted = match.covariance, True
-        if self.filter.distance2_to(match.pose, covariance) > s.gate:
+        if self.filter.distance2_to(match.pose, match.covariance) <= s.gate:
+            self.filter.update(match.pose, match.covariance)
+        elif not self._fuse_what_is_observed(points, weights, match):
             positions_m = self.tilt.corrected(points.positions_m)
-            predicted = self.filter.pose.as_array()
-            error = self.matcher.error(positions_m, weights, predicted)
-            trusted = error > max(s.better_factor * match.error, match.error + s.better_margin)
-            if not trusted:
-                # RPROP may slide along a lone line to where the same points look unambiguous: what counts is what
-                # they say at the prediction, which explains them as well
-                covariance = self.matcher.assess(positions_m, weights, predicted, error).covariance
-        self.filter.update(match.pose, covariance, trusted)
+            error = self.matcher.error(positions_m, weights, self.filter.pose.as_array())
+            self.filter.update(match.pose, match.covariance, trusted=error > self._enough(match))
         if compass_rad is not None:
             self.correction.update(match.mean_distance_m, match.pose.heading, compass_rad)
+
+    def _enough(self, match: Match) -> float:
+        """Mean error up to which another pose explains the points as well as a match."""
+        s = self.shared.fusion
+        return max(s.better_factor * match.error, match.error + s.better_margin)
+
+    def _fuse_what_is_observed(self, points: LinePoints, weights: FloatArray, match: Match) -> bool:
+        """Fuse a match far from the prediction by what the points observe at the prediction; whether that is enough.
+
+        RPROP may slide along a lone line to where the same points look unambiguous. First the prediction is taken at
+        its word, then as that of a robot that was shoved.
+        """
+        s = self.shared.fusion
+        positions_m = self.tilt.corrected(points.positions_m)
+        predicted = self.filter.pose.as_array()
+        there = self.matcher.assess(positions_m, weights, predicted, match.error).covariance
+        for shove in (0.0, 1.0):
+            grown = np.diag([s.shove_position_m, s.shove_position_m, s.shove_heading_rad]) ** 2 * shove
+            fused = PoseFilter(self.filter.pose, self.filter.covariance + grown, s)
+            if not fused.update(match.pose, there, trusted=False):
+                continue
+            if self.matcher.error(positions_m, weights, fused.pose.as_array()) <= self._enough(match):
+                self.filter = fused
+                return True
+        return False
 
     def _upright(self, points: LinePoints, weights: FloatArray, pose: FloatArray, error: float) -> Match:
         """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
