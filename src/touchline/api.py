@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from touchline.config import Settings, did_you_mean, load_settings
+from touchline.config import Settings, load_settings
 from touchline.errors import InputError
 from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
@@ -24,7 +24,7 @@ from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
 from touchline.sources import Recording, open_source
-from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo, open_system
+from touchline.systems import DEFAULT_SYSTEM, SystemInfo, open_system, system_info
 from touchline.types import Prior, System
 from touchline.view.overlay import overlay_image
 
@@ -139,13 +139,6 @@ def prepare(
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
     return PreparedRun(source, built, info, settings, prior, seed)
-
-
-def system_info(name: str) -> SystemInfo:
-    """The named system. Raises InputError with the nearest known name."""
-    if name not in SYSTEMS:
-        raise InputError(f"unknown system '{name}': {did_you_mean(name, list(SYSTEMS))}")
-    return SYSTEMS[name]
 
 
 def checked_prior(prior: Prior, field: FieldModel) -> Prior:

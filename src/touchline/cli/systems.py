@@ -25,9 +25,8 @@ def systems(
         return
     from rich.table import Table
 
-    from touchline.api import system_info
     from touchline.cli.console import output
-    from touchline.systems import DEFAULT_SYSTEM, SYSTEMS
+    from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
 
     table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
     if name is None:

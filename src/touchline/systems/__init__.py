@@ -47,6 +47,13 @@ SYSTEMS = {
 }
 
 
+def system_info(name: str) -> SystemInfo:
+    """The named system. Raises InputError with the nearest known name."""
+    if name not in SYSTEMS:
+        raise InputError(f"unknown system '{name}': {did_you_mean(name, list(SYSTEMS))}")
+    return SYSTEMS[name]
+
+
 def open_system(
     name: str,
     field: FieldModel,
@@ -59,13 +66,11 @@ def open_system(
     camera: None if the frames bring their line points. Raises InputError for an unknown name, and for settings of
     another system.
     """
-    if name not in SYSTEMS:
-        raise InputError(f"unknown system '{name}'; {did_you_mean(name, list(SYSTEMS))}")
-    info = SYSTEMS[name]
+    info = system_info(name)
     chosen = info.settings() if settings is None else settings
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
     return info.factory(field, camera, chosen, np.random.default_rng(0) if rng is None else rng)
 
 
-__all__ = ["DEFAULT_SYSTEM", "SYSTEMS", "SystemInfo", "open_system"]
+__all__ = ["DEFAULT_SYSTEM", "SYSTEMS", "SystemInfo", "open_system", "system_info"]
