@@ -10,7 +10,7 @@ import pytest
 from fakes import CAMERA_YAML, two_points
 
 from touchline.camera import OmniCamera, open_camera
-from touchline.errors import TouchlineError
+from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.view.birds_eye import birds_eye_image
@@ -21,7 +21,8 @@ from touchline.view.overlay import (
     overlay_image,
     projected_lines,
 )
-from touchline.view.stages import contact_sheet, save_picture, save_pictures
+from touchline.view.picture_files import save_picture
+from touchline.view.stages import contact_sheet, save_pictures
 
 GREEN = (40, 140, 40)
 
@@ -133,5 +134,5 @@ def test_the_sheet_has_a_tile_for_every_picture() -> None:
 
 
 def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    with pytest.raises(TouchlineError, match="cannot be written"):
+    with pytest.raises(InputError, match="cannot be written"):
         save_picture(tmp_path / "no" / "such" / "folder.png", carpet())

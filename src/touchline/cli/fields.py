@@ -222,16 +222,8 @@ def _table(*titles: str, numbers_from: int | None = None) -> Table:
 
 
 def _draw(field: FieldModel, path: Path, pixels_per_metre: float) -> None:
-    import cv2
-
     from touchline.field.drawing import draw_field
+    from touchline.view.picture_files import check_new_picture, save_picture
 
-    if path.suffix.lower() not in (".png", ".jpg", ".jpeg"):
-        raise InputError(f"{path}: pictures are written as .png or .jpg")
-    if path.exists():
-        raise InputError(f"{path}: exists already and is not overwritten; choose another name")
-    encoded = cv2.imencode(path.suffix.lower(), draw_field(field, pixels_per_metre))[1]
-    try:
-        path.write_bytes(encoded.tobytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    check_new_picture(path)
+    save_picture(path, draw_field(field, pixels_per_metre))

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from touchline.types import ImageArray, LinePoints
 
 _ASSUMED_FIELD = "msl-18x12"
-_PICTURES = (".png", ".jpg", ".jpeg")
 
 
 def locate(
@@ -61,10 +60,12 @@ def locate(
         raise InputError(
             f"{source}: is a folder; expected one CSV file of line points or one image (touchline run takes recordings)"
         )
-    if camera is None and source.suffix.lower() in _PICTURES:
+    from touchline.view.picture_files import PICTURE_ENDINGS, check_new_picture
+
+    if camera is None and source.suffix.lower() in PICTURE_ENDINGS:
         raise InputError(f"{source}: an image needs its camera model; give it with --camera FILE")
     if output is not None:
-        _check_picture(output)
+        check_new_picture(output)
     from touchline.field import open_field
 
     model = open_field(field if field is not None else _ASSUMED_FIELD)
@@ -102,6 +103,7 @@ def _from_points(
     """The location of the points in a file, or why there is none, and the picture that was drawn."""
     from touchline.localization import locate_points
     from touchline.localization.points_file import read_points
+    from touchline.view.picture_files import save_picture
 
     points, weights = read_points(source)
     try:
@@ -109,7 +111,7 @@ def _from_points(
     except NoFitError as error:
         return error, None
     if output is not None:
-        _save(_field_picture(field, location.pose, points), output)
+        save_picture(output, _field_picture(field, location.pose, points))
     return location, output
 
 
@@ -123,6 +125,7 @@ def _from_image(
     from touchline.perception import LinePointDetector
     from touchline.view.look import read_image
     from touchline.view.overlay import overlay_image
+    from touchline.view.picture_files import save_picture
 
     assert camera is not None, "the caller chose this function because there is one"
     model = open_camera(camera)
@@ -135,7 +138,7 @@ def _from_image(
         found = error
     pose = None if isinstance(found, NoFitError) else found.pose
     path = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
-    _save(overlay_image(image, model, field, pose, points), path)
+    save_picture(path, overlay_image(image, model, field, pose, points))
     return found, path
 
 
@@ -249,23 +252,6 @@ def _field_picture(field: FieldModel, pose: Pose, points: FloatArray) -> ImageAr
     cv2.circle(canvas, robot, 12, (0, 0, 220), 3, cv2.LINE_AA)
     cv2.arrowedLine(canvas, robot, ahead, (0, 0, 220), 3, cv2.LINE_AA)
     return canvas
-
-
-def _check_picture(path: Path) -> None:
-    if path.suffix.lower() not in _PICTURES:
-        raise InputError(f"{path}: pictures are written as .png or .jpg")
-    if path.exists():
-        raise InputError(f"{path}: exists already and is not overwritten; choose another name")
-
-
-def _save(picture: ImageArray, path: Path) -> None:
-    import cv2
-
-    encoded = cv2.imencode(path.suffix.lower(), picture)[1]
-    try:
-        path.write_bytes(encoded.tobytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def _console() -> Any:

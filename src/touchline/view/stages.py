@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 
 from touchline.camera import OmniCamera
-from touchline.errors import TouchlineError
 from touchline.field import FieldModel
 from touchline.geometry import Pose
 from touchline.perception import LinePointDetector
 from touchline.types import ImageArray, LinePoints
 from touchline.view.birds_eye import birds_eye_image
 from touchline.view.overlay import overlay_image
+from touchline.view.picture_files import save_picture
 
 _TILE_PX = 640
 _TITLE_PX = 40
@@ -66,19 +66,6 @@ def save_pictures(pictures: Mapping[str, ImageArray], folder: Path) -> list[Path
         paths.append(folder / "stages.png")
         save_picture(paths[-1], contact_sheet(pictures))
     return paths
-
-
-def save_picture(path: Path, picture: ImageArray) -> None:
-    """Write a PNG file. Raises TouchlineError if that cannot be done."""
-    done, code = cv2.imencode(".png", picture)
-    try:
-        if done:
-            path.write_bytes(code.tobytes())
-            return
-        reason = "the picture cannot be encoded"
-    except OSError as error:
-        reason = str(error.strerror)
-    raise TouchlineError(f"{path}: cannot be written ({reason})")
 
 
 def _tile(title: str, picture: ImageArray) -> ImageArray:
