@@ -106,6 +106,8 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     for problem in prepared.source.problems:
         if problem.kind is ProblemKind.SENSOR_FILE:
             errors_console().print(f"warning: {problem}", style="yellow", markup=False)
+    for notice in prepared.notices:
+        errors_console().print(f"warning: {notice}", style="yellow", markup=False)
     folder = new_folder(output, name or prepared.source.name)
     columns = (
         TextColumn("{task.description}"),

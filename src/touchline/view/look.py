@@ -68,7 +68,9 @@ def look_at_recording(path: Path, index: int) -> Look:
     image = source.image(index)
     if image is None:
         raise InputError(f"{path}: image {index} cannot be read; touchline check tells why")
-    system = open_system(DEFAULT_SYSTEM, source.field, source.camera, rng=np.random.default_rng(0))
+    system = open_system(
+        DEFAULT_SYSTEM, source.field, source.camera, None, np.random.default_rng(0), source.wheel_directions_rad
+    )
     system.reset()
     for frame in islice(source, index + 1):
         estimate = system.step(frame)
