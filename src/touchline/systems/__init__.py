@@ -11,6 +11,7 @@ from touchline.camera import OmniCamera
 from touchline.config import Settings, did_you_mean
 from touchline.errors import InputError
 from touchline.field import FieldModel
+from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.types import System
@@ -45,6 +46,13 @@ SYSTEMS = {
             "600 particles find the robot; RPROP matching, Kalman fusion with odometry follow it (Lu et al. 2013)",
             NubotMclSettings,
             NubotMcl,
+        ),
+        SystemInfo(
+            "iris-fusion",
+            "measuring wheels and gyro, 600 particles on an error map, fused in three modes (Ismail et al. 2021)",
+            IrisFusionSettings,
+            IrisFusion,
+            measuring_wheels=True,
         ),
     )
 }
