@@ -28,7 +28,7 @@ from touchline.perception.colour import (
 )
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
 from touchline.perception.profiles import COLUMNS, find_line_profiles, sample_paths
-from touchline.perception.scan_lines import ScanLines, build_scan_lines
+from touchline.perception.scan_lines import ScanLines, build_scan_lines, usable_radius
 from touchline.perception.stages import draw_stages
 from touchline.types import ImageArray, LinePoints
 
@@ -114,7 +114,7 @@ class LinePointDetector:
         self.settings = settings or LinePointSettings()
         s = self.settings
         self.line_width_m = s.line_width_m or line_width_m
-        self.outer_px = _usable_radius(camera, s.coarsest_px_m)
+        self.outer_px = usable_radius(camera, s.coarsest_px_m)
         self.scan_lines: ScanLines = build_scan_lines(
             camera, s.radial_scan_lines, s.circles, camera.inner_radius_px, self.outer_px
         )
@@ -173,7 +173,7 @@ class LinePointDetector:
         """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""
         self._check_size(image)
         found = self._crossings(_smoothed(image, self._smoothing_px))
-        covariances = self._covariances(found[:, 2:4])
+        covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, self.settings.noise_m)
         confidences = np.clip(found[:, 4], 0.0, 1.0)
         return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
 
@@ -225,12 +225,6 @@ class LinePointDetector:
         kept: FloatArray = found[inside_green(found, *camera.center, self.green_ends_px, 2.0)]
         return kept
 
-    def _covariances(self, pixels: FloatArray) -> FloatArray:
-        """(N, 2, 2): the pixel's noise through the mirror, and the ground's own."""
-        jacobians = self.camera.ground_jacobian(pixels)
-        covariances: FloatArray = self.settings.noise_px**2 * jacobians @ jacobians.transpose(0, 2, 1)
-        return covariances + np.eye(2) * self.settings.noise_m**2
-
     def _see_body(self, body: npt.NDArray[np.bool_]) -> None:
         self.body, self._masked = body, self.scan_lines.at_samples(body)
 
@@ -281,13 +275,6 @@ class LinePointDetector:
             raise InputError(
                 f"the image is {image.shape} of {image.dtype}; the camera file says {wanted} (height, width, 3), uint8"
             )
-
-
-def _usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
-    steps = np.diff(camera.range_m, axis=1).max(axis=0) / np.diff(camera.radius_px)
-    too_coarse = np.nonzero(steps > coarsest_px_m)[0]
-    limit = camera.radius_px[too_coarse[0]] if len(too_coarse) else camera.radius_px[-1]
-    return float(min(limit, camera.outer_radius_px))
 
 
 def _smoothed(image: ImageArray, sigma_px: float) -> ImageArray:
