@@ -30,9 +30,9 @@ class ErrorMap:
 
     def look_up(self, points: npt.ArrayLike) -> ImageArray:
         """Errors (N,) of the samples nearest to points (N, 2) in m, field frame: d(o) of equation (8)."""
-        nearest = np.floor((np.asarray(points, dtype=np.float64) - self.origin_m) / self.resolution_m + 0.5)
-        last = np.array(self.values.shape[::-1]) - 1
-        ix, iy = np.clip(nearest, 0, last).astype(np.int64).T
+        samples = (np.asarray(points, dtype=np.float64) - self.origin_m) / self.resolution_m + 0.5
+        last = np.array(self.values.shape[::-1], dtype=np.float64) - 1.0
+        ix, iy = np.minimum(np.maximum(samples, 0.0), last).astype(np.int64).T
         errors: ImageArray = self.values[iy, ix]
         return errors
 

@@ -1,9 +1,9 @@
 """The particle filter on the error map (Ismail et al. 2021, section II.C, figure 8).
 
-    particles ─▶ motion from odometry ─▶ points to the field (7) ─▶ error map (8) ─▶ product (9) ─▶ normalised
-        ▲                                                                                              │
-        └──────── low-variance resampling (10) ◀───────────────────────────────────────────────────────┘
-                        └─▶ means (11) to (14)
+particles ─▶ motion from odometry ─▶ points to the field (7) ─▶ error map (8) ─▶ product (9) ─▶ normalised
+    ▲                                                                                              │
+    └──────── low-variance resampling (10) ◀───────────────────────────────────────────────────────┘
+                    └─▶ means (11) to (14)
 """
 
 from __future__ import annotations
@@ -59,12 +59,25 @@ class ParticleFilterSettings(Settings):
     farthest_m: float = Field(
         1.0, gt=0, description="distance from a line at which the map's error is 255 (m): half way between most lines"
     )
-    map_m: float = Field(0.025, gt=0, description="distance of the error map's samples (m): half a thin line's width")
+    map_m: float = Field(0.05, gt=0, description="distance of the error map's samples (m): a thin line's width")
     sigma_units: float = Field(
         64.0,
         gt=0,
         description="σ of equation (8) in units of the map: 64 of 255 are 0.25 m with farthest_m 1; with some hundred "
         "points the product (9) is then 3 cm wide, as wide as particles lie apart",
+    )
+    worst_units: float = Field(
+        102.0,
+        gt=0,
+        le=FARTHEST,
+        description="error (units of the map) from which a point counts no worse, once the particles have gathered: "
+        "points on goals, robots and beyond the field lie on no line, many of them on one side; 255 is the paper's form",
+    )
+    gathered_m: float = Field(
+        0.3,
+        ge=0,
+        description="standard deviation of the position (m) below which they have gathered; before, far points, too, "
+        "tell near places from far ones",
     )
     least_effective: float = Field(
         0.1,
@@ -95,8 +108,8 @@ class ParticleFilterSettings(Settings):
 class ParticleFilter:
     """Particles on one field. `particles` (N, 3): x, y (m), heading (rad), field frame.
 
-    `pose` and `covariance` (3, 3): equations (11) to (14) and the spread of the particles drawn last. `exponent`: of
-    the last tempering, 1 if there was none.
+    `pose` and `covariance` (3, 3): equations (11) to (14) and the spread of the particles drawn last, the pose moved
+    on by the odometry since. `exponent`: of the last tempering, 1 if there was none.
     """
 
     def __init__(
@@ -104,10 +117,12 @@ class ParticleFilter:
     ) -> None:
         self.settings = s = settings or ParticleFilterSettings()
         self.rng = rng
+        self.pose = Pose(0.0, 0.0, 0.0)
         self.symmetric = field.is_symmetric
         self._reach_m = 0.5 * np.array([field.length, field.width]) + s.beyond_m
         self.map = error_map(field, s.map_m, s.farthest_m)
         self._squares = self.map.values.astype(np.float32) ** 2
+        self._capped_squares = np.minimum(self._squares, np.float32(s.worst_units**2))
         self.restart(None)
 
     def restart(self, compass_rad: float | None, region: Region | None = None, widening: float = 1.0) -> None:
@@ -119,9 +134,7 @@ class ParticleFilter:
         s = self.settings
         count = s.particles if compass_rad is not None else s.particles_all_headings
         heading = None if compass_rad is None else (compass_rad, min(s.compass_rad * widening, math.pi))
-        self.particles = spread_particles(
-            self.rng, count, self._reach_m, region or Region(), heading, self.symmetric
-        )
+        self.particles = spread_particles(self.rng, count, self._reach_m, region or Region(), heading, self.symmetric)
         self._roughness = np.zeros(3)
         self.exponent = 1.0
         self._estimate()
@@ -138,7 +151,7 @@ class ParticleFilter:
         deviations = np.hypot(motion_deviations(motion, self.settings.motion), self._roughness)
         self._roughness = np.zeros(3)
         move(self.particles, motion.pose.as_array(), deviations, self.rng.standard_normal(self.particles.shape))
-        self._estimate()
+        self.pose = self.pose.compose(motion.pose)
 
     def put_nearby(self, pose: Pose) -> None:
         """Move the share of particles that stays about a pose there."""
@@ -151,7 +164,7 @@ class ParticleFilter:
 
     def cycle(self, points: FloatArray) -> Pose:
         """Equations (7) to (14) for line points (M, 2) in the robot frame (m), M > 0; returns the mean."""
-        log_weights = self.log_likelihoods(points, self.particles)
+        log_weights = self.log_likelihoods(points, self.particles, self.spread_m < self.settings.gathered_m)
         least = self.settings.least_effective * self.settings.particles
         self.exponent = float(tempering(log_weights, least)) if least > 1.0 else 1.0
         weights = np.empty(len(self.particles))
@@ -163,15 +176,17 @@ class ParticleFilter:
         self._roughen()
         return self.pose
 
-    def log_likelihoods(self, points: FloatArray, poses: FloatArray) -> FloatArray:
-        """Logarithm of equation (9) (K,) for poses (K, 3); points (M, 2) in the robot frame, m."""
+    def log_likelihoods(self, points: FloatArray, poses: FloatArray, capped: bool = False) -> FloatArray:
+        """Logarithm of equation (9) (K,) for poses (K, 3); points (M, 2) in the robot frame, m.
+
+        capped: errors beyond worst_units count as that.
+        """
+        squares = self._capped_squares if capped else self._squares
         found = np.zeros(len(poses))
         alike = np.ones(len(points))
         factor = 0.5 / self.settings.sigma_units**2
         origin_x, origin_y = self.map.origin_m
-        add_log_likelihoods(
-            poses, points, alike, self._squares, origin_x, origin_y, self.map.resolution_m, factor, found
-        )
+        add_log_likelihoods(poses, points, alike, squares, origin_x, origin_y, self.map.resolution_m, factor, found)
         return found
 
     def errors_m(self, points: FloatArray, pose: Pose) -> FloatArray:

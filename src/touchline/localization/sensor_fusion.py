@@ -25,11 +25,26 @@ class SensorFusionSettings(Settings):
     """
 
     beta: float = Field(
-        0.6,
+        0.5,
         ge=0,
         le=1,
         description="β of equations (15) to (19), the odometry's share: averages the particles' noise over some "
-        "frames, and lets them correct 1 % of travel and half a degree per second within a centimetre",
+        "images, yet lets them correct what measuring wheels err by in them",
+    )
+    beta_period_s: float | None = Field(
+        0.1,
+        gt=0,
+        description="time between images (s) that β is meant for: after a longer one the odometry's share is β to the "
+        "power of their ratio, since its errors have grown; none is the paper's constant",
+    )
+    bias_gain_per_s: float = Field(
+        0.2,
+        ge=0,
+        description="how much of the difference of both headings corrects the gyro's bias (rad/s per rad), at which "
+        "the odometry's heading runs away: settles within some seconds; 0 is the paper's form",
+    )
+    most_bias_rad_s: float = Field(
+        0.05, ge=0, description="largest bias that is learned (rad/s): 3 degrees per second, several times the usual"
     )
     enough_points: int = Field(15, ge=1, description="line points from which an image is used again")
     least_points: int = Field(10, ge=1, description="line points below which it no longer is: fewer fit anywhere")
@@ -43,9 +58,11 @@ class SensorFusionSettings(Settings):
     )
     least_share: float = Field(0.65, ge=0, le=1, description="share of points on lines below which it no longer is")
     narrow_m: float = Field(
-        0.1, gt=0, description="standard deviation of the particles (m) below which an image is used again: 3 times usual"
+        0.15,
+        gt=0,
+        description="standard deviation of the particles (m) below which an image is used again: 5 times usual",
     )
-    widest_m: float = Field(0.15, gt=0, description="the same above which it no longer is: a lone line, two places")
+    widest_m: float = Field(0.25, gt=0, description="the same above which it no longer is: a lone line, two places")
     narrow_rad: float = Field(0.05, gt=0, description="as narrow_m, of the headings (rad)")
     widest_rad: float = Field(0.08, gt=0, description="as widest_m, of the headings (rad)")
     agreement_m: float = Field(
@@ -62,7 +79,9 @@ class SensorFusionSettings(Settings):
         "are believed alone, and that must agree until the odometry is believed again: 0.3 s after a slip",
     )
     lost_m: float = Field(
-        0.6, gt=0, description="standard deviation of the position (m) above which odometry alone is lost: a shove, twice"
+        0.6,
+        gt=0,
+        description="standard deviation of the position (m) above which odometry alone is lost: a shove, twice",
     )
 
 
@@ -79,6 +98,8 @@ class Vision:
 class SensorFusion:
     """`pose` [x_R y_R θ_R] and its `covariance` (3, 3) in (m, m, rad), field frame; `mode`.
 
+    `bias_rad_s`: how fast the odometry's heading was seen to run away from the particles'.
+
     The covariance is a bound that holds however the errors depend on each other: those of odometry do, from step to
     step, and the particles are moved by it.
     """
@@ -93,6 +114,7 @@ class SensorFusion:
         self.covariance: FloatArray = np.eye(3) * 100.0
         self.mode = Mode.ODOMETRY
         self.placed = False
+        self.bias_rad_s = 0.0
         self.interrupt()
 
     def place(self, pose: Pose, covariance: FloatArray) -> None:
@@ -105,8 +127,8 @@ class SensorFusion:
         self.contradicting = 0
         self._seen: Pose | None = None
 
-    def update(self, odometry: Pose, motion: Motion, vision: Vision | None) -> Mode:
-        """Fuse one frame. odometry: [x_o y_o θ_o], corrected after the last frame; motion: since then.
+    def update(self, odometry: Pose, motion: Motion, vision: Vision | None, duration_s: float) -> Mode:
+        """Fuse one frame. odometry: [x_o y_o θ_o], corrected after the last frame; motion: since then, in duration_s.
 
         vision: None without usable points.
         """
@@ -118,7 +140,7 @@ class SensorFusion:
             return self.mode
         self._compare(odometry, motion, vision)
         self.mode = self._next_mode(trusted=motion.missing_s == 0.0)
-        self._take(odometry, vision)
+        self._take(odometry, vision, duration_s)
         return self.mode
 
     @property
@@ -159,15 +181,26 @@ class SensorFusion:
             return Mode.OMNIVISION
         return Mode.BOTH
 
-    def _take(self, odometry: Pose, vision: Vision) -> None:
+    def _take(self, odometry: Pose, vision: Vision, duration_s: float) -> None:
         """Equations (15) to (19), or one of the two alone."""
         if self.mode is Mode.ODOMETRY:
             self.pose = odometry
             return
         self.placed = True
-        beta = self.settings.beta if self.mode is Mode.BOTH else 0.0
+        s = self.settings
+        if self.mode is Mode.BOTH:
+            self._learn_bias(odometry, vision.pose, duration_s)
+        beta = s.beta if self.mode is Mode.BOTH else 0.0
+        if s.beta_period_s is not None:
+            beta **= max(duration_s / s.beta_period_s, 1.0)
         self.pose = blended(odometry, vision.pose, beta)
         self.covariance = beta * self.covariance + (1.0 - beta) * vision.covariance
+
+    def _learn_bias(self, odometry: Pose, particles: Pose, duration_s: float) -> None:
+        s = self.settings
+        gain = min(s.bias_gain_per_s, 0.5 / max(duration_s, 1e-3))
+        learned = self.bias_rad_s - gain * wrap_angle(particles.heading - odometry.heading)
+        self.bias_rad_s = min(max(learned, -s.most_bias_rad_s), s.most_bias_rad_s)
 
     def _spread_by(self, motion: Motion) -> None:
         """The odometry's errors add up: the covariance of a sum is at most (1 + a) P + (1 + 1/a) Q, for any a > 0."""
@@ -182,6 +215,13 @@ class SensorFusion:
             self.covariance = (1.0 + a) * p + (1.0 + 1.0 / a) * q
         else:
             self.covariance = p + q
+
+
+def without_bias(motion: Motion, bias_rad_s: float, duration_s: float) -> Motion:
+    """A motion over some time without the turn that a gyro's bias added to it, and half of that in its direction."""
+    turn_rad = bias_rad_s * duration_s
+    moved = Pose(0.0, 0.0, -0.5 * turn_rad).compose(motion.pose)
+    return motion._replace(pose=moved._replace(heading=wrap_angle(motion.pose.heading - turn_rad)))
 
 
 def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:
