@@ -21,7 +21,7 @@ from touchline.camera import OmniCamera, open_camera
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.perception.colour import NoCarpetError
+from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
 from touchline.perception.covered import LEAST_CONTRAST, visible_image
 from touchline.perception.hsv_thresholds import (
     AutomaticThresholds,
@@ -36,6 +36,7 @@ from touchline.perception.scan_lines import usable_radius
 from touchline.types import Frame, ImageArray, LinePoints, empty_points
 
 _MOST_RUNS = 2048
+_ROWS = 8  # every eighth row tells the noise
 _THIN = 4  # every fourth pixel both ways is plenty for a histogram
 
 
@@ -59,7 +60,7 @@ class HsvLineSettings(Settings):
     )
     opening_px: int = Field(5, ge=1, description="specks of green up to this wide are left out (px): posters, robots")
     smoothing_px: float = Field(
-        0.8, ge=0, description="blur before the thresholds (standard deviation, px) against noise; 0 for none"
+        0.8, ge=0, description="least blur before the thresholds (standard deviation, px); a noisy image gets more"
     )
     gap_px: int = Field(1, ge=0, description="gap within a run of white that is bridged (px): noise")
     flank_px: int = Field(4, ge=1, description="how far beyond a run its edge and the green are looked for (px)")
@@ -107,7 +108,8 @@ class HsvLineDetector:
         radius = np.hypot(u - camera.center[0], v - camera.center[1])
         self._seen = np.where(radius <= camera.outer_radius_px, 255, 0).astype(np.uint8)
         self._body = radius <= camera.inner_radius_px
-        ring = (radius > camera.inner_radius_px) & (radius < 0.8 * self.outer_px)
+        ring: npt.NDArray[np.bool_] = (radius > camera.inner_radius_px) & (radius < 0.8 * self.outer_px)
+        self._noise_rows = np.ascontiguousarray(ring[::_ROWS])
         self._ring = np.flatnonzero(ring[::_THIN, ::_THIN])
         self._closing = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (s.closing_px, s.closing_px))
         self._opening = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (s.opening_px, s.opening_px))
@@ -143,7 +145,8 @@ class HsvLineDetector:
         """Figure 6: lightness, green, field and lines (H, W) of an image; the last three are 255 or 0."""
         self._check_size(image)
         s = self.settings
-        smooth = cv2.GaussianBlur(image, (0, 0), s.smoothing_px) if s.smoothing_px else image
+        noise = pixel_noise([image[::_ROWS]], self._noise_rows)
+        smooth = smoothed(image, max(s.smoothing_px, smoothing_for(noise)))
         hsv = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2HSV), dtype=np.uint8)
         hls = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2HLS), dtype=np.uint8)
         lightness = np.ascontiguousarray(hls[..., 1])
