@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -30,11 +31,11 @@ class ErrorMap:
 
     def look_up(self, points: npt.ArrayLike) -> ImageArray:
         """Errors (N,) of the samples nearest to points (N, 2) in m, field frame: d(o) of equation (8)."""
-        samples = (np.asarray(points, dtype=np.float64) - self.origin_m) / self.resolution_m + 0.5
-        last = np.array(self.values.shape[::-1], dtype=np.float64) - 1.0
-        ix, iy = np.minimum(np.maximum(samples, 0.0), last).astype(np.int64).T
-        errors: ImageArray = self.values[iy, ix]
-        return errors
+        table = np.ascontiguousarray(points, dtype=np.float64)
+        if table.ndim != 2 or table.shape[1] != 2:
+            raise ValueError(f"points need the shape (N, 2), got {table.shape}")
+        found: ImageArray = _look_up_all(self.values, self.origin_m[0], self.origin_m[1], self.resolution_m, table)
+        return found
 
     def picture(self) -> ImageArray:
         """Figure 9 (b), uint8 (H, W): x upwards, y to the left, one pixel per sample, lines black."""
@@ -52,3 +53,17 @@ def error_map(field: FieldModel, resolution_m: float = 0.05, farthest_m: float =
     distances = field.distance_map(resolution_m, farthest_m)
     values = np.rint(FARTHEST * np.minimum(distances.values[:, :, 0] / farthest_m, 1.0)).astype(np.uint8)
     return ErrorMap(values, distances.origin_m, distances.resolution_m, farthest_m)
+
+
+@numba.njit(cache=True)
+def _look_up_all(values, origin_x, origin_y, resolution_m, points):  # type: ignore[no-untyped-def]
+    """Values (N,) of the samples (ny, nx) nearest to points (N, 2) in m; at the edge for points beyond it, or NaN."""
+    found = np.empty(points.shape[0], dtype=np.uint8)
+    last_x, last_y = float(values.shape[1] - 1), float(values.shape[0] - 1)
+    for i in range(points.shape[0]):
+        fx = (points[i, 0] - origin_x) / resolution_m + 0.5
+        fy = (points[i, 1] - origin_y) / resolution_m + 0.5
+        fx = min(fx, last_x) if fx > 0.0 else 0.0  # written so that NaN never becomes an index
+        fy = min(fy, last_y) if fy > 0.0 else 0.0
+        found[i] = values[int(fy), int(fx)]
+    return found

@@ -71,7 +71,7 @@ class ParticleFilterSettings(Settings):
         gt=0,
         le=FARTHEST,
         description="error (units of the map) from which a point counts no worse, once the particles have gathered: "
-        "points on goals, robots and beyond the field lie on no line, many of them on one side; 255 is the paper's form",
+        "points on goals, robots and beyond the field lie on no line, many of them on one side; 255 is the paper's",
     )
     gathered_m: float = Field(
         0.3,

@@ -65,7 +65,12 @@ class RestartRule:
         self.contradicted = self.contradicted + 1 if on_lines < s.least_share else 0
         strays = s.heading_rad is not None and heading_error_rad is not None and abs(heading_error_rad) > s.heading_rad
         self.turned = self.turned + 1 if strays else 0
-        return self.contradicted >= enough or self.turned >= s.heading_frames
+        return self.contradicted >= enough or self.at_wrong_end
+
+    @property
+    def at_wrong_end(self) -> bool:
+        """Whether the compass says so."""
+        return self.turned >= self.settings.heading_frames
 
     def start_is_due(self) -> bool:
         """Whether a search has not begun yet, or has gone on for too long. To be asked before every cycle of it."""

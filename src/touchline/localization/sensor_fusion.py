@@ -34,8 +34,8 @@ class SensorFusionSettings(Settings):
     beta_period_s: float | None = Field(
         0.1,
         gt=0,
-        description="time between images (s) that β is meant for: after a longer one the odometry's share is β to the "
-        "power of their ratio, since its errors have grown; none is the paper's constant",
+        description="time between corrections of the odometry (s) that β is meant for: after a longer one its share is "
+        "β to the power of their ratio, since its errors have grown; none is the paper's constant",
     )
     bias_gain_per_s: float = Field(
         0.2,
@@ -115,6 +115,7 @@ class SensorFusion:
         self.mode = Mode.ODOMETRY
         self.placed = False
         self.bias_rad_s = 0.0
+        self._uncorrected_s = 0.0
         self.interrupt()
 
     def place(self, pose: Pose, covariance: FloatArray) -> None:
@@ -133,6 +134,7 @@ class SensorFusion:
         vision: None without usable points.
         """
         self._spread_by(motion)
+        self._uncorrected_s += duration_s
         good = vision is not None and self._is_good(vision)
         if vision is None or not good:
             self.interrupt()
@@ -140,7 +142,7 @@ class SensorFusion:
             return self.mode
         self._compare(odometry, motion, vision)
         self.mode = self._next_mode(trusted=motion.missing_s == 0.0)
-        self._take(odometry, vision, duration_s)
+        self._take(odometry, vision)
         return self.mode
 
     @property
@@ -181,7 +183,7 @@ class SensorFusion:
             return Mode.OMNIVISION
         return Mode.BOTH
 
-    def _take(self, odometry: Pose, vision: Vision, duration_s: float) -> None:
+    def _take(self, odometry: Pose, vision: Vision) -> None:
         """Equations (15) to (19), or one of the two alone."""
         if self.mode is Mode.ODOMETRY:
             self.pose = odometry
@@ -189,16 +191,17 @@ class SensorFusion:
         self.placed = True
         s = self.settings
         if self.mode is Mode.BOTH:
-            self._learn_bias(odometry, vision.pose, duration_s)
+            self._learn_bias(odometry, vision.pose)
         beta = s.beta if self.mode is Mode.BOTH else 0.0
         if s.beta_period_s is not None:
-            beta **= max(duration_s / s.beta_period_s, 1.0)
+            beta **= max(self._uncorrected_s / s.beta_period_s, 1.0)
         self.pose = blended(odometry, vision.pose, beta)
         self.covariance = beta * self.covariance + (1.0 - beta) * vision.covariance
+        self._uncorrected_s = 0.0
 
-    def _learn_bias(self, odometry: Pose, particles: Pose, duration_s: float) -> None:
+    def _learn_bias(self, odometry: Pose, particles: Pose) -> None:
         s = self.settings
-        gain = min(s.bias_gain_per_s, 0.5 / max(duration_s, 1e-3))
+        gain = min(s.bias_gain_per_s, 0.5 / max(self._uncorrected_s, 1e-3))
         learned = self.bias_rad_s - gain * wrap_angle(particles.heading - odometry.heading)
         self.bias_rad_s = min(max(learned, -s.most_bias_rad_s), s.most_bias_rad_s)
 

@@ -27,7 +27,7 @@ from touchline.localization.restart import RestartRule, RestartSettings
 from touchline.localization.sensor_fusion import SensorFusion, SensorFusionSettings, Vision, without_bias
 from touchline.motion import CompassTrack, CompassTrackSettings, Motion, WheelOdometry, WheelOdometrySettings
 from touchline.motion.history import NANOSECONDS
-from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector
+from touchline.perception.hsv_lines import HsvLineDetector, HsvLineSettings
 from touchline.types import (
     Estimate,
     Frame,
@@ -44,8 +44,7 @@ from touchline.types import (
 class IrisFusionSettings(Settings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
-    line_points: LinePointSettings = LinePointSettings()
-    learning: LearningSettings = LearningSettings()
+    lines: HsvLineSettings = HsvLineSettings()
     most_points: int = Field(
         120,
         ge=1,
@@ -80,11 +79,7 @@ class IrisFusion:
         """
         self.settings = settings
         self.field = field
-        self.detector = (
-            None
-            if camera is None
-            else SelfLearningDetector(camera, settings.line_points, settings.learning, field.line_width)
-        )
+        self.detector = None if camera is None else HsvLineDetector(camera, settings.lines, field.line_width)
         self.odometry = WheelOdometry(settings.wheels, *(wheel_directions_rad or (None, None)))
         self.particles = ParticleFilter(field, rng, settings.particles)
         self.fusion = SensorFusion(settings.fusion)
@@ -108,8 +103,6 @@ class IrisFusion:
             self.fusion.place(prior.pose, np.diag(deviations**2))
             self.particles.start_at(prior.pose, np.diag(deviations**2))
             self.status = Status.TRACKING
-        if self.detector is not None:
-            self.detector.reset()
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
@@ -143,7 +136,7 @@ class IrisFusion:
     def _line_points(self, frame: Frame) -> LinePoints:
         """Figures 6 and 7: line points of the image."""
         if self.detector is not None:
-            return self.detector.detect(frame).finite()
+            return self.detector.detect_frame(frame).finite()
         return empty_points() if frame.points is None else frame.points.finite()
 
     def _odometry(self, frame: Frame) -> tuple[Motion, float]:
@@ -170,6 +163,7 @@ class IrisFusion:
         vision, residual_m = self._cycle(points)
         if not self.searching and self.restart.is_refuted(vision.on_lines, self._strays(compass_rad)):
             self.searching, self.status = True, Status.LOST
+            self.fusion.placed = not self.restart.at_wrong_end  # there the lines fit as well: nothing may stay about it
             self._start(compass_rad)
             vision, residual_m = self._cycle(points)
         return vision, residual_m
