@@ -134,10 +134,17 @@ def test_white_outside_of_the_green_is_left_out_by_the_hull() -> None:
     points = detected(image, least_green=0)
     assert np.max(points.positions_m[:, 1]) < 2.6
     detector = HsvLineDetector(CAMERA)
-    lightness, green, field, lines = detector.masks(image)
-    assert lightness.shape == green.shape == field.shape == lines.shape == image.shape[:2]
-    assert np.all(field[green > 0].mean() > 250)
-    assert not np.any(lines[field == 0])
+    masks = detector.masks(image)
+    assert masks.white[at_left(3.2)] > 0
+    assert masks.field[at_left(3.2)] == masks.lines[at_left(3.2)] == 0
+    assert np.mean(masks.field[masks.green > 0]) > 250
+    assert not np.any(masks.lines[masks.field == 0])
+
+
+def at_left(left_m: float) -> tuple[int, int]:
+    """Row and column of the ground at that distance to the robot's left."""
+    u, v = np.rint(CAMERA.image_from_ground([[0.0, left_m]])[0]).astype(int)
+    return int(v), int(u)
 
 
 def test_green_posters_beyond_the_floor_do_not_widen_the_hull() -> None:
@@ -224,7 +231,8 @@ def test_frames_without_something_to_see_say_why(cross_image: ImageArray) -> Non
 def test_runs_are_those_of_the_plain_twin(cross_image: ImageArray) -> None:
     """The compiled loop against straightforward NumPy, ray by ray."""
     detector = HsvLineDetector(CAMERA)
-    lightness, green, _, lines = detector.masks(cross_image)
+    masks = detector.masks(cross_image)
+    lightness, green, lines = masks.lightness, masks.green, masks.lines
     rays = detector.rays[::2]
     out = np.empty((200, RUN_COLUMNS))
     lookup = CAMERA.lookup_constants, CAMERA.bearings_rad, CAMERA.lookup_table
@@ -273,6 +281,16 @@ def plain_runs(
         if np.hypot(*(ground[1] - ground[0])) <= 0.75:
             rows.append(np.concatenate((ground.mean(axis=0), ends.mean(axis=0))))
     return rows
+
+
+def test_stages_are_pictures_of_figures_6_and_7(cross_image: ImageArray) -> None:
+    pictures = HsvLineDetector(CAMERA).stages(cross_image)
+    assert list(pictures) == [
+        "HSV threshold", "convex hull", "HSL threshold", "bitwise AND", "distances along rays", "line points",
+    ]  # fmt: skip
+    assert all(picture.ndim == 3 and picture.dtype == np.uint8 for picture in pictures.values())
+    assert np.any(pictures["bitwise AND"] != pictures["HSL threshold"])
+    assert np.any(pictures["line points"] != pictures["convex hull"])
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ section II.B.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -33,6 +34,7 @@ from touchline.perception.hsv_thresholds import (
 )
 from touchline.perception.ray_runs import RUN_COLUMNS, white_runs
 from touchline.perception.scan_lines import usable_radius
+from touchline.perception.threshold_stages import draw_threshold_stages
 from touchline.types import Frame, ImageArray, LinePoints, empty_points
 
 _MOST_RUNS = 2048
@@ -91,6 +93,19 @@ class HsvLineSettings(Settings):
     )
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Masks:
+    """What figure 6 makes of an image, each (H, W): HSL lightness, and 255 where it is green, inside the hull of the
+    green, white, and white inside the hull.
+    """
+
+    lightness: ImageArray
+    green: ImageArray
+    field: ImageArray
+    white: ImageArray
+    lines: ImageArray
+
+
 class HsvLineDetector:
     """Finds line points in the images of one camera; nothing has to be learned."""
 
@@ -135,14 +150,13 @@ class HsvLineDetector:
 
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R, uint8. Raises NoCarpetError where no green is seen."""
-        lightness, green, _, lines = self.masks(image)
-        found = self._distances(lines, green, lightness)
+        found = self._distances(self.masks(image))
         covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, self.settings.noise_m)
         confidences = np.clip(found[:, 4] / 100.0, 0.0, 1.0)
         return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
 
-    def masks(self, image: ImageArray) -> tuple[ImageArray, ImageArray, ImageArray, ImageArray]:
-        """Figure 6: lightness, green, field and lines (H, W) of an image; the last three are 255 or 0."""
+    def masks(self, image: ImageArray) -> Masks:
+        """Figure 6: two thresholds, hull and AND of an image (H, W, 3)."""
         self._check_size(image)
         s = self.settings
         noise = pixel_noise([image[::_ROWS]], self._noise_rows)
@@ -153,7 +167,12 @@ class HsvLineDetector:
         self.thresholds = limits = self._choose(hsv, lightness)
         green = limits.green(hsv) & self._seen
         field = self._field(green)
-        return lightness, green, field, limits.white(hls, self.settings.white) & field & ~green
+        white = limits.white(hls, s.white) & ~green
+        return Masks(lightness, green, field, white, white & field)
+
+    def stages(self, image: ImageArray) -> dict[str, ImageArray]:
+        """Title -> picture (H, W, 3), B, G, R, of each step of figures 6 and 7 on an image."""
+        return draw_threshold_stages(self, image, self.masks(image), self.detect(image))
 
     def _choose(self, hsv: ImageArray, lightness: ImageArray) -> Thresholds:
         if self.settings.thresholds == "fixed":
@@ -174,14 +193,16 @@ class HsvLineDetector:
             cv2.fillConvexPoly(field, hull, 255)
         return field
 
-    def _distances(self, lines: ImageArray, green: ImageArray, lightness: ImageArray) -> FloatArray:
+    def _distances(self, masks: Masks) -> FloatArray:
         """Figure 7: the runs of white along every ray, (M, RUN_COLUMNS)."""
         s, camera = self.settings, self.camera
         geometry = np.array([*camera.center, camera.inner_radius_px, self.outer_px], dtype=np.float64)
         longest_m = s.longest_run * self.line_width_m
         limits = np.array([s.flank_px, s.gap_px, longest_m, s.least_green], dtype=np.float64)
         lookup = camera.lookup_constants, camera.bearings_rad, camera.lookup_table
-        count = white_runs((lines, green, lightness), self.rays, geometry, limits, lookup, self._found)
+        count = white_runs(
+            (masks.lines, masks.green, masks.lightness), self.rays, geometry, limits, lookup, self._found
+        )
         return self._found[:count]
 
     def _check_size(self, image: ImageArray) -> None:

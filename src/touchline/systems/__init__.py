@@ -11,6 +11,7 @@ from touchline.camera import OmniCamera
 from touchline.config import Settings, did_you_mean
 from touchline.errors import InputError
 from touchline.field import FieldModel
+from touchline.perception import HsvLineDetector, LinePointDetector
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
@@ -22,6 +23,7 @@ class SystemInfo:
     """One system: its name, one line about it, its settings and how it is made from field, camera, settings and rng.
 
     measuring_wheels: whether it is made from the wheels' rolling directions, too (a, b or None; robot frame, rad).
+    line_detector: how it finds line points, for a closer look at an image.
     """
 
     name: str
@@ -29,6 +31,7 @@ class SystemInfo:
     settings: type[Settings]
     factory: Callable[..., System]
     measuring_wheels: bool = False
+    line_detector: type[LinePointDetector | HsvLineDetector] = LinePointDetector
 
 
 DEFAULT_SYSTEM = "nubot-mti"
@@ -53,6 +56,7 @@ SYSTEMS = {
             IrisFusionSettings,
             IrisFusion,
             measuring_wheels=True,
+            line_detector=HsvLineDetector,
         ),
     )
 }
