@@ -47,9 +47,9 @@ def calibrate_range(
 
     picture = _free_files(output, picture)
     pairs = _pairs(source, camera, skip_unusable)
+    from touchline.calibration.range_figure import range_figure
     from touchline.calibration.range_regression import fit_range
     from touchline.calibration.strip_recording import camera_yaml
-    from touchline.view.range_regression import range_figure
 
     regression = fit_range(pairs, degree)
     words = regression_words(regression)

@@ -46,6 +46,8 @@ EXPERIMENTS = {
         Experiment("xiong-convergence", "figure 9: RPROP from the five best samples", "samples", "xiong_convergence"),
         Experiment("xiong-tracking", "Table 1: errors along straight lines", "occlusion", "xiong_tracking"),
         Experiment("xiong-timing", "figure 11: time of a whole frame", "timing", "xiong_timing"),
+        Experiment("iris-lines", "figures 13, 14: line detection in three lightings", "iris_lines", "iris_lines"),
+        Experiment("iris-timing", "section III.C: time of one update", "iris_timing", "iris_timing"),
     )
 }
 
