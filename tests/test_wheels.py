@@ -5,16 +5,24 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
+from fakes import write_recording
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_recordings import write_sensors
 
+from touchline.api import prepare
+from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import OdometrySettings, WheelOdometry, WheelOdometrySettings
 from touchline.motion.wheel_pair import WheelPair
+from touchline.sources import open_source
+from touchline.sources.description import wheel_directions_rad
+from touchline.systems.iris_fusion import IrisFusion
 from touchline.types import Frame, Samples
 
 MS = 1_000_000
@@ -373,3 +381,59 @@ def test_the_covariance_is_that_of_many_noisy_runs() -> None:
     found = np.cov(np.array(ends).T)
     scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
     np.testing.assert_allclose(motion.covariance / scale, found / scale, atol=0.2)
+
+
+# --- from the recording to the system ---------------------------------------------------------------------------------
+
+
+def test_the_directions_come_from_sequence_yaml(shared_data: Path) -> None:
+    assert open_source(shared_data / "omni_msl_track").wheel_directions_rad == pytest.approx((QUARTER, -QUARTER))
+
+
+@pytest.mark.parametrize("told", [None, "front", {"a_dir_rad": 0.1}, {"a_dir_rad": 0.1, "b_dir_rad": "left"}])
+def test_directions_that_are_none_leave_the_wheels_unused(told: object) -> None:
+    assert wheel_directions_rad({"wheels": told}) is None
+
+
+def with_sensors(folder: Path, directions: str) -> Path:
+    """A tiny recording with all sensors, whose sequence.yaml ends with a line about the wheels."""
+    write_recording(folder)
+    write_sensors(folder, 60)
+    with (folder / "sequence.yaml").open("a") as file:
+        file.write(directions)
+    return folder
+
+
+def test_a_system_gets_the_directions_of_the_recording(tmp_path: Path) -> None:
+    folder = with_sensors(tmp_path / "one", "wheels: {a_dir_rad: 0.2, b_dir_rad: 1.7}\n")
+    prepared = prepare(folder, "iris-fusion")
+    assert isinstance(prepared.system, IrisFusion)
+    assert prepared.system.odometry.pair == WheelPair(0.2, 1.7)
+    assert prepared.notices == ()
+    assert prepare(folder, "nubot-mti").notices == ()
+
+
+@pytest.mark.parametrize("gone", ["wheels.csv", "imu.csv"])
+def test_a_recording_without_wheels_or_gyro_is_told_what_is_used_instead(tmp_path: Path, gone: str) -> None:
+    folder = with_sensors(tmp_path / "one", "wheels: {a_dir_rad: 0.2, b_dir_rad: 1.7}\n")
+    (folder / gone).unlink()
+    (notice,) = prepare(folder, "iris-fusion").notices
+    assert f"the recording lacks {gone}: odometry.csv is used instead" in notice
+    (folder / "odometry.csv").unlink()
+    (notice,) = prepare(folder, "iris-fusion").notices
+    assert "nothing can be used instead" in notice
+
+
+def test_unknown_directions_are_told_unless_the_settings_know_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = with_sensors(tmp_path / "one", "")
+    (notice,) = prepare(folder, "iris-fusion").notices
+    assert "rolling directions (wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml)" in notice
+    known = ["wheels.a_dir_rad=0.2", "wheels.b_dir_rad=1.7"]
+    assert prepare(folder, "iris-fusion", overrides=known).notices == ()
+    main(["run", str(folder), "--system", "iris-fusion", "--output", str(tmp_path / "run")])
+    assert "warning: iris-fusion measures its way with two wheels and a gyro" in capsys.readouterr().err
+    parallel = ["wheels.a_dir_rad=0.2", "wheels.b_dir_rad=0.2"]
+    with pytest.raises(InputError, match="parallel"):
+        prepare(folder, "iris-fusion", overrides=parallel)
