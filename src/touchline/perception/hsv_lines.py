@@ -38,6 +38,7 @@ from touchline.perception.threshold_stages import draw_threshold_stages
 from touchline.types import Frame, ImageArray, LinePoints, empty_points
 
 _MOST_RUNS = 2048
+_COARSE = 2  # the hull is looked for at half the resolution
 _ROWS = 8  # every eighth row tells the noise
 _THIN = 4  # every fourth pixel both ways is plenty for a histogram
 
@@ -122,12 +123,14 @@ class HsvLineDetector:
         v, u = np.mgrid[0 : camera.height, 0 : camera.width]
         radius = np.hypot(u - camera.center[0], v - camera.center[1])
         self._seen = np.where(radius <= camera.outer_radius_px, 255, 0).astype(np.uint8)
-        self._body = radius <= camera.inner_radius_px
+        self._body = (radius <= camera.inner_radius_px)[::_COARSE, ::_COARSE]
         ring: npt.NDArray[np.bool_] = (radius > camera.inner_radius_px) & (radius < 0.8 * self.outer_px)
         self._noise_rows = np.ascontiguousarray(ring[::_ROWS])
         self._ring = np.flatnonzero(ring[::_THIN, ::_THIN])
-        self._closing = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (s.closing_px, s.closing_px))
-        self._opening = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (s.opening_px, s.opening_px))
+        self._closing, self._opening = (
+            cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (px // _COARSE | 1, px // _COARSE | 1))
+            for px in (s.closing_px, s.opening_px)
+        )
         self._found = np.empty((_MOST_RUNS, RUN_COLUMNS))
         self.thresholds: Thresholds | None = None
         """Of the last image."""
@@ -182,15 +185,15 @@ class HsvLineDetector:
 
     def _field(self, green: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
         """(H, W) 255 inside the convex hull of the carpet: the largest green area, what divides it closed."""
-        closed = green.copy()
-        closed[self._body] = 255
-        whole = cv2.morphologyEx(closed, cv2.MORPH_CLOSE, self._closing)
-        whole = cv2.morphologyEx(whole, cv2.MORPH_OPEN, self._opening)
-        outlines, _ = cv2.findContours(whole, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        coarse = np.ascontiguousarray(green[::_COARSE, ::_COARSE])
+        coarse[self._body] = 255
+        closed = cv2.morphologyEx(coarse, cv2.MORPH_CLOSE, self._closing)
+        opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, self._opening)
+        outlines, _ = cv2.findContours(opened, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         field = np.zeros_like(green)
         if outlines:
             hull = cv2.convexHull(max(outlines, key=cv2.contourArea))
-            cv2.fillConvexPoly(field, hull, 255)
+            cv2.fillConvexPoly(field, _COARSE * hull, 255)
         return field
 
     def _distances(self, masks: Masks) -> FloatArray:
