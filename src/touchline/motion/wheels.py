@@ -57,7 +57,9 @@ class WheelOdometrySettings(Settings):
         0.01, ge=0, description="random position error after one second even at rest (m, root of time): being nudged"
     )
     gap_s: float = Field(
-        0.1, gt=0, description="time without a gyro reading after which the turn in it is unknown (s): one image period"
+        0.25,
+        gt=0,
+        description="time without a gyro reading after which the turn in it is unknown (s): two readings of a slow gyro",
     )
     most_speed_m_s: float = Field(
         10.0, gt=0, description="a counter that steps faster than this (m/s) was restarted: twice what robots reach"
