@@ -59,7 +59,7 @@ class WheelOdometrySettings(Settings):
     gap_s: float = Field(
         0.25,
         gt=0,
-        description="time without a gyro reading after which the turn in it is unknown (s): two readings of a slow gyro",
+        description="time without a gyro reading after which the turn in it is unknown (s): two readings of a slow one",
     )
     most_speed_m_s: float = Field(
         10.0, gt=0, description="a counter that steps faster than this (m/s) was restarted: twice what robots reach"
