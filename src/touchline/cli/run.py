@@ -169,6 +169,8 @@ def print_run(finished: Run) -> None:
         console.print(f"no errors to show: {finished.why_no_errors}")
     _print_speed(console, summary)
     console.print(", ".join(f"{name} {count}" for name, count in summary["status"].items() if count) or "no images")
+    if "mode" in summary:
+        console.print("mode: " + ", ".join(f"{name} {count}" for name, count in summary["mode"].items() if count))
     if told := other_side_text(summary):
         console.print(told, style="yellow", markup=False)
     problems = summary["problems"]["counts"]

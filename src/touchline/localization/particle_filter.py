@@ -67,17 +67,11 @@ class ParticleFilterSettings(Settings):
         "points the product (9) is then 3 cm wide, as wide as particles lie apart",
     )
     worst_units: float = Field(
-        102.0,
+        128.0,
         gt=0,
         le=FARTHEST,
-        description="error (units of the map) from which a point counts no worse, once the particles have gathered: "
-        "points on goals, robots and beyond the field lie on no line, many of them on one side; 255 is the paper's",
-    )
-    gathered_m: float = Field(
-        0.3,
-        ge=0,
-        description="standard deviation of the position (m) below which they have gathered; before, far points, too, "
-        "tell near places from far ones",
+        description="error (units of the map) from which a point counts no worse: points on goals, robots and beyond "
+        "the field lie on no line, many of them on one side; half a metre still leads to the lines; 255 is the paper's",
     )
     least_effective: float = Field(
         0.1,
@@ -121,8 +115,7 @@ class ParticleFilter:
         self.symmetric = field.is_symmetric
         self._reach_m = 0.5 * np.array([field.length, field.width]) + s.beyond_m
         self.map = error_map(field, s.map_m, s.farthest_m)
-        self._squares = self.map.values.astype(np.float32) ** 2
-        self._capped_squares = np.minimum(self._squares, np.float32(s.worst_units**2))
+        self._squares = np.minimum(self.map.values.astype(np.float32), np.float32(s.worst_units)) ** 2
         self.restart(None)
 
     def restart(self, compass_rad: float | None, region: Region | None = None, widening: float = 1.0) -> None:
@@ -164,7 +157,7 @@ class ParticleFilter:
 
     def cycle(self, points: FloatArray) -> Pose:
         """Equations (7) to (14) for line points (M, 2) in the robot frame (m), M > 0; returns the mean."""
-        log_weights = self.log_likelihoods(points, self.particles, self.spread_m < self.settings.gathered_m)
+        log_weights = self.log_likelihoods(points, self.particles)
         least = self.settings.least_effective * self.settings.particles
         self.exponent = float(tempering(log_weights, least)) if least > 1.0 else 1.0
         weights = np.empty(len(self.particles))
@@ -176,17 +169,15 @@ class ParticleFilter:
         self._roughen()
         return self.pose
 
-    def log_likelihoods(self, points: FloatArray, poses: FloatArray, capped: bool = False) -> FloatArray:
-        """Logarithm of equation (9) (K,) for poses (K, 3); points (M, 2) in the robot frame, m.
-
-        capped: errors beyond worst_units count as that.
-        """
-        squares = self._capped_squares if capped else self._squares
+    def log_likelihoods(self, points: FloatArray, poses: FloatArray) -> FloatArray:
+        """Logarithm of equation (9) (K,) for poses (K, 3); points (M, 2) in the robot frame, m."""
         found = np.zeros(len(poses))
         alike = np.ones(len(points))
         factor = 0.5 / self.settings.sigma_units**2
         origin_x, origin_y = self.map.origin_m
-        add_log_likelihoods(poses, points, alike, squares, origin_x, origin_y, self.map.resolution_m, factor, found)
+        add_log_likelihoods(
+            poses, points, alike, self._squares, origin_x, origin_y, self.map.resolution_m, factor, found
+        )
         return found
 
     def errors_m(self, points: FloatArray, pose: Pose) -> FloatArray:

@@ -11,9 +11,9 @@ class RestartSettings(Settings):
     """When the particles start anew, and how."""
 
     least_share: float = Field(
-        0.5, ge=0, le=1, description="share of points on lines below which an image contradicts the particles"
+        0.6, ge=0, le=1, description="share of points on lines below which an image contradicts the particles"
     )
-    frames: int = Field(3, ge=1, description="such images in a row after which the particles start anew over the field")
+    frames: int = Field(5, ge=1, description="such images in a row after which the particles start anew over the field")
     blind_frames: int = Field(
         2,
         ge=1,

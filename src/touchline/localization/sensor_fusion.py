@@ -48,15 +48,29 @@ class SensorFusionSettings(Settings):
     )
     enough_points: int = Field(15, ge=1, description="line points from which an image is used again")
     least_points: int = Field(10, ge=1, description="line points below which it no longer is: fewer fit anywhere")
-    near_m: float = Field(0.15, gt=0, description="distance (m) within which a point lies on a line: calibration, blur")
-    accepted_share: float = Field(
-        0.75,
+    near_m: float = Field(0.1, gt=0, description="distance (m) within which a point lies on a line: calibration, blur")
+    found_share: float = Field(
+        0.85,
         ge=0,
         le=1,
-        description="share of points on lines from which an image is used again: a right pose has 0.9, robots and "
-        "goals spoil some; wrong ones mostly have less than 0.6",
+        description="share of points on lines from which an image may contradict the odometry, or find a robot that "
+        "has no pose yet: on a small field wrong poses come to 0.8",
     )
-    least_share: float = Field(0.65, ge=0, le=1, description="share of points on lines below which it no longer is")
+    doubt: float = Field(
+        0.05,
+        ge=0,
+        le=1,
+        description="how much less is asked of found_share after every search that ended without it, down to "
+        "accepted_share: a poor calibration leaves more points beside the lines",
+    )
+    accepted_share: float = Field(
+        0.7,
+        ge=0,
+        le=1,
+        description="share of points on lines from which an image that agrees is used again: a right pose has 0.9, "
+        "robots and goals spoil some",
+    )
+    least_share: float = Field(0.6, ge=0, le=1, description="share of points on lines below which it no longer is")
     narrow_m: float = Field(
         0.15,
         gt=0,
@@ -115,6 +129,8 @@ class SensorFusion:
         self.mode = Mode.ODOMETRY
         self.placed = False
         self.bias_rad_s = 0.0
+        self.searches = 0
+        """Searches over the field that ended without finding the robot."""
         self._uncorrected_s = 0.0
         self.interrupt()
 
@@ -171,13 +187,16 @@ class SensorFusion:
         expected = None if self._seen is None else self._seen.compose(motion.pose)
         steady = expected is not None and _near(expected, vision.pose, s.agreement_m, s.agreement_rad)
         self.agreeing = self.agreeing + 1 if agrees else 0
-        self.contradicting = 0 if agrees else self.contradicting + 1 if steady else 1
+        if agrees or vision.on_lines < max(s.found_share - s.doubt * self.searches, s.accepted_share):
+            self.contradicting = 0
+        else:
+            self.contradicting = self.contradicting + 1 if steady else 1
         self._seen = vision.pose
 
     def _next_mode(self, trusted: bool) -> Mode:
         """The mode for an image that may be used; trusted: the odometry has not missed anything."""
         s, alone = self.settings, self.mode is Mode.OMNIVISION
-        if self.contradicting:
+        if not self.agreeing:
             return Mode.OMNIVISION if self.contradicting >= s.frames else Mode.ODOMETRY
         if not trusted or (alone and self.agreeing < s.frames):
             return Mode.OMNIVISION
@@ -188,7 +207,7 @@ class SensorFusion:
         if self.mode is Mode.ODOMETRY:
             self.pose = odometry
             return
-        self.placed = True
+        self.placed, self.searches = True, 0
         s = self.settings
         if self.mode is Mode.BOTH:
             self._learn_bias(odometry, vision.pose)

@@ -190,6 +190,7 @@ class IrisFusion:
         if self.fusion.placed:
             self.particles.put_nearby(self.odometry.pose)  # it may have been right
         self.fusion.interrupt()
+        self.fusion.searches = self.restart.starts - 1
         self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
 
     def _strays(self, compass_rad: float | None) -> float | None:
