@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -53,12 +54,12 @@ def recorded_tour(seed: int) -> IrisDrive | None:
     return drive(source, source.truth.samples(), source.field, source.camera, source.wheel_directions_rad, seed)
 
 
-def standing(driven: IrisDrive) -> list[FloatArray]:
+def standing(driven: IrisDrive) -> list[npt.NDArray[np.int64]]:
     """Which images (M,) were taken at each place, in order: neighbours with the same true pose."""
     still = (np.diff(driven.truth, axis=0) == 0.0).all(axis=1)
-    starts = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(np.int8)) == 1)
-    ends = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(np.int8)) == -1)
-    return [np.arange(first, last + 1) for first, last in zip(starts, ends, strict=True)]
+    changes = np.diff(np.concatenate(([False], still, [False])).astype(np.int8))
+    starts, ends = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)
+    return [np.arange(first, last + 1, dtype=np.int64) for first, last in zip(starts, ends, strict=True)]
 
 
 def errors_at_places(driven: IrisDrive, system: str) -> FloatArray:

@@ -1,4 +1,4 @@
-"""iris-tracks (figure 16): three tracks against the truth. iris-track (figure 17): from A to B with the mode coloured."""
+"""iris-tracks (figure 16): three tracks against the truth. iris-track (figure 17): from A to B, by mode."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def iris_tracks(seeds: int) -> ExperimentResult:
         "iris-tracks",
         "Figure 16 of Ismail et al. 2021: tracks by odometry, particle filter and fusion",
         seeds,
-        ("system", "mean (cm)", "by thirds of the way (cm)", "largest (cm)", "heading (°)", "jitter (cm)", "jitter (°)"),
+        ("system", "mean (cm)", "by thirds (cm)", "largest (cm)", "heading (°)", "jitter (cm)", "jitter (°)"),
         tuple(rows),
         Headline("jitter of the fusion; of its particle filter alone", "smoother",
                  f"{fused} cm; {alone} cm"),
@@ -107,9 +107,7 @@ def iris_track(seeds: int) -> ExperimentResult:
         seeds,
         ("mode", "share of the images", "mean error (cm)", "largest (cm)"),
         tuple(rows),
-        Headline(
-            "images by odometry alone; largest error on the way", "more than half; –", f"{odometry}; {largest} cm"
-        ),
+        Headline("images by odometry alone; largest error on the way", "most; –", f"{odometry}; {largest} cm"),
         (
             f"The camera is covered for {hidden}, so that the odometry has to do; the paper's image gave the "
             "particle filter so little that odometry was the mode most of the way.",
