@@ -20,7 +20,7 @@ from pydantic import Field
 from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, wrap_angle
+from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.global_search import OWN_HALF
 from touchline.localization.particle_filter import ParticleFilter, ParticleFilterSettings
 from touchline.localization.restart import RestartRule, RestartSettings
@@ -39,6 +39,8 @@ from touchline.types import (
     Status,
     empty_points,
 )
+
+_STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 
 
 class IrisFusionSettings(Settings):
@@ -160,13 +162,20 @@ class IrisFusion:
             return None, float("nan")
         if self.searching and self.restart.start_is_due():
             self._start(compass_rad)
-        vision, residual_m = self._cycle(points)
+        vision, residual_m = self._search(points) if self.searching else self._cycle(points)
         if not self.searching and self.restart.is_refuted(vision.on_lines, self._strays(compass_rad)):
             self.searching, self.status = True, Status.LOST
             self.fusion.placed = not self.restart.at_wrong_end  # there the lines fit as well: nothing may stay about it
             self._start(compass_rad)
-            vision, residual_m = self._cycle(points)
+            vision, residual_m = self._search(points)
         return vision, residual_m
+
+    def _search(self, points: LinePoints) -> tuple[Vision, float]:
+        """Some cycles on one image."""
+        for _ in range(self.settings.restart.image_cycles - 1):
+            self._cycle(points)
+            self.particles.move(_STILL)
+        return self._cycle(points)
 
     def _cycle(self, points: LinePoints) -> tuple[Vision, float]:
         """Equations (7) to (14)."""
