@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -52,9 +54,7 @@ def disturbed_drive(kind: str, scenario_name: str, field: str, seed: int, level:
 
     kind: one of KINDS. Raises KeyError for another.
     """
-    scenario = open_scenario(scenario_name, seed, SECONDS)
-    mishaps = scenario.mishaps.model_copy(update={"shove_every_s": 0.0})
-    simulation = Simulation(scenario.model_copy(update={"field": field, "mishaps": mishaps}), level)
+    simulation = _simulation(scenario_name, field, seed, level)
     wheels = simulation.wheel_directions_rad
     direction = float(np.random.default_rng([seed, 5]).uniform(-math.pi, math.pi))
     known: dict[str, tuple[Disturb, float]] = {
@@ -68,6 +68,14 @@ def disturbed_drive(kind: str, scenario_name: str, field: str, seed: int, level:
     camera = simulation.camera if level == "images" else None
     driven = drive(frames, simulation.truth.samples(), simulation.field, camera, wheels, seed)
     return _outcome(driven, START_S + lasts_s)
+
+
+@lru_cache(maxsize=1)
+def _simulation(scenario_name: str, field: str, seed: int, level: str) -> Simulation:
+    """A scenario without shoves; kept for the next disturbance of the same drive."""
+    scenario = open_scenario(scenario_name, seed, SECONDS)
+    mishaps = scenario.mishaps.model_copy(update={"shove_every_s": 0.0})
+    return Simulation(scenario.model_copy(update={"field": field, "mishaps": mishaps}), level)
 
 
 def _outcome(driven: IrisDrive, ends_s: float) -> Outcome:
@@ -87,11 +95,9 @@ def _outcome(driven: IrisDrive, ends_s: float) -> Outcome:
 
 def iris_disturbances(seeds: int) -> ExperimentResult:
     """Every kind of disturbance on both fields, slowly and in play."""
-    outcomes = {
-        (field, kind): [disturbed_drive(kind, name, field, seed) for seed in range(seeds) for name in SCENARIOS]
-        for field in FIELDS
-        for kind in KINDS
-    }
+    outcomes: dict[tuple[str, str], list[Outcome]] = {(field, kind): [] for field in FIELDS for kind in KINDS}
+    for field, name, seed, kind in product(FIELDS, SCENARIOS, range(seeds), KINDS):
+        outcomes[field, kind].append(disturbed_drive(kind, name, field, seed))
     every = [outcome for (_, kind), found in outcomes.items() if kind != "nothing" for outcome in found]
     kept = sum(o.far_s <= 0.5 and o.back_m <= NEAR_M and o.lost_s <= 1.0 for o in every)
     return ExperimentResult(
