@@ -55,11 +55,14 @@ def recorded_tour(seed: int) -> IrisDrive | None:
 
 
 def standing(driven: IrisDrive) -> list[npt.NDArray[np.int64]]:
-    """Which images (M,) were taken at each place, in order: neighbours with the same true pose."""
+    """Which images (M,) were taken at each place, in order: neighbours with the same true pose.
+
+    No more than 20 places: a simulated tour begins anew after them.
+    """
     still = (np.diff(driven.truth, axis=0) == 0.0).all(axis=1)
     changes = np.diff(np.concatenate(([False], still, [False])).astype(np.int8))
     starts, ends = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)
-    return [np.arange(first, last + 1, dtype=np.int64) for first, last in zip(starts, ends, strict=True)]
+    return [np.arange(first, last + 1, dtype=np.int64) for first, last in zip(starts, ends, strict=True)][:PLACES]
 
 
 def errors_at_places(driven: IrisDrive, system: str) -> FloatArray:
