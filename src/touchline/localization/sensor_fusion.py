@@ -28,7 +28,7 @@ class SensorFusionSettings(Settings):
         0.5,
         ge=0,
         le=1,
-        description="β of equations (15) to (19), the odometry's share: averages the particles' noise over some "
+        description="the odometry's share, β of equations (15) to (19): averages the particles' noise over some "
         "images, yet lets them correct what measuring wheels err by in them",
     )
     beta_period_s: float | None = Field(

@@ -48,7 +48,7 @@ class IrisFusionSettings(Settings):
 
     lines: HsvLineSettings = HsvLineSettings()
     most_points: int = Field(
-        120,
+        100,
         ge=1,
         description="line points that the particles are weighed by, evenly chosen of more: the time grows with it",
     )
