@@ -140,6 +140,16 @@ def test_view_of_a_recording_saves_every_stage(capsys: pytest.CaptureFixture[str
     assert min(sheet.shape[:2]) > 1000
 
 
+def test_view_draws_the_stages_of_the_system_that_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["view", str(example_recording()), "--stages", "--frame", "2", "--output", "stages", "--system"]
+    assert main([*arguments, "iris-fusion"]) == 0
+    assert "as iris-fusion has it after 3 images" in capsys.readouterr().out
+    titles = [path.name[3:-4] for path in sorted(Path("stages").iterdir())]
+    assert titles[1:6] == ["hsv-threshold", "convex-hull", "hsl-threshold", "bitwise-and", "distances-along-rays"]
+    assert main([*arguments, "iris-fussion"]) == 2
+    assert "did you mean 'iris-fusion'?" in capsys.readouterr().err
+
+
 def test_view_of_an_image_finds_its_pose_or_the_mirrored_one(capsys: pytest.CaptureFixture[str]) -> None:
     example = example_recording()
     image, camera = example / "images" / "000005.jpg", example / "camera.yaml"

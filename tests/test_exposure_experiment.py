@@ -16,7 +16,7 @@ from touchline.sources import open_source
 def test_the_experiment_draws_surface_path_and_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lu2013_exposure, "_GRID", 5)
     monkeypatch.setattr(lu2013_exposure, "_STEP_STOPS", 0.5)
-    monkeypatch.setattr(lu2013_exposure, "public_recording", lambda: None)
+    monkeypatch.setattr(lu2013_exposure, "public_recording", lambda name: None)
     result = EXPERIMENTS["lu2013-exposure"].run(seeds=1)
     assert [row[:2] for row in result.rows] == [("simulated", name) for name in lu2013_exposure.CASES]
     lamps, dull, sun = (float(row[3]) for row in result.rows)

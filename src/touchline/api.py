@@ -23,6 +23,7 @@ from touchline.evaluation.runner import OnFrame, RunTally, run_frames
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
+from touchline.motion import WheelOdometrySettings
 from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, SystemInfo, open_system, system_info
 from touchline.types import Prior, System
@@ -72,6 +73,8 @@ class PreparedRun:
     settings: Settings
     prior: Prior
     seed: int
+    notices: tuple[str, ...] = ()
+    """What the user should know before the run: complete sentences."""
 
     def execute(
         self,
@@ -113,6 +116,7 @@ class PreparedRun:
             },
             "system": self.info.name,
             "settings": self.settings.model_dump(mode="json"),
+            "notices": list(self.notices),
             "prior": {"pose": None if pose is None else list(pose), "own_half": self.prior.own_half},
             "seed": self.seed,
             "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
@@ -135,10 +139,10 @@ def prepare(
     settings = load_settings(info.settings, None if config is None else Path(config), overrides)
     source = open_source(recording)
     rng = np.random.default_rng(seed)
-    built = open_system(system, source.field, source.camera, settings, rng)
+    built = open_system(system, source.field, source.camera, settings, rng, source.wheel_directions_rad)
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
-    return PreparedRun(source, built, info, settings, prior, seed)
+    return PreparedRun(source, built, info, settings, prior, seed, _notices(source, info, settings))
 
 
 def checked_prior(prior: Prior, field: FieldModel) -> Prior:
@@ -165,6 +169,21 @@ def cpu_name() -> str:
     except OSError:
         pass  # not Linux: what Python knows has to do
     return platform.processor() or platform.machine()
+
+
+def _notices(source: Recording, info: SystemInfo, settings: Settings) -> tuple[str, ...]:
+    """Whether the recording lacks what the system measures its way with, and what it uses instead."""
+    if not info.measuring_wheels:
+        return ()
+    missing = [file for file in ("wheels.csv", "imu.csv") if file not in source.sensor_files]
+    told = any(isinstance(part, WheelOdometrySettings) and part.a_dir_rad is not None for _, part in settings)
+    if source.wheel_directions_rad is None and not told:
+        missing.append("the wheels' rolling directions (wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml)")
+    if not missing:
+        return ()
+    replaced = "odometry.csv is" if "odometry.csv" in source.sensor_files else "nothing can be"
+    what = f"{info.name} measures its way with two wheels and a gyro, but the recording lacks {' and '.join(missing)}"
+    return (f"{what}: {replaced} used instead",)
 
 
 def _problems(source: Recording) -> dict[str, Any]:

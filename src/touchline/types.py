@@ -110,6 +110,14 @@ class Status(StrEnum):
     LOST = "lost"
 
 
+class Mode(StrEnum):
+    """Which sensors a fused estimate comes from (Ismail et al. 2021, section II.D)."""
+
+    OMNIVISION = "omnivision"
+    ODOMETRY = "odometry"
+    BOTH = "omnivision+odometry"
+
+
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
     """A pose that would explain the observation, too. residual_m: mean distance of the points to the lines."""
@@ -122,7 +130,8 @@ class Hypothesis:
 class Estimate:
     """Where the robot stands. covariance: (3, 3) of x, y, heading in (m, m, rad), field frame.
 
-    residual_m: (weighted) mean distance of the points to the nearest line; NaN without points.
+    residual_m: (weighted) mean distance of the points to the nearest line; NaN without points. mode: of systems that
+    fuse sensors by modes, None of others.
     """
 
     stamp_ns: int
@@ -135,6 +144,7 @@ class Estimate:
     perception_ms: float = 0.0
     localization_ms: float = 0.0
     observation: Observation | None = field(default=None, repr=False)
+    mode: Mode | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,6 +88,12 @@ class OmniCamera:
             columns.append(central)
         return np.stack(columns, axis=-1)
 
+    def ground_covariances(self, pixels: npt.ArrayLike, noise_px: float, noise_m: float) -> FloatArray:
+        """(N, 2, 2) covariances (m²) of ground points: the pixels' noise through the mirror, and the ground's own."""
+        jacobians = self.ground_jacobian(pixels)
+        covariances: FloatArray = noise_px**2 * jacobians @ jacobians.transpose(0, 2, 1)
+        return covariances + np.eye(2) * noise_m**2
+
     @classmethod
     def load(cls, path: str | Path) -> OmniCamera:
         """Read a camera.yaml with `model: omni`. Raises InputError naming file and key for anything wrong in it."""

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.calibrate_range import calibrate_range
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
     from touchline.calibration.mirror import MirrorCalibration
     from touchline.types import ImageArray
 
-calibrate_app = typer.Typer(help="Calibrate the mirror or the colours.", no_args_is_help=True)
+calibrate_app = typer.Typer(help="Calibrate the mirror, its ranges or the colours.", no_args_is_help=True)
+
+calibrate_app.command("range")(calibrate_range)
 
 _OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The file to write; a new one.", show_default=False)
 _PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it [default: the output's name with .png].")

@@ -106,6 +106,8 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     for problem in prepared.source.problems:
         if problem.kind is ProblemKind.SENSOR_FILE:
             errors_console().print(f"warning: {problem}", style="yellow", markup=False)
+    for notice in prepared.notices:
+        errors_console().print(f"warning: {notice}", style="yellow", markup=False)
     folder = new_folder(output, name or prepared.source.name)
     columns = (
         TextColumn("{task.description}"),
@@ -167,6 +169,8 @@ def print_run(finished: Run) -> None:
         console.print(f"no errors to show: {finished.why_no_errors}")
     _print_speed(console, summary)
     console.print(", ".join(f"{name} {count}" for name, count in summary["status"].items() if count) or "no images")
+    if "mode" in summary:
+        console.print("mode: " + ", ".join(f"{name} {count}" for name, count in summary["mode"].items() if count))
     if told := other_side_text(summary):
         console.print(told, style="yellow", markup=False)
     problems = summary["problems"]["counts"]

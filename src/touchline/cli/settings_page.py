@@ -18,6 +18,7 @@ This page is written by `touchline systems --markdown > docs/settings.md`; a tes
 """
 _UNITS = (
     ("_per_m", "1/m"),
+    ("_per_s", "1/s"),
     ("_rad_s", "rad/s"),
     ("_m_s", "m/s"),
     ("_rad", "rad"),

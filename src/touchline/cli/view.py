@@ -23,6 +23,7 @@ def view(
     field: Annotated[
         str | None, typer.Option(metavar="NAME|FILE", help="The field an image was taken on.", show_default=False)
     ] = None,
+    system: Annotated[str | None, typer.Option(help="Whose stages to draw; see touchline systems.")] = None,
     output: Annotated[
         Path | None, typer.Option(help="New folder for the pictures (default: runs/NAME-view-N).", show_default=False)
     ] = None,
@@ -35,10 +36,12 @@ def view(
     if not source.is_dir() and camera is None:
         raise InputError(f"{source}: an image needs its camera model; give it with --camera FILE")
     from touchline.evaluation.run_folder import new_folder
+    from touchline.systems import DEFAULT_SYSTEM
     from touchline.view.look import look_at_image, look_at_recording
     from touchline.view.stages import save_pictures
 
-    look = look_at_recording(source, frame) if camera is None else look_at_image(source, camera, field)
+    chosen = system or DEFAULT_SYSTEM
+    look = look_at_recording(source, frame, chosen) if camera is None else look_at_image(source, camera, field, chosen)
     pictures = look.stages() if stages else {"overlay": look.overlay()}
     folder = new_folder(output, f"{look.name}-view")
     _tell(look, save_pictures(pictures, folder))

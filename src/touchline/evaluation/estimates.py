@@ -1,4 +1,7 @@
-"""estimates.csv of a run: one row per image, everything an estimate says but its rivals."""
+"""estimates.csv of a run: one row per image, everything an estimate says but its rivals.
+
+Systems that fuse sensors by modes have one more column, `mode`, at the end.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,12 @@ import numpy.typing as npt
 from touchline.errors import InputError
 from touchline.evaluation.tum import fixed, seconds_text, stamp_from_text
 from touchline.geometry import FloatArray
-from touchline.types import Estimate, Samples, Status
+from touchline.types import Estimate, Mode, Samples, Status
 
 HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
 COLUMNS = tuple(HEADER.split(","))
-_STATUSES = tuple(Status)
+_STATUSES, _MODES = tuple(Status), tuple(Mode)
+_NO_MODE = -1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -28,7 +32,7 @@ class EstimateTable:
 
     trajectory: stamps (N,) and x, y, heading (N, 3) in (m, m, rad). std: (N, 3) standard deviations (m, m, rad).
     status: (N,) index in `tuple(Status)`. residual_m: (N,), NaN without points. points: (N,).
-    perception_ms, localization_ms: (N,).
+    perception_ms, localization_ms: (N,). mode: (N,) index in `tuple(Mode)`, -1 of systems without modes.
     """
 
     trajectory: Samples
@@ -38,6 +42,7 @@ class EstimateTable:
     points: npt.NDArray[np.int32]
     perception_ms: npt.NDArray[np.float32]
     localization_ms: npt.NDArray[np.float32]
+    mode: npt.NDArray[np.int8]
 
     def __len__(self) -> int:
         return len(self.trajectory)
@@ -46,6 +51,16 @@ class EstimateTable:
         """Which rows (N,) have this status."""
         has: npt.NDArray[np.bool_] = self.status == _STATUSES.index(status)
         return has
+
+    @property
+    def has_modes(self) -> bool:
+        """Whether the system fuses sensors by modes."""
+        return bool(np.any(self.mode != _NO_MODE))
+
+
+def header(estimate: Estimate | None) -> str:
+    """The header line for a run whose first estimate this is; None: of a run without any."""
+    return HEADER + (",mode" if estimate is not None and estimate.mode is not None else "") + "\n"
 
 
 def csv_row(estimate: Estimate) -> str:
@@ -62,6 +77,8 @@ def csv_row(estimate: Estimate) -> str:
         fixed(estimate.perception_ms, 4),
         fixed(estimate.localization_ms, 4),
     ]
+    if estimate.mode is not None:
+        fields.append(estimate.mode.value)
     return ",".join(fields) + "\n"
 
 
@@ -70,7 +87,7 @@ def read_estimates(path: Path) -> EstimateTable:
 
     Raises InputError that names file and line.
     """
-    stamps, numbers, statuses = array("q"), array("d"), array("b")
+    stamps, numbers, statuses, modes = array("q"), array("d"), array("b"), array("b")
     details, points = array("f"), array("i")
     for number, row in _rows(path):
         try:
@@ -80,6 +97,7 @@ def read_estimates(path: Path) -> EstimateTable:
             details.extend(float(row[column]) ** 0.5 for column in (4, 7, 9))
             details.extend(float(text or "nan") for text in (row[11], row[13], row[14]))
             points.append(int(row[12]))
+            modes.append(_MODES.index(Mode(row[15])) if len(row) > 15 else _NO_MODE)
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}, line {number}: {error}") from None
         if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
@@ -94,6 +112,7 @@ def read_estimates(path: Path) -> EstimateTable:
         points=_as_numpy(points),
         perception_ms=more[:, 4],
         localization_ms=more[:, 5],
+        mode=_as_numpy(modes),
     )
 
 
@@ -106,12 +125,13 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             reader = csv.reader(file)
-            if tuple(next(reader, ())) != COLUMNS:
+            columns = tuple(next(reader, ()))
+            if columns not in (COLUMNS, (*COLUMNS, "mode")):
                 raise InputError(f"{path}, line 1: expected the header {HEADER}")
             for row in reader:
-                if len(row) != len(COLUMNS):
+                if len(row) != len(columns):
                     raise InputError(
-                        f"{path}, line {reader.line_num}: expected {len(COLUMNS)} values, found {len(row)}"
+                        f"{path}, line {reader.line_num}: expected {len(columns)} values, found {len(row)}"
                     )
                 yield reader.line_num, row
     except OSError as error:

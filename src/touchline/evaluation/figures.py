@@ -22,7 +22,7 @@ from touchline.evaluation.latency import LatencyHistogram, milliseconds
 from touchline.evaluation.metrics import Errors, within
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
-from touchline.types import Samples, Status
+from touchline.types import Mode, Samples, Status
 
 # Matplotlib gets these placeholders; the page's stylesheet gives them their meaning.
 INK, SOFT, GRID = "#010101", "#020202", "#030303"
@@ -30,6 +30,7 @@ CARPET, PAINT, TRUTH = "#040404", "#050505", "#060606"
 STATUS_COLORS = {Status.TRACKING: "#070707", Status.SEARCHING: "#080808", Status.LOST: "#090909"}
 BAR = "#0a0a0a"
 SERIES = ("#0b0b0b", "#0c0c0c", "#0d0d0d")
+MODE_COLORS = {Mode.OMNIVISION: "#0e0e0e", Mode.BOTH: "#0f0f0f", Mode.ODOMETRY: "#100101"}
 _VARIABLES = {
     INK: "ink",
     SOFT: "soft",
@@ -44,6 +45,9 @@ _VARIABLES = {
     SERIES[0]: "series-x",
     SERIES[1]: "series-y",
     SERIES[2]: "series-heading",
+    MODE_COLORS[Mode.OMNIVISION]: "omnivision",
+    MODE_COLORS[Mode.BOTH]: "both",
+    MODE_COLORS[Mode.ODOMETRY]: "odometry",
 }
 _STYLE: Any = {
     "svg.fonttype": "none",
@@ -123,7 +127,7 @@ def thinned(times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def field_figure(data: RunData) -> str:
-    """The field with the true and the estimated path, coloured by status."""
+    """The field with the true and the estimated path, coloured by status, or by mode where the system has modes."""
     field = data.field
     width, height = field.length + 2 * field.border, field.width + 2 * field.border
 
@@ -153,12 +157,17 @@ def _draw_paths(axes: Axes, data: RunData) -> None:
         axes.plot(*path.T, color=TRUTH, linewidth=6, alpha=0.5, label="truth", solid_capstyle="round")
     begun = slice(data.first_located, None)
     positions = _thinned_path(data.table.trajectory.values[begun])
-    status = _thinned_path(data.table.status[begun, np.newaxis])
-    for number, name in enumerate(Status):
-        here = np.flatnonzero(status[:, 0] == number)
-        if len(here):
-            color = STATUS_COLORS[name]
-            axes.plot(*positions[here].T, ".", color=color, markersize=5, markeredgewidth=0, label=name.value)
+    status = _thinned_path(data.table.status[begun, np.newaxis])[:, 0]
+    mode = _thinned_path(data.table.mode[begun, np.newaxis])[:, 0]
+    tracking = status == tuple(Status).index(Status.TRACKING)
+    groups = [(name.value, color, tracking & (mode == tuple(Mode).index(name))) for name, color in MODE_COLORS.items()]
+    groups += [
+        (name.value, color, (status == tuple(Status).index(name)) & ~(tracking & (mode >= 0)))
+        for name, color in STATUS_COLORS.items()
+    ]
+    for label, color, here in groups:
+        if here.any():
+            axes.plot(*positions[here].T, ".", color=color, markersize=5, markeredgewidth=0, label=label)
     if data.first_located < len(data.table):
         first = data.table.trajectory.values[data.first_located, :2]
         axes.plot(*first, "o", color=INK, markersize=8, fillstyle="none", label="first located", linestyle="none")

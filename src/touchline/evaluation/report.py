@@ -151,7 +151,8 @@ def _path_figures(data: RunData) -> list[str]:
     located = data.first_located < len(data.table)
     figures = []
     if located:
-        caption = "Each dot is one image since the robot was first located, coloured by the status of its estimate."
+        by = "mode: which sensors it comes from" if data.table.has_modes else "status of its estimate"
+        caption = f"Each dot is one image since the robot was first located, coloured by the {by}."
         figures.append(_figure("Path", field_figure(data), caption))
     elif data.truth is not None and len(data.table):
         figures.append(_figure("Path", field_figure(data), "The truth alone: the robot was never located."))

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from touchline.errors import InputError
-from touchline.evaluation.estimates import HEADER, csv_row
+from touchline.evaluation.estimates import csv_row, header
 from touchline.evaluation.tum import tum_line
 from touchline.types import Estimate
 
@@ -52,18 +52,26 @@ class RunFolder:
         self.path = folder
         self._trajectory = (folder / TRAJECTORY).open("x", encoding="utf-8", newline="\n")
         self._estimates = (folder / ESTIMATES).open("x", encoding="utf-8", newline="\n")
-        self._estimates.write(HEADER + "\n")
+        self._begun = False
 
     def write(self, estimate: Estimate) -> None:
         """Add one line to each file: the estimate, or the prediction while the robot is lost."""
         row = csv_row(estimate)
+        self._begin(estimate)
         self._trajectory.write(tum_line(estimate.stamp_ns, estimate.pose))
         self._estimates.write(row)
 
     def close(self) -> None:
         """Bring all rows to the disk."""
+        self._begin(None)
         self._trajectory.close()
         self._estimates.close()
+
+    def _begin(self, estimate: Estimate | None) -> None:
+        """The header: which columns there are depends on the first estimate."""
+        if not self._begun:
+            self._estimates.write(header(estimate))
+            self._begun = True
 
     def __enter__(self) -> Self:
         return self

@@ -13,7 +13,7 @@ from touchline.evaluation.latency import LatencyHistogram
 from touchline.evaluation.run_folder import RunFolder
 from touchline.geometry import Pose, wrap_angle
 from touchline.perception.covered import is_covered
-from touchline.types import Estimate, Frame, Status, System
+from touchline.types import Estimate, Frame, Mode, Status, System
 
 _MOST_PICTURES = 6
 _START_IMAGES = 10  # in them code is loaded and colours are learned: no measure of the speed
@@ -47,6 +47,7 @@ class RunTally:
     last_ns: int | None = None
     wall_s: float = 0.0
     statuses: Counter[Status] = field(default_factory=Counter)
+    modes: Counter[Mode] = field(default_factory=Counter)
     black_ns: list[tuple[int, int]] = field(default_factory=list)
     black: int = 0
     missing_images: int = 0
@@ -64,6 +65,8 @@ class RunTally:
         self.first_ns = frame.stamp_ns if self.first_ns is None else self.first_ns
         self.last_ns = frame.stamp_ns
         self.statuses[estimate.status] += 1
+        if estimate.mode is not None:
+            self.modes[estimate.mode] += 1
         if frame.image is not None and is_covered(frame.image):
             self.black += 1
             first_ns = self.black_ns.pop()[0] if was_black else frame.stamp_ns
@@ -89,6 +92,7 @@ class RunTally:
             "recording_rate_hz": round((self.frames - 1) / duration_s, 4) if duration_s > 0 else None,
             "rate_fps": round(self.frames / self.wall_s, 2) if self.wall_s > 0 else None,
             "status": {status.value: self.statuses[status] for status in Status},
+            **({"mode": {mode.value: self.modes[mode] for mode in Mode}} if self.modes else {}),
             "missing_images": self.missing_images,
             "black_images": {"count": self.black, "stretches_ns": self.black_ns},
             "either_side": {

@@ -74,6 +74,32 @@ def normalize(log_weights, weights):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def tempering(log_weights, least_effective):  # type: ignore[no-untyped-def]
+    """Largest exponent in (0, 1] of the weights that leaves an effective sample size of least_effective or more.
+
+    log_weights (N,): logarithms, but for a constant. The effective sample size falls with the exponent from N on;
+    halving finds a bracket, bisection narrows it to 2 %.
+    """
+    greatest = -np.inf
+    for j in range(log_weights.shape[0]):
+        greatest = max(greatest, log_weights[j])
+    low, high, exponent = 0.0, 1.0, 1.0
+    while True:
+        total = squares = 0.0
+        for j in range(log_weights.shape[0]):
+            weight = math.exp(exponent * (log_weights[j] - greatest))
+            total += weight
+            squares += weight * weight
+        if total * total >= least_effective * squares:
+            low = exponent
+        else:
+            high = exponent
+        if low >= 0.98 * high or exponent < 1e-9:
+            return low if low > 0.0 else exponent
+        exponent = 0.5 * high if low == 0.0 else 0.5 * (low + high)
+
+
+@numba.njit(cache=True)
 def mean_and_covariance(particles, weights):  # type: ignore[no-untyped-def]
     """Weighted mean (3,), circular in the heading, and covariance (3, 3) about it in (m, m, rad)."""
     x = y = cosine = sine = 0.0

@@ -23,25 +23,8 @@ from touchline.localization.particle_kernels import (
     occupied_bins,
     resample,
 )
+from touchline.localization.particle_models import ParticleMotionSettings, motion_deviations, spread_particles
 from touchline.motion.odometry import Motion
-
-
-class ParticleMotionSettings(Settings):
-    """The motion model's noise, in proportion to the motion; on top of the odometry's own uncertainty."""
-
-    travel_share: float = Field(
-        0.1, ge=0, description="noise along and across per travel (m/m): wheels err by 3 %, more when they slip"
-    )
-    turn_share: float = Field(0.1, ge=0, description="noise of the heading per turn (rad/rad): as travel_share")
-    bend_rad_per_m: float = Field(
-        0.05, ge=0, description="noise of the heading per travel (rad/m): wheels that slip turn the robot"
-    )
-    rest_m: float = Field(
-        0.03,
-        ge=0,
-        description="noise per cycle even at rest (m): parts equal particles; the samples of a cycle lie 0.7 m apart",
-    )
-    rest_rad: float = Field(0.01, ge=0, description="noise of the heading per cycle even at rest (rad): as rest_m")
 
 
 class AdaptiveSettings(Settings):
@@ -200,11 +183,7 @@ class MonteCarlo:
 
     def move(self, motion: Motion) -> None:
         """The motion model: the odometry's motion with noise, for every particle its own."""
-        m = self.settings.motion
-        travel_m = math.hypot(motion.pose.x, motion.pose.y)
-        position = (m.travel_share * travel_m) ** 2 + m.rest_m**2
-        heading = (m.turn_share * motion.pose.heading) ** 2 + (m.bend_rad_per_m * travel_m) ** 2 + m.rest_rad**2
-        deviations = np.sqrt(np.diag(motion.covariance) + np.array([position, position, heading]))
+        deviations = motion_deviations(motion, self.settings.motion)
         move(self.particles, motion.pose.as_array(), deviations, self.rng.standard_normal(self.particles.shape))
 
     def weigh(self, points: FloatArray, weights: FloatArray | None, compass_rad: float | None = None) -> None:
@@ -281,17 +260,9 @@ class MonteCarlo:
 
     def _fresh(self, count: int, compass_rad: float | None) -> FloatArray:
         """New particles (count, 3), evenly over the region, headings as `restart` has them."""
-        region, reach = self._region, 0.5 * self.size_m + self.settings.beyond_m
-        low = np.maximum(-reach, [region.least_x, region.least_y])
-        high = np.minimum(reach, [region.most_x, region.most_y])
-        particles = np.empty((count, 3))
-        particles[:, :2] = self.rng.uniform(low, high, (count, 2))
-        if compass_rad is not None:
-            particles[:, 2] = compass_rad + self._spread_rad * self.rng.standard_normal(count)
-        else:
-            half = self.symmetric and region == Region()
-            particles[:, 2] = self.rng.uniform(-1.0, 1.0, count) * (0.5 * np.pi if half else np.pi)
-        return particles
+        heading = None if compass_rad is None else (compass_rad, self._spread_rad)
+        reach = 0.5 * self.size_m + self.settings.beyond_m
+        return spread_particles(self.rng, count, reach, self._region, heading, self.symmetric)
 
     def _weigh_alike(self) -> None:
         self._log_weights = np.zeros(len(self.particles))

@@ -2,5 +2,14 @@
 
 from touchline.motion.compass import CompassTrack, CompassTrackSettings
 from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
+from touchline.motion.wheels import WheelOdometry, WheelOdometrySettings
 
-__all__ = ["CompassTrack", "CompassTrackSettings", "Motion", "OdometrySettings", "OdometryTrack"]
+__all__ = [
+    "CompassTrack",
+    "CompassTrackSettings",
+    "Motion",
+    "OdometrySettings",
+    "OdometryTrack",
+    "WheelOdometry",
+    "WheelOdometrySettings",
+]

@@ -55,11 +55,25 @@ class History:
             for column in self._angles:
                 last = self._rows[-1][column] if self._rows else 0.0
                 row[column] = last + math.remainder(row[column] - last, 2.0 * math.pi)
-            self._stamps_ns.append(stamp_ns)
-            self._rows.append(row)
+            self.append(stamp_ns, row)
         if self._stamps_ns:
             old = bisect_left(self._stamps_ns, self._stamps_ns[-1] - self._keep_ns)
             del self._stamps_ns[:old], self._rows[:old]
+
+    def append(self, stamp_ns: int, row: list[float]) -> None:
+        """Append one sample that is finite and later than the newest; none is forgotten for it."""
+        self._stamps_ns.append(stamp_ns)
+        self._rows.append(row)
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Stamps of the samples kept, in the order of time; not to be changed."""
+        return self._stamps_ns
+
+    def forget_before(self, stamp_ns: int) -> None:
+        """Forget what isn't needed to look up values from a stamp on."""
+        old = max(bisect_right(self._stamps_ns, stamp_ns) - 1, 0)
+        del self._stamps_ns[:old], self._rows[:old]
 
     def clear(self) -> None:
         """Forget all samples."""

@@ -1,6 +1,14 @@
 """Image -> observation: colour classes, scan lines, the field's boundary, line points."""
 
+from touchline.perception.hsv_lines import HsvLineDetector, HsvLineSettings
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
 
-__all__ = ["LearningSettings", "LinePointDetector", "LinePointSettings", "SelfLearningDetector"]
+__all__ = [
+    "HsvLineDetector",
+    "HsvLineSettings",
+    "LearningSettings",
+    "LinePointDetector",
+    "LinePointSettings",
+    "SelfLearningDetector",
+]

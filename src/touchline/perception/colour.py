@@ -22,6 +22,7 @@ from touchline.types import ImageArray
 OTHER, GREEN, WHITE = 0, 1, 2
 _BITS = 6  # of the look-up table per channel: 64³ bytes stay in the second-level cache
 _DARKEST_SUM = 40.0  # of B, G and R: below, the steps of the grey levels leave no colour
+SMOOTH_NOISE = 2.5  # grey levels of noise that a blur leaves
 _CELLS = 64  # of the chromaticity histogram per axis
 
 
@@ -165,6 +166,18 @@ def pixel_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_]) -> fl
     """Standard deviation (grey levels) of G against its neighbours inside the mask, from second differences."""
     spreads = [np.median(_differences(image[..., 1].astype(np.float64), mask, lag=1)) for image in images]
     return float(np.median(spreads)) / 0.6745
+
+
+def smoothing_for(noise: float) -> float:
+    """Standard deviation (px) of the blur that brings white noise down to SMOOTH_NOISE; 0 where it is low."""
+    sigma = noise / (2.0 * np.sqrt(np.pi) * SMOOTH_NOISE)
+    return sigma if sigma > 0.45 else 0.0
+
+
+def smoothed(image: ImageArray, sigma_px: float) -> ImageArray:
+    """The image, contiguous, blurred if sigma_px is not 0."""
+    image = np.ascontiguousarray(image)
+    return cv2.GaussianBlur(image, (0, 0), sigma_px).astype(np.uint8) if sigma_px else image
 
 
 def signal_noise(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_], model: ColourModel) -> float:

@@ -19,20 +19,21 @@ from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import (
     GREEN,
+    SMOOTH_NOISE,
     ColourModel,
     ColourSettings,
     colour_model,
     learn_carpet,
     pixel_noise,
     signal_noise,
+    smoothed,
+    smoothing_for,
 )
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
 from touchline.perception.profiles import COLUMNS, find_line_profiles, sample_paths
-from touchline.perception.scan_lines import ScanLines, build_scan_lines
+from touchline.perception.scan_lines import ScanLines, build_scan_lines, usable_radius
 from touchline.perception.stages import draw_stages
 from touchline.types import ImageArray, LinePoints
-
-_SMOOTH_NOISE = 2.5  # grey levels of noise that a blur leaves
 
 
 class LinePointSettings(Settings):
@@ -114,7 +115,7 @@ class LinePointDetector:
         self.settings = settings or LinePointSettings()
         s = self.settings
         self.line_width_m = s.line_width_m or line_width_m
-        self.outer_px = _usable_radius(camera, s.coarsest_px_m)
+        self.outer_px = usable_radius(camera, s.coarsest_px_m)
         self.scan_lines: ScanLines = build_scan_lines(
             camera, s.radial_scan_lines, s.circles, camera.inner_radius_px, self.outer_px
         )
@@ -137,8 +138,8 @@ class LinePointDetector:
             self._check_size(image)
         near, around = (self._ring(self.camera.inner_radius_px, share * self.outer_px) for share in (0.65, 0.9))
         noise = pixel_noise(images, near)
-        smoothing_px = _smoothing_for(noise)
-        smooth = [_smoothed(image, smoothing_px) for image in images]
+        smoothing_px = smoothing_for(noise)
+        smooth = [smoothed(image, smoothing_px) for image in images]
         carpet = learn_carpet(smooth, near, around, noise)  # raises before anything has changed
         self._smoothing_px = smoothing_px
         self._see_body(np.zeros_like(self.body))
@@ -158,9 +159,9 @@ class LinePointDetector:
         for image in images:
             self._check_size(image)
         self.colours = colours
-        self._smoothing_px = _smoothing_for(colours.noise)
-        self._noise = float(np.linalg.norm(colours.signal)) * min(colours.noise, _SMOOTH_NOISE)
-        smooth = [_smoothed(image, self._smoothing_px) for image in images]
+        self._smoothing_px = smoothing_for(colours.noise)
+        self._noise = float(np.linalg.norm(colours.signal)) * min(colours.noise, SMOOTH_NOISE)
+        smooth = [smoothed(image, self._smoothing_px) for image in images]
         self._see_body(self._own_body(smooth) if smooth else np.zeros_like(self.body))
 
     def forget(self) -> None:
@@ -172,8 +173,8 @@ class LinePointDetector:
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""
         self._check_size(image)
-        found = self._crossings(_smoothed(image, self._smoothing_px))
-        covariances = self._covariances(found[:, 2:4])
+        found = self._crossings(smoothed(image, self._smoothing_px))
+        covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, self.settings.noise_m)
         confidences = np.clip(found[:, 4], 0.0, 1.0)
         return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
 
@@ -181,7 +182,7 @@ class LinePointDetector:
         """Title -> picture (H, W, 3), B, G, R, of each step of `detect` on an image."""
         points = self.detect(image)
         assert self.colours is not None
-        return draw_stages(self, self.colours, _smoothed(image, self._smoothing_px), points)
+        return draw_stages(self, self.colours, smoothed(image, self._smoothing_px), points)
 
     @property
     def green_share(self) -> float:
@@ -224,12 +225,6 @@ class LinePointDetector:
         )
         kept: FloatArray = found[inside_green(found, *camera.center, self.green_ends_px, 2.0)]
         return kept
-
-    def _covariances(self, pixels: FloatArray) -> FloatArray:
-        """(N, 2, 2): the pixel's noise through the mirror, and the ground's own."""
-        jacobians = self.camera.ground_jacobian(pixels)
-        covariances: FloatArray = self.settings.noise_px**2 * jacobians @ jacobians.transpose(0, 2, 1)
-        return covariances + np.eye(2) * self.settings.noise_m**2
 
     def _see_body(self, body: npt.NDArray[np.bool_]) -> None:
         self.body, self._masked = body, self.scan_lines.at_samples(body)
@@ -281,22 +276,3 @@ class LinePointDetector:
             raise InputError(
                 f"the image is {image.shape} of {image.dtype}; the camera file says {wanted} (height, width, 3), uint8"
             )
-
-
-def _usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
-    steps = np.diff(camera.range_m, axis=1).max(axis=0) / np.diff(camera.radius_px)
-    too_coarse = np.nonzero(steps > coarsest_px_m)[0]
-    limit = camera.radius_px[too_coarse[0]] if len(too_coarse) else camera.radius_px[-1]
-    return float(min(limit, camera.outer_radius_px))
-
-
-def _smoothed(image: ImageArray, sigma_px: float) -> ImageArray:
-    """The image, contiguous, blurred if sigma_px is not 0."""
-    image = np.ascontiguousarray(image)
-    return cv2.GaussianBlur(image, (0, 0), sigma_px).astype(np.uint8) if sigma_px else image
-
-
-def _smoothing_for(noise: float) -> float:
-    """Standard deviation (px) of the blur that brings white noise down to _SMOOTH_NOISE; 0 where it is low."""
-    sigma = noise / (2.0 * np.sqrt(np.pi) * _SMOOTH_NOISE)
-    return sigma if sigma > 0.45 else 0.0

@@ -69,6 +69,14 @@ def build_scan_lines(
     return ScanLines(samples, starts, lengths, corners, shares)
 
 
+def usable_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
+    """Radius (px) up to which a pixel is no longer on the ground than coarsest_px_m, and the field is seen."""
+    steps = np.diff(camera.range_m, axis=1).max(axis=0) / np.diff(camera.radius_px)
+    too_coarse = np.nonzero(steps > coarsest_px_m)[0]
+    limit = camera.radius_px[too_coarse[0]] if len(too_coarse) else camera.radius_px[-1]
+    return float(min(limit, camera.outer_radius_px))
+
+
 def _inside(path: FloatArray, closed: int, camera: OmniCamera) -> list[tuple[FloatArray, int]]:
     """The path, or what the image's border leaves of it: open pieces. closed: see ScanLines; 0 for an open path."""
     u, v = path.T

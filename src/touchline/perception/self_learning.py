@@ -8,7 +8,7 @@ from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
-from touchline.perception.covered import LEAST_CONTRAST, is_covered
+from touchline.perception.covered import LEAST_CONTRAST, visible_image
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, LinePoints, empty_points
 
@@ -79,17 +79,12 @@ class SelfLearningDetector:
         self.problem = None
         if frame.points is not None:
             return frame.points
-        if frame.image is None:
-            self.problem = frame.problem or "there is no image"
+        image, self.problem = visible_image(frame, self.settings.least_contrast)
+        if image is None or (len(self._images) < self.settings.frames and not self._learn(image)):
             return empty_points()
-        if is_covered(frame.image, self.settings.least_contrast):
-            self.problem = "the image is black, or shows nothing at all"
-            return empty_points()
-        if len(self._images) < self.settings.frames and not self._learn(frame.image):
-            return empty_points()
-        points = self.detector.detect(frame.image)
+        points = self.detector.detect(image)
         if self._kept is None:
-            self._watch_green(frame.image)
+            self._watch_green(image)
         return points
 
     def _learn(self, image: ImageArray) -> bool:

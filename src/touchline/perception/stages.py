@@ -13,7 +13,7 @@ from touchline.types import ImageArray, LinePoints
 if TYPE_CHECKING:
     from touchline.perception.line_points import LinePointDetector
 
-_ZOOM = 2
+ZOOM = 2
 _GREEN_PAINT, _WHITE_PAINT, _BODY_PAINT = (70, 140, 50), (245, 245, 245), (90, 60, 120)
 _RAY, _CIRCLE, _BOUNDARY, _POINT = (200, 200, 60), (200, 120, 60), (40, 200, 255), (60, 60, 255)
 
@@ -30,7 +30,7 @@ def draw_stages(
         "white against this green": _signal(model, image),
         "scan lines": _scan_lines(detector, image),
         "field boundary": _boundary(detector, image),
-        "line points": _points(image, points),
+        "line points": points_picture(image, points),
     }
 
 
@@ -50,33 +50,35 @@ def _signal(model: ColourModel, image: ImageArray) -> ImageArray:
 
 
 def _scan_lines(detector: LinePointDetector, image: ImageArray) -> ImageArray:
-    picture, lines = _enlarged(image), detector.scan_lines
+    picture, lines = enlarged(image), detector.scan_lines
     for k, closed in enumerate(lines.closed):
         path = lines.samples[lines.starts[k] : lines.starts[k + 1]]
-        cv2.polylines(picture, [_pixels(path)], bool(closed), _CIRCLE if closed else _RAY, 1, cv2.LINE_AA)
+        cv2.polylines(picture, [enlarged_pixels(path)], bool(closed), _CIRCLE if closed else _RAY, 1, cv2.LINE_AA)
     return picture
 
 
 def _boundary(detector: LinePointDetector, image: ImageArray) -> ImageArray:
-    picture = _enlarged(image)
+    picture = enlarged(image)
     angles = 2.0 * np.pi * np.arange(len(detector.green_ends_px)) / len(detector.green_ends_px)
     ends = np.column_stack((np.cos(angles), np.sin(angles))) * detector.green_ends_px[:, np.newaxis]
-    cv2.polylines(picture, [_pixels(ends + detector.camera.center)], True, _BOUNDARY, 2, cv2.LINE_AA)
+    cv2.polylines(picture, [enlarged_pixels(ends + detector.camera.center)], True, _BOUNDARY, 2, cv2.LINE_AA)
     return picture
 
 
-def _points(image: ImageArray, points: LinePoints) -> ImageArray:
-    picture = _enlarged(image)
-    for pixel in _pixels(points.pixels):
+def points_picture(image: ImageArray, points: LinePoints) -> ImageArray:
+    """The image enlarged, a circle about each point."""
+    picture = enlarged(image)
+    for pixel in enlarged_pixels(points.pixels):
         cv2.circle(picture, (int(pixel[0]), int(pixel[1])), 4, _POINT, 1, cv2.LINE_AA)
     return picture
 
 
-def _enlarged(image: ImageArray) -> ImageArray:
-    large: ImageArray = cv2.resize(image, None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
+def enlarged(image: ImageArray) -> ImageArray:
+    """The image at `ZOOM` times its size."""
+    large: ImageArray = cv2.resize(image, None, fx=ZOOM, fy=ZOOM, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
     return large
 
 
-def _pixels(path: np.ndarray) -> np.ndarray:
+def enlarged_pixels(path: np.ndarray) -> np.ndarray:
     """Image positions (N, 2) as whole pixels of the enlarged picture, whose pixel centres lie half a pixel further."""
-    return np.rint(_ZOOM * path + 0.5 * (_ZOOM - 1)).astype(np.int32)
+    return np.rint(ZOOM * path + 0.5 * (ZOOM - 1)).astype(np.int32)

@@ -115,6 +115,12 @@ class Simulation:
             raise InputError(f"{self.name}: no system uses a pinhole camera yet; run it at the level of points")
         return omni_from_mapping(self.camera_model.camera_yaml(), Path(f"{self.name}, camera"))
 
+    @property
+    def wheel_directions_rad(self) -> tuple[float, float]:
+        """Rolling directions of the measuring wheels a and b in the robot frame."""
+        wheels = self.scenario.sensors.wheels
+        return wheels.a_dir_rad, wheels.b_dir_rad
+
     @cached_property
     def truth(self) -> Truth:
         """The true poses at the images. For evaluation only."""

@@ -117,6 +117,15 @@ def finite_number(value: object) -> float | None:
     return number if math.isfinite(number) else None
 
 
+def wheel_directions_rad(sequence: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Rolling directions of the measuring wheels a and b in the robot frame; None where sequence.yaml names none."""
+    wheels = sequence.get("wheels")
+    if not isinstance(wheels, dict):
+        return None
+    a_rad, b_rad = finite_number(wheels.get("a_dir_rad")), finite_number(wheels.get("b_dir_rad"))
+    return None if a_rad is None or b_rad is None else (a_rad, b_rad)
+
+
 def _rate(rate: object, log: ProblemLog) -> float | None:
     number = finite_number(rate)
     if number is not None and number > 0.0:

@@ -11,7 +11,7 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.sources.decoding import decode_image, usable_image
-from touchline.sources.description import Description, read_description
+from touchline.sources.description import Description, read_description, wheel_directions_rad
 from touchline.sources.images import read_image_list
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import SensorStream
@@ -121,6 +121,16 @@ class Recording:
         from touchline.field import open_field
 
         return open_field(self._about.field_source)
+
+    @property
+    def wheel_directions_rad(self) -> tuple[float, float] | None:
+        """Rolling directions of the measuring wheels a and b in the robot frame; None where sequence.yaml has none."""
+        return wheel_directions_rad(self.sequence)
+
+    @property
+    def sensor_files(self) -> tuple[str, ...]:
+        """The tables of sensors that can be read."""
+        return tuple(self._tables)
 
     @property
     def rate_hz(self) -> float:

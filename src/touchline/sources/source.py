@@ -88,6 +88,11 @@ class Source(Protocol):
         ...
 
     @property
+    def wheel_directions_rad(self) -> tuple[float, float] | None:
+        """Rolling directions of the measuring wheels a and b in the robot frame; None where nobody says."""
+        ...
+
+    @property
     def truth(self) -> Truth | None:
         """The true poses, where they are known. For evaluation only."""
         ...

@@ -15,11 +15,11 @@ from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.localization import WeightSettings, locate_points, precision_weights
-from touchline.perception import LinePointDetector
+from touchline.perception import HsvLineDetector, LinePointDetector
 from touchline.perception.covered import is_covered
 from touchline.sources import Recording, open_source
 from touchline.sources.findings import counted
-from touchline.systems import DEFAULT_SYSTEM, open_system
+from touchline.systems import DEFAULT_SYSTEM, open_system, system_info
 from touchline.types import ImageArray, LinePoints
 from touchline.view.overlay import overlay_image
 from touchline.view.stages import stage_pictures
@@ -34,7 +34,7 @@ class Look:
     name: str
     image: ImageArray
     camera: OmniCamera
-    detector: LinePointDetector
+    detector: LinePointDetector | HsvLineDetector
     points: LinePoints
     field: FieldModel | None
     field_from_robot: Pose | None
@@ -57,40 +57,42 @@ class Look:
         return f"{self.name}: {points}; {pose_text(self.field_from_robot)} ({self.found})"
 
 
-def look_at_recording(path: Path, index: int) -> Look:
-    """Image `index` (from 0) of a recording, with the pose that the default system has when it comes to it.
+def look_at_recording(path: Path, index: int, system: str = DEFAULT_SYSTEM) -> Look:
+    """Image `index` (from 0) of a recording, with the points and the pose that a system has when it comes to it.
 
-    Raises InputError if there is no such image or it cannot be read.
+    Raises InputError if there is no such image or it cannot be read, and for an unknown system.
     """
+    info = system_info(system)
     source = open_source(path)
     if not 0 <= index < len(source):
         raise InputError(f"{path}: has no image {index}; its images are 0 to {len(source) - 1}")
     image = source.image(index)
     if image is None:
         raise InputError(f"{path}: image {index} cannot be read; touchline check tells why")
-    system = open_system(DEFAULT_SYSTEM, source.field, source.camera, rng=np.random.default_rng(0))
-    system.reset()
+    rng = np.random.default_rng(0)
+    running = open_system(system, source.field, source.camera, None, rng, source.wheel_directions_rad)
+    running.reset()
     for frame in islice(source, index + 1):
-        estimate = system.step(frame)
-    detector = LinePointDetector(source.camera, line_width_m=source.field.line_width)
-    detector.learn([image, *_colour_images(source)])
+        estimate = running.step(frame)
+    detector = _ready(info.line_detector(source.camera, line_width_m=source.field.line_width), [image, *_some(source)])
     points = detector.detect(image)
     name = f"{source.name}-{index}"
-    found = f"{estimate.status.value}, as {DEFAULT_SYSTEM} has it after {counted(index + 1, 'image')}"
+    found = f"{estimate.status.value}, as {system} has it after {counted(index + 1, 'image')}"
     return Look(name, image, source.camera, detector, points, source.field, estimate.pose, found)
 
 
-def look_at_image(path: Path, camera_file: Path, field_name: str | None = None) -> Look:
-    """One image taken through a camera; with a field (a preset's name or a file) its pose is looked for, too.
+def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, system: str = DEFAULT_SYSTEM) -> Look:
+    """One image taken through a camera, its points found as a system finds them.
 
-    Without a compass a symmetric field has two poses that fit equally well: the first of them is drawn.
-    Raises InputError if a file cannot be read.
+    With a field (a preset's name or a file) its pose is looked for, too. Without a compass a symmetric field has two
+    poses that fit equally well: the first of them is drawn.
+    Raises InputError if a file cannot be read, and for an unknown system.
     """
+    make = system_info(system).line_detector
     camera = open_camera(camera_file)
     field = None if field_name is None else open_field(field_name)
     image = read_image(path)
-    detector = LinePointDetector(camera) if field is None else LinePointDetector(camera, line_width_m=field.line_width)
-    detector.learn([image])
+    detector = _ready(make(camera) if field is None else make(camera, line_width_m=field.line_width), [image])
     points = detector.detect(image)
     pose, found = None, "no pose: give the field with --field NAME"
     if field is not None:
@@ -115,7 +117,16 @@ def read_image(path: Path) -> ImageArray:
     return np.asarray(image, dtype=np.uint8)
 
 
-def _colour_images(source: Recording) -> list[ImageArray]:
+def _ready(
+    detector: LinePointDetector | HsvLineDetector, images: list[ImageArray]
+) -> LinePointDetector | HsvLineDetector:
+    """The detector, its colours learned from images if it needs that."""
+    if isinstance(detector, LinePointDetector):
+        detector.learn(images)
+    return detector
+
+
+def _some(source: Recording) -> list[ImageArray]:
     """A few images spread over the recording that show something, to learn the colours from."""
     indices = np.unique(np.linspace(0, len(source) - 1, _COLOUR_IMAGES).astype(int))
     images = [source.image(int(index)) for index in indices]

@@ -11,7 +11,7 @@ import numpy as np
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import Pose
-from touchline.perception import LinePointDetector
+from touchline.perception import HsvLineDetector, LinePointDetector
 from touchline.types import ImageArray, LinePoints
 from touchline.view.birds_eye import birds_eye_image
 from touchline.view.overlay import overlay_image
@@ -26,14 +26,14 @@ _PAPER = (24, 24, 24)
 def stage_pictures(
     image: ImageArray,
     camera: OmniCamera,
-    detector: LinePointDetector,
+    detector: LinePointDetector | HsvLineDetector,
     field: FieldModel | None,
     field_from_robot: Pose | None,
     points: LinePoints,
 ) -> dict[str, ImageArray]:
     """Title -> picture (H, W, 3) BGR of every stage, in their order.
 
-    The detector must have learned its colours. Without field or pose the last picture shows the points alone.
+    A detector that learns colours must have learned them. Without field or pose the last picture shows points alone.
     """
     return {
         "original": image,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,14 +11,14 @@ from touchline.camera.exposure import ExposureControl, ExposureSettings, Mask, i
 from touchline.camera.exposure_search import Tried
 from touchline.errors import TouchlineError
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, spread
-from touchline.evaluation.experiments.scenes import BLUE, MAGENTA, RED, new_figure, random_place
+from touchline.evaluation.experiments.scenes import BLUE, MAGENTA, RED, new_figure, public_recording, random_place
 from touchline.geometry import FloatArray
 from touchline.perception import LinePointDetector
 from touchline.simulation.linear_camera import LinearImageCamera
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.simulation.world import WorldState
-from touchline.sources import Recording, open_source
+from touchline.sources import Recording
 from touchline.types import ImageArray
 
 CASES = {"lamps": "lighting-1", "dull day, lamps off": "lighting-2", "lamps and sun": "lighting-3"}
@@ -81,7 +79,7 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
     simulation = Simulation(open_scenario(CASES["lamps"]))
     masks = mirror_masks(simulation.camera)
     places = [_simulated_cases(seed, masks, settings) for seed in range(seeds)]
-    recording = public_recording()
+    recording = public_recording(PUBLIC)
     recorded = [] if recording is None else _recorded_cases(recording, settings)
     changes = [change for cases in [*places, *recorded] for change in _all_changes(cases, masks, settings)]
     rows = [_case_row("simulated", name, [cases[k] for cases in places], settings) for k, name in enumerate(CASES)]
@@ -126,14 +124,6 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
         tuple(notes),
         tuple(pictures),
     )
-
-
-def public_recording() -> Recording | None:
-    """The recording of linear images, where it is found."""
-    for folder in (os.environ.get("TOUCHLINE_DATA"), "../shared/data"):
-        if folder is not None and (Path(folder) / PUBLIC / "sequence.yaml").is_file():
-            return open_source(Path(folder) / PUBLIC)
-    return None
 
 
 def _simulated_cases(seed: int, masks: tuple[Mask, Mask], settings: ExposureSettings) -> list[Case]:

@@ -122,7 +122,8 @@ def _drive(system_name: str, condition: Condition, seed: int) -> Drive:
     camera = scenario.camera.model_copy(update={"black_sectors_deg": condition.sectors})
     simulation = Simulation(scenario.model_copy(update={"camera": camera}), level="points")
     settings = load_settings(SYSTEMS[system_name].settings, None, condition.sets)
-    system = open_system(system_name, simulation.field, None, settings, np.random.default_rng(seed))
+    rng, directions_rad = np.random.default_rng(seed), simulation.wheel_directions_rad
+    system = open_system(system_name, simulation.field, None, settings, rng, directions_rad)
     estimates = [system.step(frame) for frame in simulation]
     path = np.array([estimate.pose for estimate in estimates])
     truth = simulation.truth

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +18,7 @@ from touchline.geometry import Pose
 from touchline.simulation.observation import ObservedLines
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.sources import Recording, open_source
 
 FIELD = "msl-18x12"
 CARPET, PAINT, INK = "#7fae86", "#ffffff", "#20302a"
@@ -32,6 +35,14 @@ def the_camera() -> OmniCamera:
 def the_views() -> ObservedLines:
     """What is seen through it on the 18 x 12 m field."""
     return ObservedLines(the_camera(), open_field(FIELD))
+
+
+def public_recording(name: str) -> Recording | None:
+    """A public recording: in the folder that TOUCHLINE_DATA names, or in ../shared/data; None where it is not found."""
+    for folder in (os.environ.get("TOUCHLINE_DATA"), "../shared/data"):
+        if folder is not None and (Path(folder) / name / "sequence.yaml").is_file():
+            return open_source(Path(folder) / name)
+    return None
 
 
 def random_place(field: FieldModel, rng: np.random.Generator, margin_m: float = 0.0) -> Pose:

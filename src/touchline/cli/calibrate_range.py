@@ -1,0 +1,97 @@
+"""`touchline calibrate range`: the pixel-to-centimetre regression of a mirror."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from touchline.errors import InputError
+
+if TYPE_CHECKING:
+    from touchline.calibration.range_pairs import RangePairs
+    from touchline.calibration.range_regression import RangeRegression
+
+_BAD_SHARE = 0.03  # of the range: more than a pixel's worth anywhere on the table
+
+
+def calibrate_range(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORDING|MARKS.csv",
+            help="A recording with marks.csv or of the calibration strip, or a file of marks.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The camera.yaml to write.", show_default=False)
+    ],
+    degree: Annotated[
+        int | None,
+        typer.Option(min=1, max=12, help="Degree of the polynomial (default: the highest up to 6 that rises)."),
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="camera.yaml for MARKS.csv [default: the one beside it].", show_default=False)
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A picture of it [default: the output's name with .png].")
+    ] = None,
+    skip_unusable: Annotated[
+        bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")
+    ] = False,
+) -> None:
+    """Write a camera.yaml whose ranges are a polynomial of the pixel radius, fitted to pairs of both."""
+    from touchline.cli.calibrate import _free_files, _print_lines, _write_text
+
+    picture = _free_files(output, picture)
+    pairs = _pairs(source, camera, skip_unusable)
+    from touchline.calibration.range_figure import range_figure
+    from touchline.calibration.range_regression import fit_range
+    from touchline.calibration.strip_recording import camera_yaml
+
+    regression = fit_range(pairs, degree)
+    words = regression_words(regression)
+    _write_text(output, camera_yaml(regression.camera(), f"{words}\n{regression.formula()}"))
+    try:
+        range_figure(regression).savefig(picture, dpi=130, metadata={"Software": None})
+    except OSError as error:
+        raise InputError(f"{picture}: cannot be written ({error.strerror})") from None
+    _print_lines(words, output, picture)
+
+
+def _pairs(source: Path, camera: Path | None, skip_unusable: bool) -> RangePairs:
+    if not source.exists():
+        raise InputError(f"{source}: there is no such recording or file of marks")
+    if source.is_dir() and camera is not None:
+        raise InputError("--camera is for a file of marks: a recording brings its own")
+    from touchline.calibration.range_pairs import marked_pairs, recording_pairs
+    from touchline.sources import open_source
+
+    if source.is_dir():
+        return recording_pairs(open_source(source), skip_unusable)
+    return marked_pairs(source, camera or source.parent / "camera.yaml")
+
+
+def regression_words(regression: RangeRegression) -> str:
+    """What was fitted to what, how well, and where it holds."""
+    import numpy as np
+
+    pairs, residuals_cm = regression.pairs, 100.0 * regression.residuals_m
+    words = (
+        f"Polynomial of degree {regression.degree} fitted to {pairs.origin}: residuals "
+        f"{np.sqrt(np.mean(residuals_cm**2)):.1f} cm (root mean square), {np.abs(residuals_cm).max():.1f} cm at most.\n"
+        f"It holds from {pairs.range_m.min():g} to {pairs.range_m.max():g} m "
+        f"({regression.first_px:.0f} to {regression.last_px:.0f} px); points nearer or farther are dropped."
+    )
+    if np.abs(regression.residuals_m / pairs.range_m).max() > _BAD_SHARE:
+        words += "\nA polynomial follows this mirror badly; touchline calibrate mirror needs no formula."
+    off_u, off_v = regression.center_offset_px()
+    if np.hypot(off_u, off_v) > 1.0:
+        u, v = pairs.optics.center
+        words += (
+            f"\nThe pairs lie as if the centre were at {u + off_u:.1f}, {v + off_v:.1f} px instead of "
+            f"{u:.1f}, {v:.1f}: correct 'center' in camera.yaml and fit again."
+        )
+    return words

@@ -1,0 +1,262 @@
+"""Fusion of odometry and particle filter in three modes (Ismail et al. 2021, section II.D, equations 15 to 19).
+
+Figure 11, the algorithm, is a picture that cannot be read; the rule here is designed from the text: competitive
+fusion takes one of the two, complementary fusion both. docs/method.md states it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.motion.odometry import Motion
+from touchline.types import Mode
+
+
+class SensorFusionSettings(Settings):
+    """The paper gives equations (15) to (19) and the three modes, no number.
+
+    Of each pair of limits the stricter one lets an image be used, the looser one lets it go on: hysteresis.
+    """
+
+    beta: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="the odometry's share, β of equations (15) to (19): averages the particles' noise over some "
+        "images, yet lets them correct what measuring wheels err by in them",
+    )
+    beta_period_s: float | None = Field(
+        0.1,
+        gt=0,
+        description="time between corrections of the odometry (s) that β is meant for: after a longer one its share is "
+        "β to the power of their ratio, since its errors have grown; none is the paper's constant",
+    )
+    bias_gain_per_s: float = Field(
+        0.2,
+        ge=0,
+        description="how much of the difference of both headings corrects the gyro's bias (rad/s per rad), at which "
+        "the odometry's heading runs away: settles within some seconds; 0 is the paper's form",
+    )
+    most_bias_rad_s: float = Field(
+        0.05, ge=0, description="largest bias that is learned (rad/s): 3 degrees per second, several times the usual"
+    )
+    enough_points: int = Field(15, ge=1, description="line points from which an image is used again")
+    least_points: int = Field(10, ge=1, description="line points below which it no longer is: fewer fit anywhere")
+    near_m: float = Field(0.1, gt=0, description="distance (m) within which a point lies on a line: calibration, blur")
+    found_share: float = Field(
+        0.85,
+        ge=0,
+        le=1,
+        description="share of points on lines from which an image may contradict the odometry, or find a robot that "
+        "has no pose yet: on a small field wrong poses come to 0.8",
+    )
+    doubt: float = Field(
+        0.05,
+        ge=0,
+        le=1,
+        description="how much less is asked of found_share after every search that ended without it, down to "
+        "accepted_share: a poor calibration leaves more points beside the lines",
+    )
+    accepted_share: float = Field(
+        0.7,
+        ge=0,
+        le=1,
+        description="share of points on lines from which an image that agrees is used again: a right pose has 0.9, "
+        "robots and goals spoil some",
+    )
+    least_share: float = Field(0.6, ge=0, le=1, description="share of points on lines below which it no longer is")
+    narrow_m: float = Field(
+        0.15,
+        gt=0,
+        description="standard deviation of the particles (m) below which an image is used again: 5 times usual",
+    )
+    widest_m: float = Field(0.25, gt=0, description="the same above which it no longer is: a lone line, two places")
+    narrow_rad: float = Field(0.05, gt=0, description="as narrow_m, of the headings (rad)")
+    widest_rad: float = Field(0.08, gt=0, description="as widest_m, of the headings (rad)")
+    agreement_m: float = Field(
+        0.1,
+        gt=0,
+        description="distance of odometry and particles (m) within which they agree, beside three standard deviations "
+        "of the odometry since it was last corrected",
+    )
+    agreement_rad: float = Field(0.06, gt=0, description="the same of the heading (rad)")
+    frames: int = Field(
+        3,
+        ge=1,
+        description="images in a row that must contradict the odometry in one and the same way until the particles "
+        "are believed alone, and that must agree until the odometry is believed again: 0.3 s after a slip",
+    )
+    lost_m: float = Field(
+        0.6,
+        gt=0,
+        description="standard deviation of the position (m) above which odometry alone is lost: a shove, twice",
+    )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Vision:
+    """What the particle filter makes of one image: pose, covariance (3, 3), points used, share of them on lines."""
+
+    pose: Pose
+    covariance: FloatArray
+    points: int
+    on_lines: float
+
+
+class SensorFusion:
+    """`pose` [x_R y_R θ_R] and its `covariance` (3, 3) in (m, m, rad), field frame; `mode`.
+
+    `bias_rad_s`: how fast the odometry's heading was seen to run away from the particles'.
+
+    The covariance is a bound that holds however the errors depend on each other: those of odometry do, from step to
+    step, and the particles are moved by it.
+    """
+
+    def __init__(self, settings: SensorFusionSettings | None = None) -> None:
+        self.settings = settings or SensorFusionSettings()
+        self.forget()
+
+    def forget(self) -> None:
+        """No pose is known."""
+        self.pose = Pose(0.0, 0.0, 0.0)
+        self.covariance: FloatArray = np.eye(3) * 100.0
+        self.mode = Mode.ODOMETRY
+        self.placed = False
+        self.bias_rad_s = 0.0
+        self.searches = 0
+        """Searches over the field that ended without finding the robot."""
+        self._uncorrected_s = 0.0
+        self.interrupt()
+
+    def place(self, pose: Pose, covariance: FloatArray) -> None:
+        """A pose that is told, with its covariance (3, 3)."""
+        self.pose, self.covariance, self.placed = pose, covariance, True
+
+    def interrupt(self) -> None:
+        """Particles start anew: images must follow each other anew, too."""
+        self.agreeing = 0
+        self.contradicting = 0
+        self._seen: Pose | None = None
+
+    def update(self, odometry: Pose, motion: Motion, vision: Vision | None, duration_s: float) -> Mode:
+        """Fuse one frame. odometry: [x_o y_o θ_o], corrected after the last frame; motion: since then, in duration_s.
+
+        vision: None without usable points.
+        """
+        self._spread_by(motion)
+        self._uncorrected_s += duration_s
+        good = vision is not None and self._is_good(vision)
+        if vision is None or not good:
+            self.interrupt()
+            self.mode, self.pose = Mode.ODOMETRY, odometry
+            return self.mode
+        self._compare(odometry, motion, vision)
+        self.mode = self._next_mode(trusted=motion.missing_s == 0.0)
+        self._take(odometry, vision)
+        return self.mode
+
+    @property
+    def lost(self) -> bool:
+        """Whether the odometry has been alone for too long."""
+        return math.sqrt(self.covariance[0, 0] + self.covariance[1, 1]) > self.settings.lost_m
+
+    def _is_good(self, vision: Vision) -> bool:
+        """Whether an image may be used: enough points, most of them on lines, particles that agree."""
+        s, used = self.settings, self.mode is not Mode.ODOMETRY
+        spread_m = math.sqrt(vision.covariance[0, 0] + vision.covariance[1, 1])
+        spread_rad = math.sqrt(vision.covariance[2, 2])
+        if used:
+            limits = (s.least_points, s.least_share, s.widest_m, s.widest_rad)
+        else:
+            limits = (s.enough_points, s.accepted_share, s.narrow_m, s.narrow_rad)
+        points, share, most_m, most_rad = limits
+        return vision.points >= points and vision.on_lines >= share and spread_m <= most_m and spread_rad <= most_rad
+
+    def _compare(self, odometry: Pose, motion: Motion, vision: Vision) -> None:
+        """Count the images in a row that agree with the odometry, and those that contradict it in one way."""
+        s = self.settings
+        reach_m = s.agreement_m + 3.0 * math.sqrt(self.covariance[0, 0] + self.covariance[1, 1])
+        reach_rad = s.agreement_rad + 3.0 * math.sqrt(self.covariance[2, 2])
+        agrees = self.placed and _near(odometry, vision.pose, reach_m, reach_rad)
+        expected = None if self._seen is None else self._seen.compose(motion.pose)
+        steady = expected is not None and _near(expected, vision.pose, s.agreement_m, s.agreement_rad)
+        self.agreeing = self.agreeing + 1 if agrees else 0
+        if agrees or vision.on_lines < max(s.found_share - s.doubt * self.searches, s.accepted_share):
+            self.contradicting = 0
+        else:
+            self.contradicting = self.contradicting + 1 if steady else 1
+        self._seen = vision.pose
+
+    def _next_mode(self, trusted: bool) -> Mode:
+        """The mode for an image that may be used; trusted: the odometry has not missed anything."""
+        s, alone = self.settings, self.mode is Mode.OMNIVISION
+        if not self.agreeing:
+            return Mode.OMNIVISION if self.contradicting >= s.frames else Mode.ODOMETRY
+        if not trusted or (alone and self.agreeing < s.frames):
+            return Mode.OMNIVISION
+        return Mode.BOTH
+
+    def _take(self, odometry: Pose, vision: Vision) -> None:
+        """Equations (15) to (19), or one of the two alone."""
+        if self.mode is Mode.ODOMETRY:
+            self.pose = odometry
+            return
+        self.placed, self.searches = True, 0
+        s = self.settings
+        if self.mode is Mode.BOTH:
+            self._learn_bias(odometry, vision.pose)
+        beta = s.beta if self.mode is Mode.BOTH else 0.0
+        if s.beta_period_s is not None:
+            beta **= max(self._uncorrected_s / s.beta_period_s, 1.0)
+        self.pose = blended(odometry, vision.pose, beta)
+        self.covariance = beta * self.covariance + (1.0 - beta) * vision.covariance
+        self._uncorrected_s = 0.0
+
+    def _learn_bias(self, odometry: Pose, particles: Pose) -> None:
+        s = self.settings
+        gain = min(s.bias_gain_per_s, 0.5 / max(self._uncorrected_s, 1e-3))
+        learned = self.bias_rad_s - gain * wrap_angle(particles.heading - odometry.heading)
+        self.bias_rad_s = min(max(learned, -s.most_bias_rad_s), s.most_bias_rad_s)
+
+    def _spread_by(self, motion: Motion) -> None:
+        """The odometry's errors add up: the covariance of a sum is at most (1 + a) P + (1 + 1/a) Q, for any a > 0."""
+        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
+        by_pose = np.eye(3)
+        by_pose[0, 2] = -sine * motion.pose.x - cosine * motion.pose.y
+        by_pose[1, 2] = cosine * motion.pose.x - sine * motion.pose.y
+        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        p, q = by_pose @ self.covariance @ by_pose.T, turn @ motion.covariance @ turn.T
+        if p.any() and q.any():
+            a = math.sqrt(np.trace(q) / np.trace(p))
+            self.covariance = (1.0 + a) * p + (1.0 + 1.0 / a) * q
+        else:
+            self.covariance = p + q
+
+
+def without_bias(motion: Motion, bias_rad_s: float, duration_s: float) -> Motion:
+    """A motion over some time without the turn that a gyro's bias added to it, and half of that in its direction."""
+    turn_rad = bias_rad_s * duration_s
+    moved = Pose(0.0, 0.0, -0.5 * turn_rad).compose(motion.pose)
+    return motion._replace(pose=moved._replace(heading=wrap_angle(motion.pose.heading - turn_rad)))
+
+
+def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:
+    """Equations (15) to (19): β of the odometry and 1 - β of the particles; f of equation (13) is the arc tangent."""
+    sine = beta * math.sin(odometry.heading) + (1.0 - beta) * math.sin(particles.heading)
+    cosine = beta * math.cos(odometry.heading) + (1.0 - beta) * math.cos(particles.heading)
+    return Pose(
+        beta * odometry.x + (1.0 - beta) * particles.x,
+        beta * odometry.y + (1.0 - beta) * particles.y,
+        wrap_angle(math.atan2(sine, cosine)),
+    )
+
+
+def _near(one: Pose, other: Pose, reach_m: float, reach_rad: float) -> bool:
+    turned = abs(wrap_angle(one.heading - other.heading))
+    return one.distance_to(other) <= reach_m and turned <= reach_rad

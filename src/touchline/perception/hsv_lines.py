@@ -1,0 +1,228 @@
+"""Image -> line points by thresholds on HSV and HSL, after figures 6 and 7 of the IRIS paper.
+
+M. A. Ismail, D. Purwanto, A. Arifin: Soccer robot localization based on sensor fusion from odometry and omnivision,
+section II.B.
+
+    image ─┬─▶ HSV threshold ─▶ convex hull ─┬─▶ AND ─▶ distances along rays every 2.5° ─▶ pixels to centimetres
+           └─▶ HSL threshold ────────────────┘
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from touchline.camera import OmniCamera, open_camera
+from touchline.config import Settings
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
+from touchline.perception.covered import LEAST_CONTRAST, visible_image
+from touchline.perception.hsv_thresholds import (
+    AutomaticThresholds,
+    FixedThresholds,
+    Thresholds,
+    WhiteSettings,
+    automatic_thresholds,
+    fixed_thresholds,
+)
+from touchline.perception.ray_runs import RUN_COLUMNS, white_runs
+from touchline.perception.scan_lines import usable_radius
+from touchline.perception.threshold_stages import draw_threshold_stages
+from touchline.types import Frame, ImageArray, LinePoints, empty_points
+
+_MOST_RUNS = 2048
+_COARSE = 2  # the hull is looked for at half the resolution
+_ROWS = 8  # every eighth row tells the noise
+_THIN = 4  # every fourth pixel both ways is plenty for a histogram
+
+
+class HsvLineSettings(Settings):
+    """Detection of lines by thresholds. Lengths in the image are in pixels, for images of about 500 pixels."""
+
+    thresholds: Literal["automatic", "fixed"] = Field(
+        "automatic",
+        description="automatic: taken from every image's own histograms; fixed: set by hand for one lighting, as the "
+        "paper does and names as its weakness",
+    )
+    fixed: FixedThresholds = FixedThresholds()
+    automatic: AutomaticThresholds = AutomaticThresholds()
+    white: WhiteSettings = WhiteSettings()
+    ray_step_deg: float = Field(2.5, gt=0, le=45, description="angle between rays (degrees); the paper's 2.5")
+    closing_px: int = Field(
+        13,
+        ge=1,
+        description="gaps in the green up to this wide are closed before the field is looked for (px): lines at the "
+        "robot's foot are 12 wide",
+    )
+    opening_px: int = Field(5, ge=1, description="specks of green up to this wide are left out (px): posters, robots")
+    smoothing_px: float = Field(
+        0.8, ge=0, description="least blur before the thresholds (standard deviation, px); a noisy image gets more"
+    )
+    gap_px: int = Field(1, ge=0, description="gap within a run of white that is bridged (px): noise")
+    flank_px: int = Field(4, ge=1, description="how far beyond a run its edge and the green are looked for (px)")
+    least_green: int = Field(
+        1,
+        ge=0,
+        description="least green samples within flank_px on each side of a run; 0 as in the paper, which takes every "
+        "white run in the hull: goals, nets and robots, too",
+    )
+    longest_run: float = Field(
+        6.0, gt=0, description="longest run on the ground, in line widths: 6 is a crossing at 10°"
+    )
+    coarsest_px_m: float = Field(
+        0.25, gt=0, description="nothing is looked for where a pixel is longer than this on the ground (m)"
+    )
+    range_file: str | None = Field(
+        None,
+        description="camera.yaml that touchline calibrate range has written; none: the range table of the recording's",
+    )
+    least_contrast: float = Field(
+        LEAST_CONTRAST,
+        ge=0,
+        description="standard deviation (grey levels) between parts of the image below which the camera is covered",
+    )
+    noise_px: float = Field(0.4, gt=0, description="standard deviation of a point in the image (px)")
+    noise_m: float = Field(
+        0.01, ge=0, description="standard deviation of a point on the ground that comes from no pixel (m)"
+    )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Masks:
+    """What figure 6 makes of an image, each (H, W): HSL lightness, and 255 where it is green, inside the hull of the
+    green, white, and white inside the hull.
+    """
+
+    lightness: ImageArray
+    green: ImageArray
+    field: ImageArray
+    white: ImageArray
+    lines: ImageArray
+
+
+class HsvLineDetector:
+    """Finds line points in the images of one camera; nothing has to be learned."""
+
+    def __init__(
+        self, camera: OmniCamera, settings: HsvLineSettings | None = None, line_width_m: float = 0.125
+    ) -> None:
+        """Raises InputError if the settings' range_file can't be read or is of another image size."""
+        self.settings = s = settings or HsvLineSettings()
+        self.camera = _with_ranges(camera, s.range_file)
+        self.line_width_m = line_width_m
+        self.outer_px = usable_radius(self.camera, s.coarsest_px_m)
+        angles = np.radians(np.arange(0.0, 360.0, s.ray_step_deg))
+        self.rays = np.column_stack((np.cos(angles), np.sin(angles)))
+        v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+        radius = np.hypot(u - camera.center[0], v - camera.center[1])
+        self._seen = np.where(radius <= camera.outer_radius_px, 255, 0).astype(np.uint8)
+        self._body = (radius <= camera.inner_radius_px)[::_COARSE, ::_COARSE]
+        ring: npt.NDArray[np.bool_] = (radius > camera.inner_radius_px) & (radius < 0.8 * self.outer_px)
+        self._noise_rows = np.ascontiguousarray(ring[::_ROWS])
+        self._ring = np.flatnonzero(ring[::_THIN, ::_THIN])
+        self._closing, self._opening = (
+            cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (px // _COARSE | 1, px // _COARSE | 1))
+            for px in (s.closing_px, s.opening_px)
+        )
+        self._found = np.empty((_MOST_RUNS, RUN_COLUMNS))
+        self.thresholds: Thresholds | None = None
+        """Of the last image."""
+        self.problem: str | None = None
+        """Why nothing could be seen in the last frame."""
+
+    def detect_frame(self, frame: Frame) -> LinePoints:
+        """Line points of a frame: its own if it has them already, none where no field is to be seen (see `problem`)."""
+        self.problem = None
+        if frame.points is not None:
+            return frame.points
+        image, self.problem = visible_image(frame, self.settings.least_contrast)
+        if image is None:
+            return empty_points()
+        try:
+            return self.detect(image)
+        except NoCarpetError as error:
+            self.problem = str(error)
+            return empty_points()
+
+    def detect(self, image: ImageArray) -> LinePoints:
+        """Line points of an image (H, W, 3), B, G, R, uint8. Raises NoCarpetError where no green is seen."""
+        found = self._distances(self.masks(image))
+        covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, self.settings.noise_m)
+        confidences = np.clip(found[:, 4] / 100.0, 0.0, 1.0)
+        return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
+
+    def masks(self, image: ImageArray) -> Masks:
+        """Figure 6: two thresholds, hull and AND of an image (H, W, 3)."""
+        self._check_size(image)
+        s = self.settings
+        noise = pixel_noise([image[::_ROWS]], self._noise_rows)
+        smooth = smoothed(image, max(s.smoothing_px, smoothing_for(noise)))
+        hsv = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2HSV), dtype=np.uint8)
+        hls = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2HLS), dtype=np.uint8)
+        lightness = np.ascontiguousarray(hls[..., 1])
+        self.thresholds = limits = self._choose(hsv, lightness)
+        green = limits.green(hsv) & self._seen
+        field = self._field(green)
+        white = limits.white(hls, s.white) & ~green
+        return Masks(lightness, green, field, white, white & field)
+
+    def stages(self, image: ImageArray) -> dict[str, ImageArray]:
+        """Title -> picture (H, W, 3), B, G, R, of each step of figures 6 and 7 on an image."""
+        return draw_threshold_stages(self, image, self.masks(image), self.detect(image))
+
+    def _choose(self, hsv: ImageArray, lightness: ImageArray) -> Thresholds:
+        if self.settings.thresholds == "fixed":
+            return fixed_thresholds(self.settings.fixed)
+        thin = hsv[::_THIN, ::_THIN].reshape(-1, 3)[self._ring], lightness[::_THIN, ::_THIN].reshape(-1)[self._ring]
+        return automatic_thresholds(*thin, self.settings.automatic)
+
+    def _field(self, green: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        """(H, W) 255 inside the convex hull of the carpet: the largest green area, what divides it closed."""
+        coarse = np.ascontiguousarray(green[::_COARSE, ::_COARSE])
+        coarse[self._body] = 255
+        closed = cv2.morphologyEx(coarse, cv2.MORPH_CLOSE, self._closing)
+        opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, self._opening)
+        outlines, _ = cv2.findContours(opened, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        field = np.zeros_like(green)
+        if outlines:
+            hull = cv2.convexHull(max(outlines, key=cv2.contourArea))
+            cv2.fillConvexPoly(field, _COARSE * hull, 255)
+        return field
+
+    def _distances(self, masks: Masks) -> FloatArray:
+        """Figure 7: the runs of white along every ray, (M, RUN_COLUMNS)."""
+        s, camera = self.settings, self.camera
+        geometry = np.array([*camera.center, camera.inner_radius_px, self.outer_px], dtype=np.float64)
+        longest_m = s.longest_run * self.line_width_m
+        limits = np.array([s.flank_px, s.gap_px, longest_m, s.least_green], dtype=np.float64)
+        lookup = camera.lookup_constants, camera.bearings_rad, camera.lookup_table
+        count = white_runs(
+            (masks.lines, masks.green, masks.lightness), self.rays, geometry, limits, lookup, self._found
+        )
+        return self._found[:count]
+
+    def _check_size(self, image: ImageArray) -> None:
+        wanted = (self.camera.height, self.camera.width, 3)
+        if image.shape != wanted or image.dtype != np.uint8:
+            raise InputError(
+                f"the image is {image.shape} of {image.dtype}; the camera file says {wanted} (height, width, 3), uint8"
+            )
+
+
+def _with_ranges(camera: OmniCamera, file: str | None) -> OmniCamera:
+    if file is None:
+        return camera
+    ranged = open_camera(Path(file))
+    if (ranged.width, ranged.height) != (camera.width, camera.height):
+        raise InputError(
+            f"{file}: is for images of {ranged.width} x {ranged.height} pixels, the recording's have "
+            f"{camera.width} x {camera.height}"
+        )
+    return ranged

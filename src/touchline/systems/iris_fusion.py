@@ -1,0 +1,217 @@
+"""iris-fusion: measuring wheels and gyro, particle filter, and the fusion of both.
+
+M. A. Ismail, D. Purwanto, A. Arifin: Soccer robot localization based on sensor fusion from odometry and omnivision,
+figures 1, 4, 8 and 11.
+
+    encoders, gyro ─▶ odometry (1-6) ───┬────────────────────────▶ sensor fusion (15-19) ─▶ estimate, mode
+                          ▲             ▼                              ▲      │
+    image ─▶ line points ─┼─▶ particle filter (7-14) ──────────────────┘      │
+    compass ──────────────┼──────▶┘ first headings                           │
+                          └──────────── offset ◀─────────────────────────────┘
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from pydantic import Field
+
+from touchline.camera import OmniCamera
+from touchline.config import Settings
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.global_search import OWN_HALF
+from touchline.localization.particle_filter import ParticleFilter, ParticleFilterSettings
+from touchline.localization.restart import RestartRule, RestartSettings
+from touchline.localization.sensor_fusion import SensorFusion, SensorFusionSettings, Vision, without_bias
+from touchline.motion import CompassTrack, CompassTrackSettings, Motion, WheelOdometry, WheelOdometrySettings
+from touchline.motion.history import NANOSECONDS
+from touchline.perception.hsv_lines import HsvLineDetector, HsvLineSettings
+from touchline.types import (
+    Estimate,
+    Frame,
+    Hypothesis,
+    LinePoints,
+    Mode,
+    Observation,
+    Prior,
+    Status,
+    empty_points,
+)
+
+_STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
+
+
+class IrisFusionSettings(Settings):
+    """Everything that the paper fixes, and everything that it leaves open."""
+
+    lines: HsvLineSettings = HsvLineSettings()
+    most_points: int = Field(
+        100,
+        ge=1,
+        description="line points that the particles are weighed by, evenly chosen of more: the time grows with it",
+    )
+    wheels: WheelOdometrySettings = WheelOdometrySettings()
+    compass_track: CompassTrackSettings = CompassTrackSettings()
+    particles: ParticleFilterSettings = ParticleFilterSettings()
+    fusion: SensorFusionSettings = SensorFusionSettings()
+    restart: RestartSettings = RestartSettings()
+    start_position_m: float = Field(
+        0.3, gt=0, description="standard deviation of x and y of a pose told by a person (m)"
+    )
+    start_heading_rad: float = Field(
+        0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
+    )
+
+
+class IrisFusion:
+    """The system as sources and sinks know it: `reset` and `step`."""
+
+    def __init__(
+        self,
+        field: FieldModel,
+        camera: OmniCamera | None,
+        settings: IrisFusionSettings,
+        rng: np.random.Generator,
+        wheel_directions_rad: tuple[float, float] | None = None,
+    ) -> None:
+        """camera: None if frames bring their points. rng: all chance comes from it. wheel_directions_rad: rolling
+        directions of the wheels a and b in the robot frame; without them the frames' odometry takes their place.
+        """
+        self.settings = settings
+        self.field = field
+        self.detector = None if camera is None else HsvLineDetector(camera, settings.lines, field.line_width)
+        self.odometry = WheelOdometry(settings.wheels, *(wheel_directions_rad or (None, None)))
+        self.particles = ParticleFilter(field, rng, settings.particles)
+        self.fusion = SensorFusion(settings.fusion)
+        self.restart = RestartRule(settings.restart)
+        self.compass = CompassTrack(settings.compass_track)
+        self.reset()
+
+    def reset(self, prior: Prior | None = None) -> None:
+        """Forget everything but the prior."""
+        s, prior = self.settings, prior or Prior()
+        self.region = OWN_HALF if prior.own_half else None
+        self.odometry.reset(prior.pose)
+        self.compass.reset()
+        self.fusion.forget()
+        self.status, self.side_known = Status.SEARCHING, True
+        self.stamp_ns: int | None = None
+        self.searching = prior.pose is None
+        self.restart.reset()
+        if prior.pose is not None:
+            deviations = np.array([s.start_position_m, s.start_position_m, s.start_heading_rad])
+            self.fusion.place(prior.pose, np.diag(deviations**2))
+            self.particles.start_at(prior.pose, np.diag(deviations**2))
+            self.status = Status.TRACKING
+
+    def step(self, frame: Frame) -> Estimate:
+        """Take one frame, return where the robot stands at its time stamp."""
+        started = time.perf_counter()
+        if self.searching:
+            self.status = Status.SEARCHING
+        points = self._line_points(frame)
+        seen = time.perf_counter()
+        self.compass.add(frame.compass, frame.gyro)
+        compass_rad = self.compass.heading_at(frame.stamp_ns)
+        motion, duration_s = self._odometry(frame)  # figure 4, equations (1) to (6)
+        vision, residual_m = self._particle_filter(points, motion, compass_rad)  # figure 8, equations (7) to (14)
+        self.fusion.update(self.odometry.pose, motion, vision, duration_s)  # figure 11, equations (15) to (19)
+        self._correct()
+        done = time.perf_counter()
+        twin = () if self.side_known else (Hypothesis(self.fusion.pose.mirrored(), residual_m),)
+        return Estimate(
+            frame.stamp_ns,
+            self.fusion.pose,
+            self.fusion.covariance.copy(),
+            self.status,
+            residual_m,
+            len(points),
+            twin,
+            1e3 * (seen - started),
+            1e3 * (done - seen),
+            Observation(frame.stamp_ns, points, None if self.detector is None else self.detector.problem),
+            self.fusion.mode,
+        )
+
+    def _line_points(self, frame: Frame) -> LinePoints:
+        """Figures 6 and 7: line points of the image."""
+        if self.detector is not None:
+            return self.detector.detect_frame(frame).finite()
+        return empty_points() if frame.points is None else frame.points.finite()
+
+    def _odometry(self, frame: Frame) -> tuple[Motion, float]:
+        """Figure 4: the motion since the last frame, without what the fusion knows of the gyro's bias; its time (s)."""
+        before, started_ns, self.stamp_ns = self.odometry.pose, self.stamp_ns, frame.stamp_ns
+        motion = self.odometry.update(frame)
+        if started_ns is None:
+            return motion, 0.0
+        duration_s = (frame.stamp_ns - started_ns) / NANOSECONDS
+        motion = without_bias(motion, self.fusion.bias_rad_s, duration_s)
+        self.odometry.set_pose(before.compose(motion.pose))
+        return motion, duration_s
+
+    def _particle_filter(
+        self, points: LinePoints, motion: Motion, compass_rad: float | None
+    ) -> tuple[Vision | None, float]:
+        """Figure 8: one cycle; what it says, and the mean error of the points (m, at most the map's largest)."""
+        self.particles.move(motion)
+        if len(points) < self.settings.fusion.least_points:
+            self.restart.see_nothing()
+            return None, float("nan")
+        if self.searching and self.restart.start_is_due():
+            self._start(compass_rad)
+        vision, residual_m = self._search(points) if self.searching else self._cycle(points)
+        if not self.searching and self.restart.is_refuted(vision.on_lines, self._strays(compass_rad)):
+            self.searching, self.status = True, Status.LOST
+            self.fusion.placed = not self.restart.at_wrong_end  # there the lines fit as well: nothing may stay about it
+            self._start(compass_rad)
+            vision, residual_m = self._search(points)
+        return vision, residual_m
+
+    def _search(self, points: LinePoints) -> tuple[Vision, float]:
+        """Some cycles on one image."""
+        for _ in range(self.settings.restart.image_cycles - 1):
+            self._cycle(points)
+            self.particles.move(_STILL)
+        return self._cycle(points)
+
+    def _cycle(self, points: LinePoints) -> tuple[Vision, float]:
+        """Equations (7) to (14)."""
+        self.restart.cycles += 1
+        chosen = self._chosen(points.positions_m)
+        pose = self.particles.cycle(chosen)
+        errors_m = self.particles.errors_m(chosen, pose)
+        on_lines = float(np.mean(errors_m <= self.settings.fusion.near_m))
+        return Vision(pose, self.particles.covariance, len(points), on_lines), float(errors_m.mean())
+
+    def _chosen(self, positions_m: FloatArray) -> FloatArray:
+        """No more points than are wanted, evenly chosen."""
+        most = self.settings.most_points
+        if len(positions_m) > most:
+            positions_m = positions_m[np.arange(most) * len(positions_m) // most]
+        return np.ascontiguousarray(positions_m, dtype=np.float64)
+
+    def _start(self, compass_rad: float | None) -> None:
+        """Spread the particles over the field; the compass helps with the first headings alone."""
+        self.particles.restart(compass_rad, self.region, self.restart.start())
+        if self.fusion.placed:
+            self.particles.put_nearby(self.odometry.pose)  # it may have been right
+        self.fusion.interrupt()
+        self.fusion.searches = self.restart.starts - 1
+        self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
+
+    def _strays(self, compass_rad: float | None) -> float | None:
+        return None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
+
+    def _correct(self) -> None:
+        """Figure 1: the offset of the odometry from the fused pose; some particles stay about it. And the status."""
+        if self.fusion.mode is not Mode.ODOMETRY:
+            self.odometry.set_pose(self.fusion.pose)
+            self.status, self.searching, self.region = Status.TRACKING, False, None
+            self.restart.starts = 0
+        elif self.fusion.lost and self.status is Status.TRACKING:
+            self.status = Status.LOST
+        if self.fusion.placed:
+            self.particles.put_nearby(self.fusion.pose)

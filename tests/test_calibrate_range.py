@@ -1,0 +1,190 @@
+"""The pixel-to-centimetre regression: exact on exact pairs, monotone or refused, valid to the last pair."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from touchline.calibration.range_pairs import RangePairs, marked_pairs, recording_pairs
+from touchline.calibration.range_regression import fit_range
+from touchline.camera import open_camera
+from touchline.cli import main
+from touchline.errors import InputError, NoFitError
+from touchline.sources import open_source
+
+CENTER = (200.0, 150.0)
+HANDEDNESS, YAW = -1, 0.4
+ROUGH = {"model": "omni", "width": 400, "height": 300, "center": list(CENTER)}
+
+
+def ranges(radius: np.ndarray) -> np.ndarray:
+    """A cubic that rises."""
+    return 0.2 + 0.004 * radius + 2e-7 * radius**3
+
+
+def marks(radii: Sequence[float], bearings: int = 8, center: tuple[float, float] = CENTER) -> list[str]:
+    """Rows of marks.csv seen through the cubic."""
+    rows = ["file,name,u,v,x_m,y_m"]
+    for radius in radii:
+        for bearing in np.arange(bearings) * 2 * math.pi / bearings:
+            angle = HANDEDNESS * (bearing - YAW)
+            u, v = center[0] + radius * math.cos(angle), center[1] + radius * math.sin(angle)
+            x, y = ranges(np.array(radius)) * math.cos(bearing), ranges(np.array(radius)) * math.sin(bearing)
+            rows.append(f"images/000000.jpg,m{len(rows)},{u:.5f},{v:.5f},{x:.6f},{y:.6f}")
+    return rows
+
+
+def invoke(*arguments: object) -> int:
+    return main([str(argument) for argument in arguments])
+
+
+RADII = (40.0, 55.0, 75.0, 90.0, 110.0, 125.0, 140.0)
+
+
+def written(folder: Path, rows: list[str], **camera: object) -> RangePairs:
+    (folder / "marks.csv").write_text("\n".join(rows) + "\n")
+    (folder / "camera.yaml").write_text(yaml.safe_dump(ROUGH | camera))
+    return marked_pairs(folder / "marks.csv", folder / "camera.yaml")
+
+
+def test_a_polynomial_is_found_again(tmp_path: Path) -> None:
+    regression = fit_range(written(tmp_path, marks(RADII)), 3)
+    radii = np.linspace(40.0, 140.0, 50)
+    np.testing.assert_allclose(regression.polynomial(radii), ranges(radii), rtol=1e-5)
+    assert np.abs(regression.residuals_m).max() < 1e-4
+    assert np.hypot(*regression.center_offset_px()) < 0.01
+
+
+def test_orientation_comes_from_the_marks_unless_camera_yaml_knows_it(tmp_path: Path) -> None:
+    optics = written(tmp_path, marks(RADII)).optics
+    assert optics.handedness == HANDEDNESS
+    assert optics.mount_yaw_rad == pytest.approx(YAW, abs=1e-4)
+    optics = written(tmp_path, marks(RADII), handedness=-1, mount_yaw=0.41).optics
+    assert optics.mount_yaw_rad == 0.41
+    with pytest.raises(InputError, match=r"most marks are seen more than 8° away.*'handedness' and 'mount_yaw'"):
+        written(tmp_path, marks(RADII), handedness=1, mount_yaw=0.4)
+
+
+def test_the_camera_ends_at_the_first_and_the_last_pair(tmp_path: Path) -> None:
+    camera = fit_range(written(tmp_path, marks(RADII), inner_radius_px=30.0), 3).camera()
+    along = np.array([1.0, 0.0])
+    inside = camera.ground_from_image([np.array(CENTER) + r * along for r in (41.0, 100.0, 139.0)])
+    np.testing.assert_allclose(np.hypot(*inside.T), ranges(np.array([41.0, 100.0, 139.0])), rtol=1e-4)
+    assert np.isnan(camera.ground_from_image([np.array(CENTER) + r * along for r in (38.0, 141.0)])).all()
+    assert (camera.inner_radius_px, camera.outer_radius_px) == pytest.approx((40.0, 140.0), abs=1e-3)
+
+
+def test_a_wrong_centre_is_noticed_and_named(tmp_path: Path) -> None:
+    regression = fit_range(written(tmp_path, marks(RADII, center=(203.0, 148.0))), 3)
+    np.testing.assert_allclose(regression.center_offset_px(), [3.0, -2.0], atol=0.3)
+
+
+def test_a_degree_that_does_not_rise_is_refused_and_others_are_named(tmp_path: Path) -> None:
+    radii = np.array([50.0, 80.0, 85.0, 90.0, 140.0])
+    wild = RangePairs(
+        radii, np.array([1.0, 1.05, 2.0, 2.95, 3.0]), np.zeros(5), ("",) * 5, "5 marks",
+        written(tmp_path, marks(RADII)).optics,
+    )  # fmt: skip
+    with pytest.raises(NoFitError, match=r"degree 4 does not rise at a radius of \d+ px.*degrees that rise: 1"):
+        fit_range(wild, 4)
+    assert fit_range(wild).degree < 4
+
+
+def test_without_a_degree_the_usual_one_is_taken_as_far_as_the_distances_allow(tmp_path: Path) -> None:
+    assert fit_range(written(tmp_path, marks(np.linspace(40, 140, 12)))).degree == 6
+    assert fit_range(written(tmp_path, marks(RADII[:5]))).degree == 3
+    assert fit_range(written(tmp_path, marks(RADII[:2]))).degree == 1
+
+
+@pytest.mark.parametrize(
+    ("radii", "degree", "said"),
+    [
+        ((60.0,), None, "all lie at one distance"),
+        (RADII[:3], 4, r"show 3 different distances, but a polynomial of degree 4 needs 5.*--degree 2"),
+        (RADII, 13, "expected 1 to 12"),
+    ],
+)
+def test_too_few_distances_are_told(tmp_path: Path, radii: tuple[float, ...], degree: int | None, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        fit_range(written(tmp_path, marks(radii)), degree)
+
+
+def test_a_mark_that_contradicts_the_others_is_named(tmp_path: Path) -> None:
+    rows = marks(RADII)
+    cells = rows[20].split(",")
+    rows[20] = ",".join((*cells[:4], f"{1.5 * float(cells[4]):.4f}", f"{1.5 * float(cells[5]):.4f}"))
+    with pytest.raises(InputError, match=r"marks.csv, line 21 \(m20\).*from what the other pairs say"):
+        fit_range(written(tmp_path, rows))
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("images/0.jpg,a,12,abc,1,2", "line 3: column 'v' reads 'abc'"),
+        ("images/0.jpg,a,12,13,1", "line 3: has 5 values where the header names 6"),
+        ("images/0.jpg,a,12,13,1,", "line 3: needs both x_m and y_m"),
+        ("images/0.jpg,a,900,13,1,1", r"line 3 \(a\): lies outside of the image of 400 x 300"),
+    ],
+)
+def test_rows_that_are_no_marks_are_named(tmp_path: Path, row: str, said: str) -> None:
+    rows = marks(RADII)
+    with pytest.raises(InputError, match=said):
+        written(tmp_path, [*rows[:2], row, *rows[2:]])
+
+
+def test_marks_of_unknown_place_are_left_out(tmp_path: Path) -> None:
+    rows = marks(RADII)
+    assert len(written(tmp_path, [*rows, "images/0.jpg,fixed,12,13,,"]).radius_px) == len(rows) - 1
+    with pytest.raises(InputError, match="none of its marks has a known place"):
+        written(tmp_path, [rows[0], "images/0.jpg,fixed,12,13,,"])
+
+
+def test_a_camera_without_mirror_or_centre_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="model: pinhole"):
+        written(tmp_path, marks(RADII), model="pinhole")
+    with pytest.raises(InputError, match=r"camera.yaml: needs 'width', 'height' and 'center"):
+        written(tmp_path, marks(RADII), center="middle")
+
+
+def test_the_public_strip_gives_ranges_good_to_a_per_cent(shared_data: Path) -> None:
+    regression = fit_range(recording_pairs(open_source(shared_data / "omni_calibration")))
+    truth = open_camera(shared_data / "omni_msl_track" / "camera.yaml")
+    radii = np.linspace(52.0, 187.0, 100)
+    expected = np.interp(radii, truth.radius_px, truth.range_m[0])
+    np.testing.assert_allclose(regression.polynomial(radii), expected, rtol=0.006)
+    assert regression.degree == 6
+
+
+def test_a_recording_without_pairs_says_what_it_lacks(shared_data: Path) -> None:
+    with pytest.raises(InputError, match=r"neither marks.csv.*nor.*patch_edges_m"):
+        recording_pairs(open_source(shared_data / "omni_msl_track"))
+
+
+def test_the_command_writes_camera_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path, marks(RADII))
+    output = tmp_path / "fitted.yaml"
+    assert invoke("calibrate", "range", tmp_path / "marks.csv", "--output", output, "--degree", "3") == 0
+    said = capsys.readouterr().out
+    assert "degree 3 fitted to 56 marks of marks.csv" in said
+    assert "points nearer or farther are dropped" in said
+    camera = open_camera(output)
+    at = camera.ground_from_image([(CENTER[0] + 100.0, CENTER[1])])[0]
+    assert np.hypot(*at) == pytest.approx(ranges(np.array(100.0)), rel=1e-3)
+    assert "range_m = " in output.read_text()
+    assert (tmp_path / "fitted.png").stat().st_size > 10_000
+    assert invoke("calibrate", "range", tmp_path / "marks.csv", "--output", output) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_the_command_refuses_what_it_cannot_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, said in (
+        ((tmp_path / "none.csv",), "there is no such"),
+        ((tmp_path, "--camera", tmp_path / "c.yaml"), "--camera is for a file of marks"),
+    ):
+        assert invoke("calibrate", "range", *arguments, "--output", tmp_path / "o.yaml") == 2
+        assert said in capsys.readouterr().err

@@ -1,0 +1,323 @@
+"""Line points by thresholds on hue, saturation and lightness: white runs inside the hull of the green, only those."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import BLACK, BODY_PX, GREEN, GREY, WHITE, YELLOW, line_field, mirror_camera, paint_ground
+
+from touchline.camera import OmniCamera
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.perception import HsvLineDetector, HsvLineSettings
+from touchline.perception.colour import NoCarpetError
+from touchline.perception.ray_runs import RUN_COLUMNS, white_runs
+from touchline.sources import open_source
+from touchline.types import Frame, ImageArray, LinePoints
+
+CAMERA = mirror_camera()
+CROSS = [(1.0, 0.0, 1.8), (0.0, 1.0, -1.2)]
+
+
+def detected(image: ImageArray, camera: OmniCamera = CAMERA, **settings: object) -> LinePoints:
+    return HsvLineDetector(camera, HsvLineSettings(**settings)).detect(image)  # type: ignore[arg-type]
+
+
+def distances(points: LinePoints, lines: list[tuple[float, float, float]]) -> FloatArray:
+    return np.min([np.abs(points.positions_m @ (a, b) - c) for a, b, c in lines], axis=0)
+
+
+@pytest.fixture(scope="module")
+def cross_image() -> ImageArray:
+    return paint_ground(CAMERA, line_field(CROSS))
+
+
+def test_points_lie_on_the_lines_to_a_fraction_of_a_pixel(cross_image: ImageArray) -> None:
+    points = detected(cross_image)
+    off, ranges = distances(points, CROSS), np.hypot(*points.positions_m.T)
+    assert len(points) >= 80
+    assert np.median(off[ranges < 3.0]) < 0.004
+    pixel_m = np.abs(CAMERA.ground_jacobian(points.pixels)).max(axis=(1, 2))
+    assert np.quantile(off / pixel_m, 0.9) < 0.35
+
+
+def test_rays_are_two_and_a_half_degrees_apart(cross_image: ImageArray) -> None:
+    offset = detected(cross_image).pixels - CAMERA.center
+    turns = np.degrees(np.arctan2(offset[:, 1], offset[:, 0])) / 2.5
+    np.testing.assert_allclose(turns, np.rint(turns), atol=1e-6)
+    wide = detected(cross_image, ray_step_deg=10.0)
+    assert len(wide) < 0.35 * len(offset)
+
+
+def test_every_run_of_a_ray_counts_not_only_the_first() -> None:
+    lines = [(1.0, 0.0, 1.0), (1.0, 0.0, 2.0), (1.0, 0.0, 3.0)]
+    points = detected(paint_ground(CAMERA, line_field(lines)))
+    ahead = points.positions_m[np.abs(points.positions_m[:, 1]) < 0.2]
+    for _, _, x in lines:
+        assert np.any(np.abs(ahead[:, 0] - x) < 0.02)
+
+
+@pytest.mark.parametrize("light", [0.3, 0.5, 1.0, 1.1])
+def test_thresholds_follow_the_light(light: float) -> None:
+    points = detected(paint_ground(CAMERA, line_field(CROSS, light=light)))
+    assert len(points) >= 75
+    assert np.median(distances(points, CROSS)) < 0.01
+
+
+def test_fixed_thresholds_hold_for_one_light_as_the_paper_says(cross_image: ImageArray) -> None:
+    dim = paint_ground(CAMERA, line_field(CROSS, light=0.3))
+    assert len(detected(cross_image, thresholds="fixed")) >= 80
+    assert len(detected(dim, thresholds="fixed")) == 0
+    by_hand = {"least_value": 0.05, "least_lightness": 0.2}
+    assert len(detected(dim, thresholds="fixed", fixed=by_hand)) >= 75
+
+
+def sunny(points: FloatArray) -> FloatArray:
+    """A patch of sun three times brighter than the rest, overexposed carpet in it."""
+    colours = line_field(CROSS, light=0.75)(points)
+    patch = (np.abs(points[:, 0] - 0.4) < 1.0) & (np.abs(points[:, 1] + 1.6) < 0.9)
+    colours[patch] = np.minimum(colours[patch] * 2.4, 255.0)
+    return colours
+
+
+def test_the_edge_of_a_sunny_patch_is_no_line_and_hides_none() -> None:
+    points = detected(paint_ground(CAMERA, sunny))
+    off = distances(points, CROSS)
+    assert np.mean(off > 0.1) < 0.03
+    in_sun = (np.abs(points.positions_m[:, 0] - 0.4) < 0.9) & (off < 0.05)
+    assert np.sum(in_sun) >= 5
+
+
+def with_patch(box: tuple[float, float, float, float], colour: tuple[int, int, int]) -> Callable[..., FloatArray]:
+    """The cross and a patch x0, x1, y0, y1 (m) of a colour."""
+    x0, x1, y0, y1 = box
+
+    def colour_at(points: FloatArray) -> FloatArray:
+        colours = line_field(CROSS)(points)
+        x, y = points.T
+        colours[(x > x0) & (x < x1) & (y > y0) & (y < y1)] = colour
+        return colours
+
+    return colour_at
+
+
+@pytest.mark.parametrize(
+    ("box", "colour"),
+    [((-2.0, -1.5, -0.3, 0.3), YELLOW), ((-3.0, -1.2, -0.8, 0.8), WHITE), ((-2.0, -1.6, -0.2, 0.2), BLACK)],
+)
+def test_balls_robots_and_wide_white_things_give_no_points(
+    box: tuple[float, float, float, float], colour: tuple[int, int, int]
+) -> None:
+    points = detected(paint_ground(CAMERA, with_patch(box, colour)))
+    assert len(points) >= 75
+    stray = points.positions_m[distances(points, CROSS) > 0.1]
+    corners = np.array([(x, y) for x in box[:2] for y in box[2:]])
+    apart = np.hypot(*(stray[:, np.newaxis] - corners).transpose(2, 0, 1)).min(axis=1)
+    assert np.all(apart < 0.35)  # a ray may cut a corner of a white thing as short as a line, and no more
+
+
+def test_white_outside_of_the_green_is_left_out_by_the_hull() -> None:
+    """A hall with a white stripe on a grey floor behind the carpet; without the AND it would be a line."""
+
+    def colour_at(points: FloatArray) -> FloatArray:
+        colours = line_field([(1.0, 0.0, 1.8)])(points)
+        colours[points[:, 1] > 2.5] = GREY
+        colours[np.abs(points[:, 1] - 3.2) < 0.06] = WHITE
+        return colours
+
+    image = paint_ground(CAMERA, colour_at)
+    points = detected(image, least_green=0)
+    assert np.max(points.positions_m[:, 1]) < 2.6
+    detector = HsvLineDetector(CAMERA)
+    masks = detector.masks(image)
+    assert masks.white[at_left(3.2)] > 0
+    assert masks.field[at_left(3.2)] == masks.lines[at_left(3.2)] == 0
+    assert np.mean(masks.field[masks.green > 0]) > 250
+    assert not np.any(masks.lines[masks.field == 0])
+
+
+def at_left(left_m: float) -> tuple[int, int]:
+    """Row and column of the ground at that distance to the robot's left."""
+    u, v = np.rint(CAMERA.image_from_ground([[0.0, left_m]])[0]).astype(int)
+    return int(v), int(u)
+
+
+def test_green_posters_beyond_the_floor_do_not_widen_the_hull() -> None:
+    def colour_at(points: FloatArray) -> FloatArray:
+        colours = line_field(CROSS)(points)
+        colours[points[:, 1] > 1.6] = WHITE
+        colours[(np.abs(points[:, 1] - 3.2) < 0.5) & (np.abs(points[:, 0]) < 0.7)] = GREEN
+        return colours
+
+    points = detected(paint_ground(CAMERA, colour_at))
+    assert len(points) >= 60
+    assert np.mean(distances(points, CROSS) > 0.1) < 0.02
+
+
+def test_the_robot_itself_and_black_rods_give_no_points(cross_image: ImageArray) -> None:
+    image = cross_image.copy()
+    v, u = np.mgrid[0:480, 0:480]
+    radius, angle = np.hypot(u - 239.5, v - 239.5), np.arctan2(v - 239.5, u - 239.5)
+    image[(radius < BODY_PX) & (radius > BODY_PX - 8)] = WHITE
+    image[(np.abs(angle - 2.0) < 0.03) & (radius > BODY_PX)] = BLACK
+    points = detected(image)
+    assert np.max(distances(points, CROSS)) < 0.1
+
+
+def test_a_noisy_image_is_blurred_more() -> None:
+    image = paint_ground(CAMERA, line_field(CROSS), noise=18.0)
+    points = detected(image)
+    assert len(points) >= 60
+    assert np.mean(distances(points, CROSS) > 0.1) < 0.03
+
+
+def test_covariances_are_those_of_a_pixel_on_the_ground(cross_image: ImageArray) -> None:
+    points = detected(cross_image)
+    ranges = np.hypot(*points.positions_m.T)
+    along = points.positions_m / ranges[:, np.newaxis]
+    radial = np.sqrt(np.einsum("ni,nij,nj->n", along, points.covariances_m2, along))
+    assert np.median(radial[ranges < 1.5]) < 0.015
+    assert np.all(radial[ranges > 3.0] > 2.0 * np.median(radial[ranges < 1.5]))
+    assert np.all((points.confidences > 0.0) & (points.confidences <= 1.0))
+    np.testing.assert_allclose(CAMERA.ground_from_image(points.pixels), points.positions_m, atol=0.06)
+
+
+def test_a_range_file_takes_the_place_of_the_camera_and_ends_where_it_ends(
+    cross_image: ImageArray, tmp_path: Path
+) -> None:
+    radii = np.arange(30.0, 181.0, 10.0)
+    rows = ", ".join(f"{0.8 * math.tan(r / 160.0):.5f}" for r in radii)
+    file = tmp_path / "range.yaml"
+    text = "model: omni\nwidth: 480\nheight: 480\ncenter: [239.5, 239.5]\ninner_radius_px: 42\nouter_radius_px: 220\n"
+    text += f"handedness: -1\nmount_yaw: {-math.pi / 2}\nrange_table:\n  radius_px: {radii.tolist()}\n"
+    file.write_text(text + f"  range_m: [{rows}]\n")
+    points = detected(cross_image, replace(CAMERA, range_m=2.0 * CAMERA.range_m), range_file=str(file))
+    assert np.median(distances(points, CROSS)) < 0.01
+    assert np.max(np.hypot(*(points.pixels - CAMERA.center).T)) <= 180.0
+    file.write_text(text.replace("width: 480", "width: 640") + f"  range_m: [{rows}]\n")
+    with pytest.raises(InputError, match=r"640 x 480.*480 x 480"):
+        HsvLineDetector(CAMERA, HsvLineSettings(range_file=str(file)))
+
+
+def test_images_without_carpet_or_of_another_size_are_told(cross_image: ImageArray) -> None:
+    with pytest.raises(NoCarpetError, match="no green carpet"):
+        detected(np.full((480, 480, 3), 120, dtype=np.uint8))
+    with pytest.raises(InputError, match=r"\(480, 480, 3\)"):
+        detected(cross_image[:400])
+
+
+def test_frames_without_something_to_see_say_why(cross_image: ImageArray) -> None:
+    detector = HsvLineDetector(CAMERA)
+    assert len(detector.detect_frame(Frame(0, image=cross_image))) >= 80
+    assert detector.problem is None
+    for frame, why in (
+        (Frame(1, problem="it is broken"), "broken"),
+        (Frame(2), "no image"),
+        (Frame(3, image=np.zeros_like(cross_image)), "black"),
+        (Frame(4, image=np.where(np.arange(480)[:, None, None] < 240, cross_image * 0 + 30, 200).astype(np.uint8)),
+         "carpet"),
+    ):  # fmt: skip
+        assert len(detector.detect_frame(frame)) == 0
+        assert why in str(detector.problem)
+    given = detected(cross_image)
+    assert detector.detect_frame(Frame(5, points=given)) is given
+
+
+def test_runs_are_those_of_the_plain_twin(cross_image: ImageArray) -> None:
+    """The compiled loop against straightforward NumPy, ray by ray."""
+    detector = HsvLineDetector(CAMERA)
+    masks = detector.masks(cross_image)
+    lightness, green, lines = masks.lightness, masks.green, masks.lines
+    rays = detector.rays[::2]
+    out = np.empty((200, RUN_COLUMNS))
+    lookup = CAMERA.lookup_constants, CAMERA.bearings_rad, CAMERA.lookup_table
+    geometry = np.array([*CAMERA.center, 42.0, 215.0])
+    count = white_runs((lines, green, lightness), rays, geometry, np.array([4.0, 1.0, 0.75, 1.0]), lookup, out)
+    expected = [row for k, ray in enumerate(rays) for row in plain_runs(lines, green, lightness, ray, k)]
+    assert count == len(expected) >= 20
+    np.testing.assert_allclose(out[:count, :4], np.array(expected)[:, :4], atol=1e-6)
+
+
+def plain_runs(
+    lines: ImageArray, green: ImageArray, lightness: ImageArray, ray: FloatArray, number: int
+) -> list[FloatArray]:
+    """Rows as `white_runs` gives them, with 42 to 215 px, 4 samples beyond, gaps of 1, at most 0.75 m, 1 green."""
+    path = np.array(CAMERA.center) + np.arange(42.0, 216.0)[:, np.newaxis] * ray
+    column, row = np.floor(path + 0.5).astype(int).T
+    white, is_green = lines[row, column] > 0, green[row, column] > 0
+    j, i = np.floor(path).astype(int).T
+    fu, fv = (path - np.floor(path)).T
+    light = lightness.astype(float)
+    levels = (1 - fv) * ((1 - fu) * light[i, j] + fu * light[i, j + 1])
+    levels += fv * ((1 - fu) * light[i + 1, j] + fu * light[i + 1, j + 1])
+    closed = white.copy()
+    closed[1:-1] |= white[:-2] & white[2:]
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], closed, [False])).astype(int)))
+    rows = []
+    for start, end in zip(edges[::2], edges[1::2] - 1, strict=True):
+        if start == 0 or end == len(path) - 1:
+            continue
+        inner, outer = levels[start : end + 1][:6].max(), levels[start : end + 1][-6:].max()
+        before, after = levels[max(start - 4, 0) : start], levels[end + 1 : end + 5]
+        if not (is_green[max(start - 4, 0) : start].any() and is_green[end + 1 : end + 5].any()):
+            continue
+        k = start + int(np.argmax(levels[start : end + 1][:6]))
+        half = (inner + before.min()) / 2
+        while levels[k - 1] > half:
+            k -= 1
+        a = k - (levels[k] - half) / (levels[k] - levels[k - 1])
+        k = end - int(np.argmax(levels[start : end + 1][::-1][:6]))
+        half = (outer + after.min()) / 2
+        while levels[k + 1] > half:
+            k += 1
+        b = k + (levels[k] - half) / (levels[k] - levels[k + 1])
+        ends = np.array(CAMERA.center) + np.array([42.0 + a, 42.0 + b])[:, np.newaxis] * ray
+        ground = CAMERA.ground_from_image(ends)
+        if np.hypot(*(ground[1] - ground[0])) <= 0.75:
+            rows.append(np.concatenate((ground.mean(axis=0), ends.mean(axis=0))))
+    return rows
+
+
+def test_stages_are_pictures_of_figures_6_and_7(cross_image: ImageArray) -> None:
+    pictures = HsvLineDetector(CAMERA).stages(cross_image)
+    assert list(pictures) == [
+        "HSV threshold", "convex hull", "HSL threshold", "bitwise AND", "distances along rays", "line points",
+    ]  # fmt: skip
+    assert all(picture.ndim == 3 and picture.dtype == np.uint8 for picture in pictures.values())
+    assert np.any(pictures["bitwise AND"] != pictures["HSL threshold"])
+    assert np.any(pictures["line points"] != pictures["convex hull"])
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most_outliers"),
+    [
+        ("omni_msl_track", 80, 0.02),
+        ("omni_msl_match", 60, 0.02),
+        ("omni_msl_sun", 100, 0.02),
+        ("omni_9x6_points", 30, 0.06),
+    ],
+)
+def test_recordings_under_any_light_give_points_on_the_lines(
+    shared_data: Path, name: str, least: int, most_outliers: float
+) -> None:
+    """Lamps, crowds, sun and thin lines with the same settings: centimetres, and hardly a point that is no line."""
+    source = open_source(shared_data / name)
+    detector = HsvLineDetector(source.camera, line_width_m=source.field.line_width)
+    assert source.truth is not None
+    off, near = [], []
+    for index in range(0, len(source), 12):
+        image = source.image(index)
+        assert image is not None
+        points = detector.detect(image)
+        assert len(points) >= least
+        off.append(source.field.line_distances(source.truth[index].transform(points.positions_m)))
+        near.append(np.hypot(*points.positions_m.T) < 3.0)
+    distance_m, is_near = np.concatenate(off), np.concatenate(near)
+    assert np.median(distance_m[is_near]) < 0.004
+    assert np.quantile(distance_m[is_near], 0.9) < 0.01
+    assert np.mean(distance_m > 0.3) < most_outliers

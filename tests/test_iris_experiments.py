@@ -1,0 +1,168 @@
+"""iris-points, iris-tracks, iris-track, iris-disturbances: the figures that they must reach, with fewer runs."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.evaluation.experiments import EXPERIMENTS, iris_disturbances, iris_points, iris_tracks
+from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, covered, drifting, slipped
+from touchline.evaluation.experiments.result import ExperimentResult
+from touchline.evaluation.experiments.writing import write_result
+from touchline.field import open_field
+from touchline.geometry import wrap_angles
+from touchline.types import Frame, Mode, Samples, Status
+
+
+@pytest.fixture(scope="module")
+def toured() -> IrisDrive:
+    return iris_points.tour(0)
+
+
+def mean_errors(driven: IrisDrive, system: str) -> tuple[float, float, float]:
+    """x, y (m), heading (degrees)."""
+    x, y, heading = np.abs(iris_points.errors_at_places(driven, system)).mean(axis=0)
+    return float(x), float(y), math.degrees(float(heading))
+
+
+def test_the_robot_stands_at_twenty_places(toured: IrisDrive) -> None:
+    places = iris_points.standing(toured)
+    assert len(places) == 20
+    assert all(len(images) >= 15 for images in places)
+    assert len(np.unique(toured.truth[[images[0] for images in places]], axis=0)) == 20
+
+
+def test_table_1_the_fusion_is_within_5_cm_and_better_than_its_particle_filter_while_odometry_drifts(
+    toured: IrisDrive,
+) -> None:
+    odometry, particles, fusion = (mean_errors(toured, system) for system in SYSTEMS)
+    assert max(fusion[:2]) <= 0.05
+    assert fusion[2] <= 1.2
+    assert math.hypot(*fusion[:2]) < math.hypot(*particles[:2])
+    assert fusion[2] < particles[2]
+    assert math.hypot(*odometry[:2]) > 0.1
+    early, late = (toured.distances_m("odometry")[part].mean() for part in (slice(0, 300), slice(-300, None)))
+    assert late > 2.0 * early
+
+
+def test_the_fusion_is_smoother_than_its_particle_filter(toured: IrisDrive) -> None:
+    particles, fusion = toured.jitter("particle filter"), toured.jitter("sensor fusion")
+    assert fusion[0] < 0.8 * particles[0]
+    assert fusion[1] < 0.8 * particles[1]
+
+
+def test_the_same_table_on_the_recording_with_8_places(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TOUCHLINE_DATA", str(shared_data))
+    driven = iris_points.recorded_tour(0)
+    assert driven is not None
+    assert len(iris_points.standing(driven)) == 8
+    odometry, particles, fusion = (mean_errors(driven, system) for system in SYSTEMS)
+    assert max(fusion[:2]) <= 0.05
+    assert fusion[2] <= 1.2
+    assert math.hypot(*fusion[:2]) < math.hypot(*particles[:2])
+    assert math.hypot(*odometry[:2]) > 0.1
+    assert driven.jitter("sensor fusion")[0] < driven.jitter("particle filter")[0]
+
+
+def test_without_the_recording_the_simulated_table_stands_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TOUCHLINE_DATA", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(iris_points, "SCENARIO", short_tour(tmp_path))
+    found = iris_points.iris_points(1)
+    assert [row[0] for row in found.rows if row[0]] == list(SYSTEMS)
+    assert "TOUCHLINE_DATA" in found.notes[-1]
+    assert [name for name, _ in found.pictures] == ["error-map", "places"]
+    assert len(write_result(found, tmp_path / "results")) == 4
+
+
+def short_tour(folder: Path) -> str:
+    path = folder / "tour.yaml"
+    path.write_text(
+        "seconds: 30\nfield: indoor-9x6\n"
+        "motion: {kind: tour, points: 4, margin_m: 0.5, dwell_s: 2.0, speed_m_s: 1.2}\n",
+        encoding="utf-8",
+    )
+    return str(path)
+
+
+def test_figure_16_holds_three_tracks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(iris_points, "SCENARIO", short_tour(tmp_path))
+    found = iris_tracks.iris_tracks(1)
+    assert [row[0] for row in found.rows] == list(SYSTEMS)
+    assert len(found.pictures[0][1].axes) == 3
+
+
+def test_figure_17_is_by_odometry_alone_while_the_camera_is_covered() -> None:
+    driven = iris_tracks.from_a_to_b(0)
+    hidden = ~driven.seen
+    seconds = sum(duration for _, duration in iris_tracks.HIDDEN_S)
+    assert np.count_nonzero(hidden) == pytest.approx(10 * seconds, abs=1)
+    alone = np.array([mode is Mode.ODOMETRY for mode in driven.modes])
+    assert np.array_equal(alone, hidden)
+    assert driven.distances_m("sensor fusion").max() < 0.1
+    found: ExperimentResult = iris_tracks.iris_track(1)
+    assert [row[0] for row in found.rows] == [mode.value for mode in Mode]
+
+
+# --- disturbances ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("field", iris_disturbances.FIELDS)
+@pytest.mark.parametrize("scenario", iris_disturbances.SCENARIOS)
+def test_disturbances_one_at_a_time(scenario: str, field: str) -> None:
+    for kind in iris_disturbances.KINDS:
+        outcome = iris_disturbances.disturbed_drive(kind, scenario, field, 0)
+        assert outcome.far_s <= (0.5 if kind == "slip" else 0.0), kind
+        assert outcome.back_m <= 0.1, kind
+        assert outcome.lost_s <= (0.0 if kind == "nothing" else 1.0), kind
+        assert outcome.drive.found_after <= 15
+        if kind == "slip":  # the odometry alone never gets over it
+            assert outcome.drive.distances_m("odometry")[-30:].mean() > 0.15
+
+
+def test_a_covered_camera_shows_nothing_for_3_seconds() -> None:
+    outcome = iris_disturbances.disturbed_drive("covered", "tour-20", "indoor-9x6", 0)
+    hidden = ~outcome.drive.seen
+    assert np.count_nonzero(hidden) == 30
+    assert {mode for mode, h in zip(outcome.drive.modes, hidden, strict=True) if h} == {Mode.ODOMETRY}
+
+
+def test_a_slip_turns_the_wheels_by_30_cm_and_a_drift_adds_a_degree_per_second() -> None:
+    stamps = (np.arange(50) * 20_000_000).astype(np.int64)
+    zeros = Samples(stamps, np.zeros((50, 2)))
+    rolled = slipped(0.3, 0.3, 0.0, (math.pi / 4, -math.pi / 4))(Frame(0, wheels=zeros)).wheels
+    assert rolled is not None
+    assert rolled.values[:15] == pytest.approx(0.0)
+    assert rolled.values[-1] == pytest.approx([0.3 / math.sqrt(2)] * 2)
+    turned = drifting(0.5, math.radians(1.0))(Frame(0, gyro=Samples(stamps, np.zeros((50, 3))))).gyro
+    assert turned is not None
+    assert turned.values[:25].max() == 0.0
+    assert np.degrees(turned.values[25:, 2]) == pytest.approx(1.0)
+    assert covered(0.0, 1.0)(Frame(2_000_000_000)).points is None
+
+
+def test_what_an_outcome_says_comes_from_the_truth() -> None:
+    """A pose that is 1 m off for half a second, then 5 cm."""
+    count = 60
+    truth = np.zeros((count, 3))
+    track = np.zeros((count, 3))
+    track[10:15, 0], track[15:, 1] = 1.0, 0.05
+    track[:, 2] = wrap_angles(np.full(count, 2.0 * math.pi))
+    stamps = (np.arange(count) * 100_000_000).astype(np.int64)
+    statuses = tuple(Status.LOST if 10 <= k < 13 else Status.TRACKING for k in range(count))
+    driven = IrisDrive(
+        open_field("indoor-9x6"), stamps, truth, dict.fromkeys(SYSTEMS, track), np.ones(count, dtype=bool),
+        (Mode.BOTH,) * count, statuses, 0,
+    )  # fmt: skip
+    outcome = iris_disturbances._outcome(driven, 1.0)
+    assert (outcome.far_s, outcome.back_m, outcome.lost_s) == pytest.approx((0.5, 0.05, 0.3))
+
+
+def test_the_experiments_are_registered_with_their_figures() -> None:
+    for name in ("iris-points", "iris-tracks", "iris-track", "iris-disturbances"):
+        assert name in EXPERIMENTS

@@ -1,0 +1,265 @@
+"""The fusion of Ismail et al. 2021, section II.D: equations (15) to (19), and how each mode is entered and left."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from touchline.geometry import Pose, wrap_angle
+from touchline.localization.restart import RestartRule, RestartSettings
+from touchline.localization.sensor_fusion import SensorFusion, SensorFusionSettings, Vision, blended, without_bias
+from touchline.motion.odometry import Motion
+from touchline.types import Mode
+
+STEP = Motion(Pose(0.1, 0.0, 0.0), np.diag([1e-5, 1e-5, 1e-6]), 0.0)
+SURE = np.diag([0.02, 0.02, 0.01]) ** 2
+HERE = Pose(1.0, 0.5, 0.3)
+SETTINGS = SensorFusionSettings()
+
+
+def seen(pose: Pose, points: int = 80, on_lines: float = 0.95, spread_m: float = 0.03) -> Vision:
+    return Vision(pose, np.diag([spread_m**2 / 2, spread_m**2 / 2, 1e-4]), points, on_lines)
+
+
+def at(x: float, y: float = 0.5, heading: float = 0.3) -> Pose:
+    return Pose(x, y, heading)
+
+
+def placed(settings: SensorFusionSettings | None = None, pose: Pose = HERE) -> SensorFusion:
+    """A fusion that has used both for some images, at a pose."""
+    fusion = SensorFusion(settings)
+    fusion.place(pose, SURE)
+    for _ in range(3):
+        fusion.update(pose, Motion(Pose(0, 0, 0), STEP.covariance, 0.0), seen(pose), 0.1)
+    assert fusion.mode is Mode.BOTH
+    return fusion
+
+
+def step(fusion: SensorFusion, odometry: Pose, vision: Vision | None, motion: Motion = STEP) -> Mode:
+    return fusion.update(odometry, motion, vision, 0.1)
+
+
+# --- equations (15) to (19) -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.25, 0.6, 1.0])
+def test_position_is_the_weighted_mean(beta: float) -> None:
+    fused = blended(Pose(1.0, -2.0, 0.2), Pose(3.0, 2.0, 0.4), beta)
+    assert fused.x == pytest.approx(beta * 1.0 + (1 - beta) * 3.0)
+    assert fused.y == pytest.approx(beta * -2.0 + (1 - beta) * 2.0)
+
+
+@pytest.mark.parametrize("middle", [0.0, 1.5, math.pi, -math.pi, 3.0, -3.0])
+def test_headings_on_both_sides_of_the_half_turn_meet_between_them(middle: float) -> None:
+    one, other = wrap_angle(middle - 0.1), wrap_angle(middle + 0.1)
+    assert wrap_angle(blended(Pose(0, 0, one), Pose(0, 0, other), 0.5).heading - middle) == pytest.approx(0.0, abs=1e-9)
+    assert blended(Pose(0, 0, one), Pose(0, 0, other), 1.0).heading == pytest.approx(one)
+
+
+def test_the_pose_of_each_mode_is_the_paper_s() -> None:
+    fusion = placed(SensorFusionSettings(beta=0.3, bias_gain_per_s=0))
+    odometry, particles = at(1.1), at(1.16)
+    assert step(fusion, odometry, seen(particles)) is Mode.BOTH
+    assert fusion.pose == pytest.approx(blended(odometry, particles, 0.3))
+    assert step(fusion, odometry, None) is Mode.ODOMETRY
+    assert fusion.pose == odometry
+    found = SensorFusion()
+    for _ in range(SETTINGS.frames):
+        step(found, HERE, seen(at(-3.0)), Motion(Pose(0, 0, 0), STEP.covariance, 0.0))
+    assert found.mode is Mode.OMNIVISION
+    assert found.pose == at(-3.0)
+
+
+def test_after_a_gap_the_odometry_has_a_smaller_share() -> None:
+    shares = []
+    for duration_s in (0.1, 0.4, 3.0):
+        fusion = placed(SensorFusionSettings(beta=0.5, bias_gain_per_s=0))
+        fusion.update(at(1.1), STEP, seen(at(1.2)), duration_s)
+        shares.append((1.2 - fusion.pose.x) / 0.1)
+    assert shares == pytest.approx([0.5, 0.5**4, 0.5**30], abs=1e-6)
+    constant = placed(SensorFusionSettings(beta=0.5, bias_gain_per_s=0, beta_period_s=None))
+    constant.update(at(1.1), STEP, seen(at(1.2)), 3.0)
+    assert constant.pose.x == pytest.approx(1.15)
+
+
+# --- omnivision + odometry ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"points": SETTINGS.least_points - 1},
+        {"on_lines": SETTINGS.least_share - 0.01},
+        {"spread_m": SETTINGS.widest_m + 0.01},
+    ],
+)
+def test_an_image_that_shows_too_little_leaves_odometry_alone_and_one_good_image_brings_both_back(
+    bad: dict[str, float],
+) -> None:
+    fusion = placed()
+    assert step(fusion, at(1.1), seen(at(1.13), **bad)) is Mode.ODOMETRY  # type: ignore[arg-type]
+    assert fusion.pose == at(1.1)
+    assert step(fusion, at(1.2), seen(at(1.2))) is Mode.BOTH
+
+
+@pytest.mark.parametrize(
+    "middling",
+    [
+        {"points": (SETTINGS.least_points + SETTINGS.enough_points) // 2},
+        {"on_lines": 0.5 * (SETTINGS.least_share + SETTINGS.accepted_share)},
+        {"spread_m": 0.5 * (SETTINGS.narrow_m + SETTINGS.widest_m)},
+    ],
+)
+def test_limits_have_hysteresis(middling: dict[str, float]) -> None:
+    """A middling image keeps the mode, whichever it is."""
+    fusion = placed()
+    assert step(fusion, at(1.1), seen(at(1.1), **middling)) is Mode.BOTH  # type: ignore[arg-type]
+    step(fusion, at(1.2), None)
+    assert step(fusion, at(1.3), seen(at(1.3), **middling)) is Mode.ODOMETRY  # type: ignore[arg-type]
+
+
+def test_one_image_elsewhere_does_not_pull_the_pose() -> None:
+    fusion = placed()
+    assert step(fusion, at(1.1), seen(at(1.6))) is Mode.ODOMETRY
+    assert fusion.pose == at(1.1)
+    assert step(fusion, at(1.2), seen(at(1.2))) is Mode.BOTH
+
+
+# --- omnivision -----------------------------------------------------------------------------------------------------
+
+
+def test_images_that_contradict_the_odometry_in_one_way_are_believed_after_three_and_odometry_again_after_three() -> (
+    None
+):
+    fusion = placed()
+    modes = [step(fusion, at(1.0 + 0.1 * k), seen(Pose(1.5 + 0.1 * k, 0.5, 0.3))) for k in range(1, 3)]
+    assert modes == [Mode.ODOMETRY] * 2
+    step_x = Motion(Pose(0.1 * math.cos(0.3), -0.1 * math.sin(0.3), 0.0), STEP.covariance, 0.0)  # along x of the field
+    assert fusion.contradicting == 2
+    assert step(fusion, at(1.3), seen(at(1.8)), step_x) is Mode.OMNIVISION
+    assert fusion.pose == at(1.8)
+    modes = [step(fusion, at(1.8 + 0.1 * k), seen(at(1.8 + 0.1 * k)), step_x) for k in range(1, 4)]
+    assert modes == [Mode.OMNIVISION, Mode.OMNIVISION, Mode.BOTH]
+
+
+def test_images_that_contradict_it_each_in_another_way_are_never_believed() -> None:
+    fusion = placed()
+    for k in range(12):
+        away = Pose(1.0 + 0.8 * (-1) ** k, 0.5 + 0.5 * (k % 3), 0.3)
+        assert step(fusion, HERE, seen(away), Motion(Pose(0, 0, 0), STEP.covariance, 0.0)) is Mode.ODOMETRY
+    assert fusion.pose == HERE
+
+
+def test_a_robot_without_a_pose_is_found_only_by_images_that_fit_well() -> None:
+    still = Motion(Pose(0, 0, 0), STEP.covariance, 0.0)
+    poor = SETTINGS.found_share - 0.02
+    fusion = SensorFusion()
+    assert {step(fusion, HERE, seen(at(-2.0), on_lines=poor), still) for _ in range(10)} == {Mode.ODOMETRY}
+    assert not fusion.placed
+    fusion.searches = 1  # a search has ended without finding it: a poor calibration, perhaps
+    assert [step(fusion, HERE, seen(at(-2.0), on_lines=poor), still) for _ in range(3)][-1] is Mode.OMNIVISION
+    assert (fusion.placed, fusion.searches) == (True, 0)
+
+
+def test_without_odometry_omnivision_goes_on_alone() -> None:
+    fusion = placed()
+    blind = Motion(Pose(0.0, 0.0, 0.0), np.diag([0.01, 0.01, 0.02]), 0.1)
+    assert step(fusion, HERE, seen(at(1.1)), blind) is Mode.OMNIVISION
+    assert fusion.pose == at(1.1)
+
+
+# --- odometry -------------------------------------------------------------------------------------------------------
+
+
+def test_odometry_alone_is_lost_once_its_errors_may_have_summed_up_too_far() -> None:
+    fusion = placed()
+    lost = []
+    for k in range(400):
+        step(fusion, at(1.0 + 0.1 * k), None)
+        lost.append(fusion.lost)
+    assert not any(lost[:50])
+    assert lost[-1]
+    first = lost.index(True)
+    assert all(lost[first:])
+    deviation_m = math.sqrt(fusion.covariance[0, 0] + fusion.covariance[1, 1])
+    # the errors of the steps add up: as standard deviations, not as variances
+    assert deviation_m > 400 * math.sqrt(2e-5) * 0.9
+
+
+def test_the_covariance_stays_symmetric_and_positive() -> None:
+    fusion = placed()
+    for k in range(60):
+        step(fusion, HERE, seen(HERE) if k % 7 else None, Motion(Pose(0.05, 0.02, 0.1), STEP.covariance, 0.0))
+        assert np.allclose(fusion.covariance, fusion.covariance.T)
+        assert np.linalg.eigvalsh(fusion.covariance).min() > 0.0
+
+
+def test_the_gyro_s_bias_is_learned_from_the_particles() -> None:
+    fusion, bias_rad_s, heading = SensorFusion(), math.radians(1.0), 0.0
+    fusion.place(HERE, SURE)
+    truth = Pose(0.0, 0.0, 0.0)
+    fusion.pose = odometry = truth
+    for _ in range(150):
+        felt = Motion(Pose(0.0, 0.0, bias_rad_s * 0.1), STEP.covariance, 0.0)
+        motion = without_bias(felt, fusion.bias_rad_s, 0.1)
+        odometry = odometry.compose(motion.pose)
+        assert step(fusion, odometry, seen(truth), motion) is Mode.BOTH
+        odometry, heading = fusion.pose, fusion.pose.heading
+    assert fusion.bias_rad_s == pytest.approx(bias_rad_s, rel=0.05)
+    assert abs(heading) < math.radians(0.02)
+    paper = placed(SensorFusionSettings(bias_gain_per_s=0))
+    step(paper, at(1.1, heading=0.32), seen(at(1.1)))
+    assert paper.bias_rad_s == 0.0
+
+
+def test_a_motion_without_its_bias_is_the_one_that_was_driven() -> None:
+    """Half of a constant turn's error is in the direction of the way."""
+    turned = Pose(0.0, 0.0, 0.0)
+    for _ in range(1000):
+        turned = turned.compose(Pose(0.001, 0.0, 0.0)).compose(Pose(0.0, 0.0, 0.0001))
+    straight = without_bias(Motion(turned, np.zeros((3, 3)), 0.0), 0.05, 2.0)
+    assert straight.pose == pytest.approx((1.0, 0.0, 0.0), abs=1e-3)
+
+
+# --- restart --------------------------------------------------------------------------------------------------------
+
+
+def test_particles_start_anew_after_several_images_that_contradict_them_or_after_one_if_nothing_was_seen_before() -> (
+    None
+):
+    settings = RestartSettings()
+    rule = RestartRule(settings)
+    poor = settings.least_share - 0.1
+    assert [rule.is_refuted(poor, None) for _ in range(settings.frames)] == [False] * (settings.frames - 1) + [True]
+    rule.reset()
+    for _ in range(settings.frames - 1):
+        rule.is_refuted(poor, None)
+    assert not rule.is_refuted(0.9, None)
+    assert not rule.is_refuted(poor, None)
+    rule.reset()
+    for _ in range(settings.blind_frames):
+        rule.see_nothing()
+    assert rule.is_refuted(poor, None)
+
+
+def test_the_wrong_end_of_the_field_is_left_when_the_compass_says_so() -> None:
+    settings = RestartSettings()
+    rule = RestartRule(settings)
+    answers = [rule.is_refuted(0.95, math.pi) for _ in range(settings.heading_frames)]
+    assert answers == [False] * (settings.heading_frames - 1) + [True]
+    assert rule.at_wrong_end
+    paper = RestartRule(RestartSettings(heading_rad=None))
+    assert not any(paper.is_refuted(0.95, math.pi) for _ in range(50))
+
+
+def test_searches_start_anew_after_some_cycles_each_with_wider_headings() -> None:
+    rule = RestartRule(RestartSettings(most_cycles=4, widening=1.5))
+    assert rule.start_is_due()
+    assert rule.start() == 1.0
+    rule.cycles = 3
+    assert not rule.start_is_due()
+    rule.cycles = 4
+    assert rule.start_is_due()
+    assert [rule.start(), rule.start()] == [1.5, 1.5**2]

@@ -1,0 +1,439 @@
+"""Odometry from two measuring wheels and a gyro: exact on exact kinematics, honest about gaps, restarts and noise."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fakes import write_recording
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from small_recordings import write_sensors
+
+from touchline.api import prepare
+from touchline.cli import main
+from touchline.errors import InputError
+from touchline.geometry import Pose, wrap_angle
+from touchline.motion import OdometrySettings, WheelOdometry, WheelOdometrySettings
+from touchline.motion.wheel_pair import WheelPair
+from touchline.sources import open_source
+from touchline.sources.description import wheel_directions_rad
+from touchline.systems.iris_fusion import IrisFusion
+from touchline.types import Frame, Samples
+
+MS = 1_000_000
+ANGLES = st.floats(-math.pi, math.pi)
+QUARTER = math.pi / 4
+MOUNTS = [(QUARTER, -QUARTER, 0.0, 0.0), (0.3, 1.9, 0.0, 0.0), (2.0, -0.4, 0.21, -0.13), (0.0, math.pi / 2, 0.1, 0.1)]
+
+
+class Drive:
+    """Constant velocity: forward and left speed (m/s, robot frame) and turn rate (rad/s), in closed form."""
+
+    def __init__(self, forward: float, left: float, rate: float) -> None:
+        self.forward, self.left, self.rate = forward, left, rate
+
+    def pose(self, t: float) -> Pose:
+        """start_from_robot after t seconds: p(t) = ∫ R(rate·τ) v dτ."""
+        if self.rate == 0.0:
+            return Pose(self.forward * t, self.left * t, 0.0)
+        s, c = math.sin(self.rate * t) / self.rate, (1.0 - math.cos(self.rate * t)) / self.rate
+        return Pose(self.forward * s - self.left * c, self.forward * c + self.left * s, wrap_angle(self.rate * t))
+
+    def wheels(self, times_ms: np.ndarray, mount: tuple[float, float, float, float]) -> Samples:
+        a_dir, b_dir, a_lever, b_lever = mount
+        a = self.forward * math.cos(a_dir) + self.left * math.sin(a_dir) + a_lever * self.rate
+        b = self.forward * math.cos(b_dir) + self.left * math.sin(b_dir) + b_lever * self.rate
+        return Samples(stamps(times_ms), np.outer(times_ms / 1000.0, [a, b]))
+
+    def gyro(self, times_ms: np.ndarray) -> Samples:
+        return Samples(stamps(times_ms), np.tile([0.3, -0.2, self.rate], (len(times_ms), 1)))
+
+    def odometry(self, times_ms: np.ndarray) -> Samples:
+        return Samples(stamps(times_ms), np.array([self.pose(t / 1000.0) for t in times_ms]))
+
+
+def stamps(times_ms: np.ndarray) -> np.ndarray:
+    return np.rint(times_ms * MS).astype(np.int64)
+
+
+def part(samples: Samples | None, after_ns: int, until_ns: int) -> Samples | None:
+    if samples is None:
+        return None
+    kept = (samples.stamp_ns > after_ns) & (samples.stamp_ns <= until_ns)
+    return Samples(samples.stamp_ns[kept], samples.values[kept]) if kept.any() else None
+
+
+def frames(
+    times_ms: list[float], wheels: Samples | None, gyro: Samples | None, odometry: Samples | None = None
+) -> list[Frame]:
+    """Frames as a recording gives them: each with the samples since the one before."""
+    ends = [-1, *(round(t * MS) for t in times_ms)]
+    return [
+        Frame(end, wheels=part(wheels, start, end), gyro=part(gyro, start, end), odometry=part(odometry, start, end))
+        for start, end in itertools.pairwise(ends)
+    ]
+
+
+def reckon(
+    mount: tuple[float, float, float, float], given: list[Frame], start: Pose | None = None, **options: float
+) -> WheelOdometry:
+    a_dir, b_dir, a_lever, b_lever = mount
+    odometry = WheelOdometry(WheelOdometrySettings(a_lever_m=a_lever, b_lever_m=b_lever, **options), a_dir, b_dir)
+    odometry.reset(start)
+    for frame in given:
+        odometry.update(frame)
+    return odometry
+
+
+def assert_same(pose: Pose, expected: Pose, abs_m: float = 1e-9) -> None:
+    assert pose.distance_to(expected) < abs_m
+    assert abs(wrap_angle(pose.heading - expected.heading)) < abs_m
+
+
+@given(a_dir=ANGLES, b_dir=ANGLES, heading=ANGLES, a_m=st.floats(-1, 1), b_m=st.floats(-1, 1))
+def test_equations_2_and_3_as_printed_hold_for_turned_mounting_angles(
+    a_dir: float, b_dir: float, heading: float, a_m: float, b_m: float
+) -> None:
+    """α_A = a_dir − π/2 and α_B = b_dir + π/2."""
+    if abs(math.sin(b_dir - a_dir)) < 0.2:
+        return
+    alpha_a, alpha_b = a_dir - math.pi / 2, b_dir + math.pi / 2
+    under = math.sin(alpha_b - alpha_a)
+    x_m = (a_m * math.cos(alpha_b + heading) + b_m * math.cos(alpha_a + heading)) / under
+    y_m = (a_m * math.sin(alpha_b + heading) + b_m * math.sin(alpha_a + heading)) / under
+    assert WheelPair(a_dir, b_dir).displacement(a_m, b_m, 0.0, heading) == pytest.approx((x_m, y_m), abs=1e-9)
+
+
+@given(a_dir=ANGLES, b_dir=ANGLES, motion=st.tuples(*[st.floats(-1, 1)] * 5))
+def test_displacement_is_the_inverse_of_what_the_wheels_roll(
+    a_dir: float, b_dir: float, motion: tuple[float, float, float, float, float]
+) -> None:
+    if abs(math.sin(b_dir - a_dir)) < 0.2:
+        return
+    forward, left, turn, a_lever, b_lever = motion
+    pair = WheelPair(a_dir, b_dir, a_lever, b_lever)
+    assert pair.displacement(*pair.travels(forward, left, turn), turn, 0.0) == pytest.approx((forward, left), abs=1e-9)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize(
+    "drive", [Drive(2.0, 0.0, 0.0), Drive(1.0, 0.0, 2.0), Drive(0.7, -1.3, -4.0), Drive(0.0, 0.0, 9.0)]
+)
+def test_arcs_are_reckoned_exactly_at_any_mounting_angle_and_lever(
+    mount: tuple[float, float, float, float], drive: Drive
+) -> None:
+    """Translation while rotating, too: coarse samples make no error, because the velocity was constant."""
+    times = np.arange(0, 2001, 50.0)
+    start = Pose(1.0, -2.0, 2.5)
+    odometry = reckon(mount, frames([0.0, 130.0, 707.0, 2000.0], drive.wheels(times, mount), drive.gyro(times)), start)
+    assert_same(odometry.pose, start.compose(drive.pose(2.0)))
+
+
+def test_a_changing_velocity_is_followed_to_the_order_of_the_step_squared() -> None:
+    """Forward at t (m/s) while turning at 1.5 − t (rad/s): against a fine sum of the true velocities."""
+
+    def end(step_ms: float) -> Pose:
+        times = np.arange(0, 2001, step_ms)
+        t = times / 1000.0
+        wheels = Samples(stamps(times), np.outer(t**2 / 2, np.cos([0.3, 1.9])))
+        gyro = Samples(stamps(times), np.column_stack((0 * t, 0 * t, 1.5 - t)))
+        return reckon(MOUNTS[1], frames([0.0, 2000.0], wheels, gyro)).pose
+
+    t = (np.arange(200_000) + 0.5) * 1e-5
+    heading = 1.5 * t - t**2 / 2
+    truth = Pose(float(np.sum(t * np.cos(heading)) * 1e-5), float(np.sum(t * np.sin(heading)) * 1e-5), 1.0)
+    assert_same(end(20.0), truth, 2e-4)
+    assert end(80.0).distance_to(truth) > 8 * end(20.0).distance_to(truth)
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 10**6))
+def test_uneven_stamps_and_unaligned_sensors_change_nothing(seed: int) -> None:
+    """Wheels at random times, the gyro at others, frames at others still; each frame brings what came before it."""
+    rng = np.random.default_rng(seed)
+    drive, mount = Drive(0.8, 0.5, 1.5), MOUNTS[2]
+    uneven = [np.unique(np.r_[0.0, np.cumsum(rng.uniform(3, 60, 80)).round(2)]) for _ in range(2)]
+    ends = np.cumsum(rng.uniform(5, 250, 6)).round(2).tolist()
+    odometry = reckon(mount, frames([0.0, *ends], drive.wheels(uneven[0], mount), drive.gyro(uneven[1])))
+    assert_same(odometry.pose, drive.pose(ends[-1] / 1000.0), 1e-6)
+
+
+def test_motions_chain_to_the_pose() -> None:
+    """Each frame's motion is before_from_after; samples that come late are made good by the next one."""
+    drive, mount = Drive(0.8, 0.5, 1.5), MOUNTS[0]
+    times = np.arange(0, 1001, 20.0)
+    odometry, chained = WheelOdometry(None, *mount[:2]), Pose(3.0, 1.0, -3.0)
+    odometry.reset(chained)
+    for frame in frames([0.0, 95.0, 190.0, 333.0, 1000.0], drive.wheels(times, mount), drive.gyro(times)):
+        motion = odometry.update(frame)
+        chained = chained.compose(motion.pose)
+        assert_same(odometry.pose, chained)
+        assert motion.missing_s == 0.0
+    assert_same(odometry.pose, Pose(3.0, 1.0, -3.0).compose(drive.pose(1.0)))
+
+
+def test_a_wrong_guess_beyond_the_newest_sample_is_made_good() -> None:
+    """The robot stops just when samples are late: it is carried on for a moment, then put right."""
+    times = np.arange(0, 401, 20.0)
+    along = np.minimum(times, 200.0) / 1000.0
+    wheels = Samples(stamps(times), np.outer(along, np.cos([QUARTER, -QUARTER])))
+    gyro = Samples(stamps(times), np.zeros((len(times), 3)))
+    late = [
+        Frame(0, wheels=part(wheels, -1, 0), gyro=part(gyro, -1, 0)),
+        Frame(250 * MS, wheels=part(wheels, 0, 200 * MS), gyro=part(gyro, 0, 200 * MS)),
+    ]
+    odometry = reckon(MOUNTS[0], late)
+    assert odometry.pose.x == pytest.approx(0.25)
+    motion = odometry.update(Frame(400 * MS, wheels=part(wheels, 200 * MS, 400 * MS), gyro=part(gyro, 200 * MS, 10**9)))
+    assert motion.pose.x == pytest.approx(-0.05)
+    assert odometry.pose.x == pytest.approx(0.2)
+
+
+def test_the_offset_is_what_the_fusion_says_and_the_sums_go_on() -> None:
+    """Equations (4) to (6): pose = sums + offset; a new offset turns what is summed afterwards, too."""
+    drive, mount = Drive(1.0, 0.2, 0.7), MOUNTS[1]
+    times = np.arange(0, 2001, 20.0)
+    given = frames([0.0, 990.0, 1930.0], drive.wheels(times, mount), drive.gyro(times))
+    odometry = reckon(mount, given[:2])
+    sums = list(odometry.sums)
+    told = Pose(-4.0, 2.0, 3.0)
+    odometry.set_pose(told)
+    assert_same(odometry.pose, told)
+    assert odometry.sums == sums
+    odometry.update(given[2])
+    expected = told.compose(drive.pose(0.99).inverse().compose(drive.pose(1.93)))
+    assert_same(odometry.pose, expected, 1e-6)
+
+
+@pytest.mark.parametrize("b_dir", [QUARTER, QUARTER + math.pi, QUARTER - 0.1, QUARTER + math.pi + 0.1])
+def test_parallel_wheels_are_refused_in_words(b_dir: float) -> None:
+    with pytest.raises(InputError, match=r"45\.0° \(a\).*parallel.*can't tell forward from sideways"):
+        WheelOdometry(None, QUARTER, b_dir)
+
+
+def test_directions_in_the_settings_go_before_those_of_the_recording() -> None:
+    odometry = WheelOdometry(WheelOdometrySettings(a_dir_rad=0.1, b_dir_rad=1.4), QUARTER, -QUARTER)
+    assert odometry.pair == WheelPair(0.1, 1.4)
+
+
+def test_scales_and_bias_correct_the_readings() -> None:
+    drive, mount = Drive(0.9, -0.3, 1.1), MOUNTS[2]
+    times = np.arange(0, 1001, 20.0)
+    wheels, gyro = drive.wheels(times, mount), drive.gyro(times)
+    wrong = Samples(wheels.stamp_ns, wheels.values / [1.02, 0.97])
+    biased = Samples(gyro.stamp_ns, gyro.values / 1.01 + 0.05)
+    given = frames([0.0, 1000.0], wrong, biased)
+    options = {"a_scale": 1.02, "b_scale": 0.97, "gyro_scale": 1.01, "gyro_bias_rad_s": 0.05}
+    assert_same(reckon(mount, given, **options).pose, drive.pose(1.0))
+    assert reckon(mount, given).pose.distance_to(drive.pose(1.0)) > 0.01
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_a_counter_that_starts_again_at_zero_does_not_move_the_robot(both: bool) -> None:
+    drive, mount = Drive(1.0, 0.4, 0.5), MOUNTS[0]
+    times = np.arange(0, 3001, 20.0)
+    wheels = drive.wheels(times, mount)
+    values = wheels.values.copy()
+    again = times >= 2000.0
+    columns = [0, 1] if both else [0]
+    values[np.ix_(again, columns)] -= values[times == 2000.0][:, columns]
+    given = frames([0.0, 1900.0, 2050.0, 3000.0], Samples(wheels.stamp_ns, values), drive.gyro(times))
+    odometry = reckon(mount, given[:2])
+    motion = odometry.update(given[2])
+    assert motion.missing_s == pytest.approx(0.02)
+    assert np.sqrt(motion.covariance[0, 0]) > 0.02
+    odometry.update(given[3])
+    assert odometry.wheels.restarts == 1
+    assert_same(odometry.pose, drive.pose(3.0), 1e-6)
+
+
+def test_counters_that_went_on_bridge_a_gap_while_the_gyro_turns_on() -> None:
+    drive, mount = Drive(1.0, 0.0, 1.0), MOUNTS[0]
+    times = np.arange(0, 2001, 20.0)
+    thin = np.r_[times[times <= 500], times[times >= 1500]]
+    odometry = reckon(mount, frames([0.0, 1000.0, 2000.0], drive.wheels(thin, mount), drive.gyro(times)))
+    assert_same(odometry.pose, drive.pose(2.0), 1e-6)
+
+
+def hole(times: np.ndarray) -> np.ndarray:
+    return times[(times <= 500) | (times >= 1500)]
+
+
+def test_without_the_gyro_for_a_second_the_turn_is_unknown_and_said_to_be() -> None:
+    drive, mount = Drive(1.0, 0.0, 0.0), MOUNTS[0]
+    times = np.arange(0, 2001, 20.0)
+    given = frames([0.0, 500.0, 1500.0, 2000.0], drive.wheels(times, mount), drive.gyro(hole(times)))
+    odometry = reckon(mount, given[:2])
+    motion = odometry.update(given[2])
+    assert motion.missing_s == pytest.approx(1.0)
+    assert np.sqrt(motion.covariance[2, 2]) > 1.0
+    assert odometry.update(given[3]).missing_s == 0.0
+
+
+@pytest.mark.parametrize("gone", ["wheels", "gyro", "both", "directions"])
+def test_the_odometry_takes_the_place_of_what_is_missing(gone: str) -> None:
+    """A recording without wheels or gyro, or that doesn't say how its wheels are mounted."""
+    drive, mount = Drive(1.0, 0.3, 0.8), MOUNTS[0]
+    times = np.arange(0, 1001, 20.0)
+    wheels = None if gone in ("wheels", "both") else drive.wheels(times, mount)
+    gyro = None if gone in ("gyro", "both") else drive.gyro(times)
+    directions = (None, None) if gone == "directions" else mount[:2]
+    odometry = WheelOdometry(None, *directions)
+    odometry.reset(Pose(1.0, 1.0, 1.0))
+    motions = [odometry.update(f) for f in frames([0.0, 400.0, 1000.0], wheels, gyro, drive.odometry(times))]
+    assert_same(odometry.pose, Pose(1.0, 1.0, 1.0).compose(drive.pose(1.0)))
+    assert odometry.fallbacks == 2
+    assert motions[-1].missing_s == 0.0
+
+
+def test_wheels_that_come_back_take_over_again() -> None:
+    drive, mount = Drive(1.0, 0.3, 0.8), MOUNTS[0]
+    times = np.arange(0, 3001, 20.0)
+    wheels = drive.wheels(times[(times <= 500) | (times > 1600)], mount)
+    slow = Drive(0.9, 0.27, 0.8).odometry(times)
+    odometry = reckon(mount, frames([0.0, 500.0, 1500.0, 2000.0, 3000.0], wheels, drive.gyro(times), slow))
+    assert odometry.fallbacks == 1
+    travelled = drive.pose(0.5).compose(slow_part(slow, 500, 1500)).compose(relative(drive.pose, 1.5, 3.0))
+    assert_same(odometry.pose, travelled, 0.08)  # wheels can't tell what they rolled before the first new sample
+
+
+def slow_part(samples: Samples, start_ms: int, end_ms: int) -> Pose:
+    start, end = (Pose(*samples.values[samples.stamp_ns == t * MS][0].tolist()) for t in (start_ms, end_ms))
+    return start.inverse().compose(end)
+
+
+def relative(pose: Callable[[float], Pose], start_s: float, end_s: float) -> Pose:
+    return pose(start_s).inverse().compose(pose(end_s))
+
+
+def test_with_nothing_at_all_the_robot_may_be_anywhere_near() -> None:
+    odometry = WheelOdometry(None, QUARTER, -QUARTER)
+    odometry.update(Frame(0))
+    motion = odometry.update(Frame(500 * MS))
+    assert motion.pose == Pose(0.0, 0.0, 0.0)
+    assert motion.missing_s == pytest.approx(0.5)
+    assert np.sqrt(motion.covariance[0, 0]) == pytest.approx(0.5, abs=0.05)
+
+
+def test_broken_and_repeated_samples_are_left_out_and_counted() -> None:
+    drive, mount = Drive(1.0, 0.3, 0.8), MOUNTS[0]
+    times = np.arange(0, 1001, 20.0)
+    wheels, gyro = drive.wheels(times, mount), drive.gyro(times)
+    wheels.values[5, 1] = np.nan
+    gyro.values[7] = [0.0, 0.0, np.inf]
+    gyro.values[8] = [np.nan, np.nan, drive.rate]  # rates of roll and pitch don't matter
+    wheels.stamp_ns[10] = wheels.stamp_ns[2]
+    odometry = reckon(mount, frames([0.0, 1000.0], wheels, gyro))
+    odometry.update(Frame(1000 * MS, wheels=wheels, gyro=gyro))
+    assert_same(odometry.pose, drive.pose(1.0), 1e-6)
+    assert odometry.wheels.dropped == 2 + len(times)
+    assert odometry.gyro.dropped == 1 + len(times)
+
+
+def test_time_does_not_run_backwards() -> None:
+    odometry = WheelOdometry(None, QUARTER, -QUARTER)
+    odometry.update(Frame(100 * MS))
+    with pytest.raises(ValueError, match="forward"):
+        odometry.update(Frame(50 * MS))
+
+
+def test_a_long_run_keeps_a_short_memory() -> None:
+    drive, mount = Drive(0.5, 0.1, 0.3), MOUNTS[0]
+    times = np.arange(0, 60_001, 20.0)
+    ends = list(np.arange(0.0, 60_001.0, 100.0))
+    odometry = reckon(mount, frames(ends, drive.wheels(times, mount), drive.gyro(times)))
+    assert max(len(odometry.wheels), len(odometry.gyro)) < 20
+    assert_same(odometry.pose, drive.pose(60.0), 1e-6)
+
+
+def test_a_long_wait_between_frames_loses_nothing() -> None:
+    drive, mount = Drive(0.5, 0.1, 0.3), MOUNTS[0]
+    times = np.arange(0, 20_001, 20.0)
+    odometry = reckon(mount, frames([0.0, 20_000.0], drive.wheels(times, mount), drive.gyro(times)))
+    assert_same(odometry.pose, drive.pose(20.0), 1e-6)
+
+
+def test_the_covariance_is_that_of_many_noisy_runs() -> None:
+    """Circumference, slip, gyro scale, bias and noise drawn as the settings say, in an arc with unlike wheels."""
+    rng = np.random.default_rng(4)
+    drive, mount = Drive(1.2, 0.4, 1.0), MOUNTS[1]
+    times = np.arange(0, 301, 20.0)
+    s = WheelOdometrySettings(drift_m=0.0, gyro_bias_error_rad_s=0.05, fallback=OdometrySettings())
+    wheels, gyro, ends = drive.wheels(times, mount), drive.gyro(times), []
+    steps = np.diff(wheels.values, axis=0)
+    for _ in range(400):
+        noisy = steps * (1.0 + s.wheel_error * rng.standard_normal(2))
+        noisy += s.slip_m * np.sqrt(np.abs(steps)) * rng.standard_normal(steps.shape)
+        bias = s.gyro_bias_error_rad_s * rng.standard_normal()
+        rate = drive.rate * (1.0 + s.gyro_error * rng.standard_normal()) + bias
+        rates = rate + s.gyro_noise_rad / math.sqrt(0.02) * rng.standard_normal(len(times))
+        values = np.column_stack((0 * rates, 0 * rates, rates))
+        counted = np.r_[np.zeros((1, 2)), np.cumsum(noisy, axis=0)]
+        given = frames([0.0, 300.0], Samples(wheels.stamp_ns, counted), Samples(gyro.stamp_ns, values))
+        odometry = WheelOdometry(s, *mount[:2])
+        motion = [odometry.update(frame) for frame in given][-1]
+        ends.append(np.array(motion.pose) - drive.pose(0.3))
+    found = np.cov(np.array(ends).T)
+    scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
+    np.testing.assert_allclose(motion.covariance / scale, found / scale, atol=0.2)
+
+
+# --- from the recording to the system ---------------------------------------------------------------------------------
+
+
+def test_the_directions_come_from_sequence_yaml(shared_data: Path) -> None:
+    assert open_source(shared_data / "omni_msl_track").wheel_directions_rad == pytest.approx((QUARTER, -QUARTER))
+
+
+@pytest.mark.parametrize("told", [None, "front", {"a_dir_rad": 0.1}, {"a_dir_rad": 0.1, "b_dir_rad": "left"}])
+def test_directions_that_are_none_leave_the_wheels_unused(told: object) -> None:
+    assert wheel_directions_rad({"wheels": told}) is None
+
+
+def with_sensors(folder: Path, directions: str) -> Path:
+    """A tiny recording with all sensors, whose sequence.yaml ends with a line about the wheels."""
+    write_recording(folder)
+    write_sensors(folder, 60)
+    with (folder / "sequence.yaml").open("a") as file:
+        file.write(directions)
+    return folder
+
+
+def test_a_system_gets_the_directions_of_the_recording(tmp_path: Path) -> None:
+    folder = with_sensors(tmp_path / "one", "wheels: {a_dir_rad: 0.2, b_dir_rad: 1.7}\n")
+    prepared = prepare(folder, "iris-fusion")
+    assert isinstance(prepared.system, IrisFusion)
+    assert prepared.system.odometry.pair == WheelPair(0.2, 1.7)
+    assert prepared.notices == ()
+    assert prepare(folder, "nubot-mti").notices == ()
+
+
+@pytest.mark.parametrize("gone", ["wheels.csv", "imu.csv"])
+def test_a_recording_without_wheels_or_gyro_is_told_what_is_used_instead(tmp_path: Path, gone: str) -> None:
+    folder = with_sensors(tmp_path / "one", "wheels: {a_dir_rad: 0.2, b_dir_rad: 1.7}\n")
+    (folder / gone).unlink()
+    (notice,) = prepare(folder, "iris-fusion").notices
+    assert f"the recording lacks {gone}: odometry.csv is used instead" in notice
+    (folder / "odometry.csv").unlink()
+    (notice,) = prepare(folder, "iris-fusion").notices
+    assert "nothing can be used instead" in notice
+
+
+def test_unknown_directions_are_told_unless_the_settings_know_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = with_sensors(tmp_path / "one", "")
+    (notice,) = prepare(folder, "iris-fusion").notices
+    assert "rolling directions (wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml)" in notice
+    known = ["wheels.a_dir_rad=0.2", "wheels.b_dir_rad=1.7"]
+    assert prepare(folder, "iris-fusion", overrides=known).notices == ()
+    main(["run", str(folder), "--system", "iris-fusion", "--output", str(tmp_path / "run")])
+    assert "warning: iris-fusion measures its way with two wheels and a gyro" in capsys.readouterr().err
+    parallel = ["wheels.a_dir_rad=0.2", "wheels.b_dir_rad=0.2"]
+    with pytest.raises(InputError, match="parallel"):
+        prepare(folder, "iris-fusion", overrides=parallel)
