@@ -47,7 +47,10 @@ def simulate(
     folder = output if output is not None else Path(chosen.name)
     if folder.exists():
         raise InputError(f"{folder}: exists already and is not overwritten; choose another name with --output")
-    simulation = Simulation(chosen)
+    try:
+        simulation = Simulation(chosen)
+    except InputError as error:
+        raise InputError(f"{scenario}: {error}") from None
     started = time.perf_counter()
     _write_with_progress(simulation, folder)
     rate = len(simulation) / (time.perf_counter() - started)

@@ -52,9 +52,7 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         slack = 0.01 if mirror is None else 0.01 + float(mirror[0].radius_m[-1])
         origin = np.array([0.0, 0.0, height_m])
         edge = None if mirror is None else mirror[0].head.outer_px
-        grid = RayGrid(
-            rays, 1.0 / design.outer_radius_px, origin, slack, with_glisten(head_layer(design, edge), rays)
-        )
+        grid = RayGrid(rays, 1.0 / design.outer_radius_px, origin, slack, with_glisten(head_layer(design, edge), rays))
         super().__init__(grid, sensor or ImageSensor(), side, blur_steps, readout_s)
 
     @classmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ _MARK_NOISE_PX = 0.15  # of marks that somebody has clicked at, or a detector ha
 def write_recording(simulation: Simulation, folder: Path, on_frame: Callable[[Frame], None] | None = None) -> None:
     """Render all frames into a new folder. `on_frame` is called after each and may set the exposure of the next.
 
-    Raises InputError if the folder exists already or can't be made.
+    Raises InputError if the folder exists already or can't be made. What can't be finished is taken away again.
     """
     if simulation.level != "images":
         raise InputError("a recording holds images; run the simulation at the level 'images'")
@@ -36,8 +37,11 @@ def write_recording(simulation: Simulation, folder: Path, on_frame: Callable[[Fr
         raise InputError(f"{folder}: cannot be made ({error.strerror})") from None
     try:
         _write_all(simulation, folder, on_frame)
-    except OSError as error:
-        raise TouchlineError(f"{error.filename or folder}: cannot be written ({error.strerror})") from None
+    except BaseException as error:  # an interruption too: half a recording would be in the way of the next try
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise TouchlineError(f"{error.filename or folder}: cannot be written ({error.strerror})") from None
+        raise
 
 
 def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame], None] | None) -> None:

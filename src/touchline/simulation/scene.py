@@ -36,7 +36,7 @@ from touchline.simulation.world import PAINTS, World, WorldState
 RADIANCE_PER_LEVEL = 0.295  # white paint (0.87) under level 1: 0.26, as in the recorded images under hall lamps
 _LIGHT_STEP_M = 0.125
 _ROOM_PAINTS = ((0.40, 0.375, 0.35), (0.019, 0.019, 0.02), (0.55, 0.51, 0.42), (0.75, 0.71, 0.61))
-# standard deviations of brightness as measured over the floors of the recordings: blotches, strips, pile (of its finest)
+# standard deviations of brightness as measured over the floors of the recordings: blotches, strips, pile
 _WEAR, _STRIP_TONE, _PILE = 0.053, 0.034, 1.25
 
 
