@@ -47,7 +47,6 @@ class SceneArrays(NamedTuple):
     starts: npt.NDArray[np.int32]
     items: npt.NDArray[np.int16]
     near: FloatArray
-    first_body: FloatArray
     palette: FloatArray
     room: FloatArray
     room_colours: FloatArray
@@ -119,11 +118,11 @@ class Scene:
         self.caster_cells = place_casters(self.casters, self.sun, self.paint.frame, self.flags)
 
     def arrays(
-        self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray, first_body: FloatArray
+        self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray
     ) -> SceneArrays:
-        """Everything for the loops, with the solids sorted into sectors around a camera."""
+        """Everything for the loops, with the solids sorted into cells around a camera."""
         return SceneArrays(
-            self.solids, starts, items, near, first_body, self.palette, self.room, self.room_colours, self.flags,
+            self.solids, starts, items, near, self.palette, self.room, self.room_colours, self.flags,
             *self.paint, self.paints, self.carpet, self.pyramid, self.light, self.light_frame, self.casters,
             self.caster_cells, self.sun, self.windows,
         )  # fmt: skip
