@@ -58,7 +58,7 @@ def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame],
     rows = []
     for index, frame in enumerate(simulation):
         assert frame.image is not None
-        (folder / frame.name).write_bytes(_jpeg(frame.image))
+        (folder / frame.name).write_bytes(encoded(frame.image))
         exposure = f"{simulation.image_times_s[index]:.4f},{frame.name},{frame.exposure_ms:.3f},{frame.gain:.3f}"
         rows.append(",".join([exposure, *_extra_values(simulation, index)]))
         if on_frame is not None:
@@ -68,7 +68,8 @@ def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame],
     _write_calibration(simulation, folder)
 
 
-def _jpeg(image: ImageArray) -> bytes:
+def encoded(image: ImageArray) -> bytes:
+    """An image as the JPEG file that a recording holds: quality 92, chroma at half the resolution."""
     sampling = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420]
     done, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, *sampling])
     if not done:
