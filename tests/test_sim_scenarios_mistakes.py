@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -130,6 +132,22 @@ class TestCommand:
             assert main(["simulate", name, "--output", str(first), "--seconds", "0.3", "--seed", "4"]) == 0
             assert main(["simulate", str(first), "--output", str(again)]) == 0
             assert content(first) == content(again)
+
+    def test_single_keys_are_changed_from_the_command_line(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        arguments = ["simulate", "match", "--seconds", "0.2", "--output", str(tmp_path / "new")]
+        assert main([*arguments, "--set", "others.robts=1"]) == 2
+        assert "did you mean 'others.robots'" in " ".join(capsys.readouterr().err.split())
+        assert main([*arguments, "--set", "others.robots=1", "--set", "camera.rate_hz=20"]) == 0
+        assert "4 images" in capsys.readouterr().out
+        assert open_scenario(tmp_path / "new").others.robots == 1
+
+    def test_another_process_writes_the_same_bytes(self, tmp_path: Path) -> None:
+        write_recording(shortened("match", 0.2), tmp_path / "here")
+        command = [sys.executable, "-m", "touchline.cli", "simulate", "match", "--seconds", "0.2", "--output"]
+        subprocess.run([*command, str(tmp_path / "there")], check=True, capture_output=True)
+        assert content(tmp_path / "here") == content(tmp_path / "there")
 
     def test_a_recording_that_is_interrupted_is_taken_away(self, tmp_path: Path) -> None:
         def stop(frame: Frame) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -232,10 +233,13 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_FOLDER.glob("*.yaml"))
 
 
-def open_scenario(name_or_path: str | Path, seed: int | None = None, seconds: float | None = None) -> Scenario:
+def open_scenario(
+    name_or_path: str | Path, seed: int | None = None, seconds: float | None = None, changes: Sequence[str] = ()
+) -> Scenario:
     """A scenario by name, from a file, or from a simulated recording, whose sequence.yaml holds it.
 
-    `seed` and `seconds` replace the file's. Other files named in it are looked for beside it, then where we are.
+    `seed` and `seconds` replace the file's, and so do changes, each as `others.robots=3`. Other files named in it are
+    looked for beside it, then where we are.
     Raises InputError in one message for an unknown name and for anything wrong in the file.
     """
     path = _scenario_file(str(name_or_path))
@@ -245,8 +249,8 @@ def open_scenario(name_or_path: str | Path, seed: int | None = None, seconds: fl
     section = "simulation" if "format" in tree else None  # sequence.yaml
     if section is not None and not isinstance(tree.get(section), dict):
         raise InputError(f"{path}: tells no scenario; only recordings that were simulated hold theirs")
-    changes = [f"{key}={value}" for key, value in (("seed", seed), ("seconds", seconds)) if value is not None]
-    scenario = _with_paths_from(path.parent, load_settings(Scenario, path, changes, section))
+    given = [f"{key}={value}" for key, value in (("seed", seed), ("seconds", seconds)) if value is not None]
+    scenario = _with_paths_from(path.parent, load_settings(Scenario, path, [*changes, *given], section))
     return scenario if scenario.name else scenario.model_copy(update={"name": path.stem})
 
 
