@@ -5,20 +5,40 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+import numpy as np
+
+from touchline.camera import OmniCamera
+from touchline.geometry import FloatArray, wrap_angle
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.sources import Recording
+from touchline.systems import open_system
+from touchline.types import Status
 
 NAMES = (
-    "calibration-strip", "chessboard", "humanoid-walk", "kidnap", "lighting-1", "lighting-2", "lighting-3",
-    "marked-points", "match", "occlusion-12", "occlusion-25", "occlusion-50", "straight-tracks", "tour-20",
-    "walk-in-place",
+    "calibration-strip", "chessboard", "humanoid-walk", "kidnap", "light-changes", "lighting-1", "lighting-2",
+    "lighting-3", "marked-points", "match", "occlusion-12", "occlusion-25", "occlusion-50", "straight-tracks",
+    "tour-20", "walk-in-place",
 )  # fmt: skip
-SECONDS = {"calibration-strip": 3.5, "chessboard": 4.0, "kidnap": 2.6, "marked-points": 1.0, "walk-in-place": 1.0}
+SECONDS = {"calibration-strip": 3.5, "chessboard": 4.0, "kidnap": 2.6, "marked-points": 3.0, "walk-in-place": 1.0}
 
 
 def shortened(name: str, seconds: float | None = None, seed: int | None = None) -> Simulation:
     """A scenario at reduced length."""
-    return Simulation(open_scenario(name, seed, seconds or SECONDS.get(name, 0.6)))
+    return Simulation(open_scenario(name, seed, seconds or SECONDS.get(name, 1.5)))
+
+
+def errors_of(source: Simulation | Recording, camera: OmniCamera) -> FloatArray:
+    """(N, 2) how far nubot-mti is from the truth, distance (m) and heading (rad), in the frames in which it tracks."""
+    system = open_system("nubot-mti", source.field, camera)
+    assert source.truth is not None
+    errors = []
+    for index, frame in enumerate(source):
+        estimate, truth = system.step(frame), source.truth[index]
+        if estimate.status is Status.TRACKING:
+            turned = abs(wrap_angle(estimate.pose.heading - truth.heading))
+            errors.append((estimate.pose.distance_to(truth), turned))
+    return np.array(errors).reshape(-1, 2)
 
 
 def content(folder: Path) -> dict[str, str]:

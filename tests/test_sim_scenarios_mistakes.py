@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,9 +11,11 @@ from simulated import NAMES, content, scenario_file, shortened
 
 from touchline.cli import main
 from touchline.errors import InputError
+from touchline.field import open_field
 from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import Scenario, open_scenario
+from touchline.types import Frame
 
 
 class TestMistakes:
@@ -37,12 +41,47 @@ class TestMistakes:
             ("camera: {mirror: {profile: hyperbolic, horizon_px: 20}}", r"mirror: no profile shows this range: at \d+"),
             ("light: {lamps: -1}", r"setting 'light.lamps'"),
             ("seconds: [", r"mine.yaml, line 2: is not valid YAML"),
+            ("", r"mine.yaml: is empty; name at least the kind of motion"),
+            ("[1, 2]", r"expected keys and values at the top level, found a list"),
+            ("seed: 1.5", r"setting 'seed': input should be a valid integer"),
+            ("seconds: .nan", r"setting 'seconds': input should be a finite number"),
+            ("name: ../elsewhere", r"name: '../elsewhere' is no name of a folder"),
+            ("motion: {kind: stand, pose: [0, 0]}", r"setting 'motion.pose.2': field required"),
+            (
+                "light: {changes: [{time: 1}]}",
+                r"unknown setting 'light.changes.0.time': did you mean 'light.changes.0.time_s'",
+            ),
+            ("light: {changes: [{time_s: 1, row: 9, lamps: 0}]}", r"row 9 is unknown; there are rows 0 to 3"),
+            ("light: {changes: [{time_s: 1, row: 1}]}", r"names a row of lamps but not its level"),
+            ("light: {sun: 3}", r"light: the sun shines through windows, and there are none"),
+            ("camera: {kind: pinhole, mirror: {profile: hyperbolic}}", r"camera: 'mirror' is not used: a pinhole"),
+            ("camera: {mirror: {horizon_px: 150}}", r"profile 'combined' does not use 'horizon_px'"),
+            ("camera: {mirror: {tilt_deg: [80, 0]}}", r"setting 'camera.mirror.tilt_deg.0'.*less than or equal to 10"),
+            ("camera: {delay_s: 0.1, delay_spread_s: 0.2}", r"delay_spread_s \(0.2\) is more than delay_s \(0.1\)"),
+            ("mishaps: {shove_m: [0.3, 0.1]}", r"mishaps.shove_m: is a range from low to high"),
+            (
+                "mishaps: {kidnap_every_s: 5, kidnap_to: [[50, 0, 0]]}",
+                r"mishaps.kidnap_to: the robot can't go to 50, 0",
+            ),
+            (
+                "{motion: {kind: stand}, mishaps: {shove_every_s: 1, shove_m: [8, 9]}}",
+                r"a shove brings the robot to .* into a wall",
+            ),
+            ("others: {near_m: 2}", r"others: near_m needs moving: true"),
+            ("sensors: {imu: {gyro_bias_deg_s: [0.5, 0.2]}}", r"gyro_bias_deg_s: is a range from low to high"),
+            ("sensors: {wheels: {a_dir_rad: 0.5, b_dir_rad: 0.5}}", r"both wheels roll along the same line"),
+            ("{one: 1, two: 2, three: 3, four: 4, five: 5, six: 6}", r"; and 2 more mistakes$"),
         ],
     )
     def test_a_scenario_with_a_mistake_gives_one_clear_message(self, tmp_path: Path, text: str, message: str) -> None:
         with pytest.raises(InputError, match=message) as caught:
             Simulation(open_scenario(scenario_file(tmp_path, text)))
         assert "\n" not in str(caught.value)
+
+    def test_a_recording_that_was_not_simulated_holds_no_scenario(self, tmp_path: Path) -> None:
+        (tmp_path / "sequence.yaml").write_text("format: 1\nname: recorded\n", encoding="utf-8")
+        with pytest.raises(InputError, match="tells no scenario; only recordings that were simulated hold theirs"):
+            open_scenario(tmp_path)
 
     def test_an_unknown_name_is_told_with_the_nearest_one(self) -> None:
         with pytest.raises(InputError, match="scenario 'mtch' is unknown; did you mean 'match'"):
@@ -87,10 +126,47 @@ class TestCommand:
         assert "exists already and is not overwritten" in capsys.readouterr().err
         assert content(tmp_path / "new") == before
 
+    def test_a_simulated_recording_is_made_again_from_its_own_folder(self, tmp_path: Path) -> None:
+        for name in ("humanoid-walk", "kidnap"):
+            first, again = tmp_path / name, tmp_path / f"{name}-again"
+            assert main(["simulate", name, "--output", str(first), "--seconds", "0.3", "--seed", "4"]) == 0
+            assert main(["simulate", str(first), "--output", str(again)]) == 0
+            assert content(first) == content(again)
+
+    def test_single_keys_are_changed_from_the_command_line(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        arguments = ["simulate", "match", "--seconds", "0.2", "--output", str(tmp_path / "new")]
+        assert main([*arguments, "--set", "others.robts=1"]) == 2
+        assert "did you mean 'others.robots'" in " ".join(capsys.readouterr().err.split())
+        assert main([*arguments, "--set", "others.robots=1", "--set", "camera.rate_hz=20"]) == 0
+        assert "4 images" in capsys.readouterr().out
+        assert open_scenario(tmp_path / "new").others.robots == 1
+
+    def test_another_process_writes_the_same_bytes(self, tmp_path: Path) -> None:
+        write_recording(shortened("match", 0.2), tmp_path / "here")
+        command = [sys.executable, "-m", "touchline.cli", "simulate", "match", "--seconds", "0.2", "--output"]
+        subprocess.run([*command, str(tmp_path / "there")], check=True, capture_output=True)
+        assert content(tmp_path / "here") == content(tmp_path / "there")
+
+    def test_a_recording_that_is_interrupted_is_taken_away(self, tmp_path: Path) -> None:
+        def stop(frame: Frame) -> None:
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            write_recording(shortened("straight-tracks", 0.3), tmp_path / "new", stop)
+        assert not (tmp_path / "new").exists()
+
+    def test_files_named_in_a_scenario_are_found_beside_it(self, tmp_path: Path) -> None:
+        open_field("indoor-9x6").to_yaml(tmp_path / "hall.yaml")
+        simulation = Simulation(open_scenario(scenario_file(tmp_path, "{seconds: 1, field: hall.yaml}")), "points")
+        assert simulation.field.length == 9.0
+
     def test_a_mistake_ends_with_status_2_and_no_folder(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         path = scenario_file(tmp_path, "motion: {kind: stand, pose: [40, 0, 0]}")
         assert main(["simulate", str(path), "--output", str(tmp_path / "new")]) == 2
-        assert "outside the carpet" in capsys.readouterr().err
+        message = capsys.readouterr().err
+        assert "mine.yaml: motion: the robot can't go to 40, 0: that is outside the carpet" in " ".join(message.split())
         assert not (tmp_path / "new").exists()

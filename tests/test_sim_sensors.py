@@ -118,7 +118,7 @@ class TestMeasuringWheels:
         assert errors.std() == pytest.approx(0.01 / math.sqrt(3), rel=0.08)
 
     def test_slip_grows_with_the_root_of_the_way(self) -> None:
-        noise = WheelNoise(a_dir_rad=0.0, b_dir_rad=0.0, scale_error=0.0, slip_m=0.004)
+        noise = WheelNoise(a_dir_rad=0.0, b_dir_rad=0.01, scale_error=0.0, slip_m=0.004)
         for seconds in (1.0, 9.0):
             track = driving((1.0, 0.0, 0.0), seconds)
             ends = np.array([simulate_wheels(track, noise, np.random.default_rng(s))[-1] for s in range(300)])

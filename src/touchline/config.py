@@ -5,10 +5,11 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
 
 from touchline.errors import InputError
 
@@ -19,15 +20,20 @@ class Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
 
 
+_SAID = 4  # mistakes told at once
 SettingsT = TypeVar("SettingsT", bound=Settings)
 
 
-def load_settings(model: type[SettingsT], file: Path | None = None, overrides: Sequence[str] = ()) -> SettingsT:
-    """Settings from the defaults, then a YAML file, then `a.b=value` overrides.
+def load_settings(
+    model: type[SettingsT], file: Path | None = None, overrides: Sequence[str] = (), section: str | None = None
+) -> SettingsT:
+    """Settings from the defaults, then a YAML file (or one section of it), then `a.b=value` overrides.
 
     Raises InputError with the nearest known key for an unknown one, and for a value that does not fit.
     """
     tree = read_yaml_mapping(file) if file is not None else {}
+    if section is not None:
+        tree = tree[section]
     origin = f"{file}: " if file is not None else ""
     for item in overrides:
         key, separator, text = item.partition("=")
@@ -96,10 +102,28 @@ def _explain(model: type[Settings], error: ValidationError) -> str:
     for problem in error.errors():
         key = ".".join(str(part) for part in problem["loc"])
         if problem["type"] == "extra_forbidden":
-            sentences.append(f"unknown setting '{key}': {_nearest_key(key, known)}")
+            sentences.append(f"unknown setting '{key}': {_nearest_key(key, [*known, *_keys_beside(model, problem)])}")
+        elif problem["type"] == "value_error":  # from a check of our own, which says it all
+            sentences.append(f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"]))
         else:
             sentences.append(f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})")
-    return "; ".join(sentences)
+    more = f"; and {len(sentences) - _SAID} more mistakes" if len(sentences) > _SAID else ""
+    return "; ".join(sentences[:_SAID]) + more
+
+
+def _keys_beside(model: type[Settings], problem: ErrorDetails) -> list[str]:
+    """The keys that an entry of a list may have, where the unknown one stands in such an entry."""
+    *parents, _ = problem["loc"]
+    annotation: Any = model
+    for part in parents:
+        if isinstance(part, int):
+            annotation = get_args(annotation)[0] if get_args(annotation) else None
+        elif isinstance(annotation, type) and issubclass(annotation, Settings):
+            annotation = annotation.model_fields[str(part)].annotation
+    inside = any(isinstance(part, int) for part in parents)
+    if not (inside and isinstance(annotation, type) and issubclass(annotation, Settings)):
+        return []
+    return [".".join(map(str, (*parents, name))) for name in annotation.model_fields]
 
 
 def _nearest_key(key: str, known: Sequence[str]) -> str:
@@ -109,4 +133,7 @@ def _nearest_key(key: str, known: Sequence[str]) -> str:
     for other in known:  # the right leaf under the wrong group
         if other.rpartition(".")[2] == leaf:
             return f"did you mean '{other}'?"
-    return did_you_mean(key, siblings if difflib.get_close_matches(key, siblings, cutoff=0.5) else known)
+    if difflib.get_close_matches(key, known, cutoff=0.5):
+        return did_you_mean(key, siblings if difflib.get_close_matches(key, siblings, cutoff=0.5) else known)
+    start = f"{parent}." if parent else ""
+    return did_you_mean(leaf, list({other[len(start) :].split(".")[0] for other in known if other.startswith(start)}))

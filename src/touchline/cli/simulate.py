@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def simulate(
     scenario: Annotated[
         str | None,
-        typer.Argument(metavar="NAME|FILE", help="A scenario by name, or a scenario.yaml.", show_default=False),
+        typer.Argument(metavar="NAME|FILE", help="A scenario by name, or a file of your own.", show_default=False),
     ] = None,
     output: Annotated[
         Path | None, typer.Option(metavar="DIR", help="The new recording's folder (default: NAME).", show_default=False)
@@ -29,12 +29,19 @@ def simulate(
     seconds: Annotated[
         float | None, typer.Option(min=0.0, help="Length of the run (default: the scenario's).", show_default=False)
     ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change one key of the scenario; may be repeated."),
+    ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
 ) -> None:
     """Simulate a robot on a field and write a recording: images, sensors and the true poses.
 
     touchline simulate match --output runs/match --seconds 10   writes one; touchline run runs/match localises it.
-    The same seed gives the same bytes. Without a name, the scenarios are listed.
+    touchline simulate match --set others.robots=3 --set camera.motion_blur=true   changes what the scenario says.
+
+    The same seed gives the same bytes. Without a name, the scenarios are listed. A recording in place of the name makes
+    it again.
     """
     if listing or scenario is None:
         _list_scenarios()
@@ -43,11 +50,14 @@ def simulate(
     from touchline.simulation.run import Simulation
     from touchline.simulation.scenario import open_scenario
 
-    chosen = open_scenario(scenario, seed, seconds)
+    chosen = open_scenario(scenario, seed, seconds, changes or ())
     folder = output if output is not None else Path(chosen.name)
     if folder.exists():
         raise InputError(f"{folder}: exists already and is not overwritten; choose another name with --output")
-    simulation = Simulation(chosen)
+    try:
+        simulation = Simulation(chosen)
+    except InputError as error:
+        raise InputError(f"{scenario}: {error}") from None
     started = time.perf_counter()
     _write_with_progress(simulation, folder)
     rate = len(simulation) / (time.perf_counter() - started)
@@ -56,6 +66,11 @@ def simulate(
         f"({rate:.0f} images per second)",
         markup=False,
     )
+    beside = [name for name in ("marks.csv", "regions.yaml") if (folder / name).is_file()]
+    if beside:
+        console().print(f"for calibration: {', '.join(beside)}", markup=False, style="dim")
+    if simulation.camera_kind == "omni":
+        console().print(f"touchline run {folder} localises it", markup=False, style="dim")
 
 
 def _write_with_progress(simulation: Simulation, folder: Path) -> None:

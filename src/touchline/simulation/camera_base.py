@@ -17,11 +17,13 @@ from touchline.types import ImageArray
 
 
 class Motion(NamedTuple):
-    """How the robot moves while the image is taken: base frame, m/s and rad/s."""
+    """How the robot moves while the image is taken: base frame, m/s and rad/s; and how fast its body leans over."""
 
     vx: float
     vy: float
     turn_rate: float
+    roll_rate: float = 0.0
+    pitch_rate: float = 0.0
 
 
 class SimulatedCameraModel:
@@ -117,7 +119,7 @@ class SimulatedCameraModel:
         total = np.zeros((self.height, self.width, 3), dtype=np.float32)
         for step in range(steps):
             instant = ((step + 0.5) / steps - 0.5) * 1e-3 * exposure_ms
-            poses = np.stack([field_from_body(moved(pose, motion, instant + delay), attitude) for delay in delays])
+            poses = np.stack([_body_at(pose, attitude, motion, instant + float(delay)) for delay in delays])
             total += self._renderer.render(scene, poses, self.side, everywhere)
         total /= np.float32(steps)
         return total
@@ -131,6 +133,25 @@ class SimulatedCameraModel:
         for start, end in state.occluded_rad:
             hidden = np.mod(self._bearings - start, 2.0 * math.pi) <= (end - start) % (2.0 * math.pi)
             image[hidden] = 0.0
+
+
+def _body_at(pose: Pose, attitude: tuple[float, float], motion: Motion, time_s: float) -> FloatArray:
+    """Where the body is and how it leans after a time of constant motion, (12,)."""
+    roll, pitch = attitude[0] + motion.roll_rate * time_s, attitude[1] + motion.pitch_rate * time_s
+    return field_from_body(moved(pose, motion, time_s), (roll, pitch))
+
+
+def with_glisten(layer: npt.NDArray[np.float32], rays: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Lay a veil over a camera's fixed layer (H, W, 4), in place: seen from above, the carpet's pile glistens.
+
+    rays (H, W, 6): body frame. 2 % white at 0.6 m, a third of that for each further metre, as in the recordings.
+    """
+    falling = rays[..., 5] < -1e-3
+    level = np.hypot(rays[..., 3], rays[..., 4])
+    distance = np.where(falling, level * rays[..., 2] / np.where(falling, -rays[..., 5], 1.0), np.inf)
+    veil = 0.036 * np.exp(-distance)
+    layer += ((1.0 - layer[..., 3]) * np.where(veil > 0.003, veil, 0.0))[..., np.newaxis]
+    return layer
 
 
 def field_from_body(pose: Pose, attitude: tuple[float, float] = (0.0, 0.0)) -> FloatArray:

@@ -48,11 +48,11 @@ def project_ground(camera: SimulatedCamera, points: FloatArray, attitude: tuple[
     return camera.project(points)
 
 
-def base_motion(velocity: FloatArray, heading: float) -> Motion:
-    """A velocity (3,) vx, vy, turning rate in the field frame as a motion in the base frame."""
+def base_motion(velocity: FloatArray, heading: float, leaning: tuple[float, float] = (0.0, 0.0)) -> Motion:
+    """A velocity (3,) vx, vy, turning rate in the field frame as a motion in the base frame; leaning: rates (rad/s)."""
     c, s = float(np.cos(heading)), float(np.sin(heading))
     vx, vy, turn = (float(value) for value in velocity)
-    return Motion(c * vx + s * vy, -s * vx + c * vy, turn)
+    return Motion(c * vx + s * vy, -s * vx + c * vy, turn, *leaning)
 
 
 def _from_file(path: Path, kind: str, readout_s: float) -> SimulatedCamera:

@@ -7,39 +7,57 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.solids import SECTORS
 
-# Rows of the result.
-ORIGIN_X, ORIGIN_Y, ORIGIN_Z, ALONG_X, ALONG_Y, RISE, GROUND_S, SECTOR = range(8)
 FAR_M = 1e6
-_PER_TURN_NUMBER = np.float32(SECTORS / 4.0)
+
+Float32Array = npt.NDArray[np.float32]
 
 
 @njit(cache=True, error_model="numpy")
 def cast_rays(
-    rays: npt.NDArray[np.float32], rows: npt.NDArray[np.int32], poses: FloatArray, cast: npt.NDArray[np.float32]
+    rays: Float32Array, rows: npt.NDArray[np.int32], poses: FloatArray, sectors: int, bins: int, cast: Float32Array
 ) -> None:
     """Fill cast (8, >= N) for body rays (6, N): origin (m) and direction, of any length but not straight down.
 
     rows (N,) selects each ray's pose among poses (P, 12): rotation field_from_body by rows, then its translation (m);
     with a single pose it is not read. Rows of cast: origin (m, field frame), horizontal unit direction, height gained
-    per metre, metres to the ground (1e6 where there is none), number of the sector (see `solids.sort_into_sectors`).
+    per metre, metres to the ground (1e6 where there is none), number of the cell (see `solids.sort_into_cells`).
     """
     count = rays.shape[1]
     if len(poses) == 1:
-        _cast_from(rays[:, :count], poses[0].astype(np.float32), cast)
+        _cast_from(rays[:, :count], poses[0].astype(np.float32), sectors, bins, cast)
         return
     start = 0
     while start < count:  # runs of rays that share a pose: a row of the image each
         stop = start + 1
         while stop < count and rows[stop] == rows[start]:
             stop += 1
-        _cast_from(rays[:, start:stop], poses[rows[start]].astype(np.float32), cast[:, start:stop])
+        _cast_from(rays[:, start:stop], poses[rows[start]].astype(np.float32), sectors, bins, cast[:, start:stop])
         start = stop
 
 
 @njit(cache=True, error_model="numpy")
-def _cast_from(rays: npt.NDArray[np.float32], pose: npt.NDArray[np.float32], cast: npt.NDArray[np.float32]) -> None:
+def spread_rays(spread: Float32Array, cast: Float32Array, lean: float, shift: float, extents: Float32Array) -> None:
+    """Fill three rows of extents (4, >= N): how far a pixel's samples reach from its middle, at most.
+
+    spread (2, N): angles (rad) across and along the direction's elevation, of a body that stands upright; lean: its
+    tilt (rad); shift (m): between the origins of a pixel's rays. Rows of extents: metres aside per metre, change of
+    the height gained per metre, metres along the ground (of rays in `cast` that meet it).
+    """
+    one, small, bent, away = np.float32(1.0), np.float32(1e-6), np.float32(lean), np.float32(shift)
+    for i in range(spread.shape[1]):
+        square = one + cast[5, i] * cast[5, i]
+        length = np.sqrt(square)
+        turn = min(one, bent * length)
+        extents[0, i] = (spread[0, i] + turn * spread[1, i]) * length
+        extents[1, i] = (spread[1, i] + turn * spread[0, i]) * square
+    for i in range(spread.shape[1]):
+        least = max(-cast[5, i] - extents[1, i], small)
+        extents[2, i] = (cast[6, i] * extents[1, i] + away) / least + away
+
+
+@njit(cache=True, error_model="numpy")
+def _cast_from(rays: Float32Array, pose: Float32Array, sectors: int, bins: int, cast: Float32Array) -> None:
     """One short loop for each quantity: more arrays in one loop would keep the compiler from making it wide."""
     n = rays.shape[1]
     qx, qy, qz, rx, ry, rz = rays[0, :n], rays[1, :n], rays[2, :n], rays[3, :n], rays[4, :n], rays[5, :n]
@@ -52,26 +70,26 @@ def _cast_from(rays: npt.NDArray[np.float32], pose: npt.NDArray[np.float32], cas
     _weighted(rx, ry, rz, pose[6], pose[7], pose[8], none, cast[5, :n])
     _normalise(cast[3, :n], cast[4, :n], cast[5, :n])
     _fall(cast[2, :n], cast[5, :n], cast[6, :n])
-    _number_sectors(cast[3, :n], cast[4, :n], cast[7, :n])
+    _number_cells(cast[3, :n], cast[4, :n], cast[5, :n], np.float32(sectors), np.float32(bins), cast[7, :n])
 
 
 @njit(cache=True, error_model="numpy")
 def _weighted(
-    a: npt.NDArray[np.float32],
-    b: npt.NDArray[np.float32],
-    c: npt.NDArray[np.float32],
+    a: Float32Array,
+    b: Float32Array,
+    c: Float32Array,
     of_a: np.float32,
     of_b: np.float32,
     of_c: np.float32,
     constant: np.float32,
-    out: npt.NDArray[np.float32],
+    out: Float32Array,
 ) -> None:
     for i in range(len(out)):
         out[i] = of_a * a[i] + of_b * b[i] + of_c * c[i] + constant
 
 
 @njit(cache=True, error_model="numpy")
-def _normalise(x: npt.NDArray[np.float32], y: npt.NDArray[np.float32], z: npt.NDArray[np.float32]) -> None:
+def _normalise(x: Float32Array, y: Float32Array, z: Float32Array) -> None:
     """Divide by the length of (x, y)."""
     one, tiny = np.float32(1.0), np.float32(1e-18)
     for i in range(len(x)):
@@ -82,7 +100,7 @@ def _normalise(x: npt.NDArray[np.float32], y: npt.NDArray[np.float32], z: npt.ND
 
 
 @njit(cache=True, error_model="numpy")
-def _fall(height: npt.NDArray[np.float32], rise: npt.NDArray[np.float32], out: npt.NDArray[np.float32]) -> None:
+def _fall(height: Float32Array, rise: Float32Array, out: Float32Array) -> None:
     """Metres to the ground."""
     level, far = np.float32(-1e-7), np.float32(FAR_M)
     for i in range(len(out)):
@@ -92,8 +110,14 @@ def _fall(height: npt.NDArray[np.float32], rise: npt.NDArray[np.float32], out: n
 
 
 @njit(cache=True, error_model="numpy")
-def _number_sectors(x: npt.NDArray[np.float32], y: npt.NDArray[np.float32], out: npt.NDArray[np.float32]) -> None:
+def _number_cells(
+    x: Float32Array, y: Float32Array, rise: Float32Array, sectors: np.float32, bins: np.float32, out: Float32Array
+) -> None:
+    """Sector of the horizontal direction times `bins` plus the bin of the rise, as whole numbers."""
     one, three, tiny, none = np.float32(1.0), np.float32(3.0), np.float32(1e-18), np.float32(0.0)
+    per_turn_number, per_share = np.float32(0.25) * sectors, np.float32(0.5) * bins
     for i in range(len(out)):
         share = x[i] / (abs(x[i]) + abs(y[i]) + tiny)
-        out[i] = (one - share if y[i] >= none else three + share) * _PER_TURN_NUMBER
+        sector = np.floor((one - share if y[i] >= none else three + share) * per_turn_number)
+        level = np.floor((one + rise[i] / (one + abs(rise[i]))) * per_share)
+        out[i] = min(sector, sectors - one) * bins + min(max(level, none), bins - one)

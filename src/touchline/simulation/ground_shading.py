@@ -1,7 +1,6 @@
 """How bright the carpet and its paint are: lamps, sun, contact shadows, pile, wear and seams.
 
-Most pixels see open carpet: nothing painted, standing or shadowed near. They are done in one short loop; the rest
-goes the long way (`tracing`, `shade_ground`, `upright_shading`).
+Rays whose cell holds no body and that end well within the carpet need no tracing (`sort_rays`).
 """
 
 from __future__ import annotations
@@ -20,18 +19,14 @@ from touchline.simulation.illumination import (
     PAINT_AROUND,
     PAINT_NEAR,
     SUN_EDGE,
+    SUN_MARGIN_M,
     SUNLIT,
     contact_shadow,
     light_at,
     sun_at,
 )
-from touchline.simulation.paint import MIDDLE_MARGIN_M, TIGHT_MARGIN_M, paint_at
-from touchline.simulation.solids import SECTORS
-from touchline.simulation.tracing import CARPET
+from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M, paint_at
 
-EDGE_FLAG = 1 << 30  # labels: a pixel that needs supersampling whatever its neighbours are
-SUN_FLAG = 1 << 29
-GROUND_LABEL = 1
 SEAM_M = 0.012  # width of a seam between two strips of carpet
 PILE = 0.10  # standard deviation of the pile's brightness at its finest texel
 _SMALLEST = np.uint32(TILE_TEXELS >> (LEVELS - 1))
@@ -41,7 +36,8 @@ _SMALLEST = np.uint32(TILE_TEXELS >> (LEVELS - 1))
 def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float) -> float:
     """Brightness of the pile (mean 0) at a point, smoothed to a footprint of that square (m^2).
 
-    Bilinear in the level whose texel is the next larger.
+    Between the texels of the level whose texel is the next larger, without kinks: samples of one pixel that lie on both
+    sides of a texel's middle average to nearly what lies between them.
     """
     start, size, texel = np.uint32(0), np.uint32(TILE_TEXELS), FIRST_TEXEL_M
     while texel * texel < square and size > _SMALLEST:
@@ -53,6 +49,7 @@ def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float)
     fx, fy = x * scale + 65536.0, y * scale + 65536.0
     i, j = np.uint32(fx), np.uint32(fy)
     a, b = fx - i, fy - j
+    a, b = a * a * (3.0 - 2.0 * a), b * b * (3.0 - 2.0 * b)
     low, high = np.uint32(start + (j & mask) * size), np.uint32(start + (np.uint32(j + 1) & mask) * size)
     i0, i1 = i & mask, np.uint32(i + 1) & mask
     top = pyramid[low + i0] * (1.0 - a) + pyramid[low + i1] * a
@@ -60,77 +57,73 @@ def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float)
     return float(top * (1.0 - b) + bottom * b)
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _grain(
+    pyramid: npt.NDArray[np.float32], x: float, y: float, s: float, oz: float, ux: float, uy: float, long: float,
+    along: float, across: float,
+) -> float:  # fmt: skip
+    """Brightness of the pile in a pixel that sees a point at a distance s from a height oz and is so long (m).
+
+    along, across: root mean square of its samples' angles (rad), 0 for a single ray. On the finest texels, where these
+    are not much larger than what the samples span, it is the mean of four points that vary as much as the samples.
+    """
+    square = (s * s + oz * oz) / oz
+    reach = 1.4142 * along * square
+    if reach < 0.16 * FIRST_TEXEL_M or 1.5 * long * long > FIRST_TEXEL_M * FIRST_TEXEL_M:
+        return pile_at(pyramid, x, y, 1.5 * long * long)
+    dx, dy, wide = reach * ux, reach * uy, 1.4142 * across * np.sqrt(square * oz)
+    ex, ey = -wide * uy, wide * ux
+    return 0.25 * (
+        pile_at(pyramid, x + dx, y + dy, 0.0) + pile_at(pyramid, x - dx, y - dy, 0.0)
+        + pile_at(pyramid, x + ex, y + ey, 0.0) + pile_at(pyramid, x - ex, y - ey, 0.0)
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _two_levels(s: float, oz: float, long: float, deep: float) -> bool:
+    """Whether a pixel so long that reaches deep (m) to both sides sees the pile at two of its three finest levels."""
+    texels = 1.5 * (long / FIRST_TEXEL_M) ** 2
+    change = 4.0 * s * deep * texels / (s * s + oz * oz)
+    return bool(abs(texels - 1.0) < change or abs(texels - 4.0) < change or abs(texels - 16.0) < change)
+
+
 @njit(cache=True, error_model="numpy")
-def shade_open_carpet(
+def sort_rays(
     cast: npt.NDArray[np.float32],
+    extents: npt.NDArray[np.float32],
+    shift: float,
     total: int,
-    first_body: FloatArray,
+    starts: npt.NDArray[np.int32],
     room: FloatArray,
-    flags: npt.NDArray[np.uint8],
-    flag_frame: FloatArray,
-    light: npt.NDArray[np.float32],
-    light_frame: FloatArray,
-    carpet: FloatArray,
-    pyramid: npt.NDArray[np.float32],
-    sun_level: float,
-    pixel_angle: float,
-    radiance: npt.NDArray[np.float32],
-    labels: npt.NDArray[np.int32],
     rest: npt.NDArray[np.int32],
     ground: npt.NDArray[np.int32],
-    ground_hits: npt.NDArray[np.float32],
 ) -> tuple[int, int]:
-    """Fill radiance (N, 3) and labels (N,) of rays that end on open carpet; count the others, of two sorts.
+    """List which of the first `total` rays are to be traced (rest) and which surely end on the carpet; count both.
 
-    cast (8, >= N): the rays, see `cast_rays`; total: N. ground: rays that end on the carpet, but not in the open (their
-    ground_hits are filled as by `trace_rays`); rest: all others. first_body (512,): distance (m) of the first body in
-    each sector; room: see `trace_rays`.
+    cast (8, >= N), extents (3, >= N), shift: the rays, see `casting`. starts: no body is near a ray whose cell is
+    empty; room: see `trace_rays`.
     """
     count, ground_count = 0, 0
-    grain_scale = carpet[4] * PILE
-    footprint = 1.5 * pixel_angle * pixel_angle
-    middle, far = TIGHT_MARGIN_M / (0.37 * pixel_angle), MIDDLE_MARGIN_M / (0.37 * pixel_angle)
     for i in range(total):
-        s = float(cast[6, i])
-        ux, uy = float(cast[3, i]), float(cast[4, i])
-        x, y = cast[0, i] + s * ux, cast[1, i] + s * uy
-        if abs(x) < room[0] and abs(y) < room[1] and s < first_body[min(int(cast[7, i]), SECTORS - 1)]:
-            oz, square = float(cast[2, i]), s * s
-            column, row = np.uint32((x - flag_frame[0]) * FLAGS_PER_M), np.uint32((y - flag_frame[1]) * FLAGS_PER_M)
-            flag = flags[row, column] & 0xFF
-            reach = (square + oz * oz) / oz  # paint further from the cell than a third of a pixel cannot matter
-            if reach < far:
-                flag &= 0xFF - PAINT_AROUND
-            if reach < middle:
-                flag &= 0xFF - PAINT_NEAR
-            if flag != 0 and flag != SUNLIT:
-                n, ground_count = ground_count, ground_count + 1
-                ground[n] = i
-                ground_hits[n, 0], ground_hits[n, 1], ground_hits[n, 3] = x, y, s
-                ground_hits[n, 4], ground_hits[n, 5], ground_hits[n, 6] = ux, uy, cast[5, i]
-                continue
-            level = light_at(light, light_frame, 1, x, y)
-            label = GROUND_LABEL
-            if flag == SUNLIT:
-                level *= 1.0 + sun_level / light_at(light, light_frame, 0, x, y)
-                label |= SUN_FLAG
-            grain = pile_at(pyramid, x, y, footprint * reach * reach)
-            level *= 1.0 + grain_scale * grain
-            radiance[i, 0] = carpet[0] * level
-            radiance[i, 1] = carpet[1] * level
-            radiance[i, 2] = carpet[2] * level
-            labels[i] = label
-            continue
-        rest[count] = i
-        count += 1
+        s, cell = float(cast[6, i]), np.uint32(cast[7, i])
+        x, y = abs(cast[0, i] + s * cast[3, i]), abs(cast[1, i] + s * cast[4, i])
+        reach = extents[2, i] + s * extents[0, i] + shift
+        if x + reach < room[0] and y + reach < room[1] and starts[cell] == starts[cell + np.uint32(1)]:
+            ground[ground_count] = i
+            ground_count += 1
+        else:
+            rest[count] = i
+            count += 1
     return count, ground_count
 
 
 @njit(cache=True, error_model="numpy")
 def shade_ground(
-    rest: npt.NDArray[np.int32],
-    hits: npt.NDArray[np.float32],
-    codes: npt.NDArray[np.int32],
+    ground: npt.NDArray[np.int32],
+    cast: npt.NDArray[np.float32],
+    extents: npt.NDArray[np.float32],
+    shift: float,
+    texture: npt.NDArray[np.float32],
     flags: npt.NDArray[np.uint8],
     light: npt.NDArray[np.float32],
     light_frame: FloatArray,
@@ -145,59 +138,66 @@ def shade_ground(
     caster_cells: npt.NDArray[np.int16],
     sun: FloatArray,
     windows: FloatArray,
-    pixel_angle: float,
     radiance: npt.NDArray[np.float32],
-    labels: npt.NDArray[np.int32],
+    edges: npt.NDArray[np.bool_],
 ) -> None:
-    """Fill radiance (N, 3) and labels (N,) of the rays in rest whose code is CARPET (all of them if codes is empty).
+    """Fill radiance (N, 3) of the rays that `ground` lists, all on the carpet, or set edges (N,) where one is near.
 
-    carpet (5,): colour, seam spacing, contrast; paints (P, 3) colours; the other arrays: see the functions that read
-    them.
+    cast (8, >= N), extents (3, >= N), shift, texture (3, >= N): the rays, see `casting` and `sampling`. carpet (5,):
+    colour, seam spacing, contrast; paints (P, 3) colours; the other arrays: see the functions that read them.
     """
-    for n in range(len(rest)):
-        if len(codes) > 0 and codes[n] != CARPET:
-            continue
-        i = rest[n]
-        x, y, s = float(hits[n, 0]), float(hits[n, 1]), float(hits[n, 3])
-        height = -s * hits[n, 6]
-        wide = s * pixel_angle
-        deep = pixel_angle * (height * height + s * s) / height
-        flag = flags[np.uint32((y - paint_frame[1]) * FLAGS_PER_M), np.uint32((x - paint_frame[0]) * FLAGS_PER_M)]
-        paint, label, level = -1, GROUND_LABEL, 1.0
+    for listed in ground:
+        i = np.uint32(listed)
+        s, oz, ux, uy = float(cast[6, i]), float(cast[2, i]), float(cast[3, i]), float(cast[4, i])
+        x, y = cast[0, i] + s * ux, cast[1, i] + s * uy
+        deep, wide = float(extents[2, i]), s * extents[0, i] + shift
+        reach, long = deep + wide, texture[2, i] * (s * s + oz * oz) / oz
+        flag = (
+            flags[np.uint32((y - paint_frame[1]) * FLAGS_PER_M), np.uint32((x - paint_frame[0]) * FLAGS_PER_M)] & 0xFF
+        )
+        if reach < MIDDLE_MARGIN_M:
+            flag &= 0xFF - (PAINT_AROUND if reach >= TIGHT_MARGIN_M else PAINT_AROUND | PAINT_NEAR)
+        paint, dark, share, edge = -1, 1.0, 1.0, reach >= MARGIN_M or (deep > 0.0 and _two_levels(s, oz, long, deep))
+        sunlit = flag & SUNLIT != 0
         if flag & (HAS_PAINT | PAINT_NEAR | PAINT_AROUND):
-            paint, edge = paint_at(shapes, starts, items, paint_frame, x, y)
-            if edge < max(0.37 * deep, 0.0055) or deep > 0.8:
-                label |= EDGE_FLAG
+            paint, near = paint_at(shapes, starts, items, paint_frame, x, y, ux, uy, deep, wide)
+            edge = edge or near
         if flag & NEAR_BODY:
-            level = contact_shadow(casters, caster_cells, paint_frame, x, y)
-        sunlit = flag & SUNLIT != 0 and (flag & SUN_EDGE == 0 or sun_at(sun, windows, casters, x, y, 0.0))
-        grain = carpet[4] * PILE * pile_at(pyramid, x, y, 1.5 * deep * deep)
-        open_level = light_at(light, light_frame, 0, x, y)
-        level *= open_level
-        if sunlit:
-            level += sun[0]
-            label |= SUN_FLAG
+            share, near = contact_shadow(casters, caster_cells, paint_frame, x, y, reach)
+            edge = edge or near
+        if flag & SUN_EDGE or (sun[0] > 0.0 and reach >= SUN_MARGIN_M):
+            sunlit, near = sun_at(sun, windows, casters, x, y, 0.0, np.hypot(deep, wide))
+            edge = edge or near
+        if flag & HAS_SEAM and paint < 0:
+            dark, near = _seam(carpet, x, abs(ux) * long + abs(uy) * s * texture[2, i], abs(ux) * deep + abs(uy) * wide)
+            edge = edge or near
+        if edge and deep > 0.0:
+            edges[i] = True
+            continue
+        grain = carpet[4] * PILE * _grain(pyramid, x, y, s, oz, ux, uy, long, texture[0, i], texture[1, i])
         if paint >= 0:
+            level = light_at(light, light_frame, 0, x, y) * share + (sun[0] if sunlit else 0.0)
             level *= 1.0 + 0.25 * grain
             for c in range(3):
                 radiance[i, c] = paints[paint, c] * level
-        else:
-            level *= (1.0 + grain) * light_at(light, light_frame, 1, x, y) / open_level
-            if flag & HAS_SEAM:
-                dark = _seam(carpet, x, wide, deep, float(hits[n, 4]), float(hits[n, 5]))
-                level *= dark
-                if dark < 0.995:
-                    label |= EDGE_FLAG
-            for c in range(3):
-                radiance[i, c] = carpet[c] * level
-        labels[i] = label
+            continue
+        level = light_at(light, light_frame, 1, x, y)
+        if sunlit:
+            share += sun[0] / light_at(light, light_frame, 0, x, y)
+        level *= dark * (1.0 + grain) * share
+        for c in range(3):
+            radiance[i, c] = carpet[c] * level
 
 
 @njit(cache=True, error_model="numpy")
-def _seam(carpet: FloatArray, x: float, wide: float, deep: float, ux: float, uy: float) -> float:
-    """A thin dark seam between strips of carpet across the field's length, box-filtered over the pixel's footprint."""
+def _seam(carpet: FloatArray, x: float, width: float, reach: float) -> tuple[float, bool]:
+    """A thin dark seam between strips of carpet across the field's length, box-filtered over a pixel's width (m).
+
+    Also whether its edges are within reach (m) of x and broad enough to be seen.
+    """
     strip = x / carpet[3] + 0.37
     offset = (strip - np.round(strip)) * carpet[3]
-    width = max(abs(ux) * deep + abs(uy) * wide, 1e-6)
+    width = max(width, 1e-6)
     dark = min(offset + 0.5 * width, 0.5 * SEAM_M) - max(offset - 0.5 * width, -0.5 * SEAM_M)
-    return float(1.0 - 0.4 * max(dark, 0.0) / width)
+    edge = abs(offset) < 0.5 * (width + SEAM_M) + reach and 0.05 * width < SEAM_M
+    return float(1.0 - 0.4 * max(dark, 0.0) / width), edge

@@ -11,6 +11,7 @@ from touchline.geometry import FloatArray
 # what a flag cell of the ground (1/32 m) holds
 HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, PAINT_NEAR, PAINT_AROUND = 1, 2, 4, 8, 16, 32, 64
 FLAGS_PER_M = 32.0
+SUN_MARGIN_M = 0.1  # SUN_EDGE also marks what lies this close to a shadow's edge
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -31,53 +32,68 @@ def light_at(light: npt.NDArray[np.float32], frame: FloatArray, channel: int, x:
 
 
 @njit(cache=True, error_model="numpy")
-def sun_at(sun: FloatArray, windows: FloatArray, casters: FloatArray, x: float, y: float, z: float) -> bool:
-    """Whether the sun shines on a point (m, field frame) through a window and past all casters.
+def sun_at(
+    sun: FloatArray, windows: FloatArray, casters: FloatArray, x: float, y: float, z: float, reach: float
+) -> tuple[bool, bool]:
+    """Whether the sun shines on a point (m, field frame) through a window and past all casters; whether that may change
+    within reach (m) of it.
 
     sun (4,): level, horizontal direction towards it, tangent of its elevation. windows (W, 9): axis (0: wall across x,
     1: across y), signed distance of the wall, start, end, bottom, top, bars along, bars up, width of a bar.
     casters (M, 4): x, y, radius, height.
     """
-    lit = False
+    lit, edge = False, False
     for k in range(len(windows)):
         w = windows[k]
-        towards = sun[1] if w[0] == 0.0 else sun[2]
-        run = (w[1] - (x if w[0] == 0.0 else y)) / (towards if towards != 0.0 else 1e-9)
+        towards, aside = (sun[1], sun[2]) if w[0] == 0.0 else (sun[2], sun[1])
+        per = 1.0 / (towards if towards != 0.0 else 1e-9)
+        run = (w[1] - (x if w[0] == 0.0 else y)) * per
         if run <= 0.0:
             continue
         along = (y + run * sun[2] if w[0] == 0.0 else x + run * sun[1]) - w[2]
         height = z + run * sun[3] - w[4]
-        if 0.0 < along < w[3] - w[2] and 0.0 < height < w[5] - w[4]:
-            lit = not (_on_bar(along, w[3] - w[2], w[6], w[8]) or _on_bar(height, w[5] - w[4], w[7], w[8]))
-            if lit:
-                break
-    if not lit:
-        return False
+        over = reach * np.sqrt(1.0 + (aside * per) ** 2)
+        up = reach * np.sqrt(1.0 + (sun[3] * per) ** 2)
+        if not (-over < along < w[3] - w[2] + over and -up < height < w[5] - w[4] + up):
+            continue
+        across, upright = _light_past(along, w[3] - w[2], w[6], w[8]), _light_past(height, w[5] - w[4], w[7], w[8])
+        lit = lit or (across > 0.0 and upright > 0.0)
+        edge = edge or (min(across + over, upright + up) > 0.0 and (across < over or upright < up))
+    if not lit and not edge:
+        return False, False
     for m in range(len(casters)):
         ex, ey = casters[m, 0] - x, casters[m, 1] - y
-        run, radius = ex * sun[1] + ey * sun[2], casters[m, 2]
-        if run > 0.0 and abs(ex * sun[2] - ey * sun[1]) < radius and z + (run - radius) * sun[3] < casters[m, 3]:
-            return False
-    return True
+        run = ex * sun[1] + ey * sun[2]
+        off = abs(ex * sun[2] - ey * sun[1]) - casters[m, 2]
+        over = z + (run - casters[m, 2]) * sun[3] - casters[m, 3]
+        if run > 0.0 and off < reach and over < reach * (1.0 + sun[3]):
+            lit = lit and not (off < 0.0 and over < 0.0)
+            edge = edge or off > -reach or over > -reach * (1.0 + sun[3])
+    return lit, edge and reach > 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def _on_bar(position: float, size: float, bars: float, width: float) -> bool:
+def _light_past(position: float, size: float, bars: float, width: float) -> float:
+    """How far (m) a position in a window's opening is from the frame and the nearest bar; negative: in their shade."""
     pane = size / (bars + 1.0)
-    nearest = np.round(position / pane)
-    return bool(0.5 < nearest < bars + 0.5 and abs(position - nearest * pane) < 0.5 * width)
+    nearest = min(max(np.round(position / pane), 1.0), bars)
+    clear = min(position, size - position)
+    return float(min(clear, abs(position - nearest * pane) - 0.5 * width) if bars > 0.0 else clear)
 
 
 @njit(cache=True, error_model="numpy")
-def contact_shadow(casters: FloatArray, cells: npt.NDArray[np.int16], frame: FloatArray, x: float, y: float) -> float:
+def contact_shadow(
+    casters: FloatArray, cells: npt.NDArray[np.int16], frame: FloatArray, x: float, y: float, reach: float
+) -> tuple[float, bool]:
     """Share of the light that reaches the ground beside bodies: 45 % below them, all from three radii on.
 
-    cells (ny, nx, 3): casters near each 0.25 m cell; frame: x, y of the first.
+    cells (ny, nx, n): casters near each 0.25 m cell; frame: x, y of the first. Also whether the share's mean within
+    reach (m) differs notably from that in the middle.
     """
     i = min(max(int((x - frame[0]) * 4.0), 0), cells.shape[1] - 1)
     j = min(max(int((y - frame[1]) * 4.0), 0), cells.shape[0] - 1)
-    share = 1.0
-    for n in range(3):
+    share, coarse = 1.0, False
+    for n in range(cells.shape[2]):
         m = cells[j, i, n]
         if m < 0:
             break
@@ -85,33 +101,34 @@ def contact_shadow(casters: FloatArray, cells: npt.NDArray[np.int16], frame: Flo
         fade = 1.0 - (ex * ex + ey * ey) / (9.0 * casters[m, 2] * casters[m, 2])
         if fade > 0.0:
             share *= 1.0 - 0.55 * fade * fade * fade
-    return share
+            coarse = coarse or reach > 0.3 * casters[m, 2]
+    return share, coarse
 
 
 @njit(cache=True, error_model="numpy")
 def place_casters(
     casters: FloatArray, sun: FloatArray, frame: FloatArray, flags: npt.NDArray[np.uint8]
 ) -> npt.NDArray[np.int16]:
-    """For each 0.25 m cell of the ground (ny, nx, 3) up to three bodies within three radii, -1 for none.
+    """For each 0.25 m cell of the ground (ny, nx, 6) up to six bodies within three radii, -1 for none.
 
     Marks the flags (8 ny, 8 nx) around them, and where sunlight may be cut off by them. frame: x, y of the first cell.
     """
-    cells = np.full((flags.shape[0] // 8, flags.shape[1] // 8, 3), -1, dtype=np.int16)
+    cells = np.full((flags.shape[0] // 8, flags.shape[1] // 8, 6), -1, dtype=np.int16)
     for m in range(len(casters)):
         x, y, radius = casters[m, 0], casters[m, 1], casters[m, 2]
         _mark_square(x, y, 3.0 * radius, frame, flags, NEAR_BODY)
         low_j, high_j, low_i, high_i = _cells_around(x, y, 3.0 * radius, frame, 4.0, cells.shape[:2])
         for cell in range((high_j - low_j) * (high_i - low_i)):
             j, i = low_j + cell // (high_i - low_i), low_i + cell % (high_i - low_i)
-            for n in range(3):
+            for n in range(cells.shape[2]):
                 if cells[j, i, n] < 0:
                     cells[j, i, n] = m
                     break
         if sun[0] <= 0.0:
             continue
         length, run = casters[m, 3] / sun[3] + radius, 0.0
-        while run < length + 0.25:
-            _mark_square(x - run * sun[1], y - run * sun[2], radius, frame, flags, SUN_EDGE)
+        while run < length + SUN_MARGIN_M + 0.25:
+            _mark_square(x - run * sun[1], y - run * sun[2], radius + SUN_MARGIN_M, frame, flags, SUN_EDGE)
             run += 0.2
     return cells
 
@@ -141,14 +158,12 @@ def _mark_square(x: float, y: float, reach: float, frame: FloatArray, flags: npt
 
 @njit(cache=True, error_model="numpy")
 def mark_sunlight(sun: FloatArray, windows: FloatArray, frame: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
-    """Set in flags (ny, nx) which cells the sun lights wholly (SUNLIT) or partly (both bits); 3 x 3 samples each."""
+    """Set in flags (ny, nx) which cells the sun lights (SUNLIT) and where a light's edge is near (both bits)."""
     nobody = np.zeros((0, 4))
+    reach = SUN_MARGIN_M + np.sqrt(0.5) / FLAGS_PER_M
     for j in range(flags.shape[0]):
         for i in range(flags.shape[1]):
-            lit = 0
-            for n in range(9):
-                x, y = frame[0] + (i + 0.5 * (n % 3)) / FLAGS_PER_M, frame[1] + (j + 0.5 * (n // 3)) / FLAGS_PER_M
-                if sun_at(sun, windows, nobody, x, y, 0.0):
-                    lit += 1
-            if lit > 0:
-                flags[j, i] |= SUNLIT if lit == 9 else SUN_EDGE | SUNLIT
+            x, y = frame[0] + (i + 0.5) / FLAGS_PER_M, frame[1] + (j + 0.5) / FLAGS_PER_M
+            lit, edge = sun_at(sun, windows, nobody, x, y, 0.0, reach)
+            if lit or edge:
+                flags[j, i] |= SUN_EDGE | SUNLIT if edge else SUNLIT

@@ -18,6 +18,7 @@ from touchline.simulation.scenario import MotionSettings, Place, Scenario
 from touchline.simulation.track import STEP_S, Track
 
 _SHOVE_S = 0.15
+_BESIDE_M = 0.8  # between the carpet's edge and the walls, less a robot's radius
 _PASS_M = 0.5  # in a match the robot turns to its next aim this far from the last
 
 
@@ -44,6 +45,7 @@ def make_track(scenario: Scenario, field: FieldModel, rng: np.random.Generator) 
     attitude: FloatArray = np.zeros((rows, 2))
     if motion.kind in ("walk", "walk-in-place"):
         attitude = _sway(motion, poses, carried + shoved, sway_rng)
+    _check_stays(poses, field)
     happened = sorted(events + shove_events, key=lambda event: float(event["t"]))
     return Track(poses, shoved, carried, attitude, covered, tuple(happened))
 
@@ -61,17 +63,33 @@ def targets_for(motion: MotionSettings, field: FieldModel, rng: np.random.Genera
         "walk": _walk,
     }
     targets = makers[motion.kind](motion, field, rng)
-    half_x, half_y = 0.5 * field.length + field.border, 0.5 * field.width + field.border
-    for x, y, _ in targets:
-        if not (abs(x) <= half_x and abs(y) <= half_y):
-            raise InputError(
-                f"motion: the robot can't go to {x:g}, {y:g}: that is outside the carpet of "
-                f"{2 * half_x:g} x {2 * half_y:g} m around the field {field.name}"
-            )
+    _check_on_carpet("motion", targets, field)
     dwell_s = np.full(len(targets), motion.dwell_s)
     if motion.kind == "walk":
         dwell_s[1::2] = 0.0  # turned towards the next area, it walks off at once
     return targets, dwell_s
+
+
+def _check_on_carpet(name: str, places: FloatArray, field: FieldModel) -> None:
+    """InputError unless all places (N, 3) lie on the carpet."""
+    half_x, half_y = 0.5 * field.length + field.border, 0.5 * field.width + field.border
+    for x, y, _ in places:
+        if not (abs(x) <= half_x and abs(y) <= half_y):
+            raise InputError(
+                f"{name}: the robot can't go to {x:g}, {y:g}: that is outside the carpet of "
+                f"{2 * half_x:g} x {2 * half_y:g} m around the field {field.name}"
+            )
+
+
+def _check_stays(poses: FloatArray, field: FieldModel) -> None:
+    """InputError where collisions push the robot (N, 3) off the carpet and into a wall."""
+    beyond = np.abs(poses[:, :2]) > np.array([field.length, field.width]) * 0.5 + field.border + _BESIDE_M
+    if beyond.any():
+        row = int(np.argmax(beyond.any(axis=1)))
+        raise InputError(
+            f"mishaps: at {row * STEP_S:g} s a shove brings the robot to {poses[row, 0]:.1f}, {poses[row, 1]:.1f},"
+            " into a wall of the hall; a smaller mishaps.shove_m or a larger motion.margin_m keeps it inside"
+        )
 
 
 def random_pose(field: FieldModel, margin_m: float, rng: np.random.Generator) -> FloatArray:
@@ -147,6 +165,7 @@ def _kidnaps(
     places: list[FloatArray] = []
     events: list[dict[str, Any]] = []
     given = _places(mishaps.kidnap_to)
+    _check_on_carpet("mishaps.kidnap_to", given, field)
     images = round(mishaps.kidnap_every_s / period_s)
     first_new = images
     while mishaps.kidnap_every_s > 0.0 and first_new * period_s < scenario.seconds:

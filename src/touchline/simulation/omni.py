@@ -15,7 +15,7 @@ from touchline.camera.omni import omni_from_mapping
 from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.simulation.camera_base import SimulatedCameraModel
+from touchline.simulation.camera_base import SimulatedCameraModel, with_glisten
 from touchline.simulation.image_sensor import ImageSensor
 from touchline.simulation.mirror import MirrorProfile
 from touchline.simulation.mirror_rays import MirrorMount, design_range_table, ground_of_rays, mirror_rays
@@ -52,9 +52,7 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         slack = 0.01 if mirror is None else 0.01 + float(mirror[0].radius_m[-1])
         origin = np.array([0.0, 0.0, height_m])
         edge = None if mirror is None else mirror[0].head.outer_px
-        grid = RayGrid(
-            rays, 1.0 / design.outer_radius_px, origin, slack, _with_own_shadow(head_layer(design, edge), rays)
-        )
+        grid = RayGrid(rays, 1.0 / design.outer_radius_px, origin, slack, with_glisten(head_layer(design, edge), rays))
         super().__init__(grid, sensor or ImageSensor(), side, blur_steps, readout_s)
 
     @classmethod
@@ -144,14 +142,6 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         if self.mirror is not None:
             return mirror_rays(*self.mirror, radius, bearing).reshape(*shape, 6)
         return _table_rays(self.design, self.height_m, pixels, radius, bearing).reshape(*shape, 6)
-
-
-def _with_own_shadow(layer: npt.NDArray[np.float32], rays: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """The robot takes up to an eighth of the lamps' light from the ground around it, fading until 3.5 m."""
-    distance = np.hypot(rays[..., 3], rays[..., 4]) / np.maximum(-rays[..., 5], 1e-6) * rays[..., 2]
-    dark = 0.125 * np.clip(1.0 - np.nan_to_num(distance, nan=9.0) ** 2 / 12.25, 0.0, None) ** 2
-    layer[..., 3] += (1.0 - layer[..., 3]) * np.where(dark > 0.004, dark, 0.0)
-    return layer
 
 
 def omni_mapping(design: OmniCamera) -> dict[str, Any]:

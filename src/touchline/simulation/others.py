@@ -53,10 +53,17 @@ def make_others(scenario: Scenario, field: FieldModel, track: Track, rng: np.ran
         _keep_apart(own, robots)
     for index in range(settings.robots):  # whatever they do among themselves
         _push_out(own, robots[:, index])
+    np.clip(robots[..., 0], *_reach(field.length + 2.0 * field.border), out=robots[..., 0])
+    np.clip(robots[..., 1], *_reach(field.width + 2.0 * field.border), out=robots[..., 1])
     balls = np.empty((len(own), settings.balls, 2), dtype=np.float32)
     for index, ball_rng in enumerate(rng.spawn(settings.balls)):
         balls[:, index] = _rolling(field, len(own), settings.moving, ball_rng)
     return Others(robots, balls)
+
+
+def _reach(size_m: float) -> tuple[float, float]:
+    """How far robots may be pushed over a carpet of a size: half a metre beyond it, where the hall still has room."""
+    return -0.5 * size_m - 0.5, 0.5 * size_m + 0.5
 
 
 def _standing(field: FieldModel, own: FloatArray, placed: FloatArray, rng: np.random.Generator) -> FloatArray:

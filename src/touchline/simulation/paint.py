@@ -72,7 +72,7 @@ def mark_paint(grid: PaintGrid, per_m: float, flags: npt.NDArray[np.uint8], bits
             x, y = grid.frame[0] + (i + 0.5) / per_m, grid.frame[1] + (j + 0.5) / per_m
             cell = int(j / per_m * 4.0) * int(grid.frame[2]) + int(i / per_m * 4.0)
             for entry in range(grid.starts[cell], grid.starts[cell + 1]):
-                depth = shape_depth(grid.shapes, grid.items[entry], x, y) + half
+                depth = shape_depth(grid.shapes, grid.items[entry], x, y, 1.0) + half
                 flags[j, i] |= bits[2]
                 if depth > -MIDDLE_MARGIN_M:
                     flags[j, i] |= bits[1]
@@ -85,30 +85,34 @@ def _near_shapes(shapes: FloatArray, points: FloatArray, reach: float) -> npt.ND
     near = np.zeros((len(points), len(shapes)), dtype=np.bool_)
     for i in range(len(points)):
         for k in range(len(shapes)):
-            near[i, k] = shape_depth(shapes, k, points[i, 0], points[i, 1]) > -reach
+            near[i, k] = shape_depth(shapes, k, points[i, 0], points[i, 1], reach) > -reach
     return near
 
 
-@njit(cache=True, error_model="numpy")
-def shape_depth(shapes: FloatArray, k: int, x: float, y: float) -> float:
-    """How deep (m) a point lies in shape k; negative outside: there -depth is no more than the distance to it."""
+@njit(cache=True, error_model="numpy", inline="always")
+def shape_depth(shapes: FloatArray, k: int, x: float, y: float, reach: float) -> float:
+    """How deep (m) a point lies in shape k; negative outside: there -depth is no more than the distance to it.
+
+    The ends of arcs count only where the depth is more than -reach otherwise.
+    """
     ex, ey = x - shapes[k, 1], y - shapes[k, 2]
     if shapes[k, 0] == 0.0:
         along = abs(ex * shapes[k, 3] + ey * shapes[k, 4])
         across = abs(ey * shapes[k, 3] - ex * shapes[k, 4])
-        return float(min(shapes[k, 5] - along, shapes[k, 6] - across))
-    distance = np.sqrt(ex * ex + ey * ey)
-    if shapes[k, 0] == 2.0:
-        return float(shapes[k, 3] - distance)
-    depth = shapes[k, 4] - abs(distance - shapes[k, 3])
-    if shapes[k, 6] < np.pi and depth > -1.0:
-        turn = np.arctan2(ey, ex) - shapes[k, 5]
-        turn = abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
-        depth = min(depth, (shapes[k, 6] - turn) * shapes[k, 3])
+        depth = min(shapes[k, 5] - along, shapes[k, 6] - across)
+    else:
+        distance = np.sqrt(ex * ex + ey * ey)
+        depth = shapes[k, 3] - distance
+        if shapes[k, 0] == 1.0:
+            depth = shapes[k, 4] - abs(depth)
+            if shapes[k, 6] < np.pi and depth > -reach:
+                turn = np.arctan2(ey, ex) - shapes[k, 5]
+                turn = abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
+                depth = min(depth, (shapes[k, 6] - turn) * shapes[k, 3])
     return float(depth)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def paint_at(
     shapes: FloatArray,
     starts: npt.NDArray[np.int32],
@@ -116,20 +120,51 @@ def paint_at(
     frame: FloatArray,
     x: float,
     y: float,
-) -> tuple[int, float]:
-    """The paint's index at a ground point (m, field frame), -1 for none, and the distance (m) to the nearest edge.
+    ux: float = 1.0,
+    uy: float = 0.0,
+    deep: float = 0.0,
+    wide: float = 0.0,
+) -> tuple[int, bool]:
+    """The paint's index at a ground point (m, field frame), -1 for none, and whether an edge of paint is near.
 
-    Of the shapes in this cell: 1e3 where it has none. The last shape that covers the point counts.
+    Near: within a rectangle that reaches deep (m) to both sides along (ux, uy) and wide (m) across it. The last shape
+    that covers the point counts. Only shapes of this cell are looked at.
     """
     column, row = int((x - frame[0]) * 4.0), int((y - frame[1]) * 4.0)
-    if not (0 <= column < frame[2] and 0 <= row < frame[3]):
-        return -1, 1e3
-    cell = row * int(frame[2]) + column
-    paint, edge = -1, 1e3
-    for entry in range(starts[cell], starts[cell + 1]):
-        k = items[entry]
-        depth = shape_depth(shapes, k, x, y)
-        edge = min(edge, abs(depth))
-        if depth >= 0.0:
-            paint = int(shapes[k, 7])
+    paint, edge = -1, False
+    if 0 <= column < frame[2] and 0 <= row < frame[3]:
+        cell = row * int(frame[2]) + column
+        reach = 1.2 * (deep + wide)
+        for entry in range(starts[cell], starts[cell + 1]):
+            k = np.uint32(items[entry])
+            depth = shape_depth(shapes, int(k), x, y, reach)
+            if depth >= 0.0:
+                paint = int(shapes[k, 7])
+            if abs(depth) < reach and not edge:
+                edge = _near_edge(shapes, int(k), x, y, ux, uy, deep, wide)
     return paint, edge
+
+
+@njit(cache=True, error_model="numpy")
+def _near_edge(shapes: FloatArray, k: int, x: float, y: float, ux: float, uy: float, deep: float, wide: float) -> bool:
+    """Whether an edge of shape k passes through the rectangle around a point; see `paint_at`."""
+    ex, ey = x - shapes[k, 1], y - shapes[k, 2]
+    if shapes[k, 0] == 0.0:
+        c, s = shapes[k, 3], shapes[k, 4]
+        over = abs(ux * c + uy * s) * deep + abs(ux * s - uy * c) * wide
+        up = abs(ux * c + uy * s) * wide + abs(ux * s - uy * c) * deep
+        along, across = abs(ex * c + ey * s) - shapes[k, 5], abs(ey * c - ex * s) - shapes[k, 6]
+        return bool(along < over and across < up and (along > -over or across > -up))
+    distance, reach = np.sqrt(ex * ex + ey * ey), np.sqrt(deep * deep + wide * wide)
+    towards, past = abs(ex * ux + ey * uy), abs(ex * uy - ey * ux)
+    radial = (towards * deep + past * wide + reach * reach) / max(distance, reach)
+    if shapes[k, 0] == 2.0:
+        return bool(abs(distance - shapes[k, 3]) < radial)
+    off = abs(distance - shapes[k, 3]) - shapes[k, 4]
+    if abs(off) < radial:
+        return True
+    if shapes[k, 6] >= np.pi or off > radial:
+        return False
+    turn = np.arctan2(ey, ex) - shapes[k, 5]
+    turn = abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
+    return bool(abs(shapes[k, 6] - turn) * shapes[k, 3] < 1.2 * reach)

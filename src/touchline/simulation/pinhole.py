@@ -15,7 +15,7 @@ import numpy.typing as npt
 from touchline.config import did_you_mean, read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.simulation.camera_base import SimulatedCameraModel, tilt_rotation
+from touchline.simulation.camera_base import SimulatedCameraModel, tilt_rotation, with_glisten
 from touchline.simulation.image_sensor import ImageSensor
 from touchline.simulation.rendering import RayGrid
 
@@ -126,7 +126,7 @@ class SimulatedPinholeCamera(SimulatedCameraModel):
         m = self.mount
         origins = np.broadcast_to(np.array([m.x, m.y, m.z]), directions.shape)
         rays = np.hstack((origins, directions)).reshape(height, width, 6).astype(np.float32)
-        still = np.zeros((height, width, 4), dtype=np.float32)
+        still = with_glisten(np.zeros((height, width, 4), dtype=np.float32), rays)
         return RayGrid(rays, 1.0 / float(self.matrix[0, 0]), origins[0], 0.01, still)
 
     def _undistorted(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:

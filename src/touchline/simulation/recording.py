@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ _MARK_NOISE_PX = 0.15  # of marks that somebody has clicked at, or a detector ha
 def write_recording(simulation: Simulation, folder: Path, on_frame: Callable[[Frame], None] | None = None) -> None:
     """Render all frames into a new folder. `on_frame` is called after each and may set the exposure of the next.
 
-    Raises InputError if the folder exists already or can't be made.
+    Raises InputError if the folder exists already or can't be made. What can't be finished is taken away again.
     """
     if simulation.level != "images":
         raise InputError("a recording holds images; run the simulation at the level 'images'")
@@ -36,8 +37,11 @@ def write_recording(simulation: Simulation, folder: Path, on_frame: Callable[[Fr
         raise InputError(f"{folder}: cannot be made ({error.strerror})") from None
     try:
         _write_all(simulation, folder, on_frame)
-    except OSError as error:
-        raise TouchlineError(f"{error.filename or folder}: cannot be written ({error.strerror})") from None
+    except BaseException as error:  # an interruption too: half a recording would be in the way of the next try
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise TouchlineError(f"{error.filename or folder}: cannot be written ({error.strerror})") from None
+        raise
 
 
 def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame], None] | None) -> None:
@@ -54,7 +58,7 @@ def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame],
     rows = []
     for index, frame in enumerate(simulation):
         assert frame.image is not None
-        (folder / frame.name).write_bytes(_jpeg(frame.image))
+        (folder / frame.name).write_bytes(encoded(frame.image))
         exposure = f"{simulation.image_times_s[index]:.4f},{frame.name},{frame.exposure_ms:.3f},{frame.gain:.3f}"
         rows.append(",".join([exposure, *_extra_values(simulation, index)]))
         if on_frame is not None:
@@ -64,7 +68,8 @@ def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame],
     _write_calibration(simulation, folder)
 
 
-def _jpeg(image: ImageArray) -> bytes:
+def encoded(image: ImageArray) -> bytes:
+    """An image as the JPEG file that a recording holds: quality 92, chroma at half the resolution."""
     sampling = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420]
     done, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, *sampling])
     if not done:

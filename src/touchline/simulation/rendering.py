@@ -1,8 +1,9 @@
 """Body rays of a camera + a scene -> linear radiance of each pixel, with supersampling where a pixel holds an edge.
 
-Edges are pixels whose label (which body, face, band; sunlit or not) differs from a neighbour's, or whose samples
-could lie on both sides of a paint's edge. They are averaged over a regular grid of samples; all others keep the one
-in their middle. Rays go through the loops in portions that stay in the processor's cache.
+Whether a pixel holds an edge is worked out from the world, not from neighbouring pixels: the ray through its middle is
+compared with outlines, paint, shadows and threads, and wherever one comes as close as the pixel's samples reach, the
+pixel is averaged over its regular grid of samples. All others keep the one in their middle. Rays go through the loops
+in portions that stay in the processor's cache.
 """
 
 from __future__ import annotations
@@ -14,16 +15,17 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.casting import cast_rays
-from touchline.simulation.ground_shading import EDGE_FLAG, shade_ground, shade_open_carpet
+from touchline.simulation.casting import cast_rays, spread_rays
+from touchline.simulation.ground_shading import shade_ground, sort_rays
+from touchline.simulation.sampling import SampleRays, sample_rays
 from touchline.simulation.scene import Scene, SceneArrays
-from touchline.simulation.solids import first_bodies, sort_into_sectors
+from touchline.simulation.solids import sort_into_cells
 from touchline.simulation.tracing import trace_rays
 from touchline.simulation.upright_shading import shade_upright
 
 Float32Array = npt.NDArray[np.float32]
+SECTORS, BINS = 512, 64  # of the directions in which bodies are looked for
 _PORTION = 2048
-_ALL_CARPET = np.zeros(0, dtype=np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,16 +55,13 @@ class Renderer:
 
     def __init__(self, grid: RayGrid) -> None:
         self.grid = grid
-        height, width = grid.shape
         seen = np.isfinite(grid.rays).all(axis=2) & (grid.still[..., 3] < 1.0)
         self._pixels = np.flatnonzero(seen).astype(np.int32)
         self._rays = np.ascontiguousarray(grid.rays.reshape(-1, 6)[self._pixels].T)
-        self._samples: dict[int, Float32Array] = {}
-        dark = (grid.still[..., 3] == 1.0) & (grid.still[..., :3] == 0.0).all(axis=2)  # black for ever
-        self._still_pixels = np.flatnonzero((grid.still[..., 3] > 0.0) & ~dark).astype(np.int32)
-        self._unseen = np.flatnonzero((grid.still[..., 3] > 0.0) & ~dark & ~seen)  # no ray fills them again
-        self._labels = np.zeros((height, width), dtype=np.int32)
-        self._image = np.zeros((height, width, 3), dtype=np.float32)
+        self._samples: dict[int, SampleRays] = {}
+        self._still = np.ascontiguousarray(grid.still.reshape(-1, 4))
+        self._unseen = np.flatnonzero(~seen.reshape(-1) & (self._still[:, :3] > 0.0).any(axis=1))  # no ray fills them
+        self._image = np.zeros((*grid.shape, 3), dtype=np.float32)
 
     def render(self, scene: Scene, poses: FloatArray, side: int = 2, everywhere: bool = False) -> Float32Array:
         """Radiance (H, W, 3) of a scene from poses (1 or H, 12): rotation field_from_body by rows, then translation.
@@ -70,69 +69,92 @@ class Renderer:
         side: samples along each side of a supersampled pixel; 1 for none. everywhere: supersample all pixels.
         The array is the renderer's own and is overwritten by the next call.
         """
-        grid = self.grid
-        places = (poses[:, :9].reshape(-1, 3, 3) @ grid.origin + poses[:, 9:])[:, :2]
-        middle = places.mean(axis=0)
-        slack = grid.slack_m + float(np.hypot(*(places - middle).T).max())
-        starts, items, near = sort_into_sectors(scene.solids, float(middle[0]), float(middle[1]), slack)
-        arrays = scene.arrays(starts, items, near, first_bodies(starts, items, near))
-        self._image.reshape(-1, 3)[self._unseen] = 0.0
-        _render_middles(arrays, self._pixels, self._rays, poses, grid.pixel_angle, self._image, self._labels)
-        if side > 1:
-            chosen = self._pixels if everywhere else _edge_pixels(self._labels, self._image)
-            samples = self._sample_rays(side)
-            _render_samples(arrays, chosen, samples, poses, grid.pixel_angle, side, self._image)
-        _lay_still(self._image, self._still_pixels, grid.still, float(scene.light[::8, ::8, 0].mean()))
+        samples, chosen = self._sample_rays(side), self._pixels
+        level = float(scene.light[::8, ::8, 0].mean())
+        lean = float(np.hypot(poses[:, 6], poses[:, 7]).max())
+        arrays = self._arrays(scene, poses, lean, samples.widest)
+        self._image.reshape(-1, 3)[self._unseen] = self._still[self._unseen, :3] * np.float32(level)
+        if not everywhere:
+            chosen = _render_middles(
+                arrays, self._pixels, self._rays, samples.spread, samples.shift_m, lean, poses, self.grid.pixel_angle,
+                samples.texture, self._still, level, self._image,
+            )  # fmt: skip
+        if side > 1 or everywhere:
+            _render_samples(
+                arrays, chosen, samples.rays, poses, self.grid.pixel_angle, samples.angles, side, self._still, level,
+                self._image,
+            )  # fmt: skip
         return self._image
 
-    def _sample_rays(self, side: int) -> Float32Array:
-        """Rays (H W, 6, side^2) of a regular grid of samples in each pixel, made when first asked for."""
+    def _arrays(self, scene: Scene, poses: FloatArray, lean: float, widest: float) -> SceneArrays:
+        """The scene as seen from poses: bodies sorted by direction around the middle of the places of the camera."""
+        grid, samples = self.grid, next(iter(self._samples.values()))
+        places = poses[:, :9].reshape(-1, 3, 3) @ grid.origin + poses[:, 9:]
+        middle = places.mean(axis=0)
+        moved = float(np.hypot(*(places - middle)[:, :2].T).max())
+        tilted = lean * grid.slack_m + float(np.abs(places[:, 2] - middle[2]).max()) + 1e-3
+        low, high = samples.heights_m
+        height = middle[2] - grid.origin[2]
+        starts, items, near = sort_into_cells(
+            scene.solids, float(middle[0]), float(middle[1]), samples.aside_m + moved + tilted, grid.slack_m + moved,
+            low + height - tilted, high + height + tilted, widest * (1.0 + lean), SECTORS, BINS,
+        )  # fmt: skip
+        return scene.arrays(starts, items, near)
+
+    def _sample_rays(self, side: int) -> SampleRays:
+        """The rays of all samples, made when first asked for."""
         if side not in self._samples:
-            rays = np.empty((self.grid.rays[..., 0].size, 6, side * side), dtype=np.float32)
-            _sample_rays(self.grid.rays, self._pixels, side, rays)
-            self._samples = {side: rays}
+            self._samples = {side: sample_rays(self.grid.rays, self._pixels, side, self.grid.pixel_angle)}
         return self._samples[side]
 
 
 @njit(cache=True, error_model="numpy")
 def _shade(
     scene: SceneArrays,
-    rays: Float32Array,
-    rows: npt.NDArray[np.int32],
-    poses: FloatArray,
-    pixel_angle: float,
-    sample_angle: float,
+    total: int,
     cast: Float32Array,
-    hits: Float32Array,
-    codes: npt.NDArray[np.int32],
-    lists: npt.NDArray[np.int32],
+    extents: Float32Array,
+    shift: float,
+    texture: Float32Array,
+    sample_angle: float,
+    work: tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]],
     radiance: Float32Array,
-    labels: npt.NDArray[np.int32],
+    edges: npt.NDArray[np.bool_],
 ) -> None:
-    """Radiance (N, 3) and labels (N,) of rays (6, N); cast (8, N), hits (2, N, 8), codes (N,) and lists (2, N) are
-    work space.
+    """Radiance (N, 3) of the first `total` cast rays (8, N); where edges (N,) is set instead, it is left as it was.
 
-    pixel_angle: width of a pixel (rad), over which textures are smoothed; sample_angle: width of a sample, for nets.
+    extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. texture (3, N):
+    how textures are smoothed, see `SampleRays`; sample_angle: width of a sample (rad), over which nets are.
     """
     s = scene
-    cast_rays(rays, rows, poses, cast)
-    count, ground_count = shade_open_carpet(
-        cast, rays.shape[1], s.first_body, s.room, s.flags, s.paint_frame, s.light, s.light_frame, s.carpet, s.pyramid,
-        s.sun[0], pixel_angle, radiance, labels, lists[0], lists[1], hits[1],
+    hits, codes, rest, ground = work
+    edges[:total] = False
+    count, ground_count = sort_rays(cast, extents, shift, total, s.starts, s.room, rest, ground)
+    count, ground_count = trace_rays(
+        cast, extents, shift, rest[:count], s.solids, s.starts, s.items, s.near, s.room, sample_angle, hits, codes,
+        ground, ground_count, edges,
     )  # fmt: skip
-    rest = lists[0, :count]
-    trace_rays(cast, rest, s.solids, s.starts, s.items, s.near, s.room, sample_angle, hits[0], codes)
-    for turn in range(2):
-        shade_ground(
-            lists[1, :ground_count] if turn == 0 else rest, hits[1] if turn == 0 else hits[0],
-            _ALL_CARPET if turn == 0 else codes, s.flags, s.light, s.light_frame, s.shapes, s.cell_starts, s.cell_items,
-            s.paint_frame, s.paints, s.carpet, s.pyramid, s.casters, s.caster_cells, s.sun, s.windows, pixel_angle,
-            radiance, labels,
-        )  # fmt: skip
+    shade_ground(
+        ground[:ground_count], cast, extents, shift, texture, s.flags, s.light, s.light_frame, s.shapes, s.cell_starts,
+        s.cell_items, s.paint_frame, s.paints, s.carpet, s.pyramid, s.casters, s.caster_cells, s.sun, s.windows,
+        radiance, edges,
+    )  # fmt: skip
     shade_upright(
-        rest, hits[0], codes, s.solids, s.palette, s.room, s.room_colours, s.light, s.light_frame, s.pyramid, s.casters,
-        s.sun, s.windows, pixel_angle, radiance, labels,
+        rest[:count], hits, codes, s.solids, s.palette, s.room, s.room_colours, s.light, s.light_frame, s.pyramid,
+        s.casters, s.sun, s.windows, shift > 0.0, radiance, edges,
     )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _work_space(
+    size: int,
+) -> tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    return (
+        np.empty((size, 8), dtype=np.float32),
+        np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32),
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -140,40 +162,43 @@ def _render_middles(
     scene: SceneArrays,
     pixels: npt.NDArray[np.int32],
     rays: Float32Array,
+    spread: Float32Array,
+    shift: float,
+    lean: float,
     poses: FloatArray,
     pixel_angle: float,
+    texture: Float32Array,
+    still: Float32Array,
+    level: float,
     image: Float32Array,
-    label_image: npt.NDArray[np.int32],
-) -> None:
-    """One sample in the middle of each of pixels (N,), flat indices, with rays (6, N), into image and label image."""
-    hits, codes = np.empty((2, _PORTION, 8), dtype=np.float32), np.empty(_PORTION, dtype=np.int32)
-    lists, labels = np.empty((2, _PORTION), dtype=np.int32), np.empty(_PORTION, dtype=np.int32)
-    radiance, rows = np.empty((_PORTION, 3), dtype=np.float32), np.zeros(_PORTION, dtype=np.int32)
-    cast = np.empty((8, _PORTION), dtype=np.float32)
-    flat, flat_labels = image.reshape(-1, 3), label_image.reshape(-1)
+) -> npt.NDArray[np.int32]:
+    """One sample in the middle of each of pixels (N,), flat indices, with rays (6, N), into the image.
+
+    Over it lies the layer fixed to the robot, still (H W, 4), under a light of some level.
+    Returns the pixels that hold an edge; they are left as they were.
+    """
+    work, rows = _work_space(_PORTION), np.zeros(_PORTION, dtype=np.int32)
+    radiance, edges = np.empty((_PORTION, 3), dtype=np.float32), np.empty(_PORTION, dtype=np.bool_)
+    cast, extents = np.empty((8, _PORTION), dtype=np.float32), np.empty((3, _PORTION), dtype=np.float32)
+    flat, chosen, count = image.reshape(-1, 3), np.empty(len(pixels), dtype=np.int32), 0
     for start in range(0, len(pixels), _PORTION):
-        stop = min(start + _PORTION, len(pixels))
+        some = pixels[start : start + _PORTION]
+        stop = start + len(some)
         if len(poses) > 1:
-            for i in range(start, stop):
-                rows[i - start] = pixels[i] // image.shape[1]
-        _shade(
-            scene,
-            rays[:, start:stop],
-            rows,
-            poses,
-            pixel_angle,
-            pixel_angle,
-            cast,
-            hits,
-            codes,
-            lists,
-            radiance,
-            labels,
-        )
-        for i in range(start, stop):
-            flat_labels[pixels[i]] = labels[i - start]
+            for i in range(len(some)):
+                rows[i] = some[i] // image.shape[1]
+        cast_rays(rays[:, start:stop], rows, poses, SECTORS, BINS, cast)
+        spread_rays(spread[:, start:stop], cast, lean, shift, extents)
+        _shade(scene, len(some), cast, extents, shift, texture[:, start:stop], pixel_angle, work, radiance, edges)
+        for i in range(len(some)):
+            n = some[i]
+            if edges[i]:
+                chosen[count] = n
+                count += 1
+                continue
             for c in range(3):
-                flat[pixels[i], c] = radiance[i - start, c]
+                flat[n, c] = (1.0 - still[n, 3]) * radiance[i, c] + still[n, c] * level
+    return chosen[:count].copy()
 
 
 @njit(cache=True, error_model="numpy")
@@ -183,121 +208,39 @@ def _render_samples(
     rays: Float32Array,
     poses: FloatArray,
     pixel_angle: float,
+    angles: Float32Array,
     side: int,
+    still: Float32Array,
+    level: float,
     image: Float32Array,
 ) -> None:
-    """Means of side x side samples of pixels (N,), flat indices, into the image; all rays (H W, 6, side^2)."""
-    portion = max(1, _PORTION // (side * side))
-    size = portion * side * side
-    hits, codes = np.empty((2, size, 8), dtype=np.float32), np.empty(size, dtype=np.int32)
-    lists, labels = np.empty((2, size), dtype=np.int32), np.empty(size, dtype=np.int32)
-    radiance, rows = np.empty((size, 3), dtype=np.float32), np.zeros(size, dtype=np.int32)
-    samples, cast = np.empty((6, size), dtype=np.float32), np.empty((8, size), dtype=np.float32)
-    flat = image.reshape(-1, 3)
+    """Means of side x side samples of pixels (N,), flat indices, and the layer over it, into the image.
+
+    rays (H W, 6, side^2): of all pixels.
+    """
     each = side * side
+    portion = max(1, _PORTION // each)
+    work, rows = _work_space(portion * each), np.zeros(portion * each, dtype=np.int32)
+    radiance, edges = np.empty((portion * each, 3), dtype=np.float32), np.empty(portion * each, dtype=np.bool_)
+    samples, cast = np.empty((6, portion * each), dtype=np.float32), np.empty((8, portion * each), dtype=np.float32)
+    extents, texture = np.zeros((2, 3, portion * each), dtype=np.float32)
+    flat = image.reshape(-1, 3)
     for start in range(0, len(pixels), portion):
         some = pixels[start : start + portion]
+        total = len(some) * each
         for i in range(len(some)):
             for c in range(6):
                 for n in range(each):
                     samples[c, i * each + n] = rays[some[i], c, n]
+            texture[2, i * each : (i + 1) * each] = angles[some[i]]
         if len(poses) > 1:
-            for i in range(len(some) * each):
+            for i in range(total):
                 rows[i] = some[i // each] // image.shape[1]
-        _shade(
-            scene,
-            samples[:, : len(some) * each],
-            rows,
-            poses,
-            pixel_angle,
-            pixel_angle / side,
-            cast,
-            hits,
-            codes,
-            lists,
-            radiance,
-            labels,
-        )
+        cast_rays(samples[:, :total], rows, poses, SECTORS, BINS, cast)
+        _shade(scene, total, cast, extents, 0.0, texture, pixel_angle / side, work, radiance, edges)
         for i in range(len(some)):
             for c in range(3):
-                total = 0.0
+                mean = 0.0
                 for n in range(each):
-                    total += radiance[i * each + n, c]
-                flat[some[i], c] = total / each
-
-
-@njit(cache=True, error_model="numpy")
-def _edge_pixels(labels: npt.NDArray[np.int32], image: Float32Array) -> npt.NDArray[np.int32]:
-    """Flat indices of the pixels that are flagged or differ from one of their four neighbours; 0 sees no world.
-
-    A neighbour of another label but of all but the same radiance does not count.
-    """
-    height, width = labels.shape
-    colours = image.reshape(-1, 3)
-    flat = labels.reshape(-1)
-    chosen = np.empty(height * width, dtype=np.int32)
-    count = 0
-    mask = np.int32(EDGE_FLAG - 1)
-    for v in range(height):
-        for u in range(width):
-            n = v * width + u
-            label = flat[n]
-            if label == 0:
-                continue
-            edge = label >= EDGE_FLAG
-            if not edge:
-                left, right = n - (1 if u > 0 else 0), n + (1 if u < width - 1 else 0)
-                up, down = n - (width if v > 0 else 0), n + (width if v < height - 1 else 0)
-                if flat[left] == label and flat[right] == label and flat[up] == label and flat[down] == label:
-                    continue
-                for m in (left, right, up, down):
-                    other = flat[m] & mask
-                    edge = edge or (other != label and other != 0 and _differ(colours, n, m))
-            if edge:
-                chosen[count] = n
-                count += 1
-    return chosen[:count].copy()
-
-
-@njit(cache=True, error_model="numpy")
-def _differ(colours: Float32Array, n: int, m: int) -> bool:
-    """Whether the radiance of two pixels differs by more than 2 % (a grey level or two) in any colour."""
-    most = 0.0
-    for c in range(3):
-        most = max(most, abs(colours[n, c] - colours[m, c]) - 0.02 * colours[n, c])
-    return bool(most > 0.0005)
-
-
-@njit(cache=True, error_model="numpy")
-def _sample_rays(rays: Float32Array, pixels: npt.NDArray[np.int32], side: int, samples: Float32Array) -> None:
-    """Fill rays (H W, 6, side^2) on a regular grid within each of pixels (N,), from the neighbours' rays (H, W, 6)."""
-    height, width = rays.shape[:2]
-    offsets = ((np.arange(side) + 0.5) / side - 0.5).astype(np.float32)
-    for i in range(len(pixels)):
-        v, u = pixels[i] // width, pixels[i] % width
-        left, right = max(u - 1, 0), min(u + 1, width - 1)
-        up, down = max(v - 1, 0), min(v + 1, height - 1)
-        if np.isnan(rays[v, left, 3]):
-            left = u
-        if np.isnan(rays[v, right, 3]):
-            right = u
-        if np.isnan(rays[up, u, 3]):
-            up = v
-        if np.isnan(rays[down, u, 3]):
-            down = v
-        per_u, per_v = np.float32(1.0 / max(right - left, 1)), np.float32(1.0 / max(down - up, 1))
-        for c in range(6):
-            middle = rays[v, u, c]
-            du, dv = (rays[v, right, c] - rays[v, left, c]) * per_u, (rays[down, u, c] - rays[up, u, c]) * per_v
-            for b in range(side):
-                for a in range(side):
-                    samples[pixels[i], c, b * side + a] = middle + offsets[a] * du + offsets[b] * dv
-
-
-@njit(cache=True, error_model="numpy")
-def _lay_still(image: Float32Array, pixels: npt.NDArray[np.int32], still: Float32Array, level: float) -> None:
-    """What is fixed to the robot over the world at pixels (N,), flat indices, by its share of each."""
-    flat, layer = image.reshape(-1, 3), still.reshape(-1, 4)
-    for n in pixels:
-        for c in range(3):
-            flat[n, c] = (1.0 - layer[n, 3]) * flat[n, c] + layer[n, c] * level
+                    mean += radiance[i * each + n, c]
+                flat[some[i], c] = (1.0 - still[some[i], 3]) * (mean / each) + still[some[i], c] * level

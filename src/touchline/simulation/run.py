@@ -189,7 +189,8 @@ class Simulation:
         camera = self.scenario.camera
         pose, motion = self.track.pose_at(time_s), None
         if camera.motion_blur or camera.rolling_shutter_ms > 0.0:
-            motion = base_motion(self.track.velocity_at(time_s), pose.heading)
+            leaning = self.track.leaning_at(time_s)
+            motion = base_motion(self.track.velocity_at(time_s), pose.heading, leaning)
         return self.camera_model.render(
             self.world,
             self.state(time_s),

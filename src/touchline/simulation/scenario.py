@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from touchline.config import Settings, load_settings
+from touchline.config import Settings, load_settings, read_yaml_mapping
 from touchline.errors import InputError
-from touchline.simulation.sensors import SensorSettings
+from touchline.simulation.sensors import Range, SensorSettings
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
 Place = tuple[float, float, float]
+Level = Annotated[float, Field(ge=0, le=100)]
+_Tilt = Annotated[float, Field(ge=-10, le=10)]
+_Shift = Annotated[float, Field(ge=-10, le=10)]
+
+
+def _is_set(settings: Settings, key: str) -> bool:
+    """Whether a key was given, and not just as the default value."""
+    default = type(settings).model_fields[key].get_default(call_default_factory=True)
+    return key in settings.model_fields_set and getattr(settings, key) != default
 
 
 class MirrorSettings(Settings):
@@ -24,10 +34,17 @@ class MirrorSettings(Settings):
         "combined",
         description="shape: combined is the papers' of three parts; recorded is that of the public recordings",
     )
-    metres_per_px: float = Field(0.045, gt=0, description="ground per pixel of a horizontally isometric mirror (m)")
-    horizon_px: float = Field(210.0, gt=0, description="pixel radius of the horizon of a hyperbolic mirror")
-    tilt_deg: tuple[float, float] = Field((0.0, 0.0), description="lean of the mirror about its apex (degrees)")
-    shift_mm: tuple[float, float] = Field((0.0, 0.0), description="displacement of the mirror (mm)")
+    metres_per_px: float = Field(0.045, ge=0.005, le=0.5, description="[horizontally-isometric] ground per pixel (m)")
+    horizon_px: float = Field(210.0, gt=0, le=2000, description="[hyperbolic] pixel radius of the horizon")
+    tilt_deg: tuple[_Tilt, _Tilt] = Field((0.0, 0.0), description="lean of the mirror about its apex (degrees)")
+    shift_mm: tuple[_Shift, _Shift] = Field((0.0, 0.0), description="displacement of the mirror (mm)")
+
+    @model_validator(mode="after")
+    def _only_what_is_used(self) -> MirrorSettings:
+        for key, profile in (("metres_per_px", "horizontally-isometric"), ("horizon_px", "hyperbolic")):
+            if self.profile != profile and _is_set(self, key):
+                raise ValueError(f"a mirror of the profile '{self.profile}' does not use '{key}' (used by: {profile})")
+        return self
 
 
 class CameraSettings(Settings):
@@ -42,33 +59,55 @@ class CameraSettings(Settings):
         None, description="a camera.yaml whose camera is simulated; none: the mirror or pinhole here"
     )
     motion_blur: bool = Field(False, description="whether the motion during the exposure blurs the image")
-    rolling_shutter_ms: float = Field(0.0, ge=0, description="time from the first to the last row's exposure (ms)")
+    rolling_shutter_ms: float = Field(
+        0.0, ge=0, le=200, description="time from the first to the last row's exposure (ms)"
+    )
     black_sectors_deg: tuple[tuple[float, float], ...] = Field(
         (), description="directions [from, to] in the base frame, counter-clockwise, that are black in every image"
     )
     delay_s: float = Field(0.0, ge=0, le=1, description="mean time from an image's stamp to its arrival (s)")
     delay_spread_s: float = Field(0.0, ge=0, le=1, description="half width of the even distribution of that time (s)")
 
+    @model_validator(mode="after")
+    def _fits_together(self) -> CameraSettings:
+        if _is_set(self, "mirror") and (self.kind != "omni" or self.file is not None):
+            reason = "a pinhole camera has none" if self.kind != "omni" else "camera.file tells the camera already"
+            raise ValueError(f"'mirror' is not used: {reason}")
+        if self.delay_spread_s > self.delay_s:
+            raise ValueError(f"delay_spread_s ({self.delay_spread_s:g}) is more than delay_s ({self.delay_s:g})")
+        return self
+
 
 class LightSettings(Settings):
     """What lights the hall, as levels of `touchline.simulation.lights`; changes add rows {time_s, lamps, sun, ...}."""
 
     class Change(Settings):
-        """From time_s on, within fade_s, these levels (none: as before)."""
+        """From time_s on, within fade_s, these levels (none: as before). row: this row of lamps alone."""
 
         time_s: float = Field(0.0, ge=0)
-        lamps: float | None = Field(None, ge=0)
-        sun: float | None = Field(None, ge=0)
-        ambient: float | None = Field(None, ge=0)
+        lamps: Level | None = None
+        row: int | None = Field(None, ge=0)
+        sun: Level | None = None
+        ambient: Level | None = None
         fade_s: float = Field(0.0, ge=0)
 
-    lamps: float = Field(1.0, ge=0, description="level of the ceiling's lamps")
-    ambient: float = Field(0.35, ge=0, description="level of the daylight everywhere")
-    sun: float = Field(0.0, ge=0, description="level of direct sun where it falls through a window")
+    lamps: Level = Field(1.0, description="level of the ceiling's lamps")
+    ambient: Level = Field(0.35, description="level of the daylight everywhere")
+    sun: Level = Field(0.0, description="level of direct sun where it falls through a window")
     sun_elevation_deg: float = Field(35.0, gt=0, lt=90, description="height of the sun")
     sun_azimuth_deg: float = Field(70.0, description="direction towards the sun, field frame, from x to y")
     windows: int = Field(0, ge=0, le=12, description="windows in the northern wall, evenly spread")
     changes: tuple[Change, ...] = Field((), description="changes of the levels over time")
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> LightSettings:
+        brightest = max([self.sun, *(change.sun or 0.0 for change in self.changes)])
+        if brightest > 0.0 and self.windows == 0:
+            raise ValueError("the sun shines through windows, and there are none; set light.windows")
+        for change in self.changes:
+            if change.row is not None and change.lamps is None:
+                raise ValueError(f"the change at {change.time_s:g} s names a row of lamps but not its level, lamps")
+        return self
 
 
 class MotionSettings(Settings):
@@ -98,6 +137,8 @@ class MotionSettings(Settings):
     @model_validator(mode="after")
     def _only_what_is_used(self) -> MotionSettings:
         for key in sorted(self.model_fields_set - {"kind"}):
+            if not _is_set(self, key):
+                continue
             used = (type(self).model_fields[key].description or "").split("]")[0].strip("[").split(", ")
             if self.kind not in used and not (used == ["moving"] and self.kind not in ("stand", "walk-in-place")):
                 raise ValueError(f"a motion of kind '{self.kind}' does not use '{key}' (used by: {', '.join(used)})")
@@ -113,7 +154,7 @@ class MishapSettings(Settings):
     shove_every_s: float = Field(
         0.0, ge=0, description="mean time between collisions that shove the robot (s); 0: never"
     )
-    shove_m: tuple[float, float] = Field((0.1, 0.3), description="range of the length of a shove (m)")
+    shove_m: Range = Field((0.1, 0.3), description="range of the length of a shove (m)")
     shove_deg: float = Field(10.0, ge=0, le=180, description="standard deviation of the rotation of a shove (degrees)")
 
 
@@ -124,9 +165,15 @@ class OthersSettings(Settings):
     moving: bool = Field(False, description="whether they drive about")
     speed_m_s: float = Field(2.0, gt=0, le=8, description="their top speed (m/s)")
     near_m: float = Field(
-        0.0, ge=0, description="half of them play about the robot, on average this far from it; 0: none"
+        0.0, ge=0, le=10, description="half of them play about the robot, on average this far from it; 0: none"
     )
     balls: int = Field(0, ge=0, le=5, description="number of balls")
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> OthersSettings:
+        if self.near_m > 0.0 and not self.moving:
+            raise ValueError("near_m needs moving: true; robots that stand keep out of the way")
+        return self
 
 
 class CalibrationSettings(Settings):
@@ -155,6 +202,13 @@ class Scenario(Settings):
     sensors: SensorSettings = SensorSettings()
     calibration: CalibrationSettings = CalibrationSettings()
 
+    @field_validator("name")
+    @classmethod
+    def _is_a_file_name(cls, name: str) -> str:
+        if name != Path(name).name or name in ("..", "."):
+            raise ValueError(f"{name!r} is no name of a folder; leave out slashes")
+        return name
+
     @model_validator(mode="after")
     def _fits_together(self) -> Scenario:
         if self.motion.kind == "walk" and len(self.motion.waypoints) == 1:
@@ -179,15 +233,35 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_FOLDER.glob("*.yaml"))
 
 
-def open_scenario(name_or_path: str | Path, seed: int | None = None, seconds: float | None = None) -> Scenario:
-    """A scenario by name or from a file; `seed` and `seconds` replace the file's.
+def open_scenario(
+    name_or_path: str | Path, seed: int | None = None, seconds: float | None = None, changes: Sequence[str] = ()
+) -> Scenario:
+    """A scenario by name, from a file, or from a simulated recording, whose sequence.yaml holds it.
 
+    `seed` and `seconds` replace the file's, and so do changes, each as `others.robots=3`. Other files named in it are
+    looked for beside it, then where we are.
     Raises InputError in one message for an unknown name and for anything wrong in the file.
     """
     path = _scenario_file(str(name_or_path))
-    changes = [f"{key}={value}" for key, value in (("seed", seed), ("seconds", seconds)) if value is not None]
-    scenario = load_settings(Scenario, path, changes)
+    tree = read_yaml_mapping(path)
+    if not tree:
+        raise InputError(f"{path}: is empty; name at least the kind of motion, for example motion: {{kind: match}}")
+    section = "simulation" if "format" in tree else None  # sequence.yaml
+    if section is not None and not isinstance(tree.get(section), dict):
+        raise InputError(f"{path}: tells no scenario; only recordings that were simulated hold theirs")
+    given = [f"{key}={value}" for key, value in (("seed", seed), ("seconds", seconds)) if value is not None]
+    scenario = _with_paths_from(path.parent, load_settings(Scenario, path, [*changes, *given], section))
     return scenario if scenario.name else scenario.model_copy(update={"name": path.stem})
+
+
+def _with_paths_from(folder: Path, scenario: Scenario) -> Scenario:
+    """A scenario whose field and camera files are found beside its own file, if they are there."""
+    camera = scenario.camera
+    if camera.file is not None and (folder / camera.file).is_file():
+        camera = camera.model_copy(update={"file": str(folder / camera.file)})
+    beside = Path(scenario.field).suffix in (".yaml", ".yml") and (folder / scenario.field).is_file()
+    field = str(folder / scenario.field) if beside else scenario.field
+    return scenario.model_copy(update={"camera": camera, "field": field})
 
 
 def _scenario_file(name: str) -> Path:
@@ -196,8 +270,10 @@ def _scenario_file(name: str) -> Path:
     path = Path(name)
     if path.is_file():
         return path
+    if (path / "sequence.yaml").is_file():
+        return path / "sequence.yaml"
     if path.suffix.lower() in (".yaml", ".yml") or path.parent != Path():
         raise InputError(f"{name}: there is no such scenario file")
     near = difflib.get_close_matches(name, scenario_names(), n=1, cutoff=0.5)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(scenario_names())}"
+    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(scenario_names())}."
     raise InputError(f"scenario '{name}' is unknown; {hint} A file of your own ends in .yaml")

@@ -33,9 +33,11 @@ from touchline.simulation.solids import (
 )
 from touchline.simulation.world import PAINTS, World, WorldState
 
-RADIANCE_PER_LEVEL = 0.275  # white paint (0.84) under level 1: 0.23, as in the recorded images under hall lamps
+RADIANCE_PER_LEVEL = 0.295  # white paint (0.87) under level 1: 0.26, as in the recorded images under hall lamps
 _LIGHT_STEP_M = 0.125
-_ROOM_PAINTS = ((0.27, 0.25, 0.21), (0.02, 0.02, 0.025), (0.70, 0.645, 0.535), (0.8, 0.76, 0.65))
+_ROOM_PAINTS = ((0.40, 0.375, 0.35), (0.019, 0.019, 0.02), (0.55, 0.51, 0.42), (0.75, 0.71, 0.61))
+# standard deviations of brightness as measured over the floors of the recordings: blotches, strips, pile
+_WEAR, _STRIP_TONE, _PILE = 0.053, 0.034, 1.25
 
 
 class SceneArrays(NamedTuple):
@@ -45,7 +47,6 @@ class SceneArrays(NamedTuple):
     starts: npt.NDArray[np.int32]
     items: npt.NDArray[np.int16]
     near: FloatArray
-    first_body: FloatArray
     palette: FloatArray
     room: FloatArray
     room_colours: FloatArray
@@ -85,7 +86,7 @@ class Scene:
         self.room_colours = np.array(_ROOM_PAINTS)
         self.paint = build_paint(world.field, world.marks, world.hall)
         self.paints = np.array([PAINTS["white"], *(mark.colour for mark in world.marks)])
-        self.carpet = np.array([*PAINTS["carpet"], world.seam_spacing, world.carpet_contrast])
+        self.carpet = np.array([*PAINTS["carpet"], world.seam_spacing, _PILE * world.carpet_contrast])
         self.pyramid = pile_pyramid(rng)
         self._build_solids()
         self._build_light(rng)
@@ -117,11 +118,11 @@ class Scene:
         self.caster_cells = place_casters(self.casters, self.sun, self.paint.frame, self.flags)
 
     def arrays(
-        self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray, first_body: FloatArray
+        self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray
     ) -> SceneArrays:
-        """Everything for the loops, with the solids sorted into sectors around a camera."""
+        """Everything for the loops, with the solids sorted into cells around a camera."""
         return SceneArrays(
-            self.solids, starts, items, near, first_body, self.palette, self.room, self.room_colours, self.flags,
+            self.solids, starts, items, near, self.palette, self.room, self.room_colours, self.flags,
             *self.paint, self.paints, self.carpet, self.pyramid, self.light, self.light_frame, self.casters,
             self.caster_cells, self.sun, self.windows,
         )  # fmt: skip
@@ -156,10 +157,11 @@ class Scene:
         y = self.light_frame[1] + np.arange(rows) * _LIGHT_STEP_M
         self._lamp_shares = lamps_on_ground(world.lights.lamps, *np.meshgrid(x, y))
         self.light = np.empty((rows, columns, 2), dtype=np.float32)
-        self._carpet_brightness = 1.0 + 0.04 * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
-        if world.seam_spacing > 0.0:  # every other strip lies against the nap
-            odd = np.floor(x / world.seam_spacing + 0.37 + 0.5).astype(int) % 2
-            self._carpet_brightness *= 1.0 + 0.018 * world.carpet_contrast * (2.0 * odd - 1.0)
+        self._carpet_brightness = 1.0 + _WEAR * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
+        if world.seam_spacing > 0.0:  # no two strips are of quite the same tone
+            strips = np.floor(x / world.seam_spacing + 0.37 + 0.5).astype(int)
+            tones = _STRIP_TONE * rng.standard_normal(int(strips[-1] - strips[0]) + 1)
+            self._carpet_brightness *= 1.0 + world.carpet_contrast * tones[strips - strips[0]]
         self._levels: npt.NDArray[np.float64] | None = None
         walls = {"east": (0.0, self.room[2]), "west": (0.0, -self.room[2])}
         walls |= {"north": (1.0, self.room[3]), "south": (1.0, -self.room[3])}

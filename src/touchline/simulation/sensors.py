@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from touchline.config import Settings
 from touchline.geometry import FloatArray, wrap_angles
@@ -25,6 +26,16 @@ _STRIDE = round(SENSOR_PERIOD_S / STEP_S)
 _DIGITS = 6  # the recordings' tables hold micrometres and microradians; live samples are the same numbers
 
 
+def _grows(low_and_high: tuple[float, float]) -> tuple[float, float]:
+    low, high = low_and_high
+    if not 0.0 <= low <= high:
+        raise ValueError(f"is a range from low to high, both zero or more; [{low:g}, {high:g}] is none")
+    return low_and_high
+
+
+Range = Annotated[tuple[float, float], AfterValidator(_grows)]
+
+
 class OdometryNoise(Settings):
     """Dead reckoning from the driven wheels or the steps of a walking robot."""
 
@@ -32,7 +43,7 @@ class OdometryNoise(Settings):
     scale_error: float = Field(
         0.025, ge=0, lt=1, description="mean size of the relative error of forward, sideways and rotation, each signed"
     )
-    scale_spread: float = Field(0.005, ge=0, description="half width of the even distribution of that size")
+    scale_spread: float = Field(0.005, ge=0, lt=1, description="half width of the even distribution of that size")
     wheel_scale: float = Field(0.002, ge=0, description="standard deviation of each wheel's own relative error")
     travel_noise_m: float = Field(0.015, ge=0, description="position error after one metre, per axis (m, root of way)")
     travel_noise_rad: float = Field(0.004, ge=0, description="heading error after one metre (rad, root of way)")
@@ -47,13 +58,17 @@ class WheelNoise(Settings):
     scale_error: float = Field(0.01, ge=0, lt=1, description="largest relative error of a wheel's circumference")
     slip_m: float = Field(0.002, ge=0, description="error of a wheel after one metre of its way (m, root of way)")
 
+    @model_validator(mode="after")
+    def _tell_a_plane(self) -> WheelNoise:
+        if abs(math.sin(self.a_dir_rad - self.b_dir_rad)) < 1e-3:
+            raise ValueError("both wheels roll along the same line; a_dir_rad and b_dir_rad have to differ")
+        return self
+
 
 class ImuNoise(Settings):
     """Gyro, compass (or AHRS heading) and lean."""
 
-    gyro_bias_deg_s: tuple[float, float] = Field(
-        (0.2, 0.5), description="range of the yaw rate's first bias; its sign is random"
-    )
+    gyro_bias_deg_s: Range = Field((0.2, 0.5), description="range of the yaw rate's first bias; its sign is random")
     tilt_rate_bias_deg_s: float = Field(
         0.12, ge=0, description="size of the constant bias of the rates of roll and pitch"
     )
@@ -67,7 +82,9 @@ class ImuNoise(Settings):
     compass_noise_deg: float = Field(0.5, ge=0, description="standard deviation of one sample")
     tilt_noise_deg: float = Field(0.3, ge=0, description="standard deviation of one sample of roll or pitch")
     tilt_bias_deg: float = Field(0.5, ge=0, description="largest constant error of roll and of pitch")
-    tilt_and_yaw_lag_s: float = Field(0.02, ge=0, description="how late roll, pitch and yaw are; the rates are not")
+    tilt_and_yaw_lag_s: float = Field(
+        0.02, ge=0, le=1, description="how late roll, pitch and yaw are; the rates are not"
+    )
 
 
 class SensorSettings(Settings):

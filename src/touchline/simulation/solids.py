@@ -20,7 +20,6 @@ from touchline.simulation.world import PAINTS, BallActor, Block, Colour, RobotAc
 
 CYLINDER, BOX, BALL, NET = 0, 1, 2, 3
 COLUMNS = 14
-SECTORS = 512
 NET_MESH_M, NET_THREAD_M = 0.12, 0.011
 
 
@@ -141,55 +140,75 @@ def turn_number(x: float, y: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def first_bodies(
-    starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray
-) -> npt.NDArray[np.float64]:
-    """Distance (m) of the first body in each sector; negative where the camera stands within its reach."""
-    first = np.full(len(starts) - 1, 1e6)
-    for n in range(len(first)):
-        if starts[n + 1] > starts[n]:
-            first[n] = near[items[starts[n]]]
-    return first
-
-
-@njit(cache=True, error_model="numpy")
-def sort_into_sectors(
-    solids: FloatArray, x: float, y: float, slack: float
+def sort_into_cells(
+    solids: FloatArray,
+    x: float,
+    y: float,
+    aside: float,
+    slack: float,
+    low: float,
+    high: float,
+    angle: float,
+    sectors: int,
+    bins: int,
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int16], FloatArray]:
-    """Which bodies a ray may meet, by its direction: a list for each of 512 sectors around (x, y), nearest first.
+    """Which bodies a ray may meet, by its direction: a list for each of sectors x bins cells, nearest first.
 
-    slack: how far (m) rays may start from (x, y). Returns starts (513,), items and each body's near distance (K,) in m.
-    """
-    count = len(solids)
-    near = np.empty(count)
-    first = np.zeros(count, dtype=np.int64)
-    span = np.zeros(count, dtype=np.int64)
-    for k in range(count):
-        ex, ey = solids[k, 1] - x, solids[k, 2] - y
-        distance = np.sqrt(ex * ex + ey * ey)
-        reach = solids[k, 9] + slack
-        near[k] = distance - reach
-        if distance <= reach * 1.0001:
-            span[k] = SECTORS
-            continue
-        half = np.arcsin(reach / distance)
-        bearing = np.arctan2(ey, ex)
-        low, high = bearing - half, bearing + half
-        start = int(turn_number(np.cos(low), np.sin(low)) * (SECTORS / 4.0))
-        end = int(turn_number(np.cos(high), np.sin(high)) * (SECTORS / 4.0))
-        first[k] = start
-        span[k] = min((end - start) % SECTORS + 1, SECTORS)
-    starts = np.zeros(SECTORS + 1, dtype=np.int32)
-    for k in range(count):
+    Rays start within slack (m) of (x, y), no more than aside (m) beside it as they see it, and at a height between low
+    and high. Sectors divide the full turn (`turn_number`), bins the rise per metre r as r / (1 + |r|) in [-1, 1).
+    Lists also hold what lies within `angle` (rad) beside the cell. Returns starts (sectors * bins + 1,), items and each
+    body's near distance (K,) in m.
+    """  # fmt: skip
+    near = np.empty(len(solids))
+    first, span = np.zeros(len(solids), dtype=np.int64), np.zeros(len(solids), dtype=np.int64)
+    bottom, top = np.zeros(len(solids), dtype=np.int64), np.zeros(len(solids), dtype=np.int64)
+    starts = np.zeros(sectors * bins + 1, dtype=np.int32)
+    for k in range(len(solids)):
+        distance = np.hypot(solids[k, 1] - x, solids[k, 2] - y)
+        near[k] = distance - solids[k, 9] - slack
+        below, above = _rises(solids[k], max(near[k], 0.01), distance + solids[k, 9] + slack, low, high)
+        steep = min(max(abs(below), abs(above)), 20.0)
+        first[k], span[k] = _sectors_of(
+            solids[k, 1] - x, solids[k, 2] - y, solids[k, 9] + aside, angle * np.sqrt(1.0 + steep * steep), sectors
+        )
+        bottom[k] = max(int((1.0 + below / (1.0 + abs(below)) - angle) * 0.5 * bins), 0)
+        top[k] = min(int((1.0 + above / (1.0 + abs(above)) + angle) * 0.5 * bins), bins - 1)
         for n in range(span[k]):
-            starts[(first[k] + n) % SECTORS + 1] += 1
-    for n in range(SECTORS):
+            cell = (first[k] + n) % sectors * bins
+            for level in range(bottom[k], top[k] + 1):
+                starts[cell + level + 1] += 1
+    for n in range(sectors * bins):
         starts[n + 1] += starts[n]
-    items = np.empty(starts[SECTORS], dtype=np.int16)
+    items = np.empty(starts[-1], dtype=np.int16)
     fill = starts[:-1].copy()
     for k in np.argsort(near):
         for n in range(span[k]):
-            sector = (first[k] + n) % SECTORS
-            items[fill[sector]] = k
-            fill[sector] += 1
+            cell = (first[k] + n) % sectors * bins
+            for level in range(bottom[k], top[k] + 1):
+                items[fill[cell + level]] = k
+                fill[cell + level] += 1
     return starts, items, near
+
+
+@njit(cache=True, error_model="numpy")
+def _rises(solid: FloatArray, nearest: float, farthest: float, low: float, high: float) -> tuple[float, float]:
+    """Least and greatest height gained per metre of rays from between two heights (m) that meet a body."""
+    below, above = solid[7] - high, solid[8] - low
+    return below / (nearest if below < 0.0 else farthest), above / (nearest if above > 0.0 else farthest)
+
+
+@njit(cache=True, error_model="numpy")
+def _sectors_of(ex: float, ey: float, reach: float, angle: float, sectors: int) -> tuple[int, int]:
+    """First sector and number of sectors that a round body at (ex, ey) takes up, with an angle (rad) on each side."""
+    distance = np.hypot(ex, ey)
+    if distance <= reach * 1.0001:
+        return 0, sectors
+    half = np.arcsin(reach / distance) + angle + 1e-4
+    if half > 3.0:
+        return 0, sectors
+    bearing = np.arctan2(ey, ex)
+    low, high = bearing - half, bearing + half
+    start = int(turn_number(np.cos(low), np.sin(low)) * (0.25 * sectors))
+    end = int(turn_number(np.cos(high), np.sin(high)) * (0.25 * sectors))
+    span = (end - start) % sectors + 1
+    return start, sectors if half > 1.5 and span < sectors // 4 else span

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.simulation.calibration_layout import Layout
-from touchline.simulation.lights import LightChange, Lights, Window, hall_lamps
+from touchline.simulation.lights import Lamp, LightChange, Lights, Window, hall_lamps
 from touchline.simulation.others import Others
 from touchline.simulation.scenario import LightSettings, Scenario
 from touchline.simulation.world import PAINTS, BallActor, RobotActor, World, default_world
@@ -44,21 +46,37 @@ def events_of_light(settings: LightSettings) -> list[dict[str, object]]:
     """Changes of the light as sequence.yaml lists them."""
     events = []
     for change in settings.changes:
-        levels = change.model_dump(exclude={"time_s", "fade_s"}, exclude_none=True)
-        events.append({"t": change.time_s, "kind": "light_change", **{f"{k}_level": v for k, v in levels.items()}})
+        levels = change.model_dump(include={"lamps", "sun", "ambient"}, exclude_none=True)
+        row = {} if change.row is None else {"row": change.row}
+        event = {"t": change.time_s, "kind": "light_change", **{f"{k}_level": v for k, v in levels.items()}, **row}
+        events.append(event)
     return events
 
 
 def _lights(settings: LightSettings, hall: tuple[float, float, float]) -> Lights:
-    changes = tuple(
-        LightChange(change.time_s, change.lamps, change.sun, change.ambient, None, change.fade_s)
-        for change in settings.changes
-    )
+    lamps = hall_lamps(*hall)
+    changes = tuple(each for change in settings.changes for each in _changes(change, lamps))
     return Lights(
-        hall_lamps(*hall), settings.ambient, settings.lamps, settings.sun,
+        lamps, settings.ambient, settings.lamps, settings.sun,
         math.radians(settings.sun_azimuth_deg), math.radians(settings.sun_elevation_deg),
         _windows(settings.windows, hall[0]), changes,
     )  # fmt: skip
+
+
+def _changes(change: LightSettings.Change, lamps: Sequence[Lamp]) -> list[LightChange]:
+    """One change of the light as the lights take it: for all lamps, or for each lamp of a row along the field."""
+    if change.row is None:
+        return [LightChange(change.time_s, change.lamps, change.sun, change.ambient, None, change.fade_s)]
+    rows = sorted({lamp.y for lamp in lamps})
+    if change.row >= len(rows):
+        raise InputError(
+            f"light.changes: row {change.row} is unknown; there are rows 0 to {len(rows) - 1}, from -y to y"
+        )
+    switched = [index for index, lamp in enumerate(lamps) if lamp.y == rows[change.row]]
+    return [
+        LightChange(change.time_s, None, change.sun, change.ambient, None, change.fade_s),
+        *(LightChange(change.time_s, change.lamps, None, None, index, change.fade_s) for index in switched),
+    ]
 
 
 def _windows(count: int, length_m: float) -> tuple[Window, ...]:

@@ -75,6 +75,12 @@ class Track:
         roll, pitch = self._between(self.attitude, time_s)
         return float(roll), float(pitch)
 
+    def leaning_at(self, time_s: float) -> tuple[float, float]:
+        """Rates of roll and pitch (rad/s) at a time."""
+        row = min(max(round(time_s / STEP_S), 1), len(self.poses) - 2)
+        roll, pitch = (self.attitude[row + 1] - self.attitude[row - 1]) / (2.0 * STEP_S)
+        return float(roll), float(pitch)
+
     def velocity_at(self, time_s: float) -> FloatArray:
         """(3,) velocity vx, vy (m/s, field frame), turning rate (rad/s), without the jump of being carried."""
         row = min(max(int(np.ceil(time_s / STEP_S)), 1), len(self.poses) - 1)

@@ -7,9 +7,8 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.ground_shading import EDGE_FLAG, PILE, SUN_FLAG
+from touchline.simulation.ground_shading import PILE
 from touchline.simulation.illumination import light_at, sun_at
-from touchline.simulation.solids import NET_MESH_M, NET_THREAD_M
 from touchline.simulation.tracing import BOARD, CARPET, CEILING, FLOOR
 
 _WALL_NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])  # east, west, north, south
@@ -32,54 +31,52 @@ def shade_upright(
     casters: FloatArray,
     sun: FloatArray,
     windows: FloatArray,
-    pixel_angle: float,
+    marking: bool,
     radiance: npt.NDArray[np.float32],
-    labels: npt.NDArray[np.int32],
+    edges: npt.NDArray[np.bool_],
 ) -> None:
-    """Fill radiance (N, 3) and labels (N,) of the rays in rest that end on no carpet, then lay nets over everything.
+    """Fill radiance (N, 3) of the rays in rest that end on no carpet, then lay nets over everything.
 
-    room_colours (4, 3): floor, board, walls, ceiling.
+    room_colours (4, 3): floor, board, walls, ceiling. hits, codes: see `trace_rays`. marking: also set edges (N,) of
+    pixels where sunlight begins or bends round a body.
     """
     for n in range(len(rest)):
         i, code = rest[n], codes[n]
         x, y, z = float(hits[n, 0]), float(hits[n, 1]), float(hits[n, 2])
         gaps = float(hits[n, 7])
-        if code == CARPET and gaps == 1.0:
-            continue
         level = light_at(light, light_frame, 0, x, y)
         if code != CARPET:
-            nx, ny, label, colour, grain = 0.0, 0.0, 0, 0, 0.25
+            nx, ny, colour, grain = 0.0, 0.0, 0, 0.25
             if code >= 0:
-                nx, ny, label, colour = _face(solids, code, x, y, z)
+                nx, ny, colour = _face(solids, code, x, y, z)
                 grain = 0.05
-            elif code == FLOOR:
-                label = 20
             elif code == BOARD:
-                label, nx, ny = 21, float(-hits[n, 4]), float(-hits[n, 5])
+                nx, ny = float(-hits[n, 4]), float(-hits[n, 5])
             elif code == CEILING:
-                label, level = 22, 0.6 * level
-            else:
-                label = 23 - code
+                level = 0.6 * level
+            elif code != FLOOR:
                 nx, ny = _WALL_NORMALS[-4 - code, 0], _WALL_NORMALS[-4 - code, 1]
             if nx != 0.0 or ny != 0.0:
                 level *= 0.75 + 0.10 * (0.5 * nx + 0.87 * ny)
             facing = nx * sun[1] + ny * sun[2] if nx != 0.0 or ny != 0.0 else sun[3]
-            if sun[0] > 0.0 and facing > 0.0 and sun_at(sun, windows, casters[:0], x, y, z):
-                level += sun[0] * min(facing / max(sun[3], 0.2), 2.0)
-                label |= SUN_FLAG
-            level *= (
-                1.0
-                + grain
-                * PILE
-                * pyramid[_BLOTCHES + (int(z * 20.0 + 4096.0) & 63) * 64 + (int((x + y) * 14.0 + 4096.0) & 63)]
-            )
+            if sun[0] > 0.0 and (facing > 0.0 or marking):
+                slant, bent = 0.1, 0.0
+                if (nx != 0.0 or ny != 0.0) and code != BOARD:
+                    slant = max(abs(nx * hits[n, 4] + ny * hits[n, 5]), 0.05)
+                reach = 2.0 * hits[n, 6] / slant if marking else 0.0
+                if code >= 0 and solids[code, 0] != 1.0:
+                    bent = reach / solids[code, 9]
+                if facing > -bent:
+                    lit, edge = sun_at(sun, windows, casters[:0], x, y, z, reach)
+                    if lit:
+                        level += sun[0] * min(max(facing, 0.0) / max(sun[3], 0.2), 2.0)
+                    edges[i] = edge or (lit and bent > 0.0)
+            blotch = (int(z * 20.0 + 4096.0) & 63) * 64 + (int((x + y) * 14.0 + 4096.0) & 63)
+            level *= 1.0 + grain * PILE * pyramid[_BLOTCHES + blotch]
             for c in range(3):
                 shade = palette[colour, c] if code >= 0 else room_colours[_room_row(code), c]
                 radiance[i, c] = shade * level
-            labels[i] = label
         if gaps < 1.0:
-            if 1.6 * NET_THREAD_M < hits[n, 3] * pixel_angle < NET_MESH_M:  # threads thinner than a pixel, but apart
-                labels[i] |= EDGE_FLAG
             for c in range(3):
                 radiance[i, c] = gaps * radiance[i, c] + (1.0 - gaps) * _NET_REFLECTANCE * level
 
@@ -94,28 +91,28 @@ def _room_row(code: int) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _face(solids: FloatArray, k: int, x: float, y: float, z: float) -> tuple[float, float, int, int]:
-    """Horizontal normal (0, 0 on top), label and colour number of a point on solid k."""
+def _face(solids: FloatArray, k: int, x: float, y: float, z: float) -> tuple[float, float, int]:
+    """Horizontal normal (0, 0 on top) and colour number of a point on solid k."""
     ex, ey = x - solids[k, 1], y - solids[k, 2]
     c, s = solids[k, 3], solids[k, 4]
     bottom, top = solids[k, 7], solids[k, 8]
     bands = int(solids[k, 11])
     band = min(max(int((z - bottom) / (top - bottom) * bands), 0), bands - 1)
-    label, colour = 64 + k * 64 + band, int(solids[k, 10]) + band
+    colour = int(solids[k, 10]) + band
     kind = solids[k, 0]
     if kind == 2.0:
         radius = solids[k, 9]
-        return ex / radius, ey / radius, label, colour
+        return ex / radius, ey / radius, colour
     if z > top - 1e-4 or (bottom > 0.0 and z < bottom + 1e-4):
-        return 0.0, 0.0, label + 16, colour
+        return 0.0, 0.0, colour
     if kind == 0.0:
-        return ex / solids[k, 9], ey / solids[k, 9], label, colour
+        return ex / solids[k, 9], ey / solids[k, 9], colour
     lx, ly = ex * c + ey * s, ey * c - ex * s
     if solids[k, 6] - abs(ly) < solids[k, 5] - abs(lx):
         side = 1.0 if ly > 0.0 else -1.0
         middle = 0.5 * (bottom + top)
         if solids[k, 12] >= 0.0 and abs(lx) < 0.5 * solids[k, 5] and abs(z - middle) < 0.17 * (top - bottom):
-            return -side * s, side * c, label + 32, int(solids[k, 12])
-        return -side * s, side * c, label + (0 if side > 0.0 else 8), colour
+            return -side * s, side * c, int(solids[k, 12])
+        return -side * s, side * c, colour
     side = 1.0 if lx > 0.0 else -1.0
-    return side * c, side * s, label + (40 if side > 0.0 else 48), colour
+    return side * c, side * s, colour

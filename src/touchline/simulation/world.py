@@ -18,12 +18,12 @@ from touchline.simulation.lights import Lights, hall_lamps
 Colour = tuple[float, float, float]
 
 PAINTS: dict[str, Colour] = {
-    "white": (0.86, 0.855, 0.74),
+    "white": (0.925, 0.87, 0.735),
     "black": (0.020, 0.022, 0.022),
     "dark": (0.034, 0.036, 0.038),
     "grey": (0.28, 0.27, 0.23),
     "light grey": (0.53, 0.52, 0.45),
-    "carpet": (0.082, 0.285, 0.085),
+    "carpet": (0.066, 0.249, 0.071),
     "green": (0.020, 0.170, 0.045),
     "blue": (0.031, 0.074, 0.420),
     "yellow": (0.740, 0.570, 0.025),
@@ -127,7 +127,7 @@ class World:
     balls: Sequence[BallActor] = ()
     marks: Sequence[GroundMark] = ()
     board_height: float = 0.0
-    seam_spacing: float = 4.0
+    seam_spacing: float = 2.0
     carpet_contrast: float = 1.0
     seed: int = 0
 
@@ -193,7 +193,7 @@ def default_world(field_model: FieldModel, seed: int = 0, lights: Lights | None 
     if not clutter:
         return world
     blocks = random_clutter(world.hall, world.carpet, np.random.default_rng([seed, 11]))
-    return World(field_model, hall, lights, tuple(blocks), board_height=world.board_height, seam_spacing=4.0, seed=seed)
+    return World(field_model, hall, lights, tuple(blocks), board_height=world.board_height, seed=seed)
 
 
 def robot_blocks(robot: RobotActor) -> tuple[Block, ...]:

@@ -1,0 +1,142 @@
+"""Where a ray meets one body, and whether rays close beside it may meet another part of it, or miss it.
+
+Bodies are rows of the table in `solids`. Rays run along a horizontal unit direction (ux, uy); s is the horizontal
+distance run (m), `rise` the height gained per metre, oz the height of the origin. A pixel's rays reach `aside` (m) to
+both sides at the body and change the height there by up to `lift` (m): 0 for a single ray.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from touchline.geometry import FloatArray
+
+_NOWHERE_M = 1e6  # beyond every hall
+_GRAZING = 1e-3
+
+
+@njit(cache=True, error_model="numpy")
+def meet_upright(
+    solids: FloatArray,
+    k: int,
+    along: float,
+    lateral: float,
+    ex: float,
+    ey: float,
+    oz: float,
+    ux: float,
+    uy: float,
+    rise: float,
+    aside: float,
+    lift: float,
+    steep: float,
+    limit: float,
+) -> tuple[float, bool]:
+    """Distance s (m) at which a ray enters a cylinder or box, 1e6 where it misses it, and whether an edge is near.
+
+    ex, ey: from the ray's origin to the middle, which lies `along` the ray and `lateral` to its left. steep: change of
+    the rise within the pixel. Edges that begin beyond `limit` (m) are hidden.
+    """  # fmt: skip
+    bottom, top = solids[k, 7], solids[k, 8]
+    if solids[k, 0] == 0.0:
+        outer, inner = solids[k, 9] + aside, solids[k, 9] * solids[k, 9] - lateral * lateral
+        half = np.sqrt(max(outer * outer - lateral * lateral, 0.0))
+        if not _within(along - half, along + half, limit, oz, rise, bottom - lift, top + lift):
+            return _NOWHERE_M, False
+        half = np.sqrt(max(inner, 0.0))
+        found, side = _into_prism(along - half, along + half, oz, rise, bottom, top)
+        if aside == 0.0 or found == _NOWHERE_M:
+            return found, True
+        if side:
+            up = lift + abs(rise) * aside * abs(lateral) / max(half, _GRAZING)
+            return found, abs(lateral) > solids[k, 9] - aside or _near_level(solids, k, oz + found * rise, up)
+        deep = lift / max(abs(rise) - steep, 1e-6)
+        return found, bool(np.hypot(found - along, lateral) > solids[k, 9] - max(deep, aside))
+    c, s = solids[k, 3], solids[k, 4]
+    lx, ly, vx, vy = ex * c + ey * s, ey * c - ex * s, ux * c + uy * s, uy * c - ux * s
+    per_x, per_y = 1.0 / (vx if vx != 0.0 else 1e-12), 1.0 / (vy if vy != 0.0 else 1e-12)
+    middle_x, middle_y = lx * per_x, ly * per_y
+    half_x, half_y = (solids[k, 5] + aside) * abs(per_x), (solids[k, 6] + aside) * abs(per_y)
+    enter, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
+    if not _within(enter, leave, limit, oz, rise, bottom - lift, top + lift):
+        return _NOWHERE_M, False
+    half_x, half_y = solids[k, 5] * abs(per_x), solids[k, 6] * abs(per_y)
+    enter, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
+    found, side = _into_prism(enter, leave, oz, rise, bottom, top)
+    if aside == 0.0 or found == _NOWHERE_M:
+        return found, True
+    if side:
+        return found, _near_edge_of_box(solids, k, lx, ly, vx, vy, found, oz + found * rise, rise, aside, lift)
+    deep = lift / max(abs(rise) - steep, 1e-6)
+    over_x = solids[k, 5] - abs(found * vx - lx) < abs(vx) * deep + abs(vy) * aside
+    return found, bool(over_x or solids[k, 6] - abs(found * vy - ly) < abs(vy) * deep + abs(vx) * aside)
+
+
+@njit(cache=True, error_model="numpy")
+def _within(enter: float, leave: float, limit: float, oz: float, rise: float, bottom: float, top: float) -> bool:
+    """Whether a ray that is inside an outline over [enter, leave] is between two heights there, before the limit."""
+    low, high = oz + max(enter, 0.0) * rise, oz + leave * rise
+    return enter < leave and leave > 0.0 and enter <= limit and max(low, high) >= bottom and min(low, high) <= top
+
+
+@njit(cache=True, error_model="numpy")
+def _into_prism(enter: float, leave: float, oz: float, rise: float, bottom: float, top: float) -> tuple[float, bool]:
+    """Where a ray that is inside an outline over [enter, leave] enters the prism, and whether through its side."""
+    if enter >= leave or leave <= 0.0:
+        return _NOWHERE_M, False
+    height = oz + enter * rise
+    if bottom <= height <= top:
+        return enter, True
+    found = ((top if height > top else bottom) - oz) / (rise if rise != 0.0 else 1e-12)
+    return (found if enter < found < leave else _NOWHERE_M), False
+
+
+@njit(cache=True, error_model="numpy")
+def meet_ball(
+    along: float, lateral: float, height: float, rise: float, radius: float, reach: float, limit: float
+) -> tuple[float, bool]:
+    """Distance s (m) of a ball, 1e6 where the ray misses it, and whether its outline is within `reach` (m) of the ray.
+
+    height: of the ray's origin above the ball's middle.
+    """
+    a = 1.0 + rise * rise
+    b = along - height * rise
+    inside = b * b - a * (along * along + lateral * lateral + height * height - radius * radius)
+    drop = height + rise * along
+    edge = abs(np.sqrt(lateral * lateral + drop * drop / a) - radius) < reach and along - radius < limit
+    return ((b - np.sqrt(inside)) / a if inside > 0.0 else _NOWHERE_M), edge
+
+
+@njit(cache=True, error_model="numpy")
+def _near_edge_of_box(
+    solids: FloatArray, k: int, lx: float, ly: float, vx: float, vy: float, s: float, height: float, rise: float,
+    aside: float, lift: float,
+) -> bool:  # fmt: skip
+    """Whether a corner, a band's or the decal's edge is near the point where a ray enters a box."""
+    x, y = abs(s * vx - lx), abs(s * vy - ly)
+    on_broad_side = solids[k, 6] - y < solids[k, 5] - x  # as `upright_shading` decides
+    across, over = (abs(vy), abs(vx)) if on_broad_side else (abs(vx), abs(vy))
+    across = max(across, _GRAZING)
+    wide, up = aside / across, lift + abs(rise) * aside * over / across
+    if (solids[k, 5] - x if on_broad_side else solids[k, 6] - y) < wide:
+        return True
+    if on_broad_side and solids[k, 12] >= 0.0:
+        off_x = x - 0.5 * solids[k, 5]
+        off_z = abs(height - 0.5 * (solids[k, 7] + solids[k, 8])) - 0.17 * (solids[k, 8] - solids[k, 7])
+        if max(abs(off_x) - wide, off_z - up) < 0.0 or max(abs(off_z) - up, off_x - wide) < 0.0:
+            return True
+    return _near_level(solids, k, height, up)
+
+
+@njit(cache=True, error_model="numpy")
+def _near_level(solids: FloatArray, k: int, height: float, up: float) -> bool:
+    """Whether the lower or upper end or an edge between bands is within `up` (m) of a height."""
+    bottom, top = height - solids[k, 7], solids[k, 8] - height
+    if bottom < up or top < up:
+        return True
+    if solids[k, 11] == 1.0:
+        return False
+    band = (bottom + top) / solids[k, 11]
+    level = bottom / band
+    return bool(abs(level - np.round(level)) * band < up)

@@ -1,0 +1,117 @@
+"""The rays of a pixel's samples, and how far they reach from the ray through its middle."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+Float32Array = npt.NDArray[np.float32]
+_SAFETY = 1.05  # reaches are compared along curves that are taken to be straight within a pixel
+
+
+class SampleRays(NamedTuple):
+    """All that follows from a camera's rays (H, W, 6) once it is known which of its pixels see the world.
+
+    rays (H W, 6, side^2): origins and directions of the samples. spread (2, N): largest angles (rad) between a pixel's
+    samples and its middle across and along the elevation; widest: the largest of all; shift_m: between their origins.
+    texture (3, N): their root mean squares along and across the elevation, and the width (rad) over which textures are
+    smoothed, which angles (H W,) has for all pixels. aside_m: how far rays pass beside the axis; heights_m: of the
+    lowest and the highest origin.
+    """
+
+    rays: Float32Array
+    angles: Float32Array
+    spread: Float32Array
+    texture: Float32Array
+    widest: float
+    shift_m: float
+    aside_m: float
+    heights_m: tuple[float, float]
+
+
+def sample_rays(rays: Float32Array, pixels: npt.NDArray[np.int32], side: int, pixel_angle: float) -> SampleRays:
+    """A regular grid of samples within each of pixels (N,), flat indices, of rays (H, W, 6).
+
+    pixel_angle: width of a pixel (rad) for textures, unless the pixel is in truth notably wider.
+    """
+    samples = np.empty((rays[..., 0].size, 6, side * side), dtype=np.float32)
+    _fill_samples(rays, pixels, side, samples)
+    spread, texture = (np.empty((rows, len(pixels)), dtype=np.float32) for rows in (2, 3))
+    angles = np.full(len(samples), pixel_angle, dtype=np.float32)
+    shift = _measure(rays.reshape(-1, 6), pixels, samples, spread, texture)
+    if side > 1:  # samples of a grid of side n are spread over 1 / sqrt(12) sqrt(1 - 1 / n^2) of the pixel
+        width = texture[0] * np.sqrt(12.0 / (1.0 - side**-2))
+        angles[pixels] = np.where(width > 1.3 * pixel_angle, width, pixel_angle)
+    texture[2] = angles[pixels]
+    seen = rays.reshape(-1, 6)[pixels].astype(np.float64)
+    x, y, z = seen[:, :3].T
+    origin = seen[:, :2].mean(axis=0) if len(seen) else np.zeros(2)
+    level = np.maximum(np.hypot(seen[:, 3], seen[:, 4]), 1e-9)
+    aside = np.abs((x - origin[0]) * seen[:, 4] - (y - origin[1]) * seen[:, 3]) / level
+    return SampleRays(
+        samples, angles, spread, texture, float(spread.max(initial=0.0)), shift, float(aside.max(initial=0.0)),
+        (float(z.min(initial=np.inf)), float(z.max(initial=-np.inf))),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_samples(rays: Float32Array, pixels: npt.NDArray[np.int32], side: int, samples: Float32Array) -> None:
+    """Fill rays (H W, 6, side^2) on a regular grid within each of pixels (N,), from the neighbours' rays (H, W, 6)."""
+    height, width = rays.shape[:2]
+    offsets = ((np.arange(side) + 0.5) / side - 0.5).astype(np.float32)
+    for i in range(len(pixels)):
+        v, u = pixels[i] // width, pixels[i] % width
+        left, right = max(u - 1, 0), min(u + 1, width - 1)
+        up, down = max(v - 1, 0), min(v + 1, height - 1)
+        if np.isnan(rays[v, left, 3]):
+            left = u
+        if np.isnan(rays[v, right, 3]):
+            right = u
+        if np.isnan(rays[up, u, 3]):
+            up = v
+        if np.isnan(rays[down, u, 3]):
+            down = v
+        per_u, per_v = np.float32(1.0 / max(right - left, 1)), np.float32(1.0 / max(down - up, 1))
+        for c in range(6):
+            middle = rays[v, u, c]
+            du, dv = (rays[v, right, c] - rays[v, left, c]) * per_u, (rays[down, u, c] - rays[up, u, c]) * per_v
+            for b in range(side):
+                for a in range(side):
+                    samples[pixels[i], c, b * side + a] = middle + offsets[a] * du + offsets[b] * dv
+
+
+@njit(cache=True, error_model="numpy")
+def _measure(
+    rays: Float32Array,
+    pixels: npt.NDArray[np.int32],
+    samples: Float32Array,
+    spread: Float32Array,
+    texture: Float32Array,
+) -> float:
+    """Fill spread (2, N) and texture (3, N) of pixels (N,) with rays (H W, 6) and samples (H W, 6, S).
+
+    Returns the largest distance (m) between origins.
+    """
+    shift = 1e-5
+    for i in range(len(pixels)):
+        n = pixels[i]
+        level = np.hypot(rays[n, 3], rays[n, 4])
+        ux, uy, rise = rays[n, 3] / level, rays[n, 4] / level, rays[n, 5] / level
+        square = np.zeros(2)
+        spread[0, i], spread[1, i] = 0.0, 0.0
+        for k in range(samples.shape[2]):
+            dx, dy = samples[n, 3, k], samples[n, 4, k]
+            aside = abs(np.arctan2(ux * dy - uy * dx, ux * dx + uy * dy)) / np.sqrt(1.0 + rise * rise)
+            along = abs(samples[n, 5, k] / np.hypot(dx, dy) - rise) / (1.0 + rise * rise)
+            spread[0, i] = max(spread[0, i], _SAFETY * aside)
+            spread[1, i] = max(spread[1, i], _SAFETY * along)
+            square += np.array([along * along, aside * aside])
+            apart = 0.0
+            for c in range(3):
+                apart += (samples[n, c, k] - rays[n, c]) ** 2
+            shift = max(shift, np.sqrt(apart))
+        texture[0, i], texture[1, i] = np.sqrt(square[0] / samples.shape[2]), np.sqrt(square[1] / samples.shape[2])
+    return shift
