@@ -213,8 +213,8 @@ def _build_table(
     distance = np.sqrt(np.sum(offset @ np.linalg.inv(carpet.spread) * offset, axis=1))
     # noise weighs more in the chromaticity of dark pixels, less in that of bright ones
     is_green = distance < settings.green_sigmas * np.clip(1.0 / brightness, 0.6, 3.0)
-    is_green |= _overexposed_green(colours, green)
     is_green &= (brightness > settings.darkest_green) & ((colours - green) @ signal < settings.whitest_green)
+    is_green |= _overexposed_green(colours, green)
     excess, toward = colours - green, white - green
     cosine = (excess @ toward) / np.maximum(np.linalg.norm(excess, axis=1) * np.linalg.norm(toward), 1e-9)
     is_white = ~is_green & (cosine > 0.8) & (excess @ toward > 0.3 * float(toward @ toward))
@@ -222,8 +222,11 @@ def _build_table(
 
 
 def _overexposed_green(colours: FloatArray, green: FloatArray) -> npt.NDArray[np.bool_]:
-    """Sun-lit carpet whose G is at its limit: B and R still go on together."""
+    """Sun-lit carpet whose G is at its limit: B and R still go on together.
+
+    Up to 0.85 of G for R: from there on it may be paint in tinted light (0.87 in a photograph).
+    """
     blue, limited, red = colours.T
     follows = np.abs(blue - red * green[0] / green[2]) < 25.0
-    overexposed: npt.NDArray[np.bool_] = (limited > 246.0) & (red < 0.8 * limited) & follows
+    overexposed: npt.NDArray[np.bool_] = (limited > 246.0) & (red < 0.85 * limited) & follows
     return overexposed
