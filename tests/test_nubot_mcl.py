@@ -130,6 +130,21 @@ def test_figure_3_particles_then_matching_then_five_bad_frames_then_particles_ag
     assert error_m(after[-1], there) < 0.02
 
 
+def test_the_second_opinion_lets_a_right_pose_among_clutter_alone() -> None:
+    """A sixth of the points on no line at all: the mean distance is suspect in most frames."""
+    pose = Pose(2.0, 1.0, 0.3)
+    made = system(prior=Prior(pose=pose))
+    for k in range(30):
+        points = seen_from(pose, k)
+        positions = points.positions_m.copy()
+        positions[::6] = np.random.default_rng(k).uniform(-4.0, 4.0, positions[::6].shape)
+        estimate = made.step(frame(k, replace(points, positions_m=positions), Pose(0.0, 0.0, 0.0), 0.3))
+        assert estimate.status is Status.TRACKING
+        assert error_m(estimate, pose) < 0.05
+    assert estimate.residual_m > 0.12
+    assert made.failures == 0
+
+
 def test_a_robot_carried_to_the_twin_of_its_pose_is_found_by_the_compass() -> None:
     """The lines look exactly the same there; nothing but the compass can tell."""
     here = Pose(-5.0, -3.0, -2.0)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,6 +10,7 @@ from matplotlib.figure import Figure
 from touchline.camera.exposure import ExposureControl, ExposureSettings, Mask, image_entropy, mirror_masks
 from touchline.camera.exposure_search import Tried
 from touchline.errors import TouchlineError
+from touchline.evaluation.experiments import scenes
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, spread
 from touchline.evaluation.experiments.scenes import BLUE, MAGENTA, RED, new_figure, random_place
 from touchline.geometry import FloatArray
@@ -20,7 +19,7 @@ from touchline.simulation.linear_camera import LinearImageCamera
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.simulation.world import WorldState
-from touchline.sources import Recording, open_source
+from touchline.sources import Recording
 from touchline.types import ImageArray
 
 CASES = {"lamps": "lighting-1", "dull day, lamps off": "lighting-2", "lamps and sun": "lighting-3"}
@@ -130,10 +129,7 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
 
 def public_recording() -> Recording | None:
     """The recording of linear images, where it is found."""
-    for folder in (os.environ.get("TOUCHLINE_DATA"), "../shared/data"):
-        if folder is not None and (Path(folder) / PUBLIC / "sequence.yaml").is_file():
-            return open_source(Path(folder) / PUBLIC)
-    return None
+    return scenes.public_recording(PUBLIC)
 
 
 def _simulated_cases(seed: int, masks: tuple[Mask, Mask], settings: ExposureSettings) -> list[Case]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,8 +18,10 @@ from touchline.geometry import Pose
 from touchline.simulation.observation import ObservedLines
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.sources import Recording, open_source
 
 FIELD = "msl-18x12"
+DATA_VARIABLE = "TOUCHLINE_DATA"  # names the folder of the public recordings
 CARPET, PAINT, INK = "#7fae86", "#ffffff", "#20302a"
 RED, BLUE, MAGENTA = "#c62828", "#1a56a8", "#c2269b"
 
@@ -32,6 +36,14 @@ def the_camera() -> OmniCamera:
 def the_views() -> ObservedLines:
     """What is seen through it on the 18 x 12 m field."""
     return ObservedLines(the_camera(), open_field(FIELD))
+
+
+def public_recording(name: str) -> Recording | None:
+    """One of the public recordings, where they are found."""
+    for folder in (os.environ.get(DATA_VARIABLE), "../shared/data"):
+        if folder is not None and (Path(folder) / name / "sequence.yaml").is_file():
+            return open_source(Path(folder) / name)
+    return None
 
 
 def random_place(field: FieldModel, rng: np.random.Generator, margin_m: float = 0.0) -> Pose:

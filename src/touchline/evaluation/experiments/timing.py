@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, spread
 from touchline.evaluation.experiments.scenes import BLUE, FIELD, RED, new_figure, random_place, the_views
 from touchline.field import open_field
@@ -134,7 +135,7 @@ def _curve_figure(curve_us: list[float]) -> Figure:
 
 def xiong_timing(seeds: int) -> ExperimentResult:
     """Whole frames, image to pose, on rendered images: once searching in every frame, once tracking."""
-    found = [_whole_frames(seed) for seed in range(seeds)]
+    found = [_whole_frames(seed) for seed in follow(range(seeds), "drives")]
     searching, tracking = (np.array([times[k] for times in found]) for k in (0, 1))
     rows = (
         _row("whole frame, global localization", "35-45 ms", searching),
