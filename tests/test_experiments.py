@@ -175,14 +175,14 @@ def test_timing_reports_every_part_and_the_curve() -> None:
     assert len(found.pictures) == 2
 
 
-# --- lu2013-lighting ---------------------------------------------------------------------------------------------------
+# --- lu2013-lighting --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def first_case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[float, float]]:
     """The colour table of the first case, and the settings that its light asks for."""
     colours = tmp_path_factory.mktemp("lighting") / "colours.npz"
-    return colours, lighting.learned_colours(1, colours, seconds=14.0)
+    return colours, lighting.learned_colours(1, colours, seconds=12.0)
 
 
 def test_lamps_off_and_on_are_followed_with_control_and_lost_without(
@@ -190,9 +190,9 @@ def test_lamps_off_and_on_are_followed_with_control_and_lost_without(
 ) -> None:
     """Lamps off from 10 s on: one fiftieth of the light is left."""
     colours, best = first_case
-    controlled = lighting.drive(lighting.THIRD, 1, colours, None, seconds=14.0)
-    fixed = lighting.drive(lighting.THIRD, 1, colours, best, seconds=14.0)
-    dark = np.arange(len(fixed.points)) >= round(lighting.SWITCH_S * lighting.RATE_HZ)
+    controlled = lighting.drive(lighting.THIRD, 1, colours, None, seconds=12.0)
+    fixed = lighting.drive(lighting.THIRD, 1, colours, best, seconds=12.0)
+    dark = np.arange(len(fixed.points)) >= round(lighting.SWITCH_S * lighting.RATE_HZ) - 1
     assert controlled.tracked.all()
     assert controlled.mean_m < 0.01
     assert controlled.points[dark].mean() > 0.8 * controlled.points[~dark].mean()
@@ -206,7 +206,7 @@ def test_lamps_off_and_on_are_followed_with_control_and_lost_without(
 def test_patches_of_sun_cost_little_with_colours_learned_under_lamps(
     first_case: tuple[Path, tuple[float, float]],
 ) -> None:
-    sun = lighting.drive(lighting.SECOND, 1, first_case[0], None, seconds=14.0)
+    sun = lighting.drive(lighting.SECOND, 1, first_case[0], None, seconds=8.0)
     assert sun.tracked.all()
     assert sun.mean_m < 0.015
     assert sun.points.mean() > 120
