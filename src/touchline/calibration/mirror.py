@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from touchline.calibration.agreement import healed, white_excess
+from touchline.calibration.agreement import around, healed, white_excess
 from touchline.calibration.directions import (
     check_directions,
     groups_of_directions,
@@ -31,6 +31,7 @@ from touchline.geometry import FloatArray, circular_mean, wrap_angles
 from touchline.sources import Recording
 
 _FAR_PX = 2.0
+_WRONG_SHARE = 0.3  # of the way to the next edge
 _MOST_MISSING = 1.0 / 3.0  # of the images may lack the strip's first or last edge
 _SPOILT_PX = 0.2  # noise moves no edge so far
 _ADVICE = "mend its row in images.csv, or leave out such images with --skip-unusable"
@@ -83,12 +84,16 @@ def calibrate_mirror(recording: Recording, skip_unusable: bool = False) -> Mirro
     strip = read_strip(recording.sequence, recording.folder / "sequence.yaml")
     bearings = read_bearings(recording)
     start = rough_center(recording)
-    found, unusable = _find_all(recording, bearings, start, strip, skip_unusable)
-    check_directions(np.array([f.bearing_rad for f in found]), recording.folder)
+    found, unusable = _find_all(recording, bearings, start, strip)
     center = _refine(found, start, strip)
-    if np.hypot(*(center - start)) > _FAR_PX:  # rays from a wrong centre cross the strip askew: look once more
-        found, unusable = _find_all(recording, bearings, center, strip, skip_unusable)
+    if unusable or np.hypot(*(center - start)) > _FAR_PX:  # rays from a wrong centre cross the strip askew: once more
+        found, unusable = _find_all(recording, bearings, center, strip)
         center = _refine(found, center, strip)
+    if unusable and not skip_unusable:
+        more = f" (and {len(unusable) - 1} more images)" if unusable[1:] else ""
+        raise InputError(f"{unusable[0]}{more}; {_ADVICE}")
+    check_directions(np.array([f.bearing_rad for f in found]), recording.folder)
+    _settle(found)
     sightings, bad = _measure_all(recording, found, strip, skip_unusable)
     sightings, turned, radii, wrong = _agreeing(sightings, strip, recording, skip_unusable)
     camera, filled = _camera(sightings, turned, radii, center, strip, recording)
@@ -185,8 +190,9 @@ class _Found:
 
 
 def _find_all(
-    recording: Recording, bearings: Sequence[tuple[str, float]], center: FloatArray, strip: Strip, skip_unusable: bool
+    recording: Recording, bearings: Sequence[tuple[str, float]], center: FloatArray, strip: Strip
 ) -> tuple[list[_Found], list[str]]:
+    """The strip where it is found, and messages about the other images. InputError if it is found in none."""
     gamma = sensor_gamma(recording)
     found, unusable = [], []
     for index, (name, bearing) in enumerate(bearings):
@@ -203,10 +209,17 @@ def _find_all(
         found.append(_Found(name, index, bearing, view, straight_axis(center, angle, radii), radii))
     if not found:
         raise InputError(unusable[0] + (f" (nor in the other {len(unusable) - 1} images)" if unusable[1:] else ""))
-    if unusable and not skip_unusable:
-        more = f" (and {len(unusable) - 1} more images)" if unusable[1:] else ""
-        raise InputError(f"{unusable[0]}{more}; {_ADVICE}")
     return found, unusable
+
+
+def _settle(found: Sequence[_Found]) -> None:
+    """Where the search took a rod or a field line for an edge, look where the other directions have that edge."""
+    angles, radii = np.array([f.axis.angle_rad for f in found]), np.array([f.radii_px for f in found])
+    expected = np.column_stack([around(angles, column, _FAR_PX) for column in radii.T])
+    for f, row in zip(found, expected, strict=True):
+        gaps = np.diff(row)
+        room = np.minimum(np.append(gaps, gaps[-1]), np.append(gaps[0], gaps))
+        f.radii_px = np.where(np.abs(f.radii_px - row) > _WRONG_SHARE * room, row, f.radii_px)
 
 
 def _measure_all(
