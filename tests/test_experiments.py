@@ -171,7 +171,10 @@ def test_timing_reports_every_part_and_the_curve() -> None:
         "particles: one cycle, 600 x 100", "particles: the same with five refined clusters",
         "matching: one cycle, 100 points",
     ]  # fmt: skip
-    assert found.rows[-1][0] == "particles: 100000 x 100"
+    names = [row[0] for row in found.rows]
+    assert names[3:5] == ["particles: weights alone, 600 x 100", "particles: weights alone, plain NumPy"]
+    assert "particles: 100000 x 100" in names
+    assert names[-1] == "particles: 600 x 1000"
     assert len(found.pictures) == 2
 
 
@@ -222,3 +225,19 @@ def test_every_lighting_states_its_levels() -> None:
     assert [change.lamps for change in changed[:2]] == [0.0, 1.0]
     assert changed[0].ambient == lighting.DUSK == 0.02
     assert "(0.02)" in said
+
+
+# --- the page of the last results -------------------------------------------------------------------------------------
+
+
+def test_every_experiment_has_its_row_section_and_pictures_on_the_results_page() -> None:
+    docs = Path(__file__).parents[1] / "docs"
+    page = (docs / "results.md").read_text(encoding="utf-8")
+    rows = {line.partition("](")[0].removeprefix("| ["): line for line in page.splitlines() if line.startswith("| [")}
+    assert list(rows) == list(EXPERIMENTS)
+    assert all(int(row.rstrip(" |").rpartition("|")[2]) >= 5 for row in rows.values())
+    pictures = docs / "images" / "results"
+    for name in EXPERIMENTS:
+        assert f"\n## {name}\n" in page
+        assert any(f"(images/results/{path.name})" in page for path in pictures.glob(f"{name}-*.jpg"))
+    assert sum(path.stat().st_size for path in pictures.iterdir()) < 2_000_000
