@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,3 +130,62 @@ def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
     path.write_text(yaml.safe_dump({k: v for k, v in GOOD.items() if k != key}))
     with pytest.raises(InputError, match=f"'{key}' is missing"):
         open_camera(path)
+
+
+# --- a mirror that turns bearings -------------------------------------------------------------------------------------
+
+
+def turning_camera(handedness: int = -1) -> OmniCamera:
+    """The tilted mirror of `camera`, whose bearings are off by up to 1.5°, the more the nearer to the centre."""
+    plain = camera(24, handedness)
+    offsets = 0.026 * np.sin(plain.bearings_rad)[:, np.newaxis] * 20.0 / plain.radius_px
+    return replace(plain, bearing_offset_rad=offsets)
+
+
+@pytest.mark.parametrize("handedness", [1, -1])
+@settings(max_examples=60, deadline=None)
+@given(radius=st.floats(10.5, 227.5), angle=st.floats(-math.pi, math.pi))
+def test_round_trip_holds_where_bearings_are_turned(handedness: int, radius: float, angle: float) -> None:
+    cam = turning_camera(handedness)
+    pixel = np.array([[241.3 + radius * math.cos(angle), 238.2 + radius * math.sin(angle)]])
+    assert np.abs(cam.image_from_ground(cam.ground_from_image(pixel)) - pixel).max() <= 0.001
+
+
+def test_a_turned_bearing_is_the_formulas_and_its_tables_offset() -> None:
+    cam, plain = turning_camera(), camera(24)
+    angle = -(math.pi / 2.0 - 0.3)  # the formula's bearing is 90°, a row of the table
+    pixel = np.array([[241.3 + 40.0 * math.cos(angle), 238.2 + 40.0 * math.sin(angle)]])
+    seen, turned = plain.ground_from_image(pixel)[0], cam.ground_from_image(pixel)[0]
+    assert math.hypot(*turned) == pytest.approx(math.hypot(*seen), rel=1e-9)
+    assert math.atan2(turned[1], turned[0]) == pytest.approx(math.pi / 2.0 + 0.026 * 20.0 / 40.0, abs=1e-6)
+
+
+def test_offsets_are_read_in_the_order_of_their_bearings(tmp_path: Path) -> None:
+    table = {
+        "radius_px": [0, 5], "bearing_rad": [3.0, 1.0], "range_m": [[0, 3], [0, 1]],
+        "bearing_offset_rad": [[0.03, 0.03], [0.01, 0.01]],
+    }  # fmt: skip
+    file = tmp_path / "camera.yaml"
+    file.write_text(yaml.safe_dump(GOOD | {"range_table": table}))
+    offsets = open_camera(file).bearing_offset_rad
+    assert offsets is not None
+    assert offsets.tolist() == [[0.01, 0.01], [0.03, 0.03]]
+
+
+@pytest.mark.parametrize(
+    ("offsets", "bearings", "said"),
+    [
+        ([[0.0, 0.0]], [0.0, 1.0], "a row for each bearing"),
+        ([[0.0, 0.0], [0.0, 2.0]], [0.0, 1.0], "radians, at most 0.2"),
+        ([[0.0, 0.0], ["x", 0.0]], [0.0, 1.0], "list of numbers"),
+        ([0.0, 0.0], None, "needs 'bearing_rad'"),
+    ],
+)
+def test_offsets_that_cannot_be_are_refused(tmp_path: Path, offsets: object, bearings: object, said: str) -> None:
+    table: dict[str, object] = {"radius_px": [0, 5], "bearing_offset_rad": offsets}
+    table |= {"range_m": [0, 1]} if bearings is None else {"range_m": [[0, 1], [0, 1]], "bearing_rad": bearings}
+    file = tmp_path / "camera.yaml"
+    file.write_text(yaml.safe_dump(GOOD | {"range_table": table}))
+    with pytest.raises(InputError, match="bearing_offset_rad") as refused:
+        open_camera(file)
+    assert said in str(refused.value)

@@ -275,8 +275,18 @@ def test_some_particles_start_anew_at_every_drawing_until_all_agree() -> None:
 
 def test_bins_are_counted_once_each_and_wrap_with_the_heading() -> None:
     apart = np.array([[0.1, 0.1, 0.0], [0.2, 0.3, 0.05], [0.7, 0.1, 0.0], [0.1, 0.1, 1.0], [-0.1, 0.1, 0.0]])
-    assert occupied_bins(apart, 0.5, 0.2618) == 4
-    assert occupied_bins(np.array([[0.1, 0.1, 3.1], [0.1, 0.1, 3.1 - 2 * math.pi]]), 0.5, 0.2618) == 1
+    middle = np.array([0.25, 0.25, 0.0])
+    assert occupied_bins(apart, middle, 0.5, 0.2618) == 4
+    assert occupied_bins(np.array([[0.1, 0.1, 3.1], [0.1, 0.1, 3.1 - 2 * math.pi]]), middle, 0.5, 0.2618) == 1
+
+
+def test_a_narrow_cloud_fills_one_bin_wherever_it_lies() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        middle = np.array([*rng.uniform(-9, 9, 2), rng.uniform(-math.pi, math.pi)])
+        cloud = middle + rng.uniform(-1.0, 1.0, (100, 3)) * (0.24, 0.24, 0.12)
+        assert occupied_bins(cloud, middle, 0.5, 0.2618) == 1
+        assert occupied_bins(cloud + np.array([0.3, 0.0, 0.0]), middle, 0.5, 0.2618) == 2
 
 
 def test_kld_numbers_are_those_of_the_chi_square_quantile() -> None:
@@ -289,7 +299,7 @@ def test_kld_numbers_are_those_of_the_chi_square_quantile() -> None:
 
 def test_adaptive_numbers_fall_to_a_single_particle_when_certain() -> None:
     settings = MonteCarloSettings(adaptive=AdaptiveSettings(enabled=True), least_effective=1.0, independent_points=1.0)
-    pose = Pose(2.25, 1.25, 0.0)
+    pose = Pose(2.0, 1.0, 0.0)
     mcl = monte_carlo(settings)
     mcl.restart(0.05)
     numbers = []

@@ -130,6 +130,21 @@ def test_figure_3_particles_then_matching_then_five_bad_frames_then_particles_ag
     assert error_m(after[-1], there) < 0.02
 
 
+def test_the_second_opinion_lets_a_right_pose_among_clutter_alone() -> None:
+    """A sixth of the points on no line at all: the mean distance is suspect in most frames."""
+    pose = Pose(2.0, 1.0, 0.3)
+    made = system(prior=Prior(pose=pose))
+    for k in range(30):
+        points = seen_from(pose, k)
+        positions = points.positions_m.copy()
+        positions[::6] = np.random.default_rng(k).uniform(-4.0, 4.0, positions[::6].shape)
+        estimate = made.step(frame(k, replace(points, positions_m=positions), Pose(0.0, 0.0, 0.0), 0.3))
+        assert estimate.status is Status.TRACKING
+        assert error_m(estimate, pose) < 0.05
+    assert estimate.residual_m > 0.12
+    assert made.failures == 0
+
+
 def test_a_robot_carried_to_the_twin_of_its_pose_is_found_by_the_compass() -> None:
     """The lines look exactly the same there; nothing but the compass can tell."""
     here = Pose(-5.0, -3.0, -2.0)
@@ -186,11 +201,34 @@ def test_particles_alone_follow_too_but_less_exactly() -> None:
 
 
 def test_a_single_particle_follows_once_it_is_certain() -> None:
-    pose = Pose(2.2, 1.3, 0.25)  # in the middle of a bin
+    pose = Pose(2.0, 1.0, 0.3)
     made = system("followed_by=particles", "particles.adaptive.enabled=true", "particles.least_effective=1")
-    estimates = stand(made, pose, range(20), 0.25)
+    estimates = stand(made, pose, range(20), 0.3)
     assert len(made.particles.particles) == 1
     assert max(error_m(e, pose) for e in estimates[10:]) < 0.1
+
+
+def test_a_single_particle_that_was_kidnapped_finds_back() -> None:
+    """Its spread is that of a bin: there is something to start anew from."""
+    here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
+    made = system("followed_by=particles", "particles.adaptive.enabled=true", "particles.least_effective=1")
+    before = stand(made, here, range(20), 0.3)[-1]
+    assert len(made.particles.particles) == 1
+    assert np.sqrt(np.diag(before.covariance)) == pytest.approx([0.144, 0.144, 0.0756], rel=0.01)
+    for k in range(20, 23):
+        made.step(frame(k, empty_points(), Pose(0.0, 0.0, 0.0), -2.0))
+    after = stand(made, there, range(23, 40), -2.0)[-1]
+    assert after.status is Status.TRACKING
+    assert error_m(after, there) < 0.1
+
+
+@pytest.mark.parametrize("name", ["omni_msl_track", "omni_msl_kidnap"])
+def test_adaptive_numbers_follow_a_recording_down_to_few_particles(shared_data: Path, name: str) -> None:
+    sets = ("particles.adaptive.enabled=true", "followed_by=particles")
+    errors, estimates, _ = follow(shared_data / name, [], *sets)
+    followed = np.array([e.status is Status.TRACKING for e in estimates])
+    assert followed.mean() > 0.8
+    assert np.hypot(errors[followed, 0], errors[followed, 1]).mean() <= 0.03
 
 
 def test_frames_without_points_keep_the_search_going_and_break_nothing() -> None:

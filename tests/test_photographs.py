@@ -85,3 +85,18 @@ def test_the_calibrated_photograph_is_localized(shared_data: Path) -> None:
     near = np.hypot(*points.positions_m.T) < 6.0
     deviations = field.line_distances(pose.transform(points.positions_m[near]))
     assert np.mean(deviations <= 0.15) >= 0.85
+
+
+@pytest.mark.parametrize("letter", ["a", "b"])
+@pytest.mark.parametrize("cast", [(1.15, 1.0, 0.9), (0.85, 1.0, 1.1), (1.2, 1.2, 1.2), (0.5, 0.5, 0.5)])
+def test_neither_a_colour_cast_nor_other_light_mixes_them_up(
+    shared_data: Path, letter: str, cast: tuple[float, float, float]
+) -> None:
+    image, camera, marks = photograph(shared_data, letter)
+    cast_image = np.clip(image * np.array(cast), 0, 255).astype(np.uint8)
+    detector = LinePointDetector(camera)
+    detector.learn([cast_image])
+    assert detector.colours is not None
+    classes = detector.colours.classify(cast_image)
+    assert np.mean([classes[v, u] == GREEN for u, v in marks["green_not_line"]]) >= 0.95
+    assert not any(classes[v, u] == GREEN for u, v in marks["on_line"])

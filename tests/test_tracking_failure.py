@@ -46,6 +46,25 @@ def test_a_covered_frame_counts_among_the_bad_ones() -> None:
     assert judged(FailureDetector(settings), *frames) == [False, False, False, False, True]
 
 
+def suspicions(detector: FailureDetector, *frames: tuple[int, float, float | None]) -> list[int]:
+    """In which of the frames it is time to look for a better place."""
+    found = []
+    for k, frame in enumerate(frames):
+        detector.update(*frame)
+        found += [k] * detector.suspicious
+    return found
+
+
+def test_a_suspect_deviation_calls_for_a_second_opinion_every_five_frames() -> None:
+    assert suspicions(FailureDetector(), *[(60, 0.2, STRAIGHT)] * 12) == [4, 9]
+    assert suspicions(FailureDetector(), *[(60, 0.2, None)] * 4, (60, GOOD, None), *[(60, 0.2, None)] * 4) == []
+    assert suspicions(FailureDetector(FailureSettings(lone_rules=False)), *[(60, 0.2, STRAIGHT)] * 12) == []
+
+
+def test_a_right_pose_among_clutter_is_never_failed_for_its_deviation_alone() -> None:
+    assert not any(judged(FailureDetector(), *[(60, 0.25, STRAIGHT)] * 50))
+
+
 def test_the_papers_rule_alone_is_a_setting_away() -> None:
     detector = FailureDetector(FailureSettings(lone_rules=False))
     assert not any(judged(detector, *[(60, AWFUL, STRAIGHT)] * 20, *[(0, math.nan, None)] * 20))

@@ -10,9 +10,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
+from touchline.calibration.agreement import around, healed, white_excess
+from touchline.calibration.directions import (
+    check_directions,
+    groups_of_directions,
+    order_mistakes,
+    orientation,
+    smooth_bearings,
+)
 from touchline.calibration.strip import Strip, View, find_strip, read_strip
-from touchline.calibration.strip_edges import axis_points, common_center, edge_name, measure_edges
+from touchline.calibration.strip_axis import StripAxis, axis_points, common_center, fit_axis, straight_axis
+from touchline.calibration.strip_edges import edge_name, measure_edges
 from touchline.calibration.strip_recording import ground_start, read_bearings, rough_center, sensor_gamma
 from touchline.camera import OmniCamera
 from touchline.camera.model_free import calibrated_camera
@@ -20,35 +30,40 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray, circular_mean, wrap_angles
 from touchline.sources import Recording
 
-LEAST_DIRECTIONS = 8  # a tilted mirror is a first harmonic: cubic interpolation follows it to 0.1 % at 45°
-WIDEST_GAP_RAD = np.radians(60.0)
-SAME_DIRECTION_RAD = np.radians(1.0)  # revolutions that come by again are averaged
-WRONG_BEARING_RAD = np.radians(3.0)
 _FAR_PX = 2.0
+_WRONG_SHARE = 0.3  # of the way to the next edge
+_MOST_MISSING = 1.0 / 3.0  # of the images may lack the strip's first or last edge
+_SPOILT_PX = 0.2  # noise moves no edge so far
 _ADVICE = "mend its row in images.csv, or leave out such images with --skip-unusable"
-_ROUNDS = 3  # of centre and axes: each shrinks what is left of the centre's error about tenfold
+_MIDDLES = 4  # of rectangles: so many tell the axis better than the search did
+_ROUNDS = 4  # of centre and axes: each shrinks what is left of the centre's error about tenfold
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sighting:
-    """The strip in one image. angle_rad: its direction in the image, atan2(v, u); bearing_rad: the one given.
+    """The strip in one image. bearing_rad: the one given. axis: the curve along which the strip is seen.
 
-    radii_px: (E,) of its edges about the calibrated centre. pixels: (E, 2) u, v of them.
+    radii_px: (E,) of its edges on the axis, about the calibrated centre; NaN for a first or last one that is hidden.
     """
 
     name: str
     index: int
     bearing_rad: float
-    angle_rad: float
+    axis: StripAxis
     radii_px: FloatArray
-    pixels: FloatArray
+
+    @property
+    def pixels(self) -> FloatArray:
+        """(E, 2) u, v of the edges."""
+        return np.column_stack(self.axis.pixels(self.radii_px))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MirrorCalibration:
     """What came out. unusable: messages about images that were left out.
 
-    bearing_error_rad: root mean square of (given bearing - that of the camera model).
+    bearing_error_rad: root mean square of (given bearing - calibrated one), mostly that of turning the robot. filled:
+    edges that were hidden or contradicted the other directions, and were taken from those.
     """
 
     camera: OmniCamera
@@ -56,6 +71,7 @@ class MirrorCalibration:
     sightings: tuple[Sighting, ...]
     rough_center: FloatArray
     bearing_error_rad: float
+    filled: int
     unusable: tuple[str, ...] = ()
 
 
@@ -68,26 +84,99 @@ def calibrate_mirror(recording: Recording, skip_unusable: bool = False) -> Mirro
     strip = read_strip(recording.sequence, recording.folder / "sequence.yaml")
     bearings = read_bearings(recording)
     start = rough_center(recording)
-    views, unusable = _find_all(recording, bearings, start, strip, skip_unusable)
-    _check_directions([view.bearing_rad for view in views], recording)
-    center = _refine(views, start, strip)
-    if np.hypot(*(center - start)) > _FAR_PX:  # rays from a wrong centre cross the strip askew: look once more
-        views, unusable = _find_all(recording, bearings, center, strip, skip_unusable)
-        center = _refine(views, center, strip)
-    sightings, bad = _measure_all(recording, views, center, strip, skip_unusable)
-    unusable += bad
-    handedness, mount_yaw = _orientation(sightings, recording)
-    errors = wrap_angles([s.bearing_rad - mount_yaw - handedness * s.angle_rad for s in sightings])
-    _check_consistency(sightings, errors, strip, recording)
-    seen_at, radii = _directions(sightings, handedness, mount_yaw)
-    _check_directions(seen_at.tolist(), recording)
-    inner = ground_start(recording, [s.index for s in sightings], center, np.median(radii, axis=0))
-    size = (views[0].view.light.shape[1], views[0].view.light.shape[0])
+    found, unusable = _find_all(recording, bearings, start, strip)
+    center = _refine(found, start, strip)
+    if unusable or np.hypot(*(center - start)) > _FAR_PX:  # rays from a wrong centre cross the strip askew: once more
+        found, unusable = _find_all(recording, bearings, center, strip)
+        center = _refine(found, center, strip)
+    if unusable and not skip_unusable:
+        more = f" (and {len(unusable) - 1} more images)" if unusable[1:] else ""
+        raise InputError(f"{unusable[0]}{more}; {_ADVICE}")
+    check_directions(np.array([f.bearing_rad for f in found]), recording.folder)
+    _settle(found)
+    sightings, bad = _measure_all(recording, found, strip, skip_unusable)
+    sightings, turned, radii, wrong = _agreeing(sightings, strip, recording, skip_unusable)
+    camera, filled = _camera(sightings, turned, radii, center, strip, recording)
+    error_rad = wrap_angles([s.bearing_rad for s in sightings] - turned.bearings_rad)
+    return MirrorCalibration(
+        camera, strip, tuple(sightings), start, float(np.sqrt(np.mean(np.square(error_rad)))), filled,
+        tuple(unusable + bad + wrong),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Turned:
+    """How the image is turned: handedness, mounting angle, and the bearings (S,) of the sightings after that."""
+
+    handedness: int
+    mount_yaw_rad: float
+    bearings_rad: FloatArray
+
+
+def _agreeing(
+    sightings: list[Sighting], strip: Strip, recording: Recording, skip_unusable: bool
+) -> tuple[list[Sighting], _Turned, FloatArray, list[str]]:
+    """The sightings that do not contradict the others, how they are turned, their radii (S, E) with NaN for ends that
+    are not to be believed, and messages about those left out.
+    """
+    messages: list[str] = []
+    while True:
+        angles = np.array([s.axis.angle_rad for s in sightings])
+        given = np.array([s.bearing_rad for s in sightings])
+        check_directions(given, recording.folder)
+        handedness, mount_yaw = orientation(angles, given, recording.folder / "images.csv")
+        bearings, wrong = smooth_bearings(mount_yaw + handedness * angles, given)
+        radii, mistakes = order_mistakes(angles, np.array([s.radii_px for s in sightings]), strip)
+        wrong = mistakes | wrong
+        if not wrong:
+            check_directions(bearings, recording.folder)
+            return sightings, _Turned(handedness, mount_yaw, bearings), radii, messages
+        told = [f"{recording.folder / sightings[k].name}: {wrong[k]}" for k in sorted(wrong)]
+        if not skip_unusable:
+            raise InputError(f"{told[0]}; {_ADVICE}")
+        messages += told
+        sightings = [s for k, s in enumerate(sightings) if k not in wrong]
+
+
+def _camera(
+    sightings: Sequence[Sighting], turned: _Turned, radii_px: FloatArray, center: FloatArray, strip: Strip,
+    recording: Recording,
+) -> tuple[OmniCamera, int]:  # fmt: skip
+    """The camera, and how many edges were taken from the other directions."""
+    bearings, angles = turned.bearings_rad, np.array([s.axis.angle_rad for s in sightings])
+    _check_ends(np.isnan(radii_px), sightings, strip, recording)
+    radii, spoilt = healed(angles, radii_px, np.full(radii_px.shape[1], _SPOILT_PX), of_its_own=True)
+    radii = radii + strip.signs * white_excess(radii, strip.edges_m, strip.signs)
+    directions = np.array([s.axis.angles(row) for s, row in zip(sightings, radii, strict=True)])
+    offsets = wrap_angles(bearings[:, np.newaxis] - turned.mount_yaw_rad - turned.handedness * directions)
+    offsets, _ = healed(angles, offsets, _SPOILT_PX / np.median(radii, axis=0), of_its_own=False)
+    groups = groups_of_directions(bearings)
+    first = recording.image(sightings[0].index)
+    assert first is not None  # it was read a moment ago
     camera = calibrated_camera(
-        size, (float(center[0]), float(center[1])), handedness, mount_yaw, seen_at, radii, strip.edges_m, inner
+        size=(first.shape[1], first.shape[0]),
+        center=(float(center[0]), float(center[1])),
+        handedness=turned.handedness,
+        mount_yaw_rad=turned.mount_yaw_rad,
+        bearings_rad=np.array([circular_mean(bearings[group]) for group in groups]),
+        offsets_rad=np.array([offsets[group].mean(axis=0) for group in groups]),
+        radii_px=np.array([radii[group].mean(axis=0) for group in groups]),
+        ranges_m=strip.edges_m,
+        inner_radius_px=ground_start(recording, [s.index for s in sightings], center, np.median(radii, axis=0)),
     )
-    rms = float(np.sqrt(np.mean(np.square(errors))))
-    return MirrorCalibration(camera, strip, tuple(sightings), start, rms, tuple(unusable))
+    return camera, int(spoilt.sum())
+
+
+def _check_ends(
+    missing: npt.NDArray[np.bool_], sightings: Sequence[Sighting], strip: Strip, recording: Recording
+) -> None:
+    """Raises InputError, naming an image, where the first or last edge (missing: (S, E)) is not seen in most images."""
+    for k in np.flatnonzero(missing.mean(axis=0) > _MOST_MISSING):
+        image, others = sightings[int(np.argmax(missing[:, k]))].name, missing[:, k].sum() - 1
+        raise InputError(
+            f"{recording.folder / image}: {edge_name(strip, int(k))} is not found, nor in {others} other images: "
+            "what lies beside it looks like the strip, or 'patch_edges_m' names an edge too many"
+        )
 
 
 @dataclass(eq=False, slots=True)
@@ -96,13 +185,14 @@ class _Found:
     index: int
     bearing_rad: float
     view: View
-    angle_rad: float
+    axis: StripAxis
     radii_px: FloatArray
 
 
 def _find_all(
-    recording: Recording, bearings: Sequence[tuple[str, float]], center: FloatArray, strip: Strip, skip_unusable: bool
+    recording: Recording, bearings: Sequence[tuple[str, float]], center: FloatArray, strip: Strip
 ) -> tuple[list[_Found], list[str]]:
+    """The strip where it is found, and messages about the other images. InputError if it is found in none."""
     gamma = sensor_gamma(recording)
     found, unusable = [], []
     for index, (name, bearing) in enumerate(bearings):
@@ -116,132 +206,52 @@ def _find_all(
         except InputError as error:
             unusable.append(f"{recording.folder / name}: {error}")
             continue
-        found.append(_Found(name, index, bearing, view, angle, radii))
+        found.append(_Found(name, index, bearing, view, straight_axis(center, angle, radii), radii))
     if not found:
         raise InputError(unusable[0] + (f" (nor in the other {len(unusable) - 1} images)" if unusable[1:] else ""))
-    if unusable and not skip_unusable:
-        more = f" (and {len(unusable) - 1} more images)" if unusable[1:] else ""
-        raise InputError(f"{unusable[0]}{more}; {_ADVICE}")
     return found, unusable
 
 
+def _settle(found: Sequence[_Found]) -> None:
+    """Where the search took a rod or a field line for an edge, look where the other directions have that edge."""
+    angles, radii = np.array([f.axis.angle_rad for f in found]), np.array([f.radii_px for f in found])
+    expected = np.column_stack([around(angles, column, _FAR_PX) for column in radii.T])
+    for f, row in zip(found, expected, strict=True):
+        gaps = np.diff(row)
+        room = np.minimum(np.append(gaps, gaps[-1]), np.append(gaps[0], gaps))
+        f.radii_px = np.where(np.abs(f.radii_px - row) > _WRONG_SHARE * room, row, f.radii_px)
+
+
 def _measure_all(
-    recording: Recording, found: Sequence[_Found], center: FloatArray, strip: Strip, skip_unusable: bool
+    recording: Recording, found: Sequence[_Found], strip: Strip, skip_unusable: bool
 ) -> tuple[list[Sighting], list[str]]:
     sightings, unusable = [], []
-    for view in found:
+    for f in found:
         try:
-            radii = measure_edges(view.view, center, view.angle_rad, view.radii_px, strip)
+            radii = measure_edges(f.view, f.axis, f.radii_px, strip)
         except InputError as error:
-            message = f"{recording.folder / view.name}: {error}"
+            message = f"{recording.folder / f.name}: {error}"
             if not skip_unusable:
                 raise InputError(f"{message}; {_ADVICE}") from None
             unusable.append(message)
             continue
-        direction = np.array([np.cos(view.angle_rad), np.sin(view.angle_rad)])
-        pixels = center + radii[:, np.newaxis] * direction
-        sightings.append(Sighting(view.name, view.index, view.bearing_rad, view.angle_rad, radii, pixels))
+        sightings.append(Sighting(f.name, f.index, f.bearing_rad, f.axis, radii))
     return sightings, unusable
 
 
 def _refine(found: list[_Found], center: FloatArray, strip: Strip) -> FloatArray:
-    """The centre (2,) where the strips' axes meet; angles and radii of what was found are moved to it."""
+    """The centre (2,) where the strips' axes meet; axes and radii of what was found are moved to it."""
     for _ in range(_ROUNDS):
-        axes = [axis_points(f.view, center, f.angle_rad, f.radii_px, strip) for f in found]
-        usable = [points for points in axes if len(points) >= 4]
+        middles = [axis_points(f.view, f.axis, f.radii_px, strip) for f in found]
+        usable = [points for points in middles if len(points) >= _MIDDLES]
         if len(usable) < 3:
             raise InputError(
                 f"{found[0].name}: the strip's long sides are not seen there nor in most other images: "
                 "is 'patch_half_width_m' right?"
             )
-        moved = common_center(usable)
-        for f, points in zip(found, axes, strict=True):
-            edges = center + f.radii_px[:, np.newaxis] * (np.cos(f.angle_rad), np.sin(f.angle_rad)) - moved
-            f.radii_px = np.hypot(*edges.T)
-            along = edges if len(points) < 4 else points - moved
-            f.angle_rad = circular_mean(np.arctan2(along[:, 1], along[:, 0]))
-        center = moved
+        center = common_center(usable)
+        for f, points in zip(found, middles, strict=True):
+            edges = np.column_stack(f.axis.pixels(f.radii_px))
+            f.radii_px = np.hypot(*(edges - center).T)
+            f.axis = fit_axis(edges if len(points) < _MIDDLES else points, center, f.radii_px)
     return center
-
-
-def _orientation(sightings: Sequence[Sighting], recording: Recording) -> tuple[int, float]:
-    """Handedness and mounting angle: bearing = mount_yaw + handedness * angle, whichever sign agrees."""
-    fits = []
-    for handedness in (-1, 1):
-        yaws = np.array([s.bearing_rad - handedness * s.angle_rad for s in sightings])
-        off = np.abs(wrap_angles(yaws[:, np.newaxis] - yaws))
-        middle = int(np.argmin(np.median(off, axis=0)))  # the image that agrees with most others
-        yaw = circular_mean(yaws[off[:, middle] <= WRONG_BEARING_RAD])
-        fits.append((float(np.median(off[:, middle])), handedness, yaw))
-    fits.sort()
-    if fits[0][0] > WRONG_BEARING_RAD:
-        raise InputError(
-            f"{recording.folder / 'images.csv'}: the bearings don't agree with where the strip is seen, neither in a "
-            "mirrored image nor in a straight one"
-        )
-    return fits[0][1], fits[0][2]
-
-
-def _check_consistency(sightings: Sequence[Sighting], errors: FloatArray, strip: Strip, recording: Recording) -> None:
-    """Every image against all others: a bearing that is wrong, an edge at another edge's place."""
-    for sighting, error in zip(sightings, errors, strict=True):
-        if abs(error) > WRONG_BEARING_RAD:
-            raise InputError(
-                f"{recording.folder / sighting.name}: the strip is seen {np.degrees(abs(error)):.1f}° away from "
-                f"bearing_rad {sighting.bearing_rad:g} of images.csv, by what the other images say"
-            )
-    angles = np.array([s.angle_rad for s in sightings])
-    radii = np.array([s.radii_px for s in sightings])
-    waves = np.column_stack((np.ones(len(angles)), np.cos(angles), np.sin(angles)))
-    gaps = np.diff(np.median(radii, axis=0))
-    for k in range(radii.shape[1]):
-        keep = np.ones(len(angles), dtype=np.bool_)
-        for _ in range(3):  # a tilted or displaced mirror is a first harmonic; what is far from it is a mistake
-            fit = waves @ np.linalg.lstsq(waves[keep], radii[keep, k], rcond=None)[0]
-            off = np.abs(radii[:, k] - fit)
-            keep = off <= max(3.0 * 1.4826 * float(np.median(off)), 0.3)
-        worst = int(np.argmax(off))
-        if off[worst] > 0.35 * min(gaps[max(k - 1, 0)], gaps[min(k, len(gaps) - 1)]):
-            raise InputError(
-                f"{recording.folder / sightings[worst].name}: edges out of order: {edge_name(strip, k)} is seen "
-                f"{radii[worst, k]:.1f} px from the centre, where the other images have it at {fit[worst]:.1f} px"
-            )
-
-
-def _directions(sightings: Sequence[Sighting], handedness: int, mount_yaw: float) -> tuple[FloatArray, FloatArray]:
-    """Bearings (B,) in the base frame as the camera model has them, ascending, and the radii (B, E) seen there;
-    images of one direction are averaged.
-    """
-    bearings = np.mod([mount_yaw + handedness * s.angle_rad for s in sightings], 2.0 * np.pi)
-    order = np.argsort(bearings)
-    groups: list[list[int]] = []
-    for index in order:
-        if groups and bearings[index] - bearings[groups[-1][0]] < SAME_DIRECTION_RAD:
-            groups[-1].append(int(index))
-        else:
-            groups.append([int(index)])
-    seam = bearings[groups[0][0]] + 2.0 * np.pi - bearings[groups[-1][0]]
-    if len(groups) > 1 and seam < SAME_DIRECTION_RAD:
-        groups[0] += groups.pop()
-    means = [float(np.mod(circular_mean(bearings[group]), 2.0 * np.pi)) for group in groups]
-    radii = np.array([np.mean([sightings[k].radii_px for k in group], axis=0) for group in groups])
-    ascending = np.argsort(means)
-    return np.array(means)[ascending], radii[ascending]
-
-
-def _check_directions(bearings: Sequence[float], recording: Recording) -> None:
-    sorted_rad = np.sort(np.mod(bearings, 2.0 * np.pi))
-    gaps = np.diff(sorted_rad, append=sorted_rad[0] + 2.0 * np.pi)
-    distinct = int(np.sum(gaps >= SAME_DIRECTION_RAD))
-    if distinct < LEAST_DIRECTIONS:
-        raise InputError(
-            f"{recording.folder}: too few directions: the strip is seen in {distinct}, at least {LEAST_DIRECTIONS} "
-            "all around are needed (24 are usual)"
-        )
-    if gaps.max() > WIDEST_GAP_RAD:
-        k = int(np.argmax(gaps))
-        raise InputError(
-            f"{recording.folder}: too few directions: none between bearings {np.degrees(sorted_rad[k]):.0f}° and "
-            f"{np.degrees(sorted_rad[(k + 1) % len(gaps)]):.0f}°; the gap must not exceed "
-            f"{np.degrees(WIDEST_GAP_RAD):.0f}°"
-        )

@@ -72,11 +72,14 @@ def strip_pairs(recording: Recording, skip_unusable: bool = False) -> RangePairs
     optics = Optics(
         camera.width, camera.height, camera.center, camera.handedness, camera.mount_yaw_rad, camera.inner_radius_px
     )
+    offsets = np.concatenate([sighting.pixels for sighting in found.sightings]) - camera.center
+    places = [f"{recording.folder / s.name}, edge at {edge:g} m" for s in found.sightings for edge in edges]
+    seen = np.isfinite(offsets[:, 0])  # a first or last edge may be hidden
     return RangePairs(
-        np.concatenate([sighting.radii_px for sighting in found.sightings]),
-        np.tile(edges, len(found.sightings)),
-        np.repeat([sighting.angle_rad for sighting in found.sightings], len(edges)),
-        tuple(f"{recording.folder / s.name}, edge at {edge:g} m" for s in found.sightings for edge in edges),
+        np.hypot(*offsets[seen].T),
+        np.tile(edges, len(found.sightings))[seen],
+        np.arctan2(offsets[seen, 1], offsets[seen, 0]),
+        tuple(place for place, there in zip(places, seen, strict=True) if there),
         f"{len(edges)} edges in {len(found.sightings)} images of {recording.name}",
         optics,
     )

@@ -104,4 +104,7 @@ def camera_yaml(camera: OmniCamera, remark: str) -> str:
         "  range_m:",
     ]
     lines += [f"  - [{', '.join(f'{r:.5f}' for r in row)}]" for row in camera.range_m]
+    if camera.bearing_offset_rad is not None:
+        lines.append("  bearing_offset_rad:")
+        lines += [f"  - [{', '.join(f'{b:.6f}' for b in row)}]" for row in camera.bearing_offset_rad]
     return "\n".join(lines) + "\n"

@@ -1,7 +1,7 @@
-"""Calibration without a model of the mirror: a range table from edges seen at known ranges in known directions.
+"""Calibration without a model of the mirror: range and bearing tables from edges seen at known places on the ground.
 
 After Voigtländer et al., as section 3.2 of Lu et al. (2013) uses it: the edges seen in one direction are its support
-vectors; Lagrange interpolation gives the range between them, first along the radius, then around the centre.
+vectors; Lagrange interpolation gives range and bearing between them, first along the radius, then around the centre.
 """
 
 from __future__ import annotations
@@ -81,27 +81,46 @@ def ranges_along(radii_px: FloatArray, ranges_m: FloatArray, at_px: FloatArray) 
     return np.array(rows)
 
 
+def offsets_along(radii_px: FloatArray, offsets_rad: FloatArray, at_px: FloatArray) -> FloatArray:
+    """Bearing offsets (B, R) at radii (R,) in each direction, from those at its edges (B, E) at radii (B, E); inside
+    the first and beyond the last edge as there.
+    """
+    clipped = [np.clip(at_px, edges[0], edges[-1]) for edges in radii_px]
+    return np.array([lagrange(edges, row, at) for edges, row, at in zip(radii_px, offsets_rad, clipped, strict=True)])
+
+
 def calibrated_camera(
+    *,
     size: tuple[int, int],
     center: tuple[float, float],
     handedness: int,
     mount_yaw_rad: float,
     bearings_rad: FloatArray,
+    offsets_rad: FloatArray,
     radii_px: FloatArray,
     ranges_m: FloatArray,
     inner_radius_px: float,
 ) -> OmniCamera:
-    """The camera whose table agrees with edges at radii (B, E) px, ranges (E,) m, in directions (B,) rad (base frame).
+    """The camera whose tables agree with edges at ranges (E,) m in directions of bearings (B,) rad (base frame).
 
+    Where they are seen: radii (B, E) px, and offsets (B, E) rad, by how much the true bearing is more than the formula
+    with mount_yaw has it there.
     size: width, height. inner_radius_px: where the robot's own body ends; the field is seen from there on, or from
     the table's first radius if that is larger, up to the table's last radius.
     """
     radii = table_radii(radii_px, ranges_m)
-    along = ranges_along(radii_px, ranges_m, radii)
+    logs = np.log(ranges_along(radii_px, ranges_m, radii))
+    offsets = offsets_along(radii_px, offsets_rad, radii)
     rows = np.arange(ROWS) * (2.0 * np.pi / ROWS)
-    table = np.exp(periodic_lagrange(bearings_rad, np.log(along), rows))
+    table = np.empty((ROWS, len(radii), 2))
+    for k in range(len(radii)):  # at each radius the strips are seen in slightly other directions
+        pairs = np.column_stack((logs[:, k], offsets[:, k]))
+        table[:, k] = periodic_lagrange(bearings_rad - offsets[:, k], pairs, rows)
     inner = max(inner_radius_px, float(radii[0]))
-    return OmniCamera(*size, center, inner, float(radii[-1]), handedness, mount_yaw_rad, radii, rows, table)
+    return OmniCamera(
+        *size, center, inner, float(radii[-1]), handedness, mount_yaw_rad, radii, rows,
+        np.exp(table[..., 0]), table[..., 1],
+    )  # fmt: skip
 
 
 def range_image(camera: OmniCamera) -> FloatArray:

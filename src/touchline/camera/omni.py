@@ -2,7 +2,8 @@
 
 A pixel's direction about the mirror's centre gives the bearing, its radius the ground range: from one table for all
 directions, or from one row for each of several bearings (a mirror as built, calibrated model-free). Between the table's
-radii the range follows a monotone cubic, between bearings it is linear and periodic.
+radii the range follows a monotone cubic, between bearings it is linear and periodic. A mirror that leans turns
+bearings, too: a second table of the same rows may tell by how much.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray
 
 _KEYS = ("width", "height", "center", "inner_radius_px", "outer_radius_px", "handedness", "mount_yaw", "range_table")
+_INVERSE_STEPS = 6
+_LARGEST_OFFSET_RAD = 0.2  # a mirror that leans by 5°
 _STEP_PX = 0.125  # spacing of the resampled table: fine enough that linear look-up adds < 0.1 mm below 8 m
 
 
@@ -29,7 +32,8 @@ class OmniCamera:
 
     bearing = mount_yaw_rad + handedness * atan2(v - v0, u - u0), in the base frame; the range comes from the table.
     radius_px: (R,) the table's radii; bearings_rad: (B,) ascending in [0, 2 pi), B = 1 when the table holds for all
-    directions; range_m: (B, R) ground range from the base origin.
+    directions; range_m: (B, R) ground range from the base origin; bearing_offset_rad: (B, R) what the true bearing is
+    more than the formula's, none for a mirror that turns none. Rows belong to the formula's bearings.
     """
 
     width: int
@@ -42,7 +46,9 @@ class OmniCamera:
     radius_px: FloatArray
     bearings_rad: FloatArray
     range_m: FloatArray
-    # for the compiled loops: ranges (B, F) at uniform steps; u0, v0, handedness, yaw, first radius, step, last radius
+    bearing_offset_rad: FloatArray | None = None
+    # for the compiled loops: ranges (1, B, F) at uniform steps, with bearing offsets below them (2, B, F);
+    # u0, v0, handedness, yaw, first radius, step, last radius
     lookup_table: FloatArray = field(init=False, repr=False)
     lookup_constants: FloatArray = field(init=False, repr=False)
 
@@ -52,9 +58,14 @@ class OmniCamera:
             raise ValueError(
                 f"range table: {ranges.shape} ranges for {len(self.bearings_rad)} bearings, {len(radii)} radii"
             )
-        fine = np.arange(radii[0], radii[-1] + 0.5 * _STEP_PX, _STEP_PX)
-        table = np.stack([_monotone_cubic(radii, row, np.minimum(fine, radii[-1])) for row in ranges])
-        object.__setattr__(self, "lookup_table", np.ascontiguousarray(table))
+        offsets = self.bearing_offset_rad
+        if offsets is not None and offsets.shape != ranges.shape:
+            raise ValueError(f"range table: {offsets.shape} bearing offsets for {ranges.shape} ranges")
+        fine = np.minimum(np.arange(radii[0], radii[-1] + 0.5 * _STEP_PX, _STEP_PX), radii[-1])
+        layers = [[_monotone_cubic(radii, row, fine) for row in ranges]]
+        if offsets is not None:
+            layers.append([np.interp(fine, radii, row) for row in offsets])
+        object.__setattr__(self, "lookup_table", np.array(layers, dtype=np.float64))
         object.__setattr__(
             self,
             "lookup_constants",
@@ -120,7 +131,7 @@ def omni_from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
     for key, size in sizes.items():
         if size != int(size) or size < 1:
             raise InputError(f"{path}: '{key}' must be a whole number of pixels, found {tree[key]!r}")
-    radii, bearings, ranges = _range_table(tree["range_table"], path)
+    radii, bearings, ranges, offsets = _range_table(tree["range_table"], path)
     return OmniCamera(
         int(sizes["width"]),
         int(sizes["height"]),
@@ -132,24 +143,28 @@ def omni_from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
         radii,
         bearings,
         ranges,
+        offsets,
     )
 
 
-def _range_table(table: Any, path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _range_table(table: Any, path: Path) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
     if not isinstance(table, dict) or "radius_px" not in table or "range_m" not in table:
         raise InputError(f"{path}: 'range_table' needs 'radius_px' and 'range_m' (and 'bearing_rad' if per direction)")
     radii = _numbers(table["radius_px"], path, "range_table.radius_px", 1)
     if "bearing_rad" in table:
         bearings = np.mod(_numbers(table["bearing_rad"], path, "range_table.bearing_rad", 1), 2.0 * np.pi)
         ranges = _numbers(table["range_m"], path, "range_table.range_m", 2)
-        order = np.argsort(bearings)
         if len(bearings) != len(ranges):
             raise InputError(f"{path}: 'range_table' has {len(bearings)} bearings but {len(ranges)} rows of ranges")
-        bearings, ranges = bearings[order], ranges[order]
+        offsets = _offsets(table, ranges.shape, path)
+        order = np.argsort(bearings)
+        bearings, ranges, offsets = bearings[order], ranges[order], None if offsets is None else offsets[order]
         if np.any(np.diff(bearings) <= 0.0):
             raise InputError(f"{path}: 'range_table.bearing_rad' names a bearing twice")
     else:
-        bearings = np.zeros(1)
+        if "bearing_offset_rad" in table:
+            raise InputError(f"{path}: 'range_table.bearing_offset_rad' needs 'bearing_rad', the bearings of its rows")
+        bearings, offsets = np.zeros(1), None
         ranges = _numbers(table["range_m"], path, "range_table.range_m", 1)[np.newaxis]
     if len(radii) < 2 or ranges.shape[1] != len(radii):
         raise InputError(
@@ -161,7 +176,19 @@ def _range_table(table: Any, path: Path) -> tuple[FloatArray, FloatArray, FloatA
             raise InputError(f"{path}: 'range_table.{name}' must increase, but entry {column[0] + 2} does not")
     if radii[0] < 0.0 or ranges.min() < 0.0:
         raise InputError(f"{path}: 'range_table' holds a negative radius or range")
-    return radii, bearings, ranges
+    return radii, bearings, ranges, offsets
+
+
+def _offsets(table: dict[str, Any], shape: tuple[int, ...], path: Path) -> FloatArray | None:
+    if "bearing_offset_rad" not in table:
+        return None
+    key = "range_table.bearing_offset_rad"
+    offsets = _numbers(table["bearing_offset_rad"], path, key, 2)
+    if offsets.shape != shape:
+        raise InputError(f"{path}: '{key}' must have a row for each bearing with an entry for each radius")
+    if np.abs(offsets).max() > _LARGEST_OFFSET_RAD:
+        raise InputError(f"{path}: '{key}' holds {np.abs(offsets).max():g}; offsets are radians, at most 0.2")
+    return offsets
 
 
 def _numbers(value: Any, path: Path, key: str, dimensions: int) -> FloatArray:
@@ -224,11 +251,10 @@ def ground_from_pixel(
     bearing = constants[3] + constants[2] * np.arctan2(dv, du)
     low, high, share = bearing_rows(bearing, bearings)
     position = (radius - constants[4]) / constants[5]
-    i = min(int(position), table.shape[1] - 2)
-    f = position - i
-    distance = (1.0 - share) * (table[low, i] * (1.0 - f) + table[low, i + 1] * f)
-    if share > 0.0:
-        distance += share * (table[high, i] * (1.0 - f) + table[high, i + 1] * f)
+    i = min(int(position), table.shape[2] - 2)
+    distance = _between(table[0], low, high, share, i, position - i)
+    if len(table) > 1:
+        bearing += _between(table[1], low, high, share, i, position - i)
     return distance * np.cos(bearing), distance * np.sin(bearing)
 
 
@@ -238,25 +264,45 @@ def pixel_from_ground(
 ) -> tuple[float, float]:
     """Pixel of one ground point (m, base frame); NaN outside the table. The inverse of `ground_from_pixel`."""
     distance, bearing = np.sqrt(x * x + y * y), np.arctan2(y, x)
-    low, high, share = bearing_rows(bearing, bearings)
-    first, last = 0, table.shape[1] - 1
+    seen = bearing  # of the formula; offsets change slowly, so that a few steps are exact
+    for step in range(_INVERSE_STEPS if len(table) > 1 else 1):
+        low, high, share = bearing_rows(seen, bearings)
+        position = _position(distance, table[0], low, high, share)
+        if len(table) > 1 and step < _INVERSE_STEPS - 1:
+            i = min(int(position), table.shape[2] - 2)
+            seen = bearing - _between(table[1], low, high, share, i, position - i)
+    last = table.shape[2] - 1
     if not (
-        (1.0 - share) * table[low, first] + share * table[high, first]
-        <= distance
-        <= (1.0 - share) * table[low, last] + share * table[high, last]
+        _between(table[0], low, high, share, 0, 0.0) <= distance <= _between(table[0], low, high, share, last - 1, 1.0)
     ):
         return np.nan, np.nan
+    radius, angle = constants[4] + constants[5] * position, (seen - constants[3]) * constants[2]
+    return constants[0] + radius * np.cos(angle), constants[1] + radius * np.sin(angle)
+
+
+@njit(cache=True)
+def _between(layer: FloatArray, low: int, high: int, share: float, i: int, f: float) -> float:
+    """A table's (B, F) value between two rows (the second one's share) and the columns i and i + 1 (f: its share)."""
+    value: float = (1.0 - share) * (layer[low, i] * (1.0 - f) + layer[low, i + 1] * f)
+    if share > 0.0:
+        value += share * (layer[high, i] * (1.0 - f) + layer[high, i + 1] * f)
+    return value
+
+
+@njit(cache=True)
+def _position(distance: float, ranges: FloatArray, low: int, high: int, share: float) -> float:
+    """At which column (with fraction) of the rows a range is found; the nearest end if it is at none."""
+    first, last = 0, ranges.shape[1] - 1
     while last - first > 1:
         middle = (first + last) // 2
-        if (1.0 - share) * table[low, middle] + share * table[high, middle] <= distance:
+        if (1.0 - share) * ranges[low, middle] + share * ranges[high, middle] <= distance:
             first = middle
         else:
             last = middle
-    near = (1.0 - share) * table[low, first] + share * table[high, first]
-    far = (1.0 - share) * table[low, last] + share * table[high, last]
-    radius = constants[4] + constants[5] * (first + (distance - near) / (far - near))
-    angle = (bearing - constants[3]) * constants[2]
-    return constants[0] + radius * np.cos(angle), constants[1] + radius * np.sin(angle)
+    near = (1.0 - share) * ranges[low, first] + share * ranges[high, first]
+    far = (1.0 - share) * ranges[low, last] + share * ranges[high, last]
+    position: float = first + min(max((distance - near) / (far - near), 0.0), 1.0)
+    return position
 
 
 @njit(cache=True)

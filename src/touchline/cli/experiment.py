@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 _WIDTH = 200  # tables keep their columns, whatever the terminal; pages of results are read from files, too
+_LINE_EVERY_S = 10.0
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from touchline.evaluation.experiments import ExperimentResult
+    from touchline.evaluation.experiments import Experiment, ExperimentResult
 
 
 def experiment(
@@ -29,7 +31,6 @@ def experiment(
     """
     from rich.console import Console
 
-    from touchline.cli.console import errors_console
     from touchline.cli.console import output as console
     from touchline.evaluation.experiments import EXPERIMENTS, chosen_experiments
     from touchline.evaluation.experiments.writing import write_result
@@ -39,14 +40,32 @@ def experiment(
             console().print(f"{known.name:<18} {known.description}", markup=False)
         return
     for chosen in chosen_experiments(name):
-        with errors_console().status(f"{chosen.name}: {seeds} seeds"):
-            result = chosen.run(seeds)
+        result = _run(chosen, seeds)
         files = write_result(result, output, list(EXPERIMENTS))
         console().print(f"[bold]{result.name}[/bold]: {result.title}; {result.seeds} seeds")
         Console(highlight=False, width=_WIDTH).print(_table(result))
         for note in result.notes:
             console().print(note, style="dim", markup=False)
         console().print(f"written: {', '.join(str(path) for path in files)}\n", markup=False)
+
+
+def _run(chosen: Experiment, seeds: int) -> ExperimentResult:
+    """Run one; a terminal shows how far it has come, anything else gets a line every ten seconds."""
+    from touchline.cli.console import errors_console
+
+    console = errors_console()
+    said_s = time.monotonic()
+
+    with console.status(f"{chosen.name}: {seeds} seeds") as status:
+
+        def tell(progress: str) -> None:
+            nonlocal said_s
+            status.update(f"{chosen.name}: {progress}")
+            if not console.is_terminal and time.monotonic() - said_s > _LINE_EVERY_S:
+                said_s = time.monotonic()
+                console.print(f"{chosen.name}: {progress}")
+
+        return chosen.run(seeds, tell)
 
 
 def _table(result: ExperimentResult) -> Table:

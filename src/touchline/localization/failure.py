@@ -31,6 +31,18 @@ class FailureSettings(Settings):
     lone_deviation_m: float = Field(
         0.35, gt=0, description="mean distance (m) that makes a frame bad whatever the compass says"
     )
+    suspect_m: float = Field(
+        0.12,
+        gt=0,
+        description="mean distance (m) from which a frame is suspect: look-alike places leave 0.15 to 0.35, but "
+        "clutter about a right pose up to 0.25, so suspicion alone is no failure: see suspect_frames",
+    )
+    suspect_frames: int = Field(
+        5,
+        ge=1,
+        description="suspect frames in a row after which (with lone_rules) the whole field is searched for a place "
+        "that explains the points far better; only such a one means failure. Again after as many more",
+    )
     lone_heading_rad: float = Field(
         1.6,
         gt=0,
@@ -47,12 +59,11 @@ class FailureSettings(Settings):
 
 
 class FailureDetector:
-    """Counts bad frames in a row."""
+    """Counts bad, blind and suspect frames in a row."""
 
     def __init__(self, settings: FailureSettings | None = None) -> None:
         self.settings = settings or FailureSettings()
-        self.bad_frames = 0
-        self.blind_frames = 0
+        self.bad_frames = self.blind_frames = self.suspect_frames = 0
 
     def update(self, points: int, mean_distance_m: float, heading_error_rad: float | None) -> bool:
         """Judge one frame; True once the localization has failed.
@@ -62,9 +73,16 @@ class FailureDetector:
         """
         s = self.settings
         self.bad_frames = self.bad_frames + 1 if self.is_bad(points, mean_distance_m, heading_error_rad) else 0
-        self.blind_frames = self.blind_frames + 1 if points < s.least_points else 0
-        blind = s.lone_rules and self.blind_frames >= s.blind_frames
-        return blind or self.bad_frames >= s.frames
+        blind = points < s.least_points
+        self.blind_frames = self.blind_frames + 1 if blind else 0
+        self.suspect_frames = self.suspect_frames + 1 if not blind and mean_distance_m > s.suspect_m else 0
+        return (s.lone_rules and self.blind_frames >= s.blind_frames) or self.bad_frames >= s.frames
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether it is time to look for a better place, though the frames so far mean no failure."""
+        s = self.settings
+        return s.lone_rules and self.suspect_frames > 0 and self.suspect_frames % s.suspect_frames == 0
 
     def is_bad(self, points: int, mean_distance_m: float, heading_error_rad: float | None) -> bool:
         """Whether this frame alone speaks against the pose; arguments as for `update`."""
@@ -78,4 +96,4 @@ class FailureDetector:
 
     def reset(self) -> None:
         """Start counting anew, after the robot was localized again."""
-        self.bad_frames = self.blind_frames = 0
+        self.bad_frames = self.blind_frames = self.suspect_frames = 0

@@ -146,15 +146,18 @@ def resample(particles, weights, start, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def occupied_bins(particles, size_m, size_rad):  # type: ignore[no-untyped-def]
-    """How many bins of size_m x size_m x size_rad hold a particle."""
+def occupied_bins(particles, middle, size_m, size_rad):  # type: ignore[no-untyped-def]
+    """How many bins of size_m x size_m x size_rad hold a particle.
+
+    middle (3,): a pose in the middle of a bin. With the particles' mean there, a narrow cloud fills one bin wherever
+    it lies.
+    """
     turns = max(1, round(2.0 * math.pi / size_rad))
     keys = np.empty(particles.shape[0], dtype=np.int64)
     for j in range(particles.shape[0]):
-        ix = math.floor(particles[j, 0] / size_m) + 100_000
-        iy = math.floor(particles[j, 1] / size_m) + 100_000
-        # half a bin on, so that headings along the field's axes lie in the middle of a bin
-        turned = particles[j, 2] / (2.0 * math.pi) * turns + 0.5
+        ix = math.floor((particles[j, 0] - middle[0]) / size_m + 0.5) + 100_000
+        iy = math.floor((particles[j, 1] - middle[1]) / size_m + 0.5) + 100_000
+        turned = (particles[j, 2] - middle[2]) / (2.0 * math.pi) * turns + 0.5
         keys[j] = (ix * 200_001 + iy) * turns + math.floor(turned) % turns
     keys.sort()
     count = 1

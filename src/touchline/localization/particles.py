@@ -35,6 +35,13 @@ class AdaptiveSettings(Settings):
     quantile: float = Field(2.326, gt=0, description="standard normal quantile of keeping it: 99 %, as Fox")
     bin_m: float = Field(0.5, gt=0, description="size of a bin in x and y (m): Fox's 50 cm")
     bin_rad: float = Field(0.2618, gt=0, description="size of a bin in heading (rad): Fox's 15 degrees")
+    kept_share: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="share of the particles that every drawing keeps at least: one good draw may agree on a look-alike "
+        "place, five in a row don't. Near 0 is Fox's own, the number that is asked for at once",
+    )
     least: int = Field(1, ge=1, description="fewest particles: one when certain (references 8 and 9)")
 
 
@@ -159,7 +166,7 @@ class MonteCarlo:
         if near is not None:
             kept = count if everything_near else int(s.kept_share * count)
             pose, covariance = near
-            self.particles[:kept] = self.rng.multivariate_normal(pose.as_array(), covariance, kept, method="cholesky")
+            self.particles[:kept] = self.rng.multivariate_normal(pose.as_array(), covariance, kept, method="eigh")
         self._weigh_alike()
         self._estimate()
 
@@ -202,7 +209,9 @@ class MonteCarlo:
         resample(self.particles, self.weights, start, drawn)
         adaptive = self.settings.adaptive
         if adaptive.enabled:
-            wanted = kld_number(occupied_bins(drawn, adaptive.bin_m, adaptive.bin_rad), adaptive)
+            bins = occupied_bins(drawn, self.pose.as_array(), adaptive.bin_m, adaptive.bin_rad)
+            wanted = kld_number(bins, adaptive)
+            wanted = max(wanted, int(adaptive.kept_share * len(drawn)))
             if wanted < len(drawn):
                 drawn = drawn[:wanted].copy()
                 resample(self.particles, self.weights, start, drawn)
@@ -271,6 +280,9 @@ class MonteCarlo:
     def _estimate(self) -> None:
         self.effective = float(normalize(self._log_weights, self.weights))
         mean, self.covariance = mean_and_covariance(self.particles, self.weights)
+        if len(self.particles) == 1:  # it stands for all poses of its bin
+            a = self.settings.adaptive
+            self.covariance = np.diag([a.bin_m**2, a.bin_m**2, a.bin_rad**2]) / 12.0
         self.pose = as_pose(mean)
 
     def _table(self) -> tuple[FloatArray, FloatArray, float]:

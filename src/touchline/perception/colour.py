@@ -23,6 +23,7 @@ OTHER, GREEN, WHITE = 0, 1, 2
 _BITS = 6  # of the look-up table per channel: 64³ bytes stay in the second-level cache
 _DARKEST_SUM = 40.0  # of B, G and R: below, the steps of the grey levels leave no colour
 SMOOTH_NOISE = 2.5  # grey levels of noise that a blur leaves
+_LEAST_GREEN_TO_BLUE = (0.95, 0.8)  # of G against B of carpet: the second where a blue cast leaves none for the first
 _CELLS = 64  # of the chromaticity histogram per axis
 
 
@@ -129,9 +130,12 @@ def chromaticity(colours: FloatArray) -> FloatArray:
 
 def _most_frequent_green(pixels: FloatArray) -> FloatArray:
     """Chromaticity (2,) of the most frequent greenish colour among pixels (N, 3)."""
-    greenish = (pixels[:, 1] > 1.06 * pixels[:, 2]) & (pixels[:, 1] > 0.95 * pixels[:, 0]) & (pixels.max(axis=1) < 250)
-    greenish &= pixels.sum(axis=1) > _DARKEST_SUM
-    if greenish.sum() < 0.05 * max(len(pixels), 1):
+    usable = (pixels[:, 1] > 1.06 * pixels[:, 2]) & (pixels.max(axis=1) < 250) & (pixels.sum(axis=1) > _DARKEST_SUM)
+    for least in _LEAST_GREEN_TO_BLUE:
+        greenish = usable & (pixels[:, 1] > least * pixels[:, 0])
+        if greenish.sum() >= 0.05 * max(len(pixels), 1):
+            break
+    else:
         raise NoCarpetError(
             "no green carpet found around the robot: is the camera covered, or its center or inner_radius_px wrong?"
         )
@@ -226,8 +230,8 @@ def _build_table(
     distance = np.sqrt(np.sum(offset @ np.linalg.inv(carpet.spread) * offset, axis=1))
     # noise weighs more in the chromaticity of dark pixels, less in that of bright ones
     is_green = distance < settings.green_sigmas * np.clip(1.0 / brightness, 0.6, 3.0)
-    is_green |= _overexposed_green(colours, green)
     is_green &= (brightness > settings.darkest_green) & ((colours - green) @ signal < settings.whitest_green)
+    is_green |= _overexposed_green(colours, green)
     excess, toward = colours - green, white - green
     cosine = (excess @ toward) / np.maximum(np.linalg.norm(excess, axis=1) * np.linalg.norm(toward), 1e-9)
     is_white = ~is_green & (cosine > 0.8) & (excess @ toward > 0.3 * float(toward @ toward))
@@ -235,8 +239,11 @@ def _build_table(
 
 
 def _overexposed_green(colours: FloatArray, green: FloatArray) -> npt.NDArray[np.bool_]:
-    """Sun-lit carpet whose G is at its limit: B and R still go on together."""
+    """Sun-lit carpet whose G is at its limit: B and R still go on together.
+
+    Up to 0.85 of G for R: from there on it may be paint in tinted light (0.87 in a photograph).
+    """
     blue, limited, red = colours.T
     follows = np.abs(blue - red * green[0] / green[2]) < 25.0
-    overexposed: npt.NDArray[np.bool_] = (limited > 246.0) & (red < 0.8 * limited) & follows
+    overexposed: npt.NDArray[np.bool_] = (limited > 246.0) & (red < 0.85 * limited) & follows
     return overexposed

@@ -22,7 +22,7 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.compass import CompassCorrection, CompassSettings
 from touchline.localization.failure import FailureDetector, FailureSettings
-from touchline.localization.global_search import OWN_HALF
+from touchline.localization.global_search import OWN_HALF, GlobalFix, GlobalSearch, GlobalSearchSettings
 from touchline.localization.matching import Match, Matcher, MatchingSettings, as_pose
 from touchline.localization.mirror_tilt import MirrorTilt, MirrorTiltSettings
 from touchline.localization.tracking import FusionSettings, PoseFilter
@@ -31,6 +31,9 @@ from touchline.motion.compass import CompassTrack, CompassTrackSettings
 from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector
 from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Status, empty_points
+
+# Without a compass the whole circle is searched; matching turns by half a step and more.
+_ALL_HEADINGS = tuple(float(heading) for heading in np.arange(24) * np.pi / 12.0 - np.pi)
 
 
 class MapSettings(Settings):
@@ -59,8 +62,14 @@ class TrackerSettings(Settings):
 class MatchingTracker(ABC):
     """A system as sources and sinks know it: `reset` and `step`. Global localization is its heirs' part."""
 
-    def __init__(self, field: FieldModel, camera: OmniCamera | None, settings: TrackerSettings) -> None:
-        """camera: None if frames bring their points."""
+    def __init__(
+        self,
+        field: FieldModel,
+        camera: OmniCamera | None,
+        settings: TrackerSettings,
+        search: GlobalSearchSettings | None = None,
+    ) -> None:
+        """camera: None if frames bring their points. search: of the whole field, where something looks wrong."""
         self.shared = settings
         self.field = field
         self.detector = (
@@ -69,6 +78,7 @@ class MatchingTracker(ABC):
             else SelfLearningDetector(camera, settings.line_points, settings.learning, field.line_width)
         )
         self.matcher = Matcher(field.distance_map(settings.map.resolution_m, settings.map.margin_m), settings.matching)
+        self.search = GlobalSearch(self.matcher, field.length, field.width, search)
         self.tilt = MirrorTilt(field, settings.mirror_tilt)
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -107,6 +117,8 @@ class MatchingTracker(ABC):
             if match is not None:
                 self._fuse(points, weights, match, compass_rad)
             failed = self._failed(match, len(points), compass_rad)
+            if match is not None and self.failure.suspicious:
+                failed |= self._fits_elsewhere(points, weights, match, compass_rad)
             if failed or (self.told and self.failure.bad_frames > 0):  # a told pose that nothing has confirmed yet
                 self.status = Status.LOST
                 self.failures += 1
@@ -243,3 +255,15 @@ class MatchingTracker(ABC):
             # the fused heading: a match that was turned to the compass but not believed would hide the contradiction
             strays = wrap_angle(self.filter.pose.heading - self.correction.heading(compass_rad))
         return self.failure.update(points, match.mean_distance_m, strays)
+
+    def _fits_elsewhere(self, points: LinePoints, weights: FloatArray, match: Match, compass_rad: float | None) -> bool:
+        """Whether some other place explains the points far better than this match; the papers have no such test."""
+        fix = self._search(points, weights, compass_rad)
+        return fix is not None and match.error > self._enough(fix.match)
+
+    def _search(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> GlobalFix | None:
+        """The best of the sampled search with the compass heading, or with headings all around without a compass."""
+        positions_m = self.tilt.corrected(points.positions_m)
+        headings = _ALL_HEADINGS if compass_rad is None else (self.correction.heading(compass_rad),)
+        fixes = [self.search.locate(positions_m, weights, heading, self.region) for heading in headings]
+        return min((fix for fix in fixes if fix is not None), key=lambda fix: fix.match.error, default=None)

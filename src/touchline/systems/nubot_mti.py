@@ -18,14 +18,11 @@ import numpy as np
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
-from touchline.localization.global_search import GlobalFix, GlobalSearch, GlobalSearchSettings
+from touchline.localization.global_search import GlobalFix, GlobalSearchSettings
 from touchline.localization.matching import Match
 from touchline.localization.tracking import PoseFilter
 from touchline.systems.matching_tracker import MatchingTracker, TrackerSettings
 from touchline.types import Hypothesis, LinePoints, Prior, Status
-
-# Without a compass the whole circle is searched; matching turns by half a step and more.
-_ALL_HEADINGS = tuple(float(heading) for heading in np.arange(24) * np.pi / 12.0 - np.pi)
 
 
 class NubotMtiSettings(TrackerSettings):
@@ -41,9 +38,8 @@ class NubotMti(MatchingTracker):
         self, field: FieldModel, camera: OmniCamera | None, settings: NubotMtiSettings, rng: np.random.Generator
     ) -> None:
         """camera: None if frames bring their points. rng is not needed: nothing here is left to chance."""
-        super().__init__(field, camera, settings)
+        super().__init__(field, camera, settings, settings.global_search)
         self.settings = settings
-        self.search = GlobalSearch(self.matcher, field.length, field.width, settings.global_search)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -83,13 +79,6 @@ class NubotMti(MatchingTracker):
         else:
             self.status = Status.SEARCHING
         return match
-
-    def _search(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> GlobalFix | None:
-        """The best of the sampled search with the compass heading, or with headings all around without a compass."""
-        positions_m = self.tilt.corrected(points.positions_m)
-        headings = _ALL_HEADINGS if compass_rad is None else (self.correction.heading(compass_rad),)
-        fixes = [self.search.locate(positions_m, weights, heading, self.region) for heading in headings]
-        return min((fix for fix in fixes if fix is not None), key=lambda fix: fix.match.error, default=None)
 
     def _rivals(self, fix: GlobalFix, chosen: Match, points: LinePoints, weights: FloatArray) -> tuple[Hypothesis, ...]:
         """Refined samples elsewhere that explain the points nearly as well as the chosen pose."""

@@ -38,7 +38,7 @@ def _with_edges(image: ImageArray, sightings: list[Sighting]) -> ImageArray:
     scale = _SIDE / max(image.shape[:2])
     canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
     for sighting in sightings:
-        for u, v in sighting.pixels:
+        for u, v in sighting.pixels[np.isfinite(sighting.radii_px)]:
             at = (round((float(u) + 0.5) * scale), round((float(v) + 0.5) * scale))
             cv2.drawMarker(canvas, at, _PURPLE, cv2.MARKER_TILTED_CROSS, 9, 1, cv2.LINE_AA)
     return canvas

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from touchline.config import did_you_mean
 from touchline.errors import InputError
+from touchline.evaluation.experiments.progress import Listener, told_to
 from touchline.evaluation.experiments.result import ExperimentResult
 
 DEFAULT_SEEDS = 5
@@ -22,17 +23,21 @@ class Experiment:
     module: str
     function: str
 
-    def run(self, seeds: int = DEFAULT_SEEDS) -> ExperimentResult:
-        """Run it; seeds >= 1."""
+    def run(self, seeds: int = DEFAULT_SEEDS, listener: Listener | None = None) -> ExperimentResult:
+        """Run it; seeds >= 1. listener: told, in a few words, how far it has come."""
         module = importlib.import_module(f"touchline.evaluation.experiments.{self.module}")
         function: Callable[[int], ExperimentResult] = getattr(module, self.function)
-        return function(seeds)
+        with told_to(listener):
+            return function(seeds)
 
 
 EXPERIMENTS = {
     experiment.name: experiment
     for experiment in (
         Experiment("lu2013-occlusion", "Table 1: errors with part of the view hidden", "occlusion", "lu2013_occlusion"),
+        Experiment(
+            "lu2013-lighting", "Table 2: errors under other light, with frozen colours", "lighting", "lu2013_lighting"
+        ),
         Experiment("lu2013-kidnap", "figure 9: kidnapped robots find back by particles", "kidnap", "lu2013_kidnap"),
         Experiment("lu2013-timing", "figure 12: time of the particles and of matching", "timing", "lu2013_timing"),
         Experiment(

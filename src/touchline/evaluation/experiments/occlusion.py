@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from touchline.camera import OmniCamera
 from touchline.config import load_settings
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, spread
-from touchline.evaluation.experiments.scenes import RED, field_axes, new_figure
+from touchline.evaluation.experiments.scenes import RED, field_axes, new_figure, public_recording
 from touchline.evaluation.metrics import ErrorTable, error_table
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import SYSTEMS, open_system
-from touchline.types import Samples, Status
+from touchline.types import ImageArray, Samples, Status
 
 Sectors = tuple[tuple[float, float], ...]
 PaperRow = tuple[float, float, float]
@@ -61,6 +64,7 @@ CONDITIONS = (
     Condition("free, MCL alone", (), None, MCL_ALONE),
     Condition("50 %, MCL alone", _FOUR, None, MCL_ALONE),
 )
+RECORDING = "omni_msl_track"
 COLUMNS = ("hidden", "figure", "x paper", "x (cm)", "y paper", "y (cm)", "θ paper", "θ (rad)", "position (cm)")
 
 
@@ -74,10 +78,27 @@ class Drive:
     field: FieldModel
 
 
+_SIMULATED = (
+    "The scenario straight-tracks at the observation level, 60 s at 10 Hz per seed; errors from the first tracked "
+    "frame on. One black sector of 45 degrees, two opposite, four alternating; a half in one piece."
+)
+_ALONE = "MCL alone is the paper's form: equations (1) to (3) as they stand, no refinement, no matching."
+_RECORDED = (
+    f"Recorded: the {RECORDING} images with black sectors laid over them, at the same angles in the image; its seeds "
+    "are those of the particles."
+)
+_NOT_FOUND = f"The recording {RECORDING} was not found; TOUCHLINE_DATA names the folder of the recordings."
+
+
 def lu2013_occlusion(seeds: int) -> ExperimentResult:
     """Table 1: nubot-mcl on five straight tracks with black sectors fixed in the view."""
-    drives = {c.name: [_drive("nubot-mcl", c, seed) for seed in range(seeds)] for c in CONDITIONS}
+    drives: dict[str, list[Drive]] = {c.name: [] for c in CONDITIONS}
+    for c, seed in follow([(c, seed) for c in CONDITIONS for seed in range(seeds)], "drives"):
+        drives[c.name].append(_drive("nubot-mcl", c, seed))
     rows = [row for c in CONDITIONS for row in _rows(c, [d.errors for d in drives[c.name]])]
+    recorded = _recorded(seeds)
+    rows += [row for c, errors in recorded for row in _rows(c, errors)]
+    notes = [_SIMULATED, _ALONE, _RECORDED if recorded else _NOT_FOUND]
     means = [float(np.mean([d.errors.position.mean for d in drives[c.name]])) for c in CONDITIONS[:4]]
     turns = [float(np.mean([d.errors.heading.mean for d in drives[c.name]])) for c in CONDITIONS[:4]]
     return ExperimentResult(
@@ -88,11 +109,7 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
         tuple(rows),
         Headline("mean errors with 0 to 50 % hidden", "5.7-7.8 cm in x and y, 0.044-0.064 rad",
                  f"{100 * min(means):.2f}-{100 * max(means):.2f} cm away, {min(turns):.4f}-{max(turns):.4f} rad"),
-        (
-            "The scenario straight-tracks at the observation level, 60 s at 10 Hz per seed; errors from the first "
-            "tracked frame on. One black sector of 45 degrees, two opposite, four alternating; a half in one piece.",
-            "MCL alone is the paper's form: equations (1) to (3) as they stand, no refinement, no matching.",
-        ),
+        tuple(notes),
         (("tracks", _tracks_figure([drives[c.name][0] for c in CONDITIONS[:4]], [c.name for c in CONDITIONS[:4]])),),
     )  # fmt: skip
 
@@ -101,7 +118,7 @@ def xiong_tracking(seeds: int) -> ExperimentResult:
     """Table 1: nubot-mti on five straight tracks."""
     paper = ((5.907, 5.967, 0.044), (7.334, 7.117, 0.0516), (30.724, 35.595, 0.286))
     condition = Condition("free", (), paper)
-    drives = [_drive("nubot-mti", condition, seed) for seed in range(seeds)]
+    drives = [_drive("nubot-mti", condition, seed) for seed in follow(range(seeds), "drives")]
     position = [100 * d.errors.position.mean for d in drives]
     heading = [d.errors.heading.mean for d in drives]
     return ExperimentResult(
@@ -132,6 +149,40 @@ def _drive(system_name: str, condition: Condition, seed: int) -> Drive:
         Samples(simulation.image_stamps, path), Samples(truth.stamp_ns, np.asarray(truth.poses)), located=located
     )
     return Drive(errors, path[located], np.asarray(truth.poses), simulation.field)
+
+
+def _recorded(seeds: int) -> list[tuple[Condition, list[ErrorTable]]]:
+    """The same conditions over the images of a recording, those of MCL alone once; empty where it isn't found."""
+    recording = public_recording(RECORDING)
+    if recording is None:
+        return []
+    truth = recording.truth
+    assert truth is not None, f"{RECORDING} holds its truth"
+    chosen = [replace(c, name=f"recorded, {c.name}", paper=None) for c in CONDITIONS]
+    found: list[tuple[Condition, list[ErrorTable]]] = [(c, []) for c in chosen]
+    for (condition, errors), seed in follow([(f, seed) for f in found for seed in range(seeds)], "recorded drives"):
+        settings = load_settings(SYSTEMS["nubot-mcl"].settings, None, condition.sets)
+        system = open_system("nubot-mcl", recording.field, recording.camera, settings, np.random.default_rng(seed))
+        hidden = black_pixels(recording.camera, condition.sectors)
+        estimates = [system.step(replace(frame, image=_blackened(frame.image, hidden))) for frame in recording]
+        located = np.array([estimate.status is Status.TRACKING for estimate in estimates])
+        path = Samples(recording.image_stamps, np.array([estimate.pose for estimate in estimates]))
+        errors.append(error_table(path, Samples(truth.stamp_ns, np.asarray(truth.poses)), located=located))
+    return found
+
+
+def black_pixels(camera: OmniCamera, sectors: Sectors) -> npt.NDArray[np.bool_]:
+    """(H, W): the pixels of sectors given in degrees about the image's centre."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    angle = np.degrees(np.arctan2(v - camera.center[1], u - camera.center[0])) % 360.0
+    hidden = np.zeros(angle.shape, dtype=np.bool_)
+    for low, high in sectors:
+        hidden |= (angle >= low) & (angle < high)
+    return hidden
+
+
+def _blackened(image: ImageArray | None, hidden: npt.NDArray[np.bool_]) -> ImageArray | None:
+    return None if image is None else np.where(hidden[..., np.newaxis], np.uint8(0), image)
 
 
 def _rows(condition: Condition, errors: Sequence[ErrorTable]) -> list[tuple[str, ...]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.evaluation.experiments.scenes import FIELD, MAGENTA, RED, field_axes, new_figure, the_views
 from touchline.field import open_field
@@ -36,7 +37,7 @@ def searches(seeds: int) -> list[Search]:
     field = open_field(FIELD)
     search = GlobalSearch(Matcher(field.distance_map()), field.length, field.width)
     found = []
-    for seed in range(seeds):
+    for seed in follow(range(seeds), "searches"):
         rng = np.random.default_rng([seed, 7])
         truth = Pose(*PLACE, float(rng.uniform(-math.pi, math.pi)))
         points = the_views().observe(truth, rng)

@@ -21,6 +21,7 @@ from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording, open_source
 
 FIELD = "msl-18x12"
+DATA_VARIABLE = "TOUCHLINE_DATA"  # names the folder of the public recordings
 CARPET, PAINT, INK = "#7fae86", "#ffffff", "#20302a"
 RED, BLUE, MAGENTA = "#c62828", "#1a56a8", "#c2269b"
 
@@ -39,7 +40,7 @@ def the_views() -> ObservedLines:
 
 def public_recording(name: str) -> Recording | None:
     """A public recording: in the folder that TOUCHLINE_DATA names, or in ../shared/data; None where it is not found."""
-    for folder in (os.environ.get("TOUCHLINE_DATA"), "../shared/data"):
+    for folder in (os.environ.get(DATA_VARIABLE), "../shared/data"):
         if folder is not None and (Path(folder) / name / "sequence.yaml").is_file():
             return open_source(Path(folder) / name)
     return None

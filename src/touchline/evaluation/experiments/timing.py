@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, spread
 from touchline.evaluation.experiments.scenes import BLUE, FIELD, RED, new_figure, random_place, the_views
 from touchline.field import open_field
@@ -25,6 +26,7 @@ CYCLES = 1000
 COUNTS = (100, 300, 600, 1000, 3000, 10_000, 30_000, 100_000)
 MOTION = Motion(Pose(0.1, 0.0, 0.02), np.diag([1e-4, 1e-4, 1e-5]), 0.0)
 POINTS = 100
+POINT_COUNTS = (10, 30, 300, 1000)
 
 
 def lu2013_timing(seeds: int) -> ExperimentResult:
@@ -34,15 +36,25 @@ def lu2013_timing(seeds: int) -> ExperimentResult:
     refined_ms = np.array([_particle_cycles(matcher, seed, CYCLES, refined=5) for seed in range(seeds)])
     matching_ms = np.array([_matching_cycles(matcher, seed) for seed in range(seeds)])
     curve_us = [1e3 * float(np.min(_particle_cycles(matcher, 0, max(20, 20_000 // n), n))) for n in COUNTS]
+    by_points_us = [1e3 * float(np.min(_particle_cycles(matcher, 0, 200, points=n))) for n in POINT_COUNTS]
+    weights_us, plain_us = _weights_and_twin(matcher)
     rows = [
         _row("particles: one cycle, 600 x 100", "15-25 ms", particle_ms),
         _row("particles: the same with five refined clusters", "–", refined_ms),
         _row("matching: one cycle, 100 points", "1-3 ms", matching_ms),
     ]
+    rows += [
+        ("particles: weights alone, 600 x 100", "–", f"{weights_us:.0f} µs", "", ""),
+        ("particles: weights alone, plain NumPy", "–", f"{plain_us:.0f} µs", f"{plain_us / weights_us:.0f} times", ""),
+    ]
     slope = np.polyfit(np.log(COUNTS[2:]), np.log(curve_us[2:]), 1)[0]
     rows += [
         (f"particles: {n} x 100", "–", f"{us:.0f} µs", f"{1e3 * us / (n * POINTS):.1f} ns per particle and point", "")
         for n, us in zip(COUNTS, curve_us, strict=True)
+    ]
+    rows += [
+        (f"particles: 600 x {n}", "–", f"{us:.0f} µs", f"{1e3 * us / (600 * n):.1f} ns per particle and point", "")
+        for n, us in zip(POINT_COUNTS, by_points_us, strict=True)
     ]
     return ExperimentResult(
         "lu2013-timing",
@@ -54,9 +66,10 @@ def lu2013_timing(seeds: int) -> ExperimentResult:
                  f"{_median_us(particle_ms)}; {_median_us(matching_ms)}"),
         (
             f"{CYCLES} cycles per seed on one core: motion, weights, resampling in every cycle, estimate, {POINTS} "
-            "points at the observation level. The paper's computer had a 1.66 GHz processor.",
+            "points at the observation level; processor time, so that other work on the machine doesn't count. The "
+            "paper's computer had a 1.66 GHz processor.",
             f"From 600 to 100 000 particles the time grows with the power {slope:.2f} of their number (fastest of 20 "
-            "cycles or more, so that other work on the machine doesn't count).",
+            "cycles or more).",
         ),
         (("cycles", _cycles_figure(particle_ms[0], matching_ms[0])), ("particles", _curve_figure(curve_us))),
     )  # fmt: skip
@@ -83,23 +96,47 @@ def _seen(seed: int) -> tuple[Pose, FloatArray]:
 
 
 def _timed(work: Callable[[], object], cycles: int) -> FloatArray:
-    """Milliseconds (cycles,) of each call; a few calls before compile and warm."""
+    """Processor time (ms) (cycles,) of each call; a few calls before compile and warm."""
     for _ in range(5):
         work()
     times = np.empty(cycles)
     for k in range(cycles):
-        start = time.perf_counter()
+        start = time.process_time()
         work()
-        times[k] = time.perf_counter() - start
+        times[k] = time.process_time() - start
     return 1e3 * times
 
 
-def _particle_cycles(matcher: Matcher, seed: int, cycles: int, particles: int = 600, refined: int = 0) -> FloatArray:
+def _particle_cycles(
+    matcher: Matcher, seed: int, cycles: int, particles: int = 600, refined: int = 0, points: int = POINTS
+) -> FloatArray:
     settings = MonteCarloSettings(particles=particles, refined_clusters=refined, least_effective=1.0)
-    pose, points = _seen(seed)
+    pose, seen = _seen(seed)
+    chosen = np.resize(seen, (points, 2))  # more than are seen: again from the first on
     mcl = MonteCarlo(matcher, 18.0, 12.0, np.random.default_rng(seed), settings)
     mcl.restart(pose.heading)
-    return _timed(lambda: mcl.cycle(MOTION, points, None), cycles)
+    return _timed(lambda: mcl.cycle(MOTION, chosen, None), cycles)
+
+
+def _weights_and_twin(matcher: Matcher) -> tuple[float, float]:
+    """Fastest time (µs) of the weights of 600 particles and 100 points: compiled, and in plain NumPy."""
+    pose, points = _seen(0)
+    mcl = MonteCarlo(matcher, 18.0, 12.0, np.random.default_rng(0), MonteCarloSettings(farthest_m=None))
+    mcl.restart(pose.heading)
+    particles, table = mcl.particles, matcher.distance_map
+    squares = table.values[::2, ::2, 0] ** 2
+    step_m = 2.0 * table.resolution_m
+
+    def plain() -> FloatArray:
+        c, s = np.cos(particles[:, 2:]), np.sin(particles[:, 2:])
+        x = particles[:, :1] + c * points[:, 0] - s * points[:, 1]
+        y = particles[:, 1:2] + s * points[:, 0] + c * points[:, 1]
+        ix = np.clip((x - table.origin_m[0]) / step_m + 0.5, 0, squares.shape[1] - 1).astype(int)
+        iy = np.clip((y - table.origin_m[1]) / step_m + 0.5, 0, squares.shape[0] - 1).astype(int)
+        return np.asarray(-squares[iy, ix].sum(axis=1))
+
+    compiled = _timed(lambda: mcl.log_likelihoods(points, None, particles), 200)
+    return 1e3 * float(compiled.min()), 1e3 * float(_timed(plain, 50).min())
 
 
 def _matching_cycles(matcher: Matcher, seed: int) -> FloatArray:
@@ -134,7 +171,7 @@ def _curve_figure(curve_us: list[float]) -> Figure:
 
 def xiong_timing(seeds: int) -> ExperimentResult:
     """Whole frames, image to pose, on rendered images: once searching in every frame, once tracking."""
-    found = [_whole_frames(seed) for seed in range(seeds)]
+    found = [_whole_frames(seed) for seed in follow(range(seeds), "drives")]
     searching, tracking = (np.array([times[k] for times in found]) for k in (0, 1))
     rows = (
         _row("whole frame, global localization", "35-45 ms", searching),
@@ -149,8 +186,8 @@ def xiong_timing(seeds: int) -> ExperimentResult:
         Headline("whole frame searching; tracking (median)", "35-45 ms; 18-24 ms",
                  f"{_median_us(searching)}; {_median_us(tracking)}"),
         (
-            "Rendered images of 480 x 480 pixels on one core, from the image array to the pose; the paper's times "
-            "include grabbing the image, on a 1.66 GHz processor.",
+            "Rendered images of 480 x 480 pixels on one core, from the image array to the pose, processor time; the "
+            "paper's times include grabbing the image, on a 1.66 GHz processor.",
         ),
         (("frames", _frames_figure(searching[0], tracking[0])),),
     )  # fmt: skip
@@ -170,9 +207,9 @@ def _frame_times(simulation: Simulation, frames: list[Frame], count: int, search
     for frame in frames:
         if search:
             system.status = Status.SEARCHING
-        start = time.perf_counter()
+        start = time.process_time()
         system.step(frame)
-        times.append(1e3 * (time.perf_counter() - start))
+        times.append(1e3 * (time.process_time() - start))
     return np.array(times[-count:])
 
 

@@ -1,0 +1,70 @@
+"""Writes docs/results.md and its pictures from a folder that `touchline experiment all` has written.
+
+touchline experiment all --output results
+python docs/images/results.py results
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+from pathlib import Path
+
+import cv2
+
+from touchline.evaluation.experiments import EXPERIMENTS
+from touchline.evaluation.experiments.writing import PAGE
+
+DOCS = Path(__file__).parents[1]
+PICTURES = DOCS / "images" / "results"
+HEAD = """# Results of the experiments
+
+The papers' experiments, rerun by `touchline experiment all`, our figures beside theirs. ± is the standard deviation
+over the seeds, 0 to {last}. The papers drove a real robot by hand; here it drives in simulation, but for the rows named
+*recorded*. So the rows are no comparison of methods, and the papers' times were measured on a 1.66 GHz processor.
+
+Measured on one virtual core of an {core}, while other programs ran. `python docs/images/results.py RESULTS` writes this
+page from the folder of a run.
+"""
+
+
+def core_name() -> str:
+    """The processor's name, as the system tells it."""
+    info = Path("/proc/cpuinfo")
+    names = [line for line in info.read_text().splitlines() if line.startswith("model name")] if info.exists() else []
+    return names[0].partition(":")[2].strip() if names else platform.processor()
+
+
+def table_rows(page: str) -> list[str]:
+    """The lines of a page that are a table."""
+    return [line for line in page.splitlines() if line.startswith("|")]
+
+
+def section(folder: Path, name: str) -> list[str]:
+    """An experiment's own page as a section, its pictures compressed into PICTURES."""
+    lines = (folder / f"{name}.md").read_text(encoding="utf-8").splitlines()
+    text = [f"## {name}", *(line for line in lines[1:] if not line.startswith("!["))]
+    for picture in sorted(folder.glob(f"{name}-*.png")):
+        target = PICTURES / picture.with_suffix(".jpg").name
+        image = cv2.imread(str(picture))
+        assert image is not None, f"{picture} is a picture"
+        cv2.imwrite(str(target), image, [cv2.IMWRITE_JPEG_QUALITY, 82])
+        text += [f"![{picture.stem}](images/results/{target.name})", ""]
+    return text
+
+
+def main(folder: Path) -> None:
+    """Write the page and its pictures."""
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    summary = table_rows((folder / PAGE).read_text(encoding="utf-8"))
+    rows = [row.replace(".md)", ")").replace("](", "](#", 1) if row.startswith("| [") else row for row in summary]
+    last = min(int(row.rstrip(" |").rpartition("|")[2]) for row in rows[2:]) - 1
+    missing = [name for name in EXPERIMENTS if not any(row.startswith(f"| [{name}]") for row in rows)]
+    assert not missing, f"no results of {', '.join(missing)}"
+    lines = [HEAD.format(last=last, core=core_name()), *rows, ""]
+    lines += [line for name in EXPERIMENTS for line in section(folder, name)]
+    (DOCS / "results.md").write_text("\n".join(lines).rstrip("\n") + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,114 @@
+"""The directions in which a strip was seen: do they agree with the bearings given, and are there enough of them?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from touchline.calibration.agreement import around
+from touchline.calibration.strip import Strip
+from touchline.calibration.strip_edges import edge_name
+from touchline.errors import InputError
+from touchline.geometry import FloatArray, circular_mean, wrap_angles
+
+LEAST_DIRECTIONS = 8  # a tilted mirror is a first harmonic: cubic interpolation follows it to 0.1 % at 45°
+WIDEST_GAP_RAD = np.radians(65.0)  # twelve directions with one missing
+SAME_DIRECTION_RAD = np.radians(4.0)  # images so near are averaged: between them noise would become a slope
+WRONG_BEARING_RAD = np.radians(3.0)
+
+
+def orientation(angles_rad: FloatArray, bearings_rad: FloatArray, file: Path) -> tuple[int, float]:
+    """Handedness and mounting angle: bearing = mount_yaw + handedness * angle (both (S,)), whichever sign agrees.
+
+    Raises InputError naming a file if neither does.
+    """
+    fits = []
+    for handedness in (-1, 1):
+        yaws = bearings_rad - handedness * angles_rad
+        off = np.abs(wrap_angles(yaws[:, np.newaxis] - yaws))
+        middle = int(np.argmin(np.median(off, axis=0)))  # the image that agrees with most others
+        yaw = circular_mean(yaws[off[:, middle] <= WRONG_BEARING_RAD])
+        fits.append((float(np.median(off[:, middle])), handedness, yaw))
+    fits.sort()
+    if fits[0][0] > WRONG_BEARING_RAD:
+        raise InputError(
+            f"{file}: the bearings don't agree with where the strip is seen, neither in a mirrored image nor in a "
+            "straight one"
+        )
+    return fits[0][1], fits[0][2]
+
+
+def smooth_bearings(seen_rad: FloatArray, bearings_rad: FloatArray) -> tuple[FloatArray, dict[int, str]]:
+    """Bearings (S,) without the errors of turning the robot by hand, from those given (S,) and the image's own (S,).
+
+    A mirror turns bearings by first and second harmonics of the direction; what is left after them is the turning's.
+    Also what is wrong, by index: a bearing that contradicts the others.
+    """
+    errors = wrap_angles(bearings_rad - seen_rad)
+    agree = np.abs(errors) <= WRONG_BEARING_RAD
+    fit = around(seen_rad, errors, float(np.radians(0.3)), agree)
+    rest = np.where(agree, errors - fit, errors)
+    wrong = {
+        int(k): f"the strip is seen {np.degrees(abs(rest[k])):.1f}° away from bearing_rad {bearings_rad[k]:g} of "
+        "images.csv, by what the other images say"
+        for k in np.flatnonzero(np.abs(rest) > WRONG_BEARING_RAD)
+    }
+    return seen_rad + fit, wrong
+
+
+def order_mistakes(angles_rad: FloatArray, radii_px: FloatArray, strip: Strip) -> tuple[FloatArray, dict[int, str]]:
+    """Every image against all others, angles (S,), radii (S, E): what is wrong, by index, an edge at another's place.
+
+    Also the radii with NaN for a first or last edge that is far off: there lines and walls lie close.
+    """
+    radii = radii_px.copy()
+    gaps = np.diff(np.nanmedian(radii, axis=0))
+    wrong: dict[int, str] = {}
+    for k in range(radii.shape[1]):  # a mirror that leans is a smooth wave around the circle; far from it is a mistake
+        fit = around(angles_rad, radii[:, k], 0.3)
+        far = np.abs(radii[:, k] - fit) > 0.35 * min(gaps[max(k - 1, 0)], gaps[min(k, len(gaps) - 1)])
+        if k in (0, radii.shape[1] - 1):
+            radii[far, k] = np.nan
+            continue
+        for image in np.flatnonzero(far):
+            wrong.setdefault(
+                int(image),
+                f"edges out of order: {edge_name(strip, k)} is seen {radii[image, k]:.1f} px from the centre, where "
+                f"the other images have it at {fit[image]:.1f} px",
+            )
+    return radii, wrong
+
+
+def groups_of_directions(bearings_rad: FloatArray) -> list[list[int]]:
+    """Indices of bearings (S,) that are one direction, in the order of the directions around the circle."""
+    turned = np.mod(bearings_rad, 2.0 * np.pi)
+    groups: list[list[int]] = []
+    for index in np.argsort(turned).tolist():
+        if groups and turned[index] - turned[groups[-1][0]] < SAME_DIRECTION_RAD:
+            groups[-1].append(index)
+        else:
+            groups.append([index])
+    seam = turned[groups[0][0]] + 2.0 * np.pi - turned[groups[-1][0]]
+    if len(groups) > 1 and seam < SAME_DIRECTION_RAD:
+        groups[0] += groups.pop()
+    return groups
+
+
+def check_directions(bearings_rad: FloatArray, folder: Path) -> None:
+    """Raises InputError if bearings (S,) are too few or leave too wide a gap."""
+    groups = groups_of_directions(bearings_rad)
+    if len(groups) < LEAST_DIRECTIONS:
+        raise InputError(
+            f"{folder}: too few directions: the strip is seen in {len(groups)}, at least {LEAST_DIRECTIONS} "
+            "all around are needed (24 are usual)"
+        )
+    sorted_rad = np.sort(np.mod(bearings_rad, 2.0 * np.pi))
+    gaps = np.diff(sorted_rad, append=sorted_rad[0] + 2.0 * np.pi)
+    if gaps.max() > WIDEST_GAP_RAD:
+        k = int(np.argmax(gaps))
+        raise InputError(
+            f"{folder}: too few directions: none between bearings {np.degrees(sorted_rad[k]):.0f}° and "
+            f"{np.degrees(sorted_rad[(k + 1) % len(gaps)]):.0f}°; the gap must not exceed "
+            f"{np.degrees(WIDEST_GAP_RAD):.0f}°"
+        )
