@@ -10,8 +10,15 @@ import numpy as np
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario, scenario_names
 
-COLUMNS, WIDTH, HEIGHT, TITLE = 5, 414, 264, 22
-SHOWN_AT_S = {"chessboard": 8.0, "kidnap": 2.6, "match": 3.1, "tour-20": 4.1, "humanoid-walk": 7.6}
+COLUMNS, WIDTH, HEIGHT, TITLE = 4, 414, 264, 22
+SHOWN_AT_S = {
+    "chessboard": 8.0,
+    "kidnap": 2.6,
+    "light-changes": 14.0,
+    "match": 3.1,
+    "tour-20": 4.1,
+    "humanoid-walk": 7.6,
+}
 
 
 def tile(name: str) -> np.ndarray:

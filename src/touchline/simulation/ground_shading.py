@@ -28,6 +28,7 @@ from touchline.simulation.illumination import (
 from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M, paint_at
 
 SEAM_M = 0.012  # width of a seam between two strips of carpet
+_TONE_M = 0.06  # half the width over which the tone of one strip goes over into the next (the light map's step)
 PILE = 0.10  # standard deviation of the pile's brightness at its finest texel
 _SMALLEST = np.uint32(TILE_TEXELS >> (LEVELS - 1))
 
@@ -81,10 +82,11 @@ def _grain(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _two_levels(s: float, oz: float, long: float, deep: float) -> bool:
-    """Whether a pixel so long that reaches deep (m) to both sides sees the pile at two of its three finest levels."""
-    texels = 1.5 * (long / FIRST_TEXEL_M) ** 2
-    change = 4.0 * s * deep * texels / (s * s + oz * oz)
-    return bool(abs(texels - 1.0) < change or abs(texels - 4.0) < change or abs(texels - 16.0) < change)
+    """Whether a pixel so long that reaches deep (m) to both sides sees the pile at two levels."""
+    texels, change = 1.5 * (long / FIRST_TEXEL_M) ** 2, 4.0 * s * deep / (s * s + oz * oz)
+    while texels > 1.0 + change:
+        texels *= 0.25
+    return bool(texels > 1.0 - change)
 
 
 @njit(cache=True, error_model="numpy")
@@ -168,8 +170,11 @@ def shade_ground(
         if flag & SUN_EDGE or (sun[0] > 0.0 and reach >= SUN_MARGIN_M):
             sunlit, near = sun_at(sun, windows, casters, x, y, 0.0, np.hypot(deep, wide))
             edge = edge or near
+        aside = abs(ux) * deep + abs(uy) * wide
+        if carpet[3] > 0.0 and aside > _TONE_M:
+            edge = edge or abs(_past_seam(carpet, x)) < aside + _TONE_M
         if flag & HAS_SEAM and paint < 0:
-            dark, near = _seam(carpet, x, abs(ux) * long + abs(uy) * s * texture[2, i], abs(ux) * deep + abs(uy) * wide)
+            dark, near = _seam(carpet, x, abs(ux) * long + abs(uy) * s * texture[2, i], aside)
             edge = edge or near
         if edge and deep > 0.0:
             edges[i] = True
@@ -189,14 +194,20 @@ def shade_ground(
             radiance[i, c] = carpet[c] * level
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _past_seam(carpet: FloatArray, x: float) -> float:
+    """How far (m) x lies past the nearest seam."""
+    strip = x / carpet[3] + 0.37
+    return float((strip - np.round(strip)) * carpet[3])
+
+
 @njit(cache=True, error_model="numpy")
 def _seam(carpet: FloatArray, x: float, width: float, reach: float) -> tuple[float, bool]:
     """A thin dark seam between strips of carpet across the field's length, box-filtered over a pixel's width (m).
 
     Also whether its edges are within reach (m) of x and broad enough to be seen.
     """
-    strip = x / carpet[3] + 0.37
-    offset = (strip - np.round(strip)) * carpet[3]
+    offset = _past_seam(carpet, x)
     width = max(width, 1e-6)
     dark = min(offset + 0.5 * width, 0.5 * SEAM_M) - max(offset - 0.5 * width, -0.5 * SEAM_M)
     edge = abs(offset) < 0.5 * (width + SEAM_M) + reach and 0.05 * width < SEAM_M

@@ -32,8 +32,10 @@ def meet_upright(
     lift: float,
     steep: float,
     limit: float,
-) -> tuple[float, bool]:
+) -> tuple[float, bool, float]:
     """Distance s (m) at which a ray enters a cylinder or box, 1e6 where it misses it, and whether an edge is near.
+
+    Third is how much (m) that distance varies within the pixel.
 
     ex, ey: from the ray's origin to the middle, which lies `along` the ray and `lateral` to its left. steep: change of
     the rise within the pixel. Edges that begin beyond `limit` (m) are hidden.
@@ -43,16 +45,17 @@ def meet_upright(
         outer, inner = solids[k, 9] + aside, solids[k, 9] * solids[k, 9] - lateral * lateral
         half = np.sqrt(max(outer * outer - lateral * lateral, 0.0))
         if not _within(along - half, along + half, limit, oz, rise, bottom - lift, top + lift):
-            return _NOWHERE_M, False
+            return _NOWHERE_M, False, 0.0
         half = np.sqrt(max(inner, 0.0))
         found, side = _into_prism(along - half, along + half, oz, rise, bottom, top)
         if aside == 0.0 or found == _NOWHERE_M:
-            return found, True
+            return found, True, 0.0
         if side:
-            up = lift + abs(rise) * aside * abs(lateral) / max(half, _GRAZING)
-            return found, abs(lateral) > solids[k, 9] - aside or _near_level(solids, k, oz + found * rise, up)
+            vary = aside * abs(lateral) / max(half, _GRAZING)
+            near = _near_level(solids, k, oz + found * rise, lift + abs(rise) * vary)
+            return found, near or abs(lateral) > solids[k, 9] - aside, vary
         deep = lift / max(abs(rise) - steep, 1e-6)
-        return found, bool(np.hypot(found - along, lateral) > solids[k, 9] - max(deep, aside))
+        return found, bool(np.hypot(found - along, lateral) > solids[k, 9] - max(deep, aside)), deep
     c, s = solids[k, 3], solids[k, 4]
     lx, ly, vx, vy = ex * c + ey * s, ey * c - ex * s, ux * c + uy * s, uy * c - ux * s
     per_x, per_y = 1.0 / (vx if vx != 0.0 else 1e-12), 1.0 / (vy if vy != 0.0 else 1e-12)
@@ -60,17 +63,21 @@ def meet_upright(
     half_x, half_y = (solids[k, 5] + aside) * abs(per_x), (solids[k, 6] + aside) * abs(per_y)
     enter, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
     if not _within(enter, leave, limit, oz, rise, bottom - lift, top + lift):
-        return _NOWHERE_M, False
+        return _NOWHERE_M, False, 0.0
     half_x, half_y = solids[k, 5] * abs(per_x), solids[k, 6] * abs(per_y)
     enter, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
     found, side = _into_prism(enter, leave, oz, rise, bottom, top)
     if aside == 0.0 or found == _NOWHERE_M:
-        return found, True
+        return found, True, 0.0
     if side:
-        return found, _near_edge_of_box(solids, k, lx, ly, vx, vy, found, oz + found * rise, rise, aside, lift)
+        on_broad_side = middle_y - half_y > middle_x - half_x
+        across, over = (abs(vy), abs(vx)) if on_broad_side else (abs(vx), abs(vy))
+        wide = aside / max(across, _GRAZING)
+        x, y, up = abs(found * vx - lx), abs(found * vy - ly), lift + abs(rise) * wide * over
+        return found, _near_edge_of_box(solids, k, x, y, on_broad_side, oz + found * rise, wide, up), wide * over
     deep = lift / max(abs(rise) - steep, 1e-6)
     over_x = solids[k, 5] - abs(found * vx - lx) < abs(vx) * deep + abs(vy) * aside
-    return found, bool(over_x or solids[k, 6] - abs(found * vy - ly) < abs(vy) * deep + abs(vx) * aside)
+    return found, bool(over_x or solids[k, 6] - abs(found * vy - ly) < abs(vy) * deep + abs(vx) * aside), deep
 
 
 @njit(cache=True, error_model="numpy")
@@ -110,15 +117,12 @@ def meet_ball(
 
 @njit(cache=True, error_model="numpy")
 def _near_edge_of_box(
-    solids: FloatArray, k: int, lx: float, ly: float, vx: float, vy: float, s: float, height: float, rise: float,
-    aside: float, lift: float,
-) -> bool:  # fmt: skip
-    """Whether a corner, a band's or the decal's edge is near the point where a ray enters a box."""
-    x, y = abs(s * vx - lx), abs(s * vy - ly)
-    on_broad_side = solids[k, 6] - y < solids[k, 5] - x  # as `upright_shading` decides
-    across, over = (abs(vy), abs(vx)) if on_broad_side else (abs(vx), abs(vy))
-    across = max(across, _GRAZING)
-    wide, up = aside / across, lift + abs(rise) * aside * over / across
+    solids: FloatArray, k: int, x: float, y: float, on_broad_side: bool, height: float, wide: float, up: float
+) -> bool:
+    """Whether a corner, a band's or the decal's edge is near the point where a ray enters a box.
+
+    x, y: distance of the point from the middle in the box's frame. The pixel reaches `wide` along the face, `up` it.
+    """
     if (solids[k, 5] - x if on_broad_side else solids[k, 6] - y) < wide:
         return True
     if on_broad_side and solids[k, 12] >= 0.0:

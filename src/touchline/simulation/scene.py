@@ -157,7 +157,7 @@ class Scene:
         self.light = np.empty((rows, columns, 2), dtype=np.float32)
         self._carpet_brightness = 1.0 + _WEAR * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
         if world.seam_spacing > 0.0:  # no two strips are of quite the same tone
-            strips = np.floor(x / world.seam_spacing + 0.37 + 0.5).astype(int)
+            strips = np.floor(x / world.seam_spacing + 0.37).astype(int)
             tones = _STRIP_TONE * rng.standard_normal(int(strips[-1] - strips[0]) + 1)
             self._carpet_brightness *= 1.0 + world.carpet_contrast * tones[strips - strips[0]]
         self._levels: npt.NDArray[np.float64] | None = None

@@ -17,6 +17,7 @@ from touchline.simulation.scenario import LightSettings, Scenario
 from touchline.simulation.world import PAINTS, BallActor, RobotActor, World, default_world
 
 _MARKERS = ("magenta", "cyan")
+_MSL_M, _HUMANOID_M = (0.26, 0.80), (0.24, 0.92)  # radius and height of the others' bodies, as in the recordings
 
 
 def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: Layout) -> World:
@@ -28,7 +29,8 @@ def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: La
     humanoid = scenario.camera.kind == "pinhole"
     actors = [
         RobotActor(
-            float(x), float(y), float(heading), shape="humanoid" if humanoid else "msl",
+            float(x), float(y), float(heading), *(_HUMANOID_M if humanoid else _MSL_M),
+            shape="humanoid" if humanoid else "msl",
             marker_colour=PAINTS[_MARKERS[index % 2]],
         )
         for index, (x, y, heading) in enumerate(robots)

@@ -14,6 +14,7 @@ from touchline.geometry import FloatArray
 from touchline.simulation.meeting import meet_ball, meet_upright
 
 _NOWHERE_M = 1e6  # beyond every hall
+_CREASE = 1.3  # distances vary by so much more within a pixel than along its middle
 CARPET, FLOOR, BOARD, WALL, CEILING = -1, -2, -3, -4, -8  # walls: east -4, west -5, north -6, south -7
 
 
@@ -68,19 +69,32 @@ def trace_rays(
                 continue
             if solids[k, 0] == 2.0:
                 width = max(aside, lift / np.sqrt(1.0 + rise * rise)) * 1.5
+                vary = 0.0
                 found, edge = meet_ball(
                     along, lateral, oz - solids[k, 9], rise, solids[k, 9], width if marking else 0.0, s + behind
                 )
             else:
-                found, edge = meet_upright(
-                    solids, int(k), along, lateral, ex, ey, oz, ux, uy, rise, aside, lift, steep, s + behind
+                found, edge, vary = meet_upright(
+                    solids,
+                    int(k),
+                    along,
+                    lateral,
+                    ex,
+                    ey,
+                    oz,
+                    ux,
+                    uy,
+                    rise,
+                    aside,
+                    lift,
+                    steep,
+                    s + behind + 2.0 * aside,
                 )
-            if 0.0 < found < s + behind:
-                on_top = rise < 0.0 and oz + found * rise > solids[k, 8] - 1e-6
-                near_by = 10.0 * aside + (lift / max(-rise - steep, 1e-6) if on_top else 0.0)
-                edge = edge or (code >= 0 and abs(s - found) < max(behind, near_by))
+            vary = _CREASE * vary + aside
+            if 0.0 < found < s + behind + vary:
+                edge = edge or (code >= 0 and abs(s - found) < behind + vary)
                 if found < s:
-                    s, code, behind = found, int(k), near_by if marking else 0.0
+                    s, code, behind = found, int(k), vary
         if not (marking and edge) and (
             code < 0 or _may_be_hidden(ox + s * ux, oy + s * uy, oz + s * rise - s * steep, room, behind)
         ):
@@ -165,7 +179,7 @@ def _background(
         if rise > 0.0 and height > room[4]:
             s, code = (room[4] - oz) / rise, CEILING
     if limit < _NOWHERE_M:
-        edge = abs(s - limit) < behind or (edge and s < limit)
+        edge = abs(s - limit) < behind + (across * s + shift) * (per_x + per_y) or (edge and s < limit)
         if s >= limit:
             s, code = limit, 0
     if room[5] > 0.0 and abs(ox) < room[0] and abs(oy) < room[1]:

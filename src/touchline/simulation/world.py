@@ -207,12 +207,17 @@ def robot_blocks(robot: RobotActor) -> tuple[Block, ...]:
         feet = [
             Block("box", 0.1 * r, side * 0.5 * r, 0.0, 1.1 * r, 0.6 * r, 0.0, 0.05, (dark,)) for side in (-1.0, 1.0)
         ]
+        arms = [
+            Block("box", 0.0, side * 1.0 * r, 0.0, 0.35 * r, 0.3 * r, 0.42 * h, 0.84 * h, (dark,))
+            for side in (-1.0, 1.0)
+        ]
         return (
             *legs,
             *feet,
+            *arms,
             Block("box", 0.0, 0.0, 0.0, 0.7 * r, 1.5 * r, 0.5 * h, 0.58 * h, (robot.marker_colour,)),
             Block("box", 0.0, 0.0, 0.0, 0.8 * r, 1.7 * r, 0.58 * h, 0.86 * h, (dark,)),
-            Block("cylinder", 0.0, 0.0, 0.0, 0.7 * r, 0.7 * r, 0.86 * h, h, (dark,)),
+            Block("box", 0.0, 0.0, 0.0, 0.6 * r, 0.7 * r, 0.88 * h, h, (dark,)),
         )
     side = r * math.sqrt(2.0) * 1.08
     return (
