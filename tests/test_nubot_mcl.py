@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -229,6 +230,28 @@ def test_adaptive_numbers_follow_a_recording_down_to_few_particles(shared_data: 
     followed = np.array([e.status is Status.TRACKING for e in estimates])
     assert followed.mean() > 0.8
     assert np.hypot(errors[followed, 0], errors[followed, 1]).mean() <= 0.03
+
+
+def test_particles_that_do_not_converge_start_anew_with_wider_headings(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = system("particles.converged_m=1e-6", "most_cycles=4")
+    widenings: list[float] = []
+    restart = made.particles.restart
+
+    def noted(*arguments: Any, widening: float, **named: Any) -> None:
+        widenings.append(widening)
+        restart(*arguments, widening=widening, **named)
+
+    monkeypatch.setattr(made.particles, "restart", noted)
+    estimates = stand(made, Pose(2.0, 1.0, 0.3), range(12), 0.3)
+    assert widenings == [1.0, 2.0, 4.0]
+    assert all(estimate.status is Status.SEARCHING for estimate in estimates)
+
+
+def test_particles_alone_are_not_started_anew_while_they_follow() -> None:
+    made = system("followed_by=particles", "most_cycles=4")
+    stand(made, Pose(2.0, 1.0, 0.3), range(12), 0.3)
+    assert made.starts == 1
+    assert made.cycles == 12
 
 
 def test_frames_without_points_keep_the_search_going_and_break_nothing() -> None:
