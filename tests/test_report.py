@@ -186,7 +186,8 @@ def run_data(frames: int, searching: int, black_ns: list[tuple[int, int]]) -> Ru
     status = np.array([list(Status).index(Status.SEARCHING)] * searching + [0] * (frames - searching), dtype=np.int8)
     floats, counts = np.ones(frames, dtype=np.float32), np.ones(frames, dtype=np.int32)
     moved = Samples(truth.stamp_ns, truth.values + np.arange(frames)[:, np.newaxis] * [1.0, 0.0, 0.0])
-    table = EstimateTable(moved, np.ones((frames, 3), np.float32), status, floats, counts, floats, floats)
+    modes = np.full(frames, -1, dtype=np.int8)
+    table = EstimateTable(moved, np.ones((frames, 3), np.float32), status, floats, counts, floats, floats, modes)
     return RunData(table, open_field("msl-18x12"), truth, signed_errors(moved, truth), black_ns)
 
 
