@@ -114,7 +114,8 @@ def _sample(image: FLOAT32, u: FloatArray, v: FloatArray) -> FLOAT32:
 def find_strip(view: View, center: FloatArray, strip: Strip) -> tuple[float, FloatArray]:
     """Where the strip lies about a rough centre (2,): its angle in the image, atan2(v, u), and the edges' radii (E,).
 
-    Raises InputError, without the image's name, if no ray crosses all edges in turn.
+    A first or last edge may be hidden: its radius is a guess then. Raises InputError, without the image's name, if no
+    ray crosses all other edges in turn.
     """
     angles = np.arange(RAYS) * (2.0 * np.pi / RAYS)
     height, width = view.light.shape
@@ -131,19 +132,30 @@ def find_strip(view: View, center: FloatArray, strip: Strip) -> tuple[float, Flo
     steep = np.abs(slope)
     peak = on_edge & (steep >= LEAST_SLOPE)
     peak[:, 1:-1] &= (steep[:, 1:-1] >= steep[:, :-2]) & (steep[:, 1:-1] > steep[:, 2:])
-    contrast, found, most = np.zeros(RAYS), np.zeros((RAYS, len(strip.signs))), 0
-    for k in np.flatnonzero(peak.sum(axis=1) >= 3):
-        peaks = np.flatnonzero(peak[k])
-        at = _alternating(peaks, slope[k])
-        most = max(most, len(at))
-        contrast[k], run = _best_window(at, slope[k], polar[k], strip.signs)
-        found[k] = _tight_ends(run, peaks, slope[k])
-    if contrast.max() <= 0.0:
-        raise InputError(
-            f"the strip is not found: no ray from the centre crosses its {len(strip.signs)} edges in turn "
-            f"(at most {most} alternating edges on a ray)"
-        )
-    return _middle(angles, contrast, found * STEP_PX)
+    rays = {int(k): np.flatnonzero(peak[k]) for k in np.flatnonzero(peak.sum(axis=1) >= 3)}
+    for hidden in (slice(None), slice(1, None), slice(-1)):  # the robot may stand on the first edge, a goal on the last
+        contrast, found, most = np.zeros(RAYS), np.full((RAYS, len(strip.signs)), np.nan), 0
+        for k, peaks in rays.items():
+            at = _alternating(peaks, slope[k])
+            most = max(most, len(at))
+            contrast[k], run = _best_window(at, slope[k], polar[k], strip.signs[hidden])
+            found[k, hidden] = _tight_ends(run, peaks, slope[k])
+        if contrast.max() > 0.0:
+            angle, radii = _middle(angles, contrast, found * STEP_PX)
+            return angle, _with_ends(radii)
+    raise InputError(
+        f"the strip is not found: no ray from the centre crosses its {len(strip.signs)} edges in turn "
+        f"(at most {most} alternating edges on a ray)"
+    )
+
+
+def _with_ends(radii_px: FloatArray) -> FloatArray:
+    """Radii (E,) with a hidden first or last one, NaN, as far from the next as that is from its own neighbour."""
+    radii = radii_px.copy()
+    for end, first, second in ((0, 1, 2), (-1, -2, -3)):
+        if np.isnan(radii[end]):
+            radii[end] = 2.0 * radii[first] - radii[second]
+    return radii
 
 
 def _alternating(peaks: npt.NDArray[np.int64], slope: FLOAT32) -> npt.NDArray[np.int64]:
