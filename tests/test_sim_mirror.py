@@ -166,3 +166,27 @@ def test_tilting_a_flat_mirror_by_an_angle_turns_its_rays_by_twice_that() -> Non
     straight = mirror_rays(flat, MirrorMount(), np.array([0.0]), np.array([0.0]))[0]
     tilted = mirror_rays(flat, MirrorMount(tilt_y=angle), np.array([0.0]), np.array([0.0]))[0]
     assert math.acos(float(straight[3:] @ tilted[3:])) == pytest.approx(2.0 * angle, abs=1e-9)
+
+
+def test_tilts_turn_by_the_right_hand_and_a_curved_mirror_set_forward_looks_back() -> None:
+    head = MirrorHead(apex_m=0.2)
+    flat = MirrorProfile(head, np.linspace(0.0, 0.1, 400), np.full(400, 0.2), np.zeros(400))
+    angle = 0.03
+
+    def straight_up(profile: MirrorProfile, mount: MirrorMount) -> npt.NDArray[np.float64]:
+        return mirror_rays(profile, mount, np.array([0.0]), np.array([0.0]))[0, 3:]
+
+    down = math.cos(2.0 * angle)
+    np.testing.assert_allclose(
+        straight_up(flat, MirrorMount(tilt_x=angle)), [0.0, math.sin(2 * angle), -down], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        straight_up(flat, MirrorMount(tilt_y=angle)), [-math.sin(2 * angle), 0.0, -down], atol=1e-9
+    )
+    curved = solve_mirror(tangent_range())
+    shift = 0.0005
+    bend = math.atan(float(curved.surface(np.array([shift]))[1][0]))
+    turned = straight_up(curved, MirrorMount(shift_x=shift))
+    assert turned[0] == pytest.approx(-math.sin(2.0 * bend), abs=1e-6)
+    assert math.degrees(2.0 * bend) == pytest.approx(2.2, abs=0.1), "as docs/simulation.md says"
+    np.testing.assert_allclose(straight_up(curved, MirrorMount(shift_y=shift)), turned[[1, 0, 2]], atol=1e-9)

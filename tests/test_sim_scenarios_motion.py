@@ -74,6 +74,12 @@ class TestMotions:
         course = np.arctan2(steps[walking, 1], steps[walking, 0])
         assert max(abs(wrap_angle(a - b)) for a, b in zip(course, track.poses[1:][walking, 2], strict=True)) < 0.05
 
+    def test_the_roll_of_a_full_stride_has_the_amplitude_that_was_measured(self) -> None:
+        track = Simulation(open_scenario("walk-in-place", seconds=60.0), "points").track
+        roll, pitch = np.degrees(track.attitude[100:-100]).T
+        assert roll.std() == pytest.approx(2.8 / math.sqrt(2.0), rel=0.08)
+        assert pitch.std() == pytest.approx(2.8 * math.hypot(0.68, 0.42) / math.sqrt(2.0), rel=0.12)
+
 
 class TestLive:
     def test_the_exposure_set_now_is_that_of_the_next_image(self) -> None:

@@ -1,6 +1,7 @@
-"""Where a detector's scan paths cross the field's paint: the geometry of the observation level, in compiled loops.
+"""Where a detector's scan paths meet the field's paint: the geometry of the observation level, in compiled loops.
 
-Rays from the robot and circles about it, as in `touchline.perception.scan_lines`; nothing is drawn at random here.
+Rays from the robot and circles about it, as in `touchline.perception.scan_lines`. What lies side by side on a path
+without green between it is one run, as for the detector. Nothing is drawn at random here.
 """
 
 from __future__ import annotations
@@ -11,111 +12,40 @@ import numpy as np
 from numba import njit
 
 from touchline.camera import OmniCamera
-from touchline.field.distance_map import lookup
 from touchline.geometry import FloatArray
+from touchline.simulation.runs import BAR, MOST_PER_PATH, circle_runs, ray_runs
 
-# of a crossing: x, y (m, base frame), path, paint along the path (m), metres per pixel along it, whether it is a disc,
-# growth of the scale outwards (metres per pixel and metre)
-COLUMNS = 7
+# of a crossing: x, y (m, base frame), path, paint along the path (m), metres per pixel along it, what it is (LINE, BAR,
+# DISC), where it truly begins along the path (pixels; rays only), width of the paint (pixels, at right angles to it),
+# sine of the angle between path and paint in the image, place along the path (pixels), what is odd about it, by how
+# many pixels it is shorter than the longest that passes for a line
+COLUMNS = 12
+PLAIN, GRAZED, MIXED = 0.0, 1.0, 2.0  # odd: an edge of a black sector runs along the ray; more than one line
 SCALE_STEP_M = 0.01
-_MOST_PER_PATH = 64
+_FLANK = 4  # samples of green wanted on each side, of which one may be another colour (`perception.profiles`)
 
 
 @njit(cache=True, error_model="numpy")
-def _add(hits, count, where, sine, disc):  # type: ignore[no-untyped-def]
-    """Append (where on the path, sine of the crossing's angle or chord of a disc, disc) and return the new count."""
-    if count < len(hits):
-        hits[count, 0], hits[count, 1], hits[count, 2] = where, sine, disc
-        count += 1
-    return count
+def scale_at(along, scales, column):  # type: ignore[no-untyped-def]
+    """At a ground range (m), from scales (T, 2): metres per pixel outwards (column 0) or the radius in pixels (1)."""
+    position = along / SCALE_STEP_M
+    k = int(position)
+    if k >= len(scales) - 1:
+        return np.nan
+    return scales[k, column] + (position - k) * (scales[k + 1, column] - scales[k, column])
 
 
 @njit(cache=True, error_model="numpy")
-def _on_arc(angle, start, sweep):  # type: ignore[no-untyped-def]
-    return (angle - start) % (2.0 * math.pi) <= sweep
-
-
-@njit(cache=True, error_model="numpy")
-def ray_hits(x, y, cx, sx, segments, rounds, discs, hits):  # type: ignore[no-untyped-def]
-    """Crossings of a ray from x, y along (cx, sx) with the paint, into hits (K, 3); returns how many.
-
-    segments (S, 4); rounds (R, 5): cx, cy, radius, start, sweep (rad); discs (D, 3); all m, field frame.
-    """
-    count = 0
-    for i in range(len(segments)):
-        ax, ay = segments[i, 0] - x, segments[i, 1] - y
-        dx, dy = segments[i, 2] - segments[i, 0], segments[i, 3] - segments[i, 1]
-        length = math.sqrt(dx * dx + dy * dy)
-        cross = cx * dy - sx * dx
-        if abs(cross) < 1e-9 * length:
-            continue
-        along = (ax * dy - ay * dx) / cross
-        share = (ax * sx - ay * cx) / cross
-        if along > 0.0 and 0.0 <= share <= 1.0:
-            count = _add(hits, count, along, abs(cross) / length, 0.0)
-    for i in range(len(rounds) + len(discs)):
-        disc = i >= len(rounds)
-        ox = (discs[i - len(rounds), 0] if disc else rounds[i, 0]) - x
-        oy = (discs[i - len(rounds), 1] if disc else rounds[i, 1]) - y
-        radius = 0.5 * discs[i - len(rounds), 2] if disc else rounds[i, 2]
-        middle = ox * cx + oy * sx
-        half = radius * radius - (ox * ox + oy * oy - middle * middle)
-        if half <= 0.0:
-            continue
-        half = math.sqrt(half)
-        if disc:
-            if middle > 0.0:
-                count = _add(hits, count, middle, 2.0 * half, 1.0)
-            continue
-        for sign in (-1.0, 1.0):
-            along = middle + sign * half
-            if along <= 0.0:
-                continue
-            angle = math.atan2(along * sx - oy, along * cx - ox)
-            if rounds[i, 4] > 6.2831 or _on_arc(angle, rounds[i, 3], rounds[i, 4]):
-                count = _add(hits, count, along, half / radius, 0.0)
-    return count
-
-
-@njit(cache=True, error_model="numpy")
-def circle_hits(x, y, reach, segments, rounds, discs, hits):  # type: ignore[no-untyped-def]
-    """Crossings of a circle about x, y with the paint as direction (rad, field frame) and sine; as `ray_hits`."""
-    count = 0
-    for i in range(len(segments)):
-        ax, ay = segments[i, 0] - x, segments[i, 1] - y
-        dx, dy = segments[i, 2] - segments[i, 0], segments[i, 3] - segments[i, 1]
-        length = math.sqrt(dx * dx + dy * dy)
-        dx, dy = dx / length, dy / length
-        foot = -(ax * dx + ay * dy)
-        off = ax * dy - ay * dx
-        half = reach * reach - off * off
-        if half <= 0.0:
-            continue
-        half = math.sqrt(half)
-        for sign in (-1.0, 1.0):
-            along = foot + sign * half
-            if 0.0 <= along <= length:
-                angle = math.atan2(ay + along * dy, ax + along * dx)
-                count = _add(hits, count, angle, half / reach, 0.0)
-    for i in range(len(rounds)):
-        ox, oy = rounds[i, 0] - x, rounds[i, 1] - y
-        apart, radius = math.sqrt(ox * ox + oy * oy), rounds[i, 2]
-        if apart < 1e-9 or not abs(reach - radius) < apart < reach + radius:
-            continue
-        cosine = (reach * reach + apart * apart - radius * radius) / (2.0 * reach * apart)
-        between = (reach * reach + radius * radius - apart * apart) / (2.0 * reach * radius)
-        sine = math.sqrt(max(1.0 - between * between, 0.0))
-        for sign in (-1.0, 1.0):
-            angle = math.atan2(oy, ox) + sign * math.acos(min(max(cosine, -1.0), 1.0))
-            place = math.atan2(y + reach * math.sin(angle) - rounds[i, 1], x + reach * math.cos(angle) - rounds[i, 0])
-            if rounds[i, 4] > 6.2831 or _on_arc(place, rounds[i, 3], rounds[i, 4]):
-                count = _add(hits, count, angle, sine, 0.0)
-    for i in range(len(discs)):
-        ox, oy, radius = discs[i, 0] - x, discs[i, 1] - y, 0.5 * discs[i, 2]
-        off = math.sqrt(ox * ox + oy * oy) - reach
-        if abs(off) < radius:
-            count = _add(hits, count, math.atan2(oy, ox), 2.0 * math.sqrt(radius * radius - off * off), 1.0)
-    return count
+def range_at(radius, scales):  # type: ignore[no-untyped-def]
+    """Ground range (m) at a radius (pixels), from scales (T, 2): see `scale_table`."""
+    first, last = 0, len(scales) - 1
+    while last - first > 1:
+        middle = (first + last) // 2
+        if scales[middle, 1] <= radius:
+            first = middle
+        else:
+            last = middle
+    return SCALE_STEP_M * (first + (radius - scales[first, 1]) / (scales[last, 1] - scales[first, 1]))
 
 
 @njit(cache=True, error_model="numpy")
@@ -142,11 +72,12 @@ def hidden(x, y, px, py, bodies):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _green(px, py, least, carpet, grid):  # type: ignore[no-untyped-def]
-    """Whether there is carpet without paint at px, py. grid: values, origin x, y, resolution of the distance map."""
-    if abs(px) > carpet[0] or abs(py) > carpet[1]:
-        return False
-    return lookup(grid[0], grid[1], grid[2], grid[3], px, py)[0] > least
+def inside_sector(bearing, sectors):  # type: ignore[no-untyped-def]
+    """Whether a direction (rad) lies in one of the sectors (B, 2) from, to, counter-clockwise."""
+    for i in range(len(sectors)):
+        if (bearing - sectors[i, 0]) % (2.0 * math.pi) <= (sectors[i, 1] - sectors[i, 0]) % (2.0 * math.pi):
+            return True
+    return False
 
 
 @njit(cache=True, error_model="numpy")
@@ -165,110 +96,199 @@ def _shadows(x, y, cx, sx, bodies, shadows):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _ray_is_clear(along, chord, reach_m, scale, ray, view, shadows, width, carpet, grid):  # type: ignore[no-untyped-def]
-    """Whether there is green on both sides of a crossing. ray: direction; view: x, y; shadows: hidden stretches."""
-    for step in (-0.5 * chord - reach_m, -0.5 * chord - scale, 0.5 * chord + scale, 0.5 * chord + reach_m):
-        place = along + step
-        for i in range(len(shadows)):
-            if shadows[i, 0] < place < shadows[i, 1]:
-                return False
-        if not _green(view[0] + place * ray[0], view[1] + place * ray[1], 0.5 * width, carpet, grid):
-            return False
-    return True
+def _sorted_runs(runs, count):  # type: ignore[no-untyped-def]
+    for i in range(1, count):
+        for j in range(i, 0, -1):
+            if runs[j, 0] >= runs[j - 1, 0]:
+                break
+            for c in range(4):
+                runs[j, c], runs[j - 1, c] = runs[j - 1, c], runs[j, c]
 
 
 @njit(cache=True, error_model="numpy")
-def _circle_is_clear(angle, chord, reach_m, scale, reach, view, bodies, width, carpet, grid):  # type: ignore[no-untyped-def]
-    """The same on a circle of the radius `reach` about the view; angle: direction of the crossing (field frame)."""
-    for step in (-0.5 * chord - reach_m, -0.5 * chord - scale, 0.5 * chord + scale, 0.5 * chord + reach_m):
-        turned = angle + step / reach
-        px, py = view[0] + reach * math.cos(turned), view[1] + reach * math.sin(turned)
-        if not _green(px, py, 0.5 * width, carpet, grid) or hidden(view[0], view[1], px, py, bodies):
-            return False
-    return True
+def _merged(runs, count, gap_px, turn, scales):  # type: ignore[no-untyped-def]
+    """Join runs (count, 4), in order, less than gap_px pixels apart; returns how many are left.
+
+    A pixel is `turn` long in the runs' own unit, or, if that is 0, as long as `scales` say.
+    """
+    left = 0
+    for i in range(1, count):
+        gap = gap_px * (turn if turn > 0.0 else scale_at(max(runs[left, 1], 0.0), scales, 0))
+        if runs[i, 0] - runs[left, 1] < gap:
+            runs[left, 1] = max(runs[left, 1], runs[i, 1])
+            runs[left, 2] = 0.0
+            runs[left, 3] = min(runs[left, 3], runs[i, 3])
+        else:
+            left += 1
+            runs[left] = runs[i]
+    return min(left + 1, count)
+
+
+@njit(cache=True, error_model="numpy")
+def _ray_flank(edge, step, view, ray, shadows, carpet):  # type: ignore[no-untyped-def]
+    """Whether the samples beyond an edge (m on the ray) are green; step: a pixel away from the paint (m, signed)."""
+    missing = 0
+    for k in range(_FLANK):
+        place = edge + (k + 0.8) * step
+        px, py = view[0] + place * ray[0], view[1] + place * ray[1]
+        seen = abs(px) <= carpet[0] and abs(py) <= carpet[1]
+        for i in range(len(shadows)):
+            if shadows[i, 0] < place < shadows[i, 1]:
+                seen = False
+        if not seen:
+            missing += 1
+    return missing <= 1
+
+
+@njit(cache=True, error_model="numpy")
+def _circle_flank(edge, step, reach, view, heading, bodies, sectors, carpet):  # type: ignore[no-untyped-def]
+    """The same on a circle of the radius `reach`; edge and step: directions (rad, field frame)."""
+    missing = 0
+    for k in range(_FLANK):
+        angle = edge + (k + 0.8) * step
+        px, py = view[0] + reach * math.cos(angle), view[1] + reach * math.sin(angle)
+        if (
+            abs(px) > carpet[0]
+            or abs(py) > carpet[1]
+            or inside_sector(angle - heading, sectors)
+            or hidden(view[0], view[1], px, py, bodies)
+        ):
+            missing += 1
+    return missing <= 1
+
+
+@njit(cache=True, error_model="numpy")
+def through_mouth(x, y, px, py, mouth):  # type: ignore[no-untyped-def]
+    """Whether a place px, py in a goal is seen from x, y between its posts, not through a side net (field frame, m).
+
+    mouth (3,): distance of the goal lines from the centre, lowest and highest y between the posts.
+    """
+    if abs(x) >= mouth[0]:
+        return False
+    share = (math.copysign(mouth[0], px) - x) / (px - x)
+    return mouth[1] < y + share * (py - y) < mouth[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _in_image(chord, sine, width, scale, other, row):  # type: ignore[no-untyped-def]
+    """Width of the paint and sine of its crossing in the image, into a row.
+
+    scale, other: metres per pixel on and across the path. For runs that are no plain crossing (sine 0)
+    the chord tells how oblique they are.
+    """
+    slope = sine if sine > 0.0 else min(1.0, width / chord)
+    on, across = scale * slope, other * math.sqrt(max(1.0 - slope * slope, 0.0))
+    steepness = math.sqrt(on * on + across * across)
+    row[7], row[8] = width / steepness, on / steepness
 
 
 @njit(cache=True, error_model="numpy")
 def find_crossings(  # type: ignore[no-untyped-def]
-    pose, rays, circles, limits, paint, bodies, carpet, grid, scales, out
+    pose, rays, circles, limits, paint, mouth, bodies, carpet, sectors, scales, out
 ):
     """Paint that a detector could find from a pose (3,), into out (M, COLUMNS); returns how many.
 
     rays (P, 3): bearing (rad, base frame), nearest and farthest range (m); circles (Q, 2): range (m), pixels of radius.
-    limits: line width, longest chord in line widths, flank and blur (pixels). paint: segments, rounds, discs.
-    bodies (K, 4), see `hidden`. carpet: half length and half width. scales (T,): see `scale_table`.
+    limits: line width, longest chord in line widths, blur, gap that is bridged and gap that parts (pixels).
+    paint: bars, rounds, discs of `runs`. mouth: see `through_mouth`. bodies (K, 4): see `hidden`.
+    carpet: half length and half width. sectors (B, 2): black directions (rad, base frame).
+    scales (T, 2): see `scale_table`.
     """
     x, y, heading = pose
     view = (x, y)
-    width, steepest, flank_px, blur_px = limits
-    segments, rounds, discs = paint
-    hits, shadows = np.empty((_MOST_PER_PATH, 3)), np.empty((len(bodies), 2))
+    width, steepest, blur_px, bridged_px, apart_px = limits
+    runs, shadows = np.empty((MOST_PER_PATH, 4)), np.empty((len(bodies), 2))
     found = 0
     for p in range(len(rays)):
+        first, last = rays[p, 1], rays[p, 2]
+        grazed = False
+        if len(sectors):
+            before, after = inside_sector(rays[p, 0] - 0.004, sectors), inside_sector(rays[p, 0] + 0.004, sectors)
+            grazed = before != after
+            if before and after:
+                continue
         ray = (math.cos(rays[p, 0] + heading), math.sin(rays[p, 0] + heading))
-        count = ray_hits(x, y, ray[0], ray[1], segments, rounds, discs, hits)
+        count = ray_runs(x, y, ray[0], ray[1], paint, width, last, runs)
+        if count == 0:
+            continue
+        _sorted_runs(runs, count)
+        count = _merged(runs, count, bridged_px, 0.0, scales)
         dark = _shadows(x, y, ray[0], ray[1], bodies, shadows)
         for h in range(count):
-            along = hits[h, 0]
-            chord = hits[h, 1] if hits[h, 2] > 0.0 else width / max(hits[h, 1], 1e-6)
-            if not rays[p, 1] <= along <= rays[p, 2] or chord > (steepest + blur_px) * width or found >= len(out):
+            along, chord = 0.5 * (runs[h, 0] + runs[h, 1]), runs[h, 1] - runs[h, 0]
+            if not first <= along <= last or found >= len(out):
                 continue
-            bx, by = along * math.cos(rays[p, 0]), along * math.sin(rays[p, 0])
-            scale = scale_at(along, scales)
-            if math.isnan(scale) or chord > steepest * width + 0.5 * blur_px * scale:
+            scale = scale_at(along, scales, 0)
+            if not chord <= steepest * width + blur_px * scale:  # or no scale known
                 continue
-            near, far = along - 0.5 * chord - flank_px * scale, along + 0.5 * chord + scale
-            reach_m = (flank_px + 1.0) * scale
-            if (
-                near < rays[p, 1]
-                or far > rays[p, 2]
-                or not _ray_is_clear(along, chord, reach_m, scale, ray, view, shadows[:dark], width, carpet, grid)
+            if runs[h, 0] - _FLANK * scale < first or runs[h, 1] + _FLANK * scale > last:
+                continue
+            if h > 0 and runs[h, 0] - runs[h - 1, 1] < apart_px * scale:
+                continue
+            if h + 1 < count and runs[h + 1, 0] - runs[h, 1] < apart_px * scale:
+                continue
+            if not (
+                _ray_flank(runs[h, 0], -scale, view, ray, shadows[:dark], carpet)
+                and _ray_flank(runs[h, 1], scale, view, ray, shadows[:dark], carpet)
             ):
                 continue
+            if runs[h, 3] == BAR and not through_mouth(x, y, x + along * ray[0], y + along * ray[1], mouth):
+                continue
             row = out[found]
-            row[0], row[1], row[2], row[3], row[4], row[5] = bx, by, p, chord, scale, hits[h, 2]
-            row[6] = (scale_at(along + SCALE_STEP_M, scales) - scale) / SCALE_STEP_M
+            radius = scale_at(along, scales, 1)
+            row[0], row[1] = along * math.cos(rays[p, 0]), along * math.sin(rays[p, 0])
+            row[2], row[3], row[4], row[5] = p, chord, scale, runs[h, 3]
+            row[6] = scale_at(max(runs[h, 0], 0.0), scales, 1)
+            _in_image(chord, runs[h, 2], width, scale, along / radius, row)
+            row[9], row[11] = radius, (steepest * width - chord) / scale + blur_px
+            row[10] = GRAZED if grazed else (PLAIN if runs[h, 2] > 0.0 else MIXED)
             found += 1
     for q in range(len(circles)):
         reach, scale = circles[q, 0], circles[q, 0] / circles[q, 1]
-        count = circle_hits(x, y, reach, segments, rounds, discs, hits)
+        count = circle_runs(x, y, reach, paint, width, runs)
+        if count == 0:
+            continue
+        _sorted_runs(runs, count)
+        count = _merged(runs, count, bridged_px, 1.0 / circles[q, 1], scales)
+        outwards, turn = scale_at(reach, scales, 0), 1.0 / circles[q, 1]
         for h in range(count):
-            chord = hits[h, 1] if hits[h, 2] > 0.0 else width / max(hits[h, 1], 1e-6)
-            if chord > steepest * width + 0.5 * blur_px * scale or found >= len(out):
+            angle, chord = 0.5 * (runs[h, 0] + runs[h, 1]), (runs[h, 1] - runs[h, 0]) * reach
+            if chord > steepest * width + blur_px * scale or found >= len(out):
                 continue
-            reach_m = (flank_px + 1.0) * scale
-            if not _circle_is_clear(hits[h, 0], chord, reach_m, scale, reach, view, bodies, width, carpet, grid):
+            if count > 1:
+                before = (runs[h, 0] - runs[h - 1, 1]) % (2.0 * math.pi)
+                after = (runs[(h + 1) % count, 0] - runs[h, 1]) % (2.0 * math.pi)
+                if min(before, after) < apart_px * turn:
+                    continue
+            if inside_sector(angle - heading, sectors) or not (
+                _circle_flank(runs[h, 0], -turn, reach, view, heading, bodies, sectors, carpet)
+                and _circle_flank(runs[h, 1], turn, reach, view, heading, bodies, sectors, carpet)
+            ):
                 continue
-            angle, row = hits[h, 0] - heading, out[found]
-            row[0], row[1] = reach * math.cos(angle), reach * math.sin(angle)
-            row[2], row[3], row[4], row[5], row[6] = len(rays) + q, chord, scale, hits[h, 2], 0.0
+            place = x + reach * math.cos(angle), y + reach * math.sin(angle)
+            if runs[h, 3] == BAR and not through_mouth(x, y, place[0], place[1], mouth):
+                continue
+            row = out[found]
+            row[0], row[1] = reach * math.cos(angle - heading), reach * math.sin(angle - heading)
+            row[2], row[3], row[4], row[5], row[6] = len(rays) + q, chord, scale, runs[h, 3], 0.0
+            _in_image(chord, runs[h, 2], width, scale, outwards, row)
+            row[9], row[11] = (
+                ((angle - heading) % (2.0 * math.pi)) * circles[q, 1],
+                (steepest * width - chord) / scale + blur_px,
+            )
+            row[10] = PLAIN if runs[h, 2] > 0.0 else MIXED
             found += 1
     return found
 
 
-@njit(cache=True, error_model="numpy")
-def scale_at(along, scales):  # type: ignore[no-untyped-def]
-    """Metres per pixel outwards at a ground range (m). scales (T,): at ranges SCALE_STEP_M apart from 0 on."""
-    position = along / SCALE_STEP_M
-    k = int(position)
-    if k >= len(scales) - 1:
-        return np.nan
-    return scales[k] + (position - k) * (scales[k + 1] - scales[k])
-
-
 def scale_table(camera: OmniCamera, farthest_m: float) -> FloatArray:
-    """(T,) metres per pixel outwards at ground ranges SCALE_STEP_M apart from 0 on; the mean over all directions."""
+    """(T, 2) metres per pixel outwards and radius (pixels) at ground ranges SCALE_STEP_M apart from 0 on.
+
+    The mean over all directions.
+    """
     ranges = camera.range_m.mean(axis=0)
-    middles = 0.5 * (ranges[1:] + ranges[:-1])
-    scales = np.diff(ranges) / np.diff(camera.radius_px)
-    table: FloatArray = np.interp(np.arange(0.0, farthest_m + 2.0 * SCALE_STEP_M, SCALE_STEP_M), middles, scales)
+    middles, radii = 0.5 * (ranges[1:] + ranges[:-1]), camera.radius_px
+    scales = np.diff(ranges) / np.diff(radii)
+    at = np.arange(0.0, farthest_m + 2.0 * SCALE_STEP_M, SCALE_STEP_M)
+    table: FloatArray = np.column_stack((np.interp(at, middles, scales), np.interp(at, ranges, radii)))
     return table
-
-
-def round_table(circles: FloatArray, arcs: FloatArray) -> FloatArray:
-    """(C + A, 5) cx, cy, radius, start, sweep of circles (C, 3) and arcs (A, 5) with start and end angle (rad)."""
-    whole = np.column_stack((circles, np.zeros(len(circles)), np.full(len(circles), 2.0 * math.pi)))
-    sweeps = np.mod(arcs[:, 4] - arcs[:, 3], 2.0 * math.pi)
-    sweeps[sweeps < 1e-5] = 2.0 * math.pi
-    parts = np.column_stack((arcs[:, :4], sweeps))
-    return np.ascontiguousarray(np.concatenate((whole.reshape(-1, 5), parts.reshape(-1, 5))))

@@ -1,62 +1,33 @@
 """The observation level: line points as perception would deliver them, without an image.
 
-The scan paths of the detector are crossed with the field's paint; then points are missed, shifted along their path and
-joined by false ones, with figures fitted to what the detector finds in rendered images (docs/simulation.md).
+The scan paths of the detector are crossed with the field's paint (`crossings`); then points are missed, shifted along
+their path and joined by false ones (`point_errors`), with figures fitted to what the detector finds in rendered images.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from pydantic import Field
 
 from touchline.camera import OmniCamera
-from touchline.camera.omni import ground_from_pixel, pixel_from_ground
-from touchline.config import Settings
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointSettings
-from touchline.simulation.crossings import COLUMNS, find_crossings, round_table, scale_at, scale_table
+from touchline.simulation.crossings import COLUMNS, find_crossings, hidden, scale_table, through_mouth
+from touchline.simulation.point_errors import ObservationNoise, mosaic_table, perturbed, phase_noise
+from touchline.simulation.runs import BAR, bar_table, round_table
 from touchline.types import LinePoints, empty_points
 
-
-class ObservationNoise(Settings):
-    """What perception adds to the truth. Pixels are along the scan path that found the point."""
-
-    noise_px: float = Field(0.085, ge=0, description="standard deviation of most points on rays")
-    wild_px: float = Field(0.33, ge=0, description="standard deviation of the others")
-    circle_noise_px: float = Field(0.08, ge=0, description="standard deviation of most points on circles")
-    circle_wild_px: float = Field(0.55, ge=0, description="standard deviation of the others")
-    wild_share: float = Field(0.08, ge=0, le=1, description="share of the others")
-    thin_px: float = Field(0.3, ge=0, description="width of a line at which the deviation has grown by 1.4")
-    oblique_px: float = Field(4.0, gt=0, description="length of a crossing at which the deviation has grown by 1.4")
-    circle_oblique_px: float = Field(2.5, gt=0, description="the same length on circles")
-    spread_px: float = Field(
-        1.55, ge=0, description="blur that widens a line: where the mirror's scale grows it shifts points outwards"
-    )
-    frame_px: float = Field(0.02, ge=0, description="deviation that all points on rays of an image share")
-    found_share: float = Field(0.95, ge=0, le=1, description="share of easy crossings of rays that are found")
-    circle_share: float = Field(0.85, ge=0, le=1, description="share of easy crossings of circles that are found")
-    thin_half_px: float = Field(0.47, gt=0, description="width at which half the lines on rays are too thin")
-    thin_slope_px: float = Field(0.06, gt=0, description="how fast that changes with the width (logistic)")
-    circle_half_px: float = Field(1.5, gt=0, description="width at which half the lines on circles are too thin")
-    circle_slope_px: float = Field(0.45, gt=0, description="how fast that changes with the width (logistic)")
-    coarse_half_m: float = Field(
-        0.17, gt=0, description="length of a pixel on the ground at which half is too far away"
-    )
-    coarse_slope_m: float = Field(0.014, gt=0, description="how fast that changes with the length (logistic)")
-    long_px: float = Field(20.0, gt=0, description="length of a crossing of which half as many are found")
-    contrast_px: float = Field(1.5, gt=0, description="width at which blur leaves 63 % of the contrast: the confidence")
-    false_points: float = Field(0.3, ge=0, description="mean number of points on no line per image, anywhere in view")
-    goal_points: float = Field(2.5, ge=0, description="mean number of those in each goal in view: nets, posts, shadows")
-    lean_noise_rad: float = Field(0.0, ge=0, description="error of roll and of pitch that all points of an image share")
-    height_m: float = Field(
-        0.8, gt=0, description="height of the view: what hides the ground how far, and how a lean shifts it"
-    )
+_BAR_M = (0.12, 0.05)  # a goal's bar on the ground as seen from above, with its side: width, how far behind its middle
+_MARK_M = 0.06  # by so much blur lets a path pass beside a round mark and still meet it
+_STEP_PX = 4.0  # between the nodes of what a camera as built sees elsewhere
+_STRAY_PLACES, _NET_PLACES = 60, 24  # per goal; how many of them on the net behind
+_STRAY_TURN_RAD = 0.1  # after such a turn or
+_STRAY_WAY_M = 0.3  # such a way other false points are seen
 
 
 class ObservedLines:
@@ -69,26 +40,50 @@ class ObservedLines:
         noise: ObservationNoise | None = None,
         detector: LinePointSettings | None = None,
         view_rad: float = math.pi,
+        seed: int = 0,
+        as_built: Callable[[FloatArray], FloatArray] | None = None,
     ) -> None:
-        """view_rad: how far to each side the camera sees."""
-        self.camera, self.field = camera, field
+        """view_rad: how far to each side the camera sees. seed: of those errors that come again at the same place.
+
+        as_built: pixels (N, 2) at which the camera truly sees ground points (N, 2), base frame, where it is not quite
+        the one it is taken for; none: it is.
+        """
+        self.camera, self.field, self.seed = camera, field, seed
         self.noise = noise or ObservationNoise()
         self.detector = detector or LinePointSettings()
         self.view_rad = view_rad
         self._scales = scale_table(camera, float(camera.range_m[:, -1].min()))
         self._rays, self._circles = _scan_geometry(camera, self.detector, view_rad)
-        s = self.detector
-        self._limits = (s.line_width_m or field.line_width, s.steepest_crossing, float(s.flank_px), s.blur_px)
-        self._paint = (field.segments, round_table(field.circles, field.arcs), field.discs)
+        s, n = self.detector, self.noise
+        width = s.line_width_m or field.line_width
+        self._limits = (width, s.steepest_crossing, s.blur_px, n.bridged_px, n.apart_px)
+        self._goals, bars = _goals(field)
+        lines = np.concatenate((bar_table(field.segments, width), bars))
+        marks = field.discs + np.array([0.0, 0.0, _MARK_M])
+        self._paint = (lines, round_table(field.circles, field.arcs), marks)
+        self._mouth = np.array([abs(field.goals[0].x), *sorted(field.goals[0].y_posts)] if field.goals else [0.0] * 3)
         self._carpet = (0.5 * field.length + field.border, 0.5 * field.width + field.border)
-        grid = field.distance_map()
-        self._grid = (grid.values, float(grid.origin_m[0]), float(grid.origin_m[1]), grid.resolution_m)
         self._lookup = (camera.lookup_constants, camera.bearings_rad, camera.lookup_table)
-        self._fixed = occluders([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts], self.noise.height_m)
-        self._goals = _goal_corners(field)
-        self._stray_means = np.array([self.noise.false_points, *[self.noise.goal_points] * len(self._goals)])
+        self._fixed = occluders([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts], n.height_m)
         self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
+        self._numbers = n.numbers(s.noise_px, s.noise_m)
+        self._askew = (_askew(camera, as_built), _STEP_PX)
+        self._same = (seed, mosaic_table(seed))
         self._found = np.empty((2048, COLUMNS))
+
+    def crossings(
+        self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
+    ) -> FloatArray:
+        """(M, COLUMNS) all that the detector might find from a pose, arguments as of `observe`: see `crossings`."""
+        hiding = self._fixed
+        if bodies is not None and len(bodies):
+            hiding = np.concatenate((hiding, occluders(bodies, self.noise.height_m)))
+        sectors = self._unseen if black_rad is None else np.concatenate((self._unseen, black_rad))
+        count = find_crossings(
+            (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, self._mouth, hiding,
+            self._carpet, sectors, self._scales, self._found,
+        )  # fmt: skip
+        return self._found[:count]
 
     def observe(
         self,
@@ -102,46 +97,33 @@ class ObservedLines:
         bodies: (K, 4) x, y (field frame), radius, height (m) of what hides the ground behind it; posts do anyway.
         black_rad: (B, 2) directions from, to (base frame, counter-clockwise) in which nothing is seen.
         """
-        hiding = self._fixed
-        if bodies is not None and len(bodies):
-            hiding = np.concatenate((hiding, occluders(bodies, self.noise.height_m)))
-        count = find_crossings(
-            (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, hiding,
-            self._carpet, self._grid, self._scales, self._found,
-        )  # fmt: skip
-        n = self.noise
-        strays = self._strays(pose, rng)
-        total = count + len(strays)
+        found = self.crossings(pose, bodies, black_rad)
+        strays = self._strays(pose, rng, bodies, black_rad is not None and len(black_rad) > 0)
+        total = len(found) + len(strays)
         if total == 0:
             return empty_points()
-        numbers = np.array(
-            [
-                n.noise_px, n.wild_px, n.circle_noise_px, n.circle_wild_px, n.wild_share, n.thin_px, n.oblique_px,
-                n.circle_oblique_px,
-                n.spread_px, n.frame_px * rng.standard_normal(), n.found_share, n.circle_share, n.thin_half_px,
-                n.thin_slope_px, n.circle_half_px, n.circle_slope_px, n.coarse_half_m, n.coarse_slope_m, n.long_px,
-                n.contrast_px, self.detector.noise_px, self.detector.noise_m,
-                *(n.lean_noise_rad * rng.standard_normal(2)), n.height_m,
-            ]
-        )  # fmt: skip
         sectors = self._unseen if black_rad is None else np.concatenate((self._unseen, black_rad))
         rows = np.empty((total, 9))
-        kept = _perturbed(
-            self._found[:count], strays, len(self._rays), sectors, numbers,
-            rng.standard_normal(total), rng.random((total, 2)), self._lookup, self._scales, rows,
+        kept = perturbed(
+            found, strays, len(self._rays), sectors, self._numbers, self._same, rng.standard_normal(3),
+            rng.standard_normal((total, 2)), self._lookup, self._scales, self._askew, rows,
         )  # fmt: skip
         rows = rows[:kept]
         return LinePoints(rows[:, :2], rows[:, 2:6].reshape(-1, 2, 2), rows[:, 6], rows[:, 7:9])
 
-    def _strays(self, pose: Pose, rng: np.random.Generator) -> FloatArray:
+    def _strays(self, pose: Pose, rng: np.random.Generator, bodies: FloatArray | None, covered: bool) -> FloatArray:
         """(K, 2) places of false points, base frame (m): anywhere in view, and in the goals that are near enough."""
-        counts = rng.poisson(self._stray_means)
-        for index, goal in enumerate(self._goals):
-            if math.hypot(goal[0] - pose.x, pose.y) > self._rays[0, 2]:
-                counts[1 + index] = 0
-        places = np.empty((int(counts.sum()), 2))
-        _place_strays(counts, self._rays, self._goals, (pose.x, pose.y, pose.heading), rng.random(places.shape), places)
-        return places
+        n = self.noise
+        hiding = occluders(np.zeros((0, 4)) if bodies is None else bodies, n.height_m)
+        places = np.empty((_STRAY_PLACES * len(self._goals) + 32, 2))
+        more = n.covered_factor if covered else 1.0
+        anywhere = min(int(rng.poisson(more * n.false_points)), 32)
+        count = _place_strays(
+            anywhere, rng.random((anywhere, 2)), self._rays, self._goals, (pose.x, pose.y, pose.heading), self.seed,
+            (more * n.goal_points, n.goal_m, more * n.net_points, min(more, 2.0) * n.net_m), self._mouth, hiding,
+            places,
+        )  # fmt: skip
+        return places[:count]
 
 
 def occluders(bodies: npt.ArrayLike, view_m: float) -> FloatArray:
@@ -152,15 +134,32 @@ def occluders(bodies: npt.ArrayLike, view_m: float) -> FloatArray:
     return table
 
 
-def _goal_corners(field: FieldModel) -> FloatArray:
-    """(G, 4) x inside the goal and behind its net, lowest and highest y of each goal (m, field frame)."""
-    sides = [(g, math.copysign(1.0, g.x)) for g in field.goals]
-    rows = [(g.x + side * 0.6 * g.depth, g.x + side * (g.depth + 0.6), *_widened(g.y_posts)) for g, side in sides]
-    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+def _goals(field: FieldModel) -> tuple[FloatArray, FloatArray]:
+    """(G, 4) x of the posts and of the net, lowest and highest y (m) of each goal; bars of the white ones."""
+    boxes, bars = [], []
+    for goal in field.goals:
+        side, low, high = math.copysign(1.0, goal.x), min(goal.y_posts), max(goal.y_posts)
+        boxes.append((goal.x, goal.x + side * goal.depth, low, high))
+        if goal.color == "white":
+            back = goal.x + side * (goal.depth + _BAR_M[1])
+            bars.append((back, low, back, high))
+    rows = np.array(boxes, dtype=np.float64).reshape(-1, 4)
+    return rows, bar_table(np.array(bars, dtype=np.float64).reshape(-1, 4), _BAR_M[0], BAR)
 
 
-def _widened(posts: Sequence[float]) -> tuple[float, float]:
-    return min(posts) - 0.3, max(posts) + 0.3
+def _askew(camera: OmniCamera, as_built: Callable[[FloatArray], FloatArray] | None) -> FloatArray:
+    """(R, C, 2) by how many pixels the camera as built sees a ground point elsewhere; empty if it does not."""
+    if as_built is None:
+        return np.zeros((0, 0, 2))
+    v, u = np.mgrid[0 : camera.height + _STEP_PX : _STEP_PX, 0 : camera.width + _STEP_PX : _STEP_PX]
+    nodes = np.column_stack((u.ravel(), v.ravel()))
+    from_center = nodes - np.array(camera.center)
+    radius = np.hypot(from_center[:, 0], from_center[:, 1])
+    inside = np.clip(radius, camera.radius_px[0] + 0.5, camera.radius_px[-1] - 3.0) / np.maximum(radius, 1e-9)
+    nearest = np.array(camera.center) + from_center * inside[:, np.newaxis]
+    shifts = as_built(camera.ground_from_image(nearest)) - nearest
+    grid: FloatArray = np.nan_to_num(shifts).reshape(*u.shape, 2)
+    return np.zeros((0, 0, 2)) if np.abs(grid).max() < 1e-6 else np.ascontiguousarray(grid)
 
 
 def leaning_view(height_m: float, focal_px: float, farthest_m: float) -> OmniCamera:
@@ -204,106 +203,45 @@ def _farthest_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _place_strays(counts, rays, goals, pose, uniforms, places):  # type: ignore[no-untyped-def]
-    """Fill places (K, 2), base frame: counts[0] on rays (P, 3), then counts[1 + g] in each goal (G, 4), field frame."""
+def _place_strays(anywhere, uniforms, rays, goals, pose, seed, means, mouth, bodies, places):  # type: ignore[no-untyped-def]
+    """Fill places (K, 2), base frame: some on rays (P, 3), then those seen in the goals (G, 4), field frame; how many.
+
+    A goal's first places lie on the net behind, the others on posts and side nets; which of them give a point depends
+    on the direction and distance from which they are seen. uniforms (anywhere, 2). means: mean number at posts and
+    sides seen from 1 m, the range (m) within which; mean number through the net, the range. mouth, bodies: see
+    `crossings`.
+    """
     x, y, heading = pose
     c, s = math.cos(heading), math.sin(heading)
-    k = 0
-    for _ in range(counts[0]):
+    for k in range(anywhere):
         ray = rays[int(uniforms[k, 0] * len(rays))]
         reach = ray[1] + uniforms[k, 1] * (ray[2] - ray[1])
         places[k, 0], places[k, 1] = reach * math.cos(ray[0]), reach * math.sin(ray[0])
-        k += 1
+    count = anywhere
     for g in range(len(goals)):
-        for _ in range(counts[1 + g]):
-            px = goals[g, 0] + uniforms[k, 0] * (goals[g, 1] - goals[g, 0]) - x
-            py = goals[g, 2] + uniforms[k, 1] * (goals[g, 3] - goals[g, 2]) - y
-            places[k, 0], places[k, 1] = c * px + s * py, c * py - s * px
-            k += 1
-
-
-@njit(cache=True, error_model="numpy")
-def _inside_sector(bearing, sectors):  # type: ignore[no-untyped-def]
-    for i in range(len(sectors)):
-        if (bearing - sectors[i, 0]) % (2.0 * math.pi) <= (sectors[i, 1] - sectors[i, 0]) % (2.0 * math.pi):
-            return True
-    return False
-
-
-@njit(cache=True, error_model="numpy")
-def _found_share(on_ray, wide, scale, numbers):  # type: ignore[no-untyped-def]
-    """Share of crossings that are found, `wide` pixels long where a pixel is `scale` m. numbers: see `observe`."""
-    ray_share, circle_share, thin_half, thin_slope, circle_half, circle_slope, coarse_half, coarse_slope, long_px = (
-        numbers
-    )
-    if on_ray:
-        share = ray_share / (1.0 + math.exp((thin_half - wide) / thin_slope))
-        share /= 1.0 + math.exp((scale - coarse_half) / coarse_slope)
-    else:
-        share = circle_share / (1.0 + math.exp((circle_half - wide) / circle_slope))
-    return share / (1.0 + (wide / long_px) ** 2)
-
-
-@njit(cache=True, error_model="numpy")
-def _perturbed(found, strays, first_circle, sectors, numbers, normals, uniforms, camera, scales, out):  # type: ignore[no-untyped-def]
-    """Points that are found, shifted, into out (N, 9): x, y, covariance (4), confidence, u, v; returns how many.
-
-    found (M, COLUMNS) of `find_crossings`; strays (K, 2): places of false points. numbers: those of
-    `ObservedLines.observe`. normals (N,) and uniforms (N, 2) bring the chance. camera: as there.
-    """
-    noise, wild, circle_noise, circle_wild, wild_share, thin_px, oblique, circle_oblique, spread, frame = numbers[:10]
-    contrast_px, point_px, point_m, roll, pitch, height = numbers[19:]
-    kept = 0
-    for i in range(len(found) + len(strays)):
-        on_ray = True
-        if i < len(found):
-            x, y, path, chord, scale = found[i, 0], found[i, 1], found[i, 2], found[i, 3], found[i, 4]
-            bend = found[i, 6]
-            on_ray = path < first_circle
-            wide = chord / scale
-            if uniforms[i, 0] >= _found_share(on_ray, wide, scale, numbers[10:19]):
+        depth, span = goals[g, 1] - goals[g, 0], goals[g, 3] - goals[g, 2]
+        away = math.sqrt((goals[g, 0] - x) ** 2 + (0.5 * (goals[g, 2] + goals[g, 3]) - y) ** 2)
+        sides = means[0] / max(away, 1.0) / (_STRAY_PLACES - _NET_PLACES) if away < means[1] else 0.0
+        net = means[2] / _NET_PLACES if away < means[3] else 0.0
+        for k in range(_STRAY_PLACES):
+            share = net if k < _NET_PLACES else sides
+            if share == 0.0:
                 continue
-            if uniforms[i, 1] < wild_share:
-                size = wild if on_ray else circle_wild
+            name = 4096 + _STRAY_PLACES * g + k
+            deep, aside = phase_noise(seed, name, 0.0), phase_noise(seed, name, 1.0)
+            if k < _NET_PLACES:
+                px, py = goals[g, 1], goals[g, 2] + span * (0.5 + 0.25 * aside)
             else:
-                size = noise if on_ray else circle_noise
-            shift = (
-                size
-                * math.sqrt(1.0 + (wide / (oblique if on_ray else circle_oblique)) ** 2 + (thin_px / wide) ** 2)
-                * normals[i]
-            )
-        else:
-            x, y = strays[i - len(found), 0], strays[i - len(found), 1]
-            wide, shift, bend = 1.5, 0.0, 0.0
-        if _inside_sector(math.atan2(y, x), sectors):
-            continue
-        u, v = pixel_from_ground(x, y, camera[0], camera[1], camera[2])
-        du, dv = u - camera[0][0], v - camera[0][1]
-        radius = math.sqrt(du * du + dv * dv)
-        if not radius > 1.0:
-            continue
-        if on_ray:
-            shift += frame + 0.5 * spread * spread * bend
-            u += shift * du / radius
-            v += shift * dv / radius
-        else:
-            u -= shift * dv / radius
-            v += shift * du / radius
-        x, y = ground_from_pixel(u, v, camera[0], camera[1], camera[2])
-        if math.isnan(x):
-            continue
-        du, dv = u - camera[0][0], v - camera[0][1]
-        distance = math.sqrt(x * x + y * y)
-        outwards, across = scale_at(distance, scales) ** 2, distance * distance / (du * du + dv * dv)
-        cx, cy = x / distance, y / distance
-        row = out[kept]
-        lean = (x * pitch - y * roll) / height
-        row[0], row[1] = x + height * pitch + x * lean, y - height * roll + y * lean
-        row[2] = point_px**2 * (outwards * cx * cx + across * cy * cy) + point_m**2
-        row[5] = point_px**2 * (outwards * cy * cy + across * cx * cx) + point_m**2
-        row[3] = row[4] = point_px**2 * (outwards - across) * cx * cy
-        row[6] = 1.0 - math.exp(-wide / contrast_px)
-        row[7], row[8] = u, v
-        if not math.isnan(row[2] + row[5]):
-            kept += 1
-    return kept
+                px = goals[g, 0] + depth * (0.5 + 0.25 * deep)
+                py = (goals[g, 2] if k % 2 else goals[g, 3]) + 0.05 * aside
+            if hidden(x, y, px, py, bodies) or (k < _NET_PLACES and not through_mouth(x, y, px, py, mouth)):
+                continue
+            stretch = 1.25 + 0.12 * phase_noise(seed, name, 2.0)  # threads are above the ground that they hide
+            px, py = x + stretch * (px - x), y + stretch * (py - y)
+            px, py = px - x, py - y
+            seen = 0.8 * phase_noise(seed, name, 10.0 + (heading + math.atan2(py, px)) / _STRAY_TURN_RAD)
+            seen += 0.6 * phase_noise(seed, name + 2048, 10.0 + math.sqrt(px * px + py * py) / _STRAY_WAY_M)
+            if 0.5 * math.erfc(seen / math.sqrt(2.0)) < share:
+                places[count, 0], places[count, 1] = c * px + s * py, c * py - s * px
+                count += 1
+    return count

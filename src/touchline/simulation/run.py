@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,12 @@ from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.simulation.calibration_layout import make_layout
-from touchline.simulation.cameras import SimulatedCamera, base_motion, open_simulated_camera
+from touchline.simulation.cameras import SimulatedCamera, base_motion, open_simulated_camera, project_ground
 from touchline.simulation.features import ObservedFeatures, SeenFeatures
 from touchline.simulation.motions import make_track
-from touchline.simulation.observation import ObservationNoise, ObservedLines, leaning_view
+from touchline.simulation.observation import ObservedLines, leaning_view
 from touchline.simulation.others import make_others
+from touchline.simulation.point_errors import ObservationNoise
 from touchline.simulation.scenario import Scenario
 from touchline.simulation.sensors import samples_between, simulate_sensors
 from touchline.simulation.sequence import describe
@@ -36,7 +37,7 @@ LEVELS = ("images", "points")
 _ROBOT_PARTS = ((0.24, 0.38), (0.143, 0.56), (0.117, 0.80))
 _BALL = (0.11, 0.22)
 _PINHOLE_REACH_M = 6.5
-_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, wild_px=0.8, lean_noise_rad=0.004, height_m=1.1, goal_points=1.0)
+_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=0.004, height_m=1.1)
 
 
 class Simulation:
@@ -249,11 +250,13 @@ class Simulation:
     @cached_property
     def _observed(self) -> ObservedLines:
         if self.camera_kind == "omni":
-            return ObservedLines(self.camera, self.field, self._noise)
+            seed, as_built = self.scenario.seed, partial(project_ground, self.camera_model, attitude=(0.0, 0.0))
+            return ObservedLines(self.camera, self.field, self._noise, seed=seed, as_built=as_built)
         tree = self.camera_model.camera_yaml()
         view = leaning_view(float(tree["mount"]["z"]), float(tree["fx"]), _PINHOLE_REACH_M)
         half_rad = math.atan2(0.5 * float(tree["width"]), float(tree["fx"]))
-        return ObservedLines(view, self.field, self._noise or _PINHOLE_NOISE, view_rad=half_rad)
+        noise = self._noise or _PINHOLE_NOISE
+        return ObservedLines(view, self.field, noise, view_rad=half_rad, seed=self.scenario.seed)
 
     def _arrival_stamps(self, rng: np.random.Generator) -> npt.NDArray[np.int64]:
         camera = self.scenario.camera

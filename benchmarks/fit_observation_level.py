@@ -1,0 +1,290 @@
+"""Fits the figures of the observation level (`ObservationNoise`) to what the detector finds in rendered images.
+
+    python benchmarks/fit_observation_level.py [--seconds 60] [--seeds 3]
+
+Scenarios are rendered; in each image the points of `LinePointDetector` are paired, scan path by scan path, with the
+crossings of that path and the field's paint that `ObservedLines.crossings` works out from the true pose. What is paired
+says how often a crossing is found and how far off, what is left over which points are false. The figures follow by
+maximum likelihood (`found_share`, `error_px`), medians and counts; they are printed as they stand in `point_errors.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from touchline.geometry import FloatArray
+from touchline.perception import SelfLearningDetector
+from touchline.simulation.crossings import COLUMNS, GRAZED, MIXED, PLAIN, inside_sector
+from touchline.simulation.observation import ObservedLines
+from touchline.simulation.point_errors import ObservationNoise, edge_shift, found_share
+from touchline.simulation.run import Simulation
+from touchline.simulation.runs import BAR, DISC, LINE
+from touchline.simulation.scenario import open_scenario
+from touchline.types import LinePoints
+
+SCENARIOS = ("straight-tracks", "match", "tour-20", "occlusion-50")
+FRAME, HIT, ERROR, CONFIDENCE, ON_RAY, RANGE, SHIFT = range(COLUMNS, COLUMNS + 7)  # columns behind those of a crossing
+_NEAR_M, _NEAR_PX = 0.25, 3.0  # a point that far from a crossing of its path is another
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """rows (N, COLUMNS + 7): crossings, whether and how well found; false points (M, 3): field frame x, y, distance to
+    the nearest line; poses (F, 3).
+    """
+
+    rows: FloatArray
+    strays: FloatArray
+    poses: FloatArray
+    simulation: Simulation
+
+
+def detected(simulation: Simulation) -> Iterator[LinePoints]:
+    """What the detector finds in each image of a run."""
+    detector = SelfLearningDetector(simulation.camera, line_width_m=simulation.field.line_width)
+    for frame in simulation:
+        yield detector.detect(frame)
+
+
+def compare(simulation: Simulation, found: Iterator[LinePoints], every: int = 1) -> Comparison:
+    """Pair the points of each image with the crossings that were there to be found."""
+    observer = simulation._observed
+    rows, strays, poses = [], [], []
+    for index, points in enumerate(found):
+        time_s = float(simulation.image_times_s[index])
+        if index % every or simulation.track.covered_at(time_s):
+            continue
+        pose = simulation.track.pose_at(time_s)
+        crossings = observer.crossings(pose, simulation._bodies(time_s), simulation._black_rad)
+        paired, left = _pair(observer, crossings, points)
+        placed = pose.transform(points.positions_m[left])
+        rows.append(np.column_stack((crossings, np.full(len(crossings), float(index)), paired)))
+        strays.append(np.column_stack((placed, simulation.field.line_distances(placed))))
+        poses.append(pose.as_array())
+    return Comparison(np.concatenate(rows), np.concatenate(strays), np.array(poses), simulation)
+
+
+def _pair(observer: ObservedLines, crossings: FloatArray, points: LinePoints) -> tuple[FloatArray, FloatArray]:
+    """(N, 6) hit, error, confidence, on a ray, range, shift by blur of each crossing; (M,) points that none has."""
+    camera, rays, circles = observer.camera, observer._rays, observer._circles
+    out = points.pixels - np.array(camera.center)
+    radius = np.hypot(out[:, 0], out[:, 1])
+    bearing = camera.mount_yaw_rad + camera.handedness * np.arctan2(out[:, 1], out[:, 0])
+    off_ray = np.abs(_wrapped(bearing[:, None] - rays[None, :, 0])) * radius[:, None]
+    off_circle = np.abs(radius[:, None] - circles[None, :, 1])
+    of_ray = off_ray.min(axis=1) < 1e-3  # the middle of two edges on a circle lies a little inside it
+    off = np.concatenate((off_ray, np.where(of_ray[:, None], np.inf, off_circle)), axis=1)
+    free = np.ones(len(points), dtype=bool)
+    table = np.zeros((len(crossings), 6))
+    ranges, bearings = np.hypot(*points.positions_m.T), np.arctan2(points.positions_m[:, 1], points.positions_m[:, 0])
+    for row, crossing in zip(table, crossings, strict=True):
+        x, y, path, scale = crossing[0], crossing[1], int(crossing[2]), crossing[4]
+        row[1:4] = np.nan, np.nan, path < len(rays)
+        row[4] = math.hypot(x, y)
+        row[5] = edge_shift(crossing, row[4], observer.noise.blur_px, observer._scales) if row[3] else 0.0
+        near = np.flatnonzero(free & (off[:, path] < (1e-3 if path < len(rays) else 2.5)))
+        if len(near) == 0:
+            continue
+        away = np.hypot(points.positions_m[near, 0] - x, points.positions_m[near, 1] - y)
+        if away.min() > max(_NEAR_M, _NEAR_PX * scale):
+            continue
+        k = near[np.argmin(away)]
+        free[k] = False
+        along = ranges[k] - row[4] if path < len(rays) else _wrapped(bearings[k] - math.atan2(y, x)) * row[4]
+        row[0], row[1], row[2] = 1.0, along / scale, points.confidences[k]
+    return table, free
+
+
+def _wrapped(angle: FloatArray) -> FloatArray:
+    return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
+
+
+def minimised(cost: Callable[[FloatArray], float], start: FloatArray, step: FloatArray, rounds: int = 60) -> FloatArray:
+    """The lowest place of a smooth function by steps along each axis that grow and shrink."""
+    best, lowest, steps = start.copy(), cost(start), step.copy()
+    for _ in range(rounds):
+        for axis in range(len(best)):
+            for sign in (1.0, -1.0):
+                trial = best.copy()
+                trial[axis] += sign * steps[axis]
+                value = cost(trial)
+                if value < lowest:
+                    best, lowest, steps[axis] = trial, value, 1.6 * sign * steps[axis]
+                    break
+            else:
+                steps[axis] *= 0.5
+    return best
+
+
+@njit(cache=True)
+def _likelihood(rows, numbers):  # type: ignore[no-untyped-def]
+    """Mean negative logarithm of the chance of what was found and missed."""
+    total = 0.0
+    for i in range(len(rows)):
+        share = found_share(rows[i], rows[i, ON_RAY] > 0.0, rows[i, RANGE], numbers)
+        share = min(max(share, 1e-3), 1.0 - 1e-3)
+        total -= math.log(share if rows[i, HIT] > 0.0 else 1.0 - share)
+    return total / len(rows)
+
+
+def fit_names(rows: FloatArray, noise: ObservationNoise, names: Sequence[str]) -> ObservationNoise:
+    """Fit shares (kept below 1), halves and slopes (kept above 0) to what was found."""
+
+    def changed(values: FloatArray) -> ObservationNoise:
+        tops = [0.999 if name.endswith("_share") else 1e3 for name in names]
+        limited = np.clip(values, 1e-4, tops)
+        return noise.model_copy(update={name: float(v) for name, v in zip(names, limited, strict=True)})
+
+    start = np.array([getattr(noise, name) for name in names])
+    best = minimised(lambda v: _likelihood(rows, changed(v).numbers(0.3, 0.01)), start, 0.1 * np.abs(start) + 1e-3, 25)
+    return changed(best)
+
+
+def fit_errors(rows: FloatArray, noise: ObservationNoise) -> ObservationNoise:
+    """Size, tails and growth of the errors by maximum likelihood under sinh(k z) / k, z normal."""
+    hits = rows[(rows[:, HIT] > 0.0) & (rows[:, 5] != BAR)]
+    error = hits[:, ERROR] - hits[:, SHIFT]
+    sine, wide, odd = np.maximum(hits[:, 8], 0.05), hits[:, 7], hits[:, 10]
+
+    def cost(logs: FloatArray) -> float:
+        size, tail, oblique, thin, grazed, mixed = np.exp(logs)
+        sigma = size / sine * (1.0 + (oblique / sine) ** 4) * np.sqrt(1.0 + (thin / wide) ** 2)
+        sigma = sigma * np.where(odd == GRAZED, grazed, np.where(odd == MIXED, mixed, 1.0))
+        z = np.arcsinh(tail * error / sigma) / tail
+        return float(np.mean(0.5 * z**2 + np.log(sigma) + np.log(np.cosh(tail * z))))
+
+    names = ("noise_px", "tail", "oblique_sine", "thin_px", "grazed_factor", "mixed_factor")
+    start = np.log([getattr(noise, name) for name in names])
+    best = np.exp(minimised(cost, start, np.full(6, 0.1)))
+    return noise.model_copy(update=dict(zip(names, map(float, best), strict=True)))
+
+
+def fit_contrast(rows: FloatArray, noise: ObservationNoise) -> ObservationNoise:
+    """How wide a line looks white."""
+    plain = (rows[:, HIT] > 0.0) & (rows[:, 5] == LINE) & (rows[:, 10] == PLAIN)
+    wide, seen = rows[plain, 7], rows[plain, CONFIDENCE]
+    contrast = minimised(
+        lambda v: float(np.mean(np.abs(seen - 1.0 + np.exp(-wide / abs(v[0]))))), np.array([1.5]), np.array([0.1])
+    )
+    return noise.model_copy(update={"contrast_px": float(abs(contrast[0]))})
+
+
+def fit_repetition(tables: Sequence[FloatArray], noise: ObservationNoise) -> ObservationNoise:
+    """What errors on one path share with those of the next images, near the same place and further along."""
+    pairs: list[tuple[float, float, float]] = []
+    for rows in tables:
+        hits = rows[(rows[:, HIT] > 0.0) & (np.abs(rows[:, ERROR]) < 0.5) & (rows[:, 10] == PLAIN)]
+        last: dict[int, FloatArray] = {}
+        for row in hits[np.lexsort((hits[:, 9], hits[:, 2], hits[:, FRAME]))]:
+            before = last.get(int(row[2]))
+            if before is not None and before[FRAME] != row[FRAME] and abs(before[9] - row[9]) < 0.4:
+                pairs.append((abs(before[9] - row[9]), before[ERROR] * before[8], row[ERROR] * row[8]))
+            last[int(row[2])] = row
+    way, one, other = np.array(pairs).T
+    same, apart = way < 0.01, way > 0.15
+    kept = float(np.corrcoef(one[same], other[same])[0, 1])
+    left = float(np.corrcoef(one[apart], other[apart])[0, 1]) / kept
+    phases = np.linspace(0.2, 3.0, 57)
+    errors = [abs(_repetition(float(np.mean(way[apart])) / phase) - left) for phase in phases]
+    return noise.model_copy(update={"kept_share": kept, "phase_px": float(phases[int(np.argmin(errors))])})
+
+
+def _repetition(way: float) -> float:
+    """Correlation of `phase_noise` at places `way` apart, over all phases."""
+    starts = np.linspace(0.0, 1.0, 101)
+
+    def weights(place: FloatArray) -> FloatArray:
+        knots = np.arange(0, 8)[:, None]
+        hat = np.maximum(1.0 - np.abs(place[None] - knots), 0.0)
+        return hat / np.sqrt((hat**2).sum(axis=0))
+
+    return float(np.mean((weights(starts) * weights(starts + min(way, 5.0))).sum(axis=0)))
+
+
+def fit_strays(comparisons: Sequence[Comparison], noise: ObservationNoise) -> ObservationNoise:
+    """Points that lie on no line: in the goals, each time that one is near enough, and elsewhere."""
+    free = _strays([c for c in comparisons if len(c.simulation._black_rad) == 0], noise)
+    hidden = [c for c in comparisons if len(c.simulation._black_rad)]
+    factor = noise.covered_factor if not hidden else _strays(hidden, noise)[1] / free[1]
+    return noise.model_copy(
+        update={
+            "false_points": free[0], "goal_points": free[1], "net_points": free[2],
+            "covered_factor": max(factor, 1.0),
+        }
+    )  # fmt: skip
+
+
+def _strays(comparisons: Sequence[Comparison], noise: ObservationNoise) -> tuple[float, float, float]:
+    """Mean numbers: elsewhere per image, at posts and sides of a goal 1 m away, through the net of one near."""
+    elsewhere, images, at_goals, views, at_nets, near_views = 0, 0, 0, 0.0, 0, 0
+    for c in comparisons:
+        field, far = c.simulation.field, c.strays[:, 2] > 0.15
+        for disc in field.discs:
+            far &= np.hypot(c.strays[:, 0] - disc[0], c.strays[:, 1] - disc[1]) > 0.3
+        mark = np.zeros(len(far), dtype=bool)
+        for goal in field.goals:
+            side, low, high = math.copysign(1.0, goal.x), min(goal.y_posts), max(goal.y_posts)
+            x, y = side * c.strays[:, 0], c.strays[:, 1]
+            inside = far & (x > abs(goal.x) - 0.1) & (y > low - 2.0) & (y < high + 2.0)
+            behind = inside & (x > abs(goal.x) + goal.depth - 0.15) & (y > low - 0.4) & (y < high + 0.4)
+            mark |= inside
+            at_nets += int(behind.sum())
+            at_goals += int((inside & ~behind).sum())
+            step = goal.x - c.poses[:, 0], 0.5 * (low + high) - c.poses[:, 1]
+            away, bearing = np.hypot(*step), np.arctan2(step[1], step[0]) - c.poses[:, 2]
+            seen = np.array([not inside_sector(float(b), c.simulation._black_rad) for b in bearing])
+            views += float(np.sum(1.0 / np.maximum(away[seen & (away < noise.goal_m)], 1.0)))
+            near_views += int(np.sum(seen & (away < noise.net_m)))
+        elsewhere += int((far & ~mark).sum())
+        images += len(c.poses)
+    return elsewhere / images, at_goals / max(views, 1.0), at_nets / max(near_views, 1)
+
+
+def fit(comparisons: Sequence[Comparison], noise: ObservationNoise) -> ObservationNoise:
+    """All figures but the gaps between lines, the coarseness of a body's outline and the head's height."""
+    rows = np.concatenate([c.rows for c in comparisons])
+    noise = fit_repetition([c.rows for c in comparisons], noise)
+    noise = fit_errors(rows, fit_contrast(rows, noise))
+    lines = rows[rows[:, 5] == LINE]
+    for _ in range(2):
+        noise = fit_names(
+            lines, noise,
+            ("found_share", "circle_share", "thin_half_px", "thin_slope_px", "coarse_half_m", "coarse_slope_m",
+             "flat_half", "flat_slope", "blur_px", "long_slope_px", "grazed_share", "mixed_share"),
+        )  # fmt: skip
+    bars, marks = rows[rows[:, 5] == BAR], rows[rows[:, 5] == DISC]
+    if len(bars) > 100:
+        noise = fit_names(bars, noise, ("bar_share", "bar_half_m", "bar_slope_m"))
+    if len(marks) > 100:
+        noise = fit_names(marks, noise, ("mark_share",))
+    return fit_strays(comparisons, noise)
+
+
+def main() -> None:
+    """Render, compare, fit, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--seeds", type=int, default=3)
+    arguments = parser.parse_args()
+    comparisons = []
+    for name in SCENARIOS:
+        for seed in range(1, arguments.seeds + 1):
+            simulation = Simulation(open_scenario(name, seed, arguments.seconds))
+            comparisons.append(compare(simulation, detected(simulation)))
+            rows, strays = comparisons[-1].rows, comparisons[-1].strays
+            images = len(comparisons[-1].poses)
+            print(f"{name} {seed}: {images} images, {len(rows) / images:.1f} crossings each, of which "
+                  f"{100 * rows[:, HIT].mean():.1f} % found, {len(strays) / images:.1f} other points")  # fmt: skip
+    before, after = ObservationNoise(), fit(comparisons, ObservationNoise())
+    for name in ObservationNoise.model_fields:
+        print(f"{name:16s} {getattr(before, name):8.4f} -> {getattr(after, name):8.4f}")
+
+
+if __name__ == "__main__":
+    main()
