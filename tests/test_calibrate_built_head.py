@@ -176,7 +176,7 @@ PROFILE_PX = np.arange(-8.0, 12.0, 0.25)
 )
 def test_the_end_of_the_strip_is_found_whatever_lies_behind(edges: list[float], levels: list[float]) -> None:
     light = blurred(PROFILE_PX, edges, levels)
-    assert end_edge(PROFILE_PX, light, 0.5, 1.0, 0.2, SPREAD) == pytest.approx(0.3, abs=0.05)
+    assert end_edge(PROFILE_PX, light, 0.5, 0.2, SPREAD) == pytest.approx(0.3, abs=0.05)
 
 
 def test_an_axis_through_another_centre_is_a_curve() -> None:

@@ -118,6 +118,21 @@ def test_the_search_stays_on_the_path(peak: float, end: float) -> None:
     assert search.best == end
 
 
+@pytest.mark.parametrize("step", [0.2, 0.25, 1.0 / 3.0])
+@pytest.mark.parametrize("offset", [-2.0, -0.6, 0.1, 0.8, 2.5])
+def test_a_camera_with_coarse_steps_gives_the_same_image_twice_and_is_searched_all_the_same(
+    step: float, offset: float
+) -> None:
+    curve = tent(6.0)
+    noise = iter(np.random.default_rng(1).normal(0.0, 0.001, 20))
+
+    def coarse(stops: float) -> float:
+        return curve(round(stops / step) * step) + float(next(noise))
+
+    search = run_search(coarse, 6.0 + offset, math.copysign(max(abs(offset) * 0.75, 0.9), -offset))
+    assert curve(round(search.best / step) * step) >= max(curve(k * step) for k in range(49)) - 0.05
+
+
 def test_impossible_searches_are_refused() -> None:
     with pytest.raises(InputError, match="no length"):
         EntropySearch(1.0, (2.0, 2.0), 0.5, SearchSettings())

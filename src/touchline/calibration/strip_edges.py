@@ -30,8 +30,8 @@ def measure_edges(view: View, axis: StripAxis, rough_px: FloatArray, strip: Stri
         if np.isnan(edges[k]):
             continue
         spread = edge_spread(r, light, edges, levels, chosen)
-        sides = levels[[1, 0]] if k == 0 else levels[-2:]
-        edges[k] = _measure_end(view, axis, edges, sides, strip, k, 1.0 - spread[::-1] if k == 0 else spread)
+        outwards = 1.0 - spread[::-1] if k == 0 else spread
+        edges[k] = _measure_end(view, axis, edges, float(levels[0 if k == 0 else -1]), strip, k, outwards)
     return edges
 
 
@@ -75,11 +75,11 @@ def _half_way(
 
 
 def _measure_end(
-    view: View, axis: StripAxis, edges: FloatArray, levels: FloatArray, strip: Strip, k: int, spread: FloatArray
+    view: View, axis: StripAxis, edges: FloatArray, carpet: float, strip: Strip, k: int, spread: FloatArray
 ) -> float:
     """Radius of the first or last edge k: the mean of the middle half of what profiles all across the strip say.
 
-    The edge is straight on the ground: to each side of the axis it lies further out. levels: (2,) strip, carpet.
+    The edge is straight on the ground: to each side of the axis it lies further out.
     """
     outwards = 1 if k else -1
     neighbour = k - outwards
@@ -93,7 +93,7 @@ def _measure_end(
         shift = px_per_m * strip.edges_m[k] * (1.0 / np.cos(turn) - 1.0) - edges[k] * (1.0 / np.cos(turn) - 1.0)
         r = edges[k] + shift + outwards * x
         light = view.sample(*axis.pixels(r, np.full((1, 1), beside)))[0]
-        found.append(outwards * end_edge(x, light, 0.0, levels[0], levels[1], spread))
+        found.append(outwards * end_edge(x, light, 0.0, carpet, spread))
     middle = np.sort(found)[len(found) // 4 : len(found) - len(found) // 4]
     return float(edges[k] + middle.mean())
 

@@ -12,8 +12,9 @@ import numpy as np
 from touchline.geometry import FloatArray
 
 SPREAD_PX = np.arange(-4.0, 4.0 + 1e-9, 0.25)
-_WINDOW_PX = 3.5  # to each side of the edge
-_AHEAD_PX = (1.75, 3.5)
+_WINDOW_PX = (-3.5, 2.25)  # of the edge, that is described: further out there may be more than one other thing
+_BEFORE_PX = (2.25, 4.5)  # from the edge: the strip's own level there
+_AHEAD_PX = (2.25, 3.75)
 _FIRST_PX = np.arange(-1.75, 1.75 + 1e-9, 0.025)  # about the rough place
 _SECOND_PX = np.arange(0.75, 8.0, 0.25)  # how far beyond an end edge another one is looked for
 _BETTER = 0.5  # what another edge must leave of the squared residual to be believed
@@ -34,17 +35,16 @@ def edge_spread(r: FloatArray, light: FloatArray, edges: FloatArray, levels: Flo
     return mean
 
 
-def end_edge(
-    r: FloatArray, light: FloatArray, rough_px: float, strip: float, carpet: float, spread: FloatArray
-) -> float:
+def end_edge(r: FloatArray, light: FloatArray, rough_px: float, carpet: float, spread: FloatArray) -> float:
     """Where the strip ends on one profile: light (N,) at radii r (N,), the strip before, other things behind it.
 
-    strip, carpet: their levels. spread: of an edge, from 1 to 0 at SPREAD_PX.
+    carpet: its level. spread: of an edge, from 1 to 0 at SPREAD_PX.
     """
-    window = np.abs(r - rough_px) < _WINDOW_PX
+    window = (r - rough_px > _WINDOW_PX[0]) & (r - rough_px < _WINDOW_PX[1])
     x, y = r[window] - rough_px, light[window]
     step = np.interp(x - _FIRST_PX[:, np.newaxis], SPREAD_PX, spread)  # (A, N)
     best, least = 0.0, np.inf
+    strip = float(np.median(light[(r > rough_px - _BEFORE_PX[1]) & (r < rough_px - _BEFORE_PX[0])]))
     ahead = float(np.median(light[(r > rough_px + _AHEAD_PX[0]) & (r < rough_px + _AHEAD_PX[1])]))
     for level in (carpet, ahead):
         if abs(strip - level) < 0.3 * abs(strip - carpet):  # white behind white is no edge

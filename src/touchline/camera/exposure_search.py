@@ -91,6 +91,9 @@ class SearchSettings(Settings):
     )
 
 
+_SAME = 0.005  # nats: noise changes the entropy of the same image by less
+
+
 @dataclass(frozen=True, slots=True)
 class Tried:
     """One image of a search: where on the path, with which settings, and its entropy (nats)."""
@@ -147,7 +150,17 @@ class EntropySearch:
             if outward is not None:
                 return outward
             return self._between(places[k - 1] if k else places[1])
-        return self._within(places[k - 1], self.best, places[k + 1])
+        return self._within(self._told_apart(places[:k][::-1]), self.best, self._told_apart(places[k + 1 :]))
+
+    def _told_apart(self, outwards: list[float]) -> float:
+        """The nearest of the places on one side whose image differs from the best one: a camera with coarse steps
+        gives the same image twice.
+        """
+        for place in outwards[:-1]:
+            near = abs(place - self.best) <= self.settings.tolerance_stops
+            if not (near and self.tried[self.best] - self.tried[place] < _SAME):
+                return place
+        return outwards[-1]
 
     def _new(self, stops: float) -> float | None:
         """A place on the path, unless one was tried that can't be told from it."""
@@ -176,4 +189,5 @@ class EntropySearch:
         peak = best - slope / (2.0 * curvature) if curvature < 0.0 else best
         if abs(peak - best) < 0.35 * s.tolerance_stops:
             peak = best + math.copysign(min(0.4 * abs(wider), 1.3 * s.tolerance_stops), wider)
-        return self._new(float(np.clip(peak, low + 0.15 * below, high - 0.15 * above)))
+        place = self._new(float(np.clip(peak, low + 0.15 * below, high - 0.15 * above)))
+        return place if place is not None else self._new(best + 0.38 * wider)

@@ -33,7 +33,7 @@ def mirror(
         bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")
     ] = False,
 ) -> None:
-    """Write a camera.yaml with a range table for every direction, from images of a strip of known edges."""
+    """Write a camera.yaml with ranges and bearings for every direction, from images of a strip of known edges."""
     picture = _free_files(output, picture)
     from touchline.calibration.mirror import calibrate_mirror
     from touchline.calibration.strip_recording import camera_yaml
@@ -102,6 +102,8 @@ def _mirror_words(calibration: MirrorCalibration, name: str) -> str:
     import math
 
     camera, edges = calibration.camera, calibration.strip.edges_m
+    hidden = f"\n{calibration.filled} edges, hidden or spoilt, were taken from the other directions."
+    hidden = hidden if calibration.filled else ""
     return (
         f"Mirror calibrated without a model from {name}: {len(calibration.sightings)} images of {len(edges)} edges.\n"
         f"Centre {camera.center[0]:.2f}, {camera.center[1]:.2f} px; "
@@ -109,7 +111,7 @@ def _mirror_words(calibration: MirrorCalibration, name: str) -> str:
         f"mounted at {math.degrees(camera.mount_yaw_rad):.2f}°; "
         f"bearings agree to {math.degrees(calibration.bearing_error_rad):.2f}°.\n"
         f"Known from edges between {edges[0]:g} and {edges[-1]:g} m; continued from {camera.range_m[:, 0].min():.2f} "
-        f"to {camera.range_m[:, -1].max():.1f} m."
+        f"to {camera.range_m[:, -1].max():.1f} m.{hidden}"
     )
 
 

@@ -277,7 +277,7 @@ def _field_figure(field: FieldModel, kidnaps: Sequence[Kidnap]) -> Figure:
     letters = iter("ABCDEFGHIJKLMN" if len(kidnaps) < 5 else "BCDEFGHIJK")
     for one in kidnaps:
         for place in (one.old, one.new):
-            axes.annotate(next(letters), (place.x, place.y), xytext=(5, 5), textcoords="offset points", fontsize=10)
+            axes.annotate(next(letters), (place.x, place.y), xytext=(7, 7), textcoords="offset points", fontsize=10)
         axes.annotate("", (one.new.x, one.new.y), (one.old.x, one.old.y), arrowprops={"arrowstyle": "->", "alpha": 0.5})
         axes.plot(one.truth.x, one.truth.y, "o", color=BLUE, markersize=9, zorder=3)
         axes.plot(one.found.x, one.found.y, "o", color=RED, markersize=5, zorder=4)
@@ -286,11 +286,13 @@ def _field_figure(field: FieldModel, kidnaps: Sequence[Kidnap]) -> Figure:
 
 def _curve_figure(kidnaps: dict[str, list[list[Kidnap]]]) -> Figure:
     figure, (axes,) = new_figure()
+    lowest = 100.0
     for name, runs in kidnaps.items():
-        shares = np.mean([one.right for run in runs for one in run], axis=0)
-        axes.plot(np.arange(1, CYCLES + 1), 100.0 * shares, "o-", markersize=3, label=name)
+        shares = 100.0 * np.mean([one.right for run in runs for one in run], axis=0)
+        axes.plot(np.arange(1, CYCLES + 1), shares, "o-", markersize=3, label=name)
+        lowest = min(lowest, float(shares.min()))
     axes.set_xlabel("cycles since the restart")
     axes.set_ylabel("right (%)")
-    axes.set_ylim(0.0, 102.0)
+    axes.set_ylim(max(0.0, 10.0 * math.floor(lowest / 10.0 - 0.5)), 101.0)
     axes.legend(frameon=False, title="compass off by")
     return figure
