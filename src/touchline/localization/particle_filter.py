@@ -63,8 +63,8 @@ class ParticleFilterSettings(Settings):
     sigma_units: float = Field(
         64.0,
         gt=0,
-        description="the σ of equation (8) in units of the map: 64 of 255 are 0.25 m with farthest_m 1; with some "
-        "hundred points the product (9) is then 3 cm wide, as wide as particles lie apart",
+        description="the σ of equation (8) in units of the map: 64 are 0.25 m with farthest_m 1; with some hundred "
+        "points the product (9) is then 3 cm wide, as wide as particles lie apart",
     )
     worst_units: float = Field(
         128.0,

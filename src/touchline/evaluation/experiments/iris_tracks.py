@@ -21,7 +21,7 @@ CYAN = "#00a3c4"
 SCENARIO = "tour-20"
 FROM_A_TO_B = ((-3.5, -2.0, 0.0), (-1.0, 1.5, 60.0), (1.2, -1.2, -30.0), (3.6, 1.9, 20.0))
 HIDDEN_S = ((6.0, 2.0), (10.0, 1.5))
-SECONDS = 14.0
+SECONDS = 16.0
 
 
 def iris_tracks(seeds: int) -> ExperimentResult:
