@@ -70,7 +70,7 @@ def _grain(
     """
     square = (s * s + oz * oz) / oz
     reach = 1.4142 * along * square
-    if reach < 0.16 * FIRST_TEXEL_M or 1.5 * long * long > FIRST_TEXEL_M * FIRST_TEXEL_M:
+    if reach < 0.2 * FIRST_TEXEL_M or 1.5 * long * long > FIRST_TEXEL_M * FIRST_TEXEL_M:
         return pile_at(pyramid, x, y, 1.5 * long * long)
     dx, dy, wide = reach * ux, reach * uy, 1.4142 * across * np.sqrt(square * oz)
     ex, ey = -wide * uy, wide * ux
@@ -82,11 +82,12 @@ def _grain(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _two_levels(s: float, oz: float, long: float, deep: float) -> bool:
-    """Whether a pixel so long that reaches deep (m) to both sides sees the pile at two levels."""
+    """Whether a pixel so long that reaches deep (m) to both sides sees the pile at two of its finest levels."""
     texels, change = 1.5 * (long / FIRST_TEXEL_M) ** 2, 4.0 * s * deep / (s * s + oz * oz)
-    while texels > 1.0 + change:
-        texels *= 0.25
-    return bool(texels > 1.0 - change)
+    return bool(
+        texels < 32.0
+        and (abs(texels - 1.0) < change or abs(texels - 4.0) < 4.0 * change or abs(texels - 16.0) < 16.0 * change)
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -210,5 +211,5 @@ def _seam(carpet: FloatArray, x: float, width: float, reach: float) -> tuple[flo
     offset = _past_seam(carpet, x)
     width = max(width, 1e-6)
     dark = min(offset + 0.5 * width, 0.5 * SEAM_M) - max(offset - 0.5 * width, -0.5 * SEAM_M)
-    edge = abs(offset) < 0.5 * (width + SEAM_M) + reach and 0.05 * width < SEAM_M
+    edge = abs(offset) < 0.5 * (width + SEAM_M) + reach and 0.12 * width < SEAM_M
     return float(1.0 - 0.4 * max(dark, 0.0) / width), edge

@@ -16,7 +16,7 @@ _NOWHERE_M = 1e6  # beyond every hall
 _GRAZING = 1e-3
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def meet_upright(
     solids: FloatArray,
     k: int,
@@ -80,14 +80,14 @@ def meet_upright(
     return found, bool(over_x or solids[k, 6] - abs(found * vy - ly) < abs(vy) * deep + abs(vx) * aside), deep
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _within(enter: float, leave: float, limit: float, oz: float, rise: float, bottom: float, top: float) -> bool:
     """Whether a ray that is inside an outline over [enter, leave] is between two heights there, before the limit."""
     low, high = oz + max(enter, 0.0) * rise, oz + leave * rise
     return enter < leave and leave > 0.0 and enter <= limit and max(low, high) >= bottom and min(low, high) <= top
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _into_prism(enter: float, leave: float, oz: float, rise: float, bottom: float, top: float) -> tuple[float, bool]:
     """Where a ray that is inside an outline over [enter, leave] enters the prism, and whether through its side."""
     if enter >= leave or leave <= 0.0:
@@ -115,7 +115,7 @@ def meet_ball(
     return ((b - np.sqrt(inside)) / a if inside > 0.0 else _NOWHERE_M), edge
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _near_edge_of_box(
     solids: FloatArray, k: int, x: float, y: float, on_broad_side: bool, height: float, wide: float, up: float
 ) -> bool:
@@ -133,7 +133,7 @@ def _near_edge_of_box(
     return _near_level(solids, k, height, up)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _near_level(solids: FloatArray, k: int, height: float, up: float) -> bool:
     """Whether the lower or upper end or an edge between bands is within `up` (m) of a height."""
     bottom, top = height - solids[k, 7], solids[k, 8] - height
