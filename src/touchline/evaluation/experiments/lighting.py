@@ -237,8 +237,8 @@ _NOTES = (
     "shadows of window bars draw false points. There the first case's settings, with shade overexposed too, do better.",
     "Without control the second case and the dull day cost little: the detector compares a line with the green beside "
     "it, not with absolute levels. Single tries with a ninth (omni_exposure) and a twentieth of the light lost nothing "
-    "either; the loss in the third case is that of its fiftieth. The paper's best settings fall from 18 ms, 18 to 12 ms, 12 from the first case to "
-    "the second, by a factor of 2.25.",
+    "either; the loss in the third case is that of its fiftieth. The paper's best settings fall "
+    "from 18 ms, 18 to 12 ms, 12 from the first case to the second, by a factor of 2.25.",
 )
 
 
