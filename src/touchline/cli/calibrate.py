@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 calibrate_app = typer.Typer(help="Calibrate the mirror or the colours.", no_args_is_help=True)
 
 _OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The file to write; a new one.", show_default=False)
-_PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it [default: the output's name with .png].")
+_PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it (default: the output's name with .png).")
 
 
 @calibrate_app.command("mirror")
@@ -57,7 +57,7 @@ def colour(
     ],
     output: Annotated[Path, _OUTPUT],
     regions: Annotated[
-        Path | None, typer.Option(help="Marked regions [default: RECORDING/regions.yaml, if any].", show_default=False)
+        Path | None, typer.Option(help="Marked regions (default: RECORDING/regions.yaml, if any).", show_default=False)
     ] = None,
     camera: Annotated[
         Path | None, typer.Option(help="camera.yaml of an image without marks.", show_default=False)
