@@ -19,7 +19,7 @@ calibrate_app = typer.Typer(help="Calibrate the mirror, its ranges or the colour
 calibrate_app.command("range")(calibrate_range)
 
 _OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The file to write; a new one.", show_default=False)
-_PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it [default: the output's name with .png].")
+_PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it (default: the output's name with .png).")
 
 
 @calibrate_app.command("mirror")
@@ -60,7 +60,7 @@ def colour(
     ],
     output: Annotated[Path, _OUTPUT],
     regions: Annotated[
-        Path | None, typer.Option(help="Marked regions [default: RECORDING/regions.yaml, if any].", show_default=False)
+        Path | None, typer.Option(help="Marked regions (default: RECORDING/regions.yaml, if any).", show_default=False)
     ] = None,
     camera: Annotated[
         Path | None, typer.Option(help="camera.yaml of an image without marks.", show_default=False)
