@@ -117,9 +117,7 @@ class Scene:
         np.copyto(self.flags, self._lit_flags if self.sun[0] > 0.0 else self._still_flags)
         self.caster_cells = place_casters(self.casters, self.sun, self.paint.frame, self.flags)
 
-    def arrays(
-        self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray
-    ) -> SceneArrays:
+    def arrays(self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray) -> SceneArrays:
         """Everything for the loops, with the solids sorted into cells around a camera."""
         return SceneArrays(
             self.solids, starts, items, near, self.palette, self.room, self.room_colours, self.flags,
