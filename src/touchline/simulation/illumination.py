@@ -66,9 +66,9 @@ def sun_at(
         run = ex * sun[1] + ey * sun[2]
         off = abs(ex * sun[2] - ey * sun[1]) - casters[m, 2]
         over = z + (run - casters[m, 2]) * sun[3] - casters[m, 3]
-        if run > 0.0 and off < reach and over < reach * (1.0 + sun[3]):
-            lit = lit and not (off < 0.0 and over < 0.0)
-            edge = edge or off > -reach or over > -reach * (1.0 + sun[3])
+        if run > -reach and off < reach and over < reach * (1.0 + sun[3]):
+            lit = lit and not (run > 0.0 and off < 0.0 and over < 0.0)
+            edge = edge or run < reach or off > -reach or over > -reach * (1.0 + sun[3])
     return lit, edge and reach > 0.0
 
 

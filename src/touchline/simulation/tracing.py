@@ -96,7 +96,7 @@ def trace_rays(
                 if found < s:
                     s, code, behind = found, int(k), vary
         if not (marking and edge) and (
-            code < 0 or _may_be_hidden(ox + s * ux, oy + s * uy, oz + s * rise - s * steep, room, behind)
+            code < 0 or _may_be_hidden(ox + s * ux, oy + s * uy, oz + s * rise - s * steep, room, behind + 0.1)
         ):
             met, found, edge = _background(
                 ox, oy, oz, ux, uy, rise, float(cast[6, i]), across, steep, deep, shift, room,
@@ -133,7 +133,11 @@ def trace_rays(
 def _may_be_hidden(x: float, y: float, z: float, room: FloatArray, reach: float) -> bool:
     """Whether a body's point (m) may lie behind the board around the carpet or the wall, or `reach` from them."""
     x, y = abs(x), abs(y)
-    return bool(x + reach > room[2] or y + reach > room[3] or (z < room[5] + reach and (x > room[0] or y > room[1])))
+    return bool(
+        x + reach > room[2]
+        or y + reach > room[3]
+        or (z < room[5] + reach and (x + reach > room[0] or y + reach > room[1]))
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -185,13 +189,15 @@ def _background(
     if room[5] > 0.0 and abs(ox) < room[0] and abs(oy) < room[1]:
         board_x, board_y = (room[0] - along_x) * per_x, (room[1] - along_y) * per_y
         board = min(board_x, board_y)
-        if board < s:
-            height = oz + board * rise
-            up = _lift_on_wall(board, rise, across, steep, shift, per_x if board_x < board_y else per_y)
-            if abs(height - room[5]) < up or abs(height) < up:
-                edge = True
-            elif height < room[5]:
-                s, code, edge = board, BOARD, False
+        per = per_x if board_x < board_y else per_y
+        height, up = oz + board * rise, _lift_on_wall(board, rise, across, steep, shift, per)
+        crossed = height < room[5] + up and abs(board - limit) < behind + _CREASE * (across * board + shift) * per
+        if board < s and abs(height) >= up and height < room[5] - up:
+            s, code, edge = board, BOARD, crossed
+        else:
+            edge = edge or crossed or (board < s and height < room[5] + up)
+            if board < s and height < room[5]:
+                s, code = board, BOARD
     return code, s, bool(edge and across > 0.0)
 
 
