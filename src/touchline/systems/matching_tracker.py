@@ -116,9 +116,7 @@ class MatchingTracker(ABC):
         if self.status is Status.TRACKING:
             if match is not None:
                 self._fuse(points, weights, match, compass_rad)
-            failed = self._failed(match, len(points), compass_rad)
-            if match is not None and self.failure.suspicious:
-                failed |= self._fits_elsewhere(points, weights, match, compass_rad)
+            failed = self._failed(match, points, weights, compass_rad)
             if failed or (self.told and self.failure.bad_frames > 0):  # a told pose that nothing has confirmed yet
                 self.status = Status.LOST
                 self.failures += 1
@@ -245,16 +243,17 @@ class MatchingTracker(ABC):
                 return self.matcher.assess(positions_m, weights, refined, refined_error)
         return self.matcher.assess(self.tilt.corrected(points.positions_m), weights, pose, error)
 
-    def _failed(self, match: Match | None, points: int, compass_rad: float | None) -> bool:
+    def _failed(self, match: Match | None, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> bool:
         """Section 4.2: mean deviation and heading against the compass, for several frames in a row."""
         if match is None:
             self.correction.interrupt()
-            return self.failure.update(points, float("inf"), None)
+            return self.failure.update(len(points), float("inf"), None)
         strays = None
         if compass_rad is not None:
             # the fused heading: a match that was turned to the compass but not believed would hide the contradiction
             strays = wrap_angle(self.filter.pose.heading - self.correction.heading(compass_rad))
-        return self.failure.update(points, match.mean_distance_m, strays)
+        failed = self.failure.update(len(points), match.mean_distance_m, strays)
+        return failed or (self.failure.suspicious and self._fits_elsewhere(points, weights, match, compass_rad))
 
     def _fits_elsewhere(self, points: LinePoints, weights: FloatArray, match: Match, compass_rad: float | None) -> bool:
         """Whether some other place explains the points far better than this match; the papers have no such test."""

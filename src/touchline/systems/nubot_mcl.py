@@ -53,6 +53,12 @@ class NubotMclSettings(TrackerSettings):
         "global search: real calibrations may leave more than accepted_error everywhere",
     )
     same_m: float = Field(0.5, gt=0, description="distance (m) within which that is the same pose: a frame's travel")
+    keep_unless_better: bool = Field(
+        True,
+        description="start the particles after bad frames only if some other place explains the points far better: "
+        "near a goal that hidden sectors cut in two, clutter makes frames bad at the right pose, too. The paper starts "
+        "them in any case",
+    )
     widening: float = Field(
         2.0,
         ge=1,
@@ -101,6 +107,14 @@ class NubotMcl(MatchingTracker):
         """Kalman fusion; particles have the odometry in them already."""
         if self.settings.followed_by == "matching":
             super()._fuse(points, weights, match, compass_rad)
+
+    def _failed(self, match: Match | None, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> bool:
+        """The paper's five bad cycles, and a better place."""
+        failed = super()._failed(match, points, weights, compass_rad)
+        keeps = self.settings.keep_unless_better and self.settings.followed_by == "matching"
+        if failed and keeps and match is not None and self._may_face(self.filter.pose.heading, compass_rad):
+            return self._fits_elsewhere(points, weights, match, compass_rad)
+        return failed
 
     def _localize(
         self, points: LinePoints, weights: FloatArray, compass_rad: float | None, held: Match | None
