@@ -216,7 +216,7 @@ def lu2013_lighting(seeds: int) -> ExperimentResult:
         COLUMNS,
         tuple(rows),
         _headline(controlled, fixed),
-        (*_NOTES, _exposures(controlled)),
+        (*_NOTES, _dark(fixed[THIRD.name]), _exposures(controlled)),
         (
             ("tracks", _tracks_figure([(c.name, controlled[c.name][0]) for c in (FIRST, SECOND, THIRD)])),
             ("exposure", _exposure_figure(controlled, fixed)),
@@ -280,6 +280,15 @@ def _headline(controlled: dict[str, list[Drive]], fixed: dict[str, list[Drive]])
         "1.00, 0.77; none, –",
         f"{ratios[0]:.2f}, {ratios[1]:.2f}; {left[0]:.0f} %, {left[1]:.0f} %",
     )
+
+
+def _dark(runs: Sequence[Drive]) -> str:
+    """What the third case leaves of the line points while the lamps are off."""
+    left = []
+    for run in runs:
+        off = (np.arange(len(run.points)) + 1) / RATE_HZ // SWITCH_S % 2 == 1
+        left.append(100.0 * float(run.points[off].mean() / run.points[~off].mean()))
+    return f"Third case without control: {spread(left, 0)} % of the line points are left while the lamps are off."
 
 
 def _exposures(controlled: dict[str, list[Drive]]) -> str:
