@@ -60,23 +60,18 @@ def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float)
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _grain(
-    pyramid: npt.NDArray[np.float32], x: float, y: float, s: float, oz: float, ux: float, uy: float, long: float,
-    along: float, across: float,
-) -> float:  # fmt: skip
-    """Brightness of the pile in a pixel that sees a point at a distance s from a height oz and is so long (m).
+    pyramid: npt.NDArray[np.float32], x: float, y: float, long: float, px: float, py: float, qx: float, qy: float
+) -> float:
+    """Brightness of the pile in a pixel so long (m) that sees a point, with samples at (+-px +-qx, +-py +-qy) from it.
 
-    along, across: root mean square of its samples' angles (rad), 0 for a single ray. On the finest texels, where these
-    are not much larger than what the samples span, it is the mean of four points that vary as much as the samples.
+    Where they are not much closer together than the finest texels, it is the mean over the samples.
     """
-    square = (s * s + oz * oz) / oz
-    reach = 1.4142 * along * square
-    if reach < 0.2 * FIRST_TEXEL_M or 1.5 * long * long > FIRST_TEXEL_M * FIRST_TEXEL_M:
-        return pile_at(pyramid, x, y, 1.5 * long * long)
-    dx, dy, wide = reach * ux, reach * uy, 1.4142 * across * np.sqrt(square * oz)
-    ex, ey = -wide * uy, wide * ux
+    square = 1.5 * long * long
+    if max(abs(px) + abs(qx), abs(py) + abs(qy)) < 0.2 * FIRST_TEXEL_M or square > FIRST_TEXEL_M * FIRST_TEXEL_M:
+        return pile_at(pyramid, x, y, square)
     return 0.25 * (
-        pile_at(pyramid, x + dx, y + dy, 0.0) + pile_at(pyramid, x - dx, y - dy, 0.0)
-        + pile_at(pyramid, x + ex, y + ey, 0.0) + pile_at(pyramid, x - ex, y - ey, 0.0)
+        pile_at(pyramid, x + px + qx, y + py + qy, 0.0) + pile_at(pyramid, x + px - qx, y + py - qy, 0.0)
+        + pile_at(pyramid, x - px + qx, y - py + qy, 0.0) + pile_at(pyramid, x - px - qx, y - py - qy, 0.0)
     )  # fmt: skip
 
 
@@ -146,7 +141,7 @@ def shade_ground(
 ) -> None:
     """Fill radiance (N, 3) of the rays that `ground` lists, all on the carpet, or set edges (N,) where one is near.
 
-    cast (8, >= N), extents (3, >= N), shift, texture (3, >= N): the rays, see `casting` and `sampling`. carpet (5,):
+    cast (8, >= N), extents (3, >= N), shift, texture (5, >= N): the rays, see `casting` and `sampling`. carpet (5,):
     colour, seam spacing, contrast; paints (P, 3) colours; the other arrays: see the functions that read them.
     """
     for listed in ground:
@@ -154,13 +149,13 @@ def shade_ground(
         s, oz, ux, uy = float(cast[6, i]), float(cast[2, i]), float(cast[3, i]), float(cast[4, i])
         x, y = cast[0, i] + s * ux, cast[1, i] + s * uy
         deep, wide = float(extents[2, i]), s * extents[0, i] + shift
-        reach, long = deep + wide, texture[2, i] * (s * s + oz * oz) / oz
+        reach, long = deep + wide, texture[4, i] * (s * s + oz * oz) / oz
         flag = (
             flags[np.uint32((y - paint_frame[1]) * FLAGS_PER_M), np.uint32((x - paint_frame[0]) * FLAGS_PER_M)] & 0xFF
         )
         if reach < MIDDLE_MARGIN_M:
             flag &= 0xFF - (PAINT_AROUND if reach >= TIGHT_MARGIN_M else PAINT_AROUND | PAINT_NEAR)
-        paint, dark, share, edge = -1, 1.0, 1.0, reach >= MARGIN_M or (deep > 0.0 and _two_levels(s, oz, long, deep))
+        paint, share, edge = -1, 1.0, reach >= MARGIN_M or (deep > 0.0 and _two_levels(s, oz, long, deep))
         sunlit = flag & SUNLIT != 0
         if flag & (HAS_PAINT | PAINT_NEAR | PAINT_AROUND):
             paint, near = paint_at(shapes, starts, items, paint_frame, x, y, ux, uy, deep, wide)
@@ -174,23 +169,30 @@ def shade_ground(
         aside = abs(ux) * deep + abs(uy) * wide
         if carpet[3] > 0.0 and aside > _TONE_M:
             edge = edge or abs(_past_seam(carpet, x)) < aside + _TONE_M
-        if flag & HAS_SEAM and paint < 0:
-            dark, near = _seam(carpet, x, abs(ux) * long + abs(uy) * s * texture[2, i], aside)
-            edge = edge or near
         if edge and deep > 0.0:
             edges[i] = True
             continue
-        grain = carpet[4] * PILE * _grain(pyramid, x, y, s, oz, ux, uy, long, texture[0, i], texture[1, i])
+        px, py, qx, qy = 0.0, 0.0, 0.0, 0.0
+        if long < FIRST_TEXEL_M or flag & HAS_SEAM:
+            along, across = (s * s + oz * oz) / oz, np.sqrt(s * s + oz * oz)
+            p, aside, q, across = (
+                texture[0, i] * along,
+                texture[1, i] * across,
+                texture[2, i] * along,
+                texture[3, i] * across,
+            )
+            px, py, qx, qy = p * ux - aside * uy, p * uy + aside * ux, q * ux - across * uy, q * uy + across * ux
+        grain = carpet[4] * PILE * _grain(pyramid, x, y, long, px, py, qx, qy)
         if paint >= 0:
             level = light_at(light, light_frame, 0, x, y) * share + (sun[0] if sunlit else 0.0)
             level *= 1.0 + 0.25 * grain
             for c in range(3):
                 radiance[i, c] = paints[paint, c] * level
             continue
-        level = light_at(light, light_frame, 1, x, y)
-        if sunlit:
-            share += sun[0] / light_at(light, light_frame, 0, x, y)
-        level *= dark * (1.0 + grain) * share
+        level = share + (sun[0] / light_at(light, light_frame, 0, x, y) if sunlit else 0.0)
+        if flag & HAS_SEAM:
+            level *= _seam(carpet, x, abs(ux) * long + abs(uy) * s * texture[4, i], px, qx)
+        level *= light_at(light, light_frame, 1, x, y) * (1.0 + grain)
         for c in range(3):
             radiance[i, c] = carpet[c] * level
 
@@ -203,13 +205,13 @@ def _past_seam(carpet: FloatArray, x: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _seam(carpet: FloatArray, x: float, width: float, reach: float) -> tuple[float, bool]:
-    """A thin dark seam between strips of carpet across the field's length, box-filtered over a pixel's width (m).
+def _seam(carpet: FloatArray, x: float, width: float, p: float, q: float) -> float:
+    """Share of light from a thin dark seam between strips of carpet across the field's length.
 
-    Also whether its edges are within reach (m) of x and broad enough to be seen.
+    Box-filtered over a pixel's width (m), and the mean over samples at x +- p +- q.
     """
-    offset = _past_seam(carpet, x)
-    width = max(width, 1e-6)
-    dark = min(offset + 0.5 * width, 0.5 * SEAM_M) - max(offset - 0.5 * width, -0.5 * SEAM_M)
-    edge = abs(offset) < 0.5 * (width + SEAM_M) + reach and 0.12 * width < SEAM_M
-    return float(1.0 - 0.4 * max(dark, 0.0) / width), edge
+    width, dark = max(width, 1e-6), 0.0
+    for n in range(4):
+        offset = _past_seam(carpet, x + (p if n < 2 else -p) + (q if n % 2 == 0 else -q))
+        dark += max(min(offset + 0.5 * width, 0.5 * SEAM_M) - max(offset - 0.5 * width, -0.5 * SEAM_M), 0.0)
+    return float(1.0 - 0.1 * dark / width)
