@@ -10,7 +10,6 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.carpet import FIRST_TEXEL_M, LEVELS, TILE_TEXELS
 from touchline.simulation.illumination import (
     FLAGS_PER_M,
     HAS_PAINT,
@@ -27,6 +26,8 @@ from touchline.simulation.illumination import (
 )
 from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M, paint_at
 
+TILE_TEXELS, LEVELS = 512, 9  # of the pile's pyramid, see `carpet.pile_pyramid`
+FIRST_TEXEL_M = 0.006  # its finest level: a tile of 3 m
 SEAM_M = 0.012  # width of a seam between two strips of carpet
 _TONE_M = 0.06  # half the width over which the tone of one strip goes over into the next (the light map's step)
 PILE = 0.10  # standard deviation of the pile's brightness at its finest texel
@@ -60,13 +61,13 @@ def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float)
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _grain(
-    pyramid: npt.NDArray[np.float32], x: float, y: float, long: float, px: float, py: float, qx: float, qy: float
+    pyramid: npt.NDArray[np.float32], x: float, y: float, square: float, px: float, py: float, qx: float, qy: float
 ) -> float:
-    """Brightness of the pile in a pixel so long (m) that sees a point, with samples at (+-px +-qx, +-py +-qy) from it.
+    """Brightness of the pile in a pixel that sees a point, with samples at (+-px +-qx, +-py +-qy) from it.
 
-    Where they are not much closer together than the finest texels, it is the mean over the samples.
+    square: of the footprint (m^2). Where the samples are not much closer together than the finest texels, it is their
+    mean.
     """
-    square = 1.5 * long * long
     if max(abs(px) + abs(qx), abs(py) + abs(qy)) < 0.2 * FIRST_TEXEL_M or square > FIRST_TEXEL_M * FIRST_TEXEL_M:
         return pile_at(pyramid, x, y, square)
     return 0.25 * (
@@ -76,13 +77,13 @@ def _grain(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _two_levels(s: float, oz: float, long: float, deep: float) -> bool:
-    """Whether a pixel so long that reaches deep (m) to both sides sees the pile at two of its finest levels."""
-    texels, change = 1.5 * (long / FIRST_TEXEL_M) ** 2, 4.0 * s * deep / (s * s + oz * oz)
-    return bool(
-        texels < 32.0
-        and (abs(texels - 1.0) < change or abs(texels - 4.0) < 4.0 * change or abs(texels - 16.0) < 16.0 * change)
-    )
+def _two_levels(texels: float, part: float) -> bool:
+    """Whether a pixel sees the pile at two of its three finest levels.
+
+    texels: square of its length in finest texels, on which the level depends; part: by which that varies within it.
+    """
+    change = part * texels
+    return bool(abs(texels - 1.0) < change or abs(texels - 4.0) < change or abs(texels - 16.0) < change)
 
 
 @njit(cache=True, error_model="numpy")
@@ -98,7 +99,7 @@ def sort_rays(
 ) -> tuple[int, int]:
     """List which of the first `total` rays are to be traced (rest) and which surely end on the carpet; count both.
 
-    cast (8, >= N), extents (3, >= N), shift: the rays, see `casting`. starts: no body is near a ray whose cell is
+    cast (9, >= N), extents (3, >= N), shift: the rays, see `casting`. starts: no body is near a ray whose cell is
     empty; room: see `trace_rays`.
     """
     count, ground_count = 0, 0
@@ -141,21 +142,24 @@ def shade_ground(
 ) -> None:
     """Fill radiance (N, 3) of the rays that `ground` lists, all on the carpet, or set edges (N,) where one is near.
 
-    cast (8, >= N), extents (3, >= N), shift, texture (5, >= N): the rays, see `casting` and `sampling`. carpet (5,):
+    cast (9, >= N), extents (3, >= N), shift, texture (5, >= N): the rays, see `casting` and `sampling`. carpet (5,):
     colour, seam spacing, contrast; paints (P, 3) colours; the other arrays: see the functions that read them.
     """
     for listed in ground:
         i = np.uint32(listed)
-        s, oz, ux, uy = float(cast[6, i]), float(cast[2, i]), float(cast[3, i]), float(cast[4, i])
+        s, ux, uy, stretch = float(cast[6, i]), float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
         x, y = cast[0, i] + s * ux, cast[1, i] + s * uy
         deep, wide = float(extents[2, i]), s * extents[0, i] + shift
-        reach, long = deep + wide, texture[4, i] * (s * s + oz * oz) / oz
+        reach, long = deep + wide, texture[4, i] * stretch
+        square = 1.5 * long * long
         flag = (
             flags[np.uint32((y - paint_frame[1]) * FLAGS_PER_M), np.uint32((x - paint_frame[0]) * FLAGS_PER_M)] & 0xFF
         )
         if reach < MIDDLE_MARGIN_M:
             flag &= 0xFF - (PAINT_AROUND if reach >= TIGHT_MARGIN_M else PAINT_AROUND | PAINT_NEAR)
-        paint, share, edge = -1, 1.0, reach >= MARGIN_M or (deep > 0.0 and _two_levels(s, oz, long, deep))
+        paint, share, edge = -1, 1.0, reach >= MARGIN_M
+        if square < 32.0 * FIRST_TEXEL_M**2 and deep > 0.0:
+            edge = edge or _two_levels(square / FIRST_TEXEL_M**2, 4.0 * s * deep / (stretch * cast[2, i]))
         sunlit = flag & SUNLIT != 0
         if flag & (HAS_PAINT | PAINT_NEAR | PAINT_AROUND):
             paint, near = paint_at(shapes, starts, items, paint_frame, x, y, ux, uy, deep, wide)
@@ -174,15 +178,15 @@ def shade_ground(
             continue
         px, py, qx, qy = 0.0, 0.0, 0.0, 0.0
         if long < FIRST_TEXEL_M or flag & HAS_SEAM:
-            along, across = (s * s + oz * oz) / oz, np.sqrt(s * s + oz * oz)
+            across = np.sqrt(stretch * cast[2, i])
             p, aside, q, across = (
-                texture[0, i] * along,
+                texture[0, i] * stretch,
                 texture[1, i] * across,
-                texture[2, i] * along,
+                texture[2, i] * stretch,
                 texture[3, i] * across,
             )
             px, py, qx, qy = p * ux - aside * uy, p * uy + aside * ux, q * ux - across * uy, q * uy + across * ux
-        grain = carpet[4] * PILE * _grain(pyramid, x, y, long, px, py, qx, qy)
+        grain = carpet[4] * PILE * _grain(pyramid, x, y, square, px, py, qx, qy)
         if paint >= 0:
             level = light_at(light, light_frame, 0, x, y) * share + (sun[0] if sunlit else 0.0)
             level *= 1.0 + 0.25 * grain

@@ -36,7 +36,7 @@ def trace_rays(
     ground_count: int,
     edges: npt.NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """Find what those of the cast rays (8, N) meet that `rest` (M,) lists; count the upright hits and the ground's.
+    """Find what those of the cast rays (9, N) meet that `rest` (M,) lists; count the upright hits and the ground's.
 
     extents (3, N): see `casting.spread_rays`; all zero: the rays are samples, and no edges are looked for. edges (N,)
     is set where the rays of a pixel may meet different things; nothing else is told of these. room (6,): half length
