@@ -168,7 +168,7 @@ def test_cast_rays_are_turned_as_by_matrices() -> None:
     rays = rng.normal(size=(6, 500)).astype(np.float32)
     rows = np.repeat([0, 1], 250).astype(np.int32)
     poses = np.stack([field_from_body(Pose(1.0, -2.0, 0.7), (0.1, -0.2)), field_from_body(Pose(-3.0, 0.5, 2.9))])
-    cast = np.empty((8, 500), dtype=np.float32)
+    cast = np.empty((9, 500), dtype=np.float32)
     cast_rays(rays, rows, poses, 512, 64, cast)
     rotations = poses[rows, :9].reshape(-1, 3, 3)
     origin = np.einsum("nij,jn->ni", rotations, rays[:3].astype(np.float64)) + poses[rows, 9:]

@@ -66,7 +66,7 @@ def test_a_pixels_samples_stay_within_its_extents() -> None:
     samples = sample_rays(camera._grid.rays, pixels, 2, camera._grid.pixel_angle)
     pose = field_from_body(Pose(0.3, -0.2, 1.1), (0.06, -0.05))[np.newaxis]
     middles = np.ascontiguousarray(camera._grid.rays.reshape(-1, 6)[pixels].T)
-    rows, cast = np.zeros(len(pixels), dtype=np.int32), np.empty((8, len(pixels)), dtype=np.float32)
+    rows, cast = np.zeros(len(pixels), dtype=np.int32), np.empty((9, len(pixels)), dtype=np.float32)
     extents, beside = np.empty((3, len(pixels)), dtype=np.float32), np.empty_like(cast)
     cast_rays(middles, rows, pose, 512, 64, cast)
     spread_rays(samples.spread, cast, math.hypot(pose[0, 6], pose[0, 7]), samples.shift_m, extents)
@@ -94,7 +94,7 @@ def test_a_body_is_listed_in_every_cell_that_a_ray_to_it_may_lie_in() -> None:
         radius = solids[k, 9] * np.sqrt(share)
         aim = np.stack((solids[k, 1] + radius * np.cos(turn), solids[k, 2] + radius * np.sin(turn), height))
         origin = np.tile([[0.5], [-0.3], [0.8]], 200)
-        rays, cast = np.vstack((origin, aim - origin)).astype(np.float32), np.empty((8, 200), dtype=np.float32)
+        rays, cast = np.vstack((origin, aim - origin)).astype(np.float32), np.empty((9, 200), dtype=np.float32)
         cast_rays(rays, np.zeros(200, dtype=np.int32), upright, 512, 64, cast)
         for cell in cast[7].astype(int):
             assert k in items[starts[cell] : starts[cell + 1]]

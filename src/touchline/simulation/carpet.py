@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-TILE_TEXELS = 512
-FIRST_TEXEL_M = 0.006  # the finest level: a tile of 3 m
-LEVELS = 9
+from touchline.simulation.ground_shading import LEVELS, TILE_TEXELS
 
 
 def pile_pyramid(rng: np.random.Generator) -> npt.NDArray[np.float32]:

@@ -17,11 +17,12 @@ Float32Array = npt.NDArray[np.float32]
 def cast_rays(
     rays: Float32Array, rows: npt.NDArray[np.int32], poses: FloatArray, sectors: int, bins: int, cast: Float32Array
 ) -> None:
-    """Fill cast (8, >= N) for body rays (6, N): origin (m) and direction, of any length but not straight down.
+    """Fill cast (9, >= N) for body rays (6, N): origin (m) and direction, of any length but not straight down.
 
     rows (N,) selects each ray's pose among poses (P, 12): rotation field_from_body by rows, then its translation (m);
     with a single pose it is not read. Rows of cast: origin (m, field frame), horizontal unit direction, height gained
-    per metre, metres to the ground (1e6 where there is none), number of the cell (see `solids.sort_into_cells`).
+    per metre, metres to the ground (1e6 where there is none), number of the cell (see `solids.sort_into_cells`), metres
+    along the ground per radian of elevation.
     """
     count = rays.shape[1]
     if len(poses) == 1:
@@ -70,6 +71,7 @@ def _cast_from(rays: Float32Array, pose: Float32Array, sectors: int, bins: int, 
     _weighted(rx, ry, rz, pose[6], pose[7], pose[8], none, cast[5, :n])
     _normalise(cast[3, :n], cast[4, :n], cast[5, :n])
     _fall(cast[2, :n], cast[5, :n], cast[6, :n])
+    _stretch(cast[2, :n], cast[6, :n], cast[8, :n])
     _number_cells(cast[3, :n], cast[4, :n], cast[5, :n], np.float32(sectors), np.float32(bins), cast[7, :n])
 
 
@@ -107,6 +109,13 @@ def _fall(height: Float32Array, rise: Float32Array, out: Float32Array) -> None:
         falling = rise[i] < level
         down = rise[i] if falling else level
         out[i] = -height[i] / down if falling else far
+
+
+@njit(cache=True, error_model="numpy")
+def _stretch(height: Float32Array, s: Float32Array, out: Float32Array) -> None:
+    """How much further along the ground a ray ends per radian."""
+    for i in range(len(out)):
+        out[i] = (s[i] * s[i] + height[i] * height[i]) / height[i]
 
 
 @njit(cache=True, error_model="numpy")

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.carpet import FIRST_TEXEL_M, LEVELS, TILE_TEXELS
 from touchline.simulation.illumination import (
     FLAGS_PER_M,
     HAS_PAINT,
@@ -27,6 +26,8 @@ from touchline.simulation.illumination import (
 )
 from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M, paint_at
 
+TILE_TEXELS, LEVELS = 512, 9  # of the pile's pyramid, see `carpet.pile_pyramid`
+FIRST_TEXEL_M = 0.006  # its finest level: a tile of 3 m
 SEAM_M = 0.012  # width of a seam between two strips of carpet
 _TONE_M = 0.06  # half the width over which the tone of one strip goes over into the next (the light map's step)
 PILE = 0.10  # standard deviation of the pile's brightness at its finest texel
@@ -60,34 +61,29 @@ def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float)
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _grain(
-    pyramid: npt.NDArray[np.float32], x: float, y: float, s: float, oz: float, ux: float, uy: float, long: float,
-    along: float, across: float,
-) -> float:  # fmt: skip
-    """Brightness of the pile in a pixel that sees a point at a distance s from a height oz and is so long (m).
+    pyramid: npt.NDArray[np.float32], x: float, y: float, square: float, px: float, py: float, qx: float, qy: float
+) -> float:
+    """Brightness of the pile in a pixel that sees a point, with samples at (+-px +-qx, +-py +-qy) from it.
 
-    along, across: root mean square of its samples' angles (rad), 0 for a single ray. On the finest texels, where these
-    are not much larger than what the samples span, it is the mean of four points that vary as much as the samples.
+    square: of the footprint (m^2). Where the samples are not much closer together than the finest texels, it is their
+    mean.
     """
-    square = (s * s + oz * oz) / oz
-    reach = 1.4142 * along * square
-    if reach < 0.2 * FIRST_TEXEL_M or 1.5 * long * long > FIRST_TEXEL_M * FIRST_TEXEL_M:
-        return pile_at(pyramid, x, y, 1.5 * long * long)
-    dx, dy, wide = reach * ux, reach * uy, 1.4142 * across * np.sqrt(square * oz)
-    ex, ey = -wide * uy, wide * ux
+    if max(abs(px) + abs(qx), abs(py) + abs(qy)) < 0.2 * FIRST_TEXEL_M or square > FIRST_TEXEL_M * FIRST_TEXEL_M:
+        return pile_at(pyramid, x, y, square)
     return 0.25 * (
-        pile_at(pyramid, x + dx, y + dy, 0.0) + pile_at(pyramid, x - dx, y - dy, 0.0)
-        + pile_at(pyramid, x + ex, y + ey, 0.0) + pile_at(pyramid, x - ex, y - ey, 0.0)
+        pile_at(pyramid, x + px + qx, y + py + qy, 0.0) + pile_at(pyramid, x + px - qx, y + py - qy, 0.0)
+        + pile_at(pyramid, x - px + qx, y - py + qy, 0.0) + pile_at(pyramid, x - px - qx, y - py - qy, 0.0)
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _two_levels(s: float, oz: float, long: float, deep: float) -> bool:
-    """Whether a pixel so long that reaches deep (m) to both sides sees the pile at two of its finest levels."""
-    texels, change = 1.5 * (long / FIRST_TEXEL_M) ** 2, 4.0 * s * deep / (s * s + oz * oz)
-    return bool(
-        texels < 32.0
-        and (abs(texels - 1.0) < change or abs(texels - 4.0) < 4.0 * change or abs(texels - 16.0) < 16.0 * change)
-    )
+def _two_levels(texels: float, part: float) -> bool:
+    """Whether a pixel sees the pile at two of its three finest levels.
+
+    texels: square of its length in finest texels, on which the level depends; part: by which that varies within it.
+    """
+    change = part * texels
+    return bool(abs(texels - 1.0) < change or abs(texels - 4.0) < change or abs(texels - 16.0) < change)
 
 
 @njit(cache=True, error_model="numpy")
@@ -103,7 +99,7 @@ def sort_rays(
 ) -> tuple[int, int]:
     """List which of the first `total` rays are to be traced (rest) and which surely end on the carpet; count both.
 
-    cast (8, >= N), extents (3, >= N), shift: the rays, see `casting`. starts: no body is near a ray whose cell is
+    cast (9, >= N), extents (3, >= N), shift: the rays, see `casting`. starts: no body is near a ray whose cell is
     empty; room: see `trace_rays`.
     """
     count, ground_count = 0, 0
@@ -146,21 +142,24 @@ def shade_ground(
 ) -> None:
     """Fill radiance (N, 3) of the rays that `ground` lists, all on the carpet, or set edges (N,) where one is near.
 
-    cast (8, >= N), extents (3, >= N), shift, texture (3, >= N): the rays, see `casting` and `sampling`. carpet (5,):
+    cast (9, >= N), extents (3, >= N), shift, texture (5, >= N): the rays, see `casting` and `sampling`. carpet (5,):
     colour, seam spacing, contrast; paints (P, 3) colours; the other arrays: see the functions that read them.
     """
     for listed in ground:
         i = np.uint32(listed)
-        s, oz, ux, uy = float(cast[6, i]), float(cast[2, i]), float(cast[3, i]), float(cast[4, i])
+        s, ux, uy, stretch = float(cast[6, i]), float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
         x, y = cast[0, i] + s * ux, cast[1, i] + s * uy
         deep, wide = float(extents[2, i]), s * extents[0, i] + shift
-        reach, long = deep + wide, texture[2, i] * (s * s + oz * oz) / oz
+        reach, long = deep + wide, texture[4, i] * stretch
+        square = 1.5 * long * long
         flag = (
             flags[np.uint32((y - paint_frame[1]) * FLAGS_PER_M), np.uint32((x - paint_frame[0]) * FLAGS_PER_M)] & 0xFF
         )
         if reach < MIDDLE_MARGIN_M:
             flag &= 0xFF - (PAINT_AROUND if reach >= TIGHT_MARGIN_M else PAINT_AROUND | PAINT_NEAR)
-        paint, dark, share, edge = -1, 1.0, 1.0, reach >= MARGIN_M or (deep > 0.0 and _two_levels(s, oz, long, deep))
+        paint, share, edge = -1, 1.0, reach >= MARGIN_M
+        if square < 32.0 * FIRST_TEXEL_M**2 and deep > 0.0:
+            edge = edge or _two_levels(square / FIRST_TEXEL_M**2, 4.0 * s * deep / (stretch * cast[2, i]))
         sunlit = flag & SUNLIT != 0
         if flag & (HAS_PAINT | PAINT_NEAR | PAINT_AROUND):
             paint, near = paint_at(shapes, starts, items, paint_frame, x, y, ux, uy, deep, wide)
@@ -174,23 +173,30 @@ def shade_ground(
         aside = abs(ux) * deep + abs(uy) * wide
         if carpet[3] > 0.0 and aside > _TONE_M:
             edge = edge or abs(_past_seam(carpet, x)) < aside + _TONE_M
-        if flag & HAS_SEAM and paint < 0:
-            dark, near = _seam(carpet, x, abs(ux) * long + abs(uy) * s * texture[2, i], aside)
-            edge = edge or near
         if edge and deep > 0.0:
             edges[i] = True
             continue
-        grain = carpet[4] * PILE * _grain(pyramid, x, y, s, oz, ux, uy, long, texture[0, i], texture[1, i])
+        px, py, qx, qy = 0.0, 0.0, 0.0, 0.0
+        if long < FIRST_TEXEL_M or flag & HAS_SEAM:
+            across = np.sqrt(stretch * cast[2, i])
+            p, aside, q, across = (
+                texture[0, i] * stretch,
+                texture[1, i] * across,
+                texture[2, i] * stretch,
+                texture[3, i] * across,
+            )
+            px, py, qx, qy = p * ux - aside * uy, p * uy + aside * ux, q * ux - across * uy, q * uy + across * ux
+        grain = carpet[4] * PILE * _grain(pyramid, x, y, square, px, py, qx, qy)
         if paint >= 0:
             level = light_at(light, light_frame, 0, x, y) * share + (sun[0] if sunlit else 0.0)
             level *= 1.0 + 0.25 * grain
             for c in range(3):
                 radiance[i, c] = paints[paint, c] * level
             continue
-        level = light_at(light, light_frame, 1, x, y)
-        if sunlit:
-            share += sun[0] / light_at(light, light_frame, 0, x, y)
-        level *= dark * (1.0 + grain) * share
+        level = share + (sun[0] / light_at(light, light_frame, 0, x, y) if sunlit else 0.0)
+        if flag & HAS_SEAM:
+            level *= _seam(carpet, x, abs(ux) * long + abs(uy) * s * texture[4, i], px, qx)
+        level *= light_at(light, light_frame, 1, x, y) * (1.0 + grain)
         for c in range(3):
             radiance[i, c] = carpet[c] * level
 
@@ -203,13 +209,13 @@ def _past_seam(carpet: FloatArray, x: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _seam(carpet: FloatArray, x: float, width: float, reach: float) -> tuple[float, bool]:
-    """A thin dark seam between strips of carpet across the field's length, box-filtered over a pixel's width (m).
+def _seam(carpet: FloatArray, x: float, width: float, p: float, q: float) -> float:
+    """Share of light from a thin dark seam between strips of carpet across the field's length.
 
-    Also whether its edges are within reach (m) of x and broad enough to be seen.
+    Box-filtered over a pixel's width (m), and the mean over samples at x +- p +- q.
     """
-    offset = _past_seam(carpet, x)
-    width = max(width, 1e-6)
-    dark = min(offset + 0.5 * width, 0.5 * SEAM_M) - max(offset - 0.5 * width, -0.5 * SEAM_M)
-    edge = abs(offset) < 0.5 * (width + SEAM_M) + reach and 0.12 * width < SEAM_M
-    return float(1.0 - 0.4 * max(dark, 0.0) / width), edge
+    width, dark = max(width, 1e-6), 0.0
+    for n in range(4):
+        offset = _past_seam(carpet, x + (p if n < 2 else -p) + (q if n % 2 == 0 else -q))
+        dark += max(min(offset + 0.5 * width, 0.5 * SEAM_M) - max(offset - 0.5 * width, -0.5 * SEAM_M), 0.0)
+    return float(1.0 - 0.1 * dark / width)

@@ -116,15 +116,37 @@ def expose(
 ) -> None:
     """Fill an RGGB mosaic (H, W) of 16-bit values. scale (3,): value per radiance; noise (H W,) of variance 1, or
     (1,)."""
-    with_noise = noise.shape[0] > 1
     width = mosaic.shape[1]
     for v in range(mosaic.shape[0]):
-        for u in range(mosaic.shape[1]):
-            channel = (v & 1) + (u & 1)
-            value = radiance[v, u, channel] * scale[channel]
-            if with_noise:
-                value += noise[v * width + u] * np.sqrt(value * shot + read_variance)
-            mosaic[v, u] = np.uint16(min(max(value, 0.0), 1.0) * 65535.0 + 0.5)
+        for first in range(2):
+            channel = (v & 1) + first
+            values = radiance[v, first::2, channel]
+            parts = noise[v * width + first : (v + 1) * width : 2] if len(noise) > 1 else noise[:0]
+            _expose_row(
+                values, parts, np.float32(scale[channel]), np.float32(shot), np.float32(read_variance),
+                mosaic[v, first::2],
+            )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _expose_row(
+    radiance: npt.NDArray[np.float32],
+    noise: npt.NDArray[np.float32],
+    scale: np.float32,
+    shot: np.float32,
+    read_variance: np.float32,
+    mosaic: npt.NDArray[np.uint16],
+) -> None:
+    """The pixels of one colour in one row, all (N,); noise may be empty."""
+    none, one, top, half = np.float32(0.0), np.float32(1.0), np.float32(65535.0), np.float32(0.5)
+    if len(noise) > 0:
+        for u in range(len(mosaic)):
+            value = radiance[u] * scale
+            value += noise[u] * np.sqrt(max(value * shot + read_variance, none))
+            mosaic[u] = np.uint16(min(max(value, none), one) * top + half)
+    else:
+        for u in range(len(mosaic)):
+            mosaic[u] = np.uint16(min(max(radiance[u] * scale, none), one) * top + half)
 
 
 @njit(cache=True, error_model="numpy")

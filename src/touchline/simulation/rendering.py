@@ -121,9 +121,9 @@ def _shade(
     radiance: Float32Array,
     edges: npt.NDArray[np.bool_],
 ) -> None:
-    """Radiance (N, 3) of the first `total` cast rays (8, N); where edges (N,) is set instead, it is left as it was.
+    """Radiance (N, 3) of the first `total` cast rays (9, N); where edges (N,) is set instead, it is left as it was.
 
-    extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. texture (3, N):
+    extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. texture (5, N):
     how textures are smoothed, see `SampleRays`; sample_angle: width of a sample (rad), over which nets are.
     """
     s = scene
@@ -179,7 +179,7 @@ def _render_middles(
     """
     work, rows = _work_space(_PORTION), np.zeros(_PORTION, dtype=np.int32)
     radiance, edges = np.empty((_PORTION, 3), dtype=np.float32), np.empty(_PORTION, dtype=np.bool_)
-    cast, extents = np.empty((8, _PORTION), dtype=np.float32), np.empty((3, _PORTION), dtype=np.float32)
+    cast, extents = np.empty((9, _PORTION), dtype=np.float32), np.empty((3, _PORTION), dtype=np.float32)
     flat, chosen, count = image.reshape(-1, 3), np.empty(len(pixels), dtype=np.int32), 0
     for start in range(0, len(pixels), _PORTION):
         some = pixels[start : start + _PORTION]
@@ -222,8 +222,8 @@ def _render_samples(
     portion = max(1, _PORTION // each)
     work, rows = _work_space(portion * each), np.zeros(portion * each, dtype=np.int32)
     radiance, edges = np.empty((portion * each, 3), dtype=np.float32), np.empty(portion * each, dtype=np.bool_)
-    samples, cast = np.empty((6, portion * each), dtype=np.float32), np.empty((8, portion * each), dtype=np.float32)
-    extents, texture = np.zeros((2, 3, portion * each), dtype=np.float32)
+    samples, cast = np.empty((6, portion * each), dtype=np.float32), np.empty((9, portion * each), dtype=np.float32)
+    extents, texture = np.zeros((3, portion * each), dtype=np.float32), np.zeros((5, portion * each), dtype=np.float32)
     flat = image.reshape(-1, 3)
     for start in range(0, len(pixels), portion):
         some = pixels[start : start + portion]
@@ -232,7 +232,7 @@ def _render_samples(
             for c in range(6):
                 for n in range(each):
                     samples[c, i * each + n] = rays[some[i], c, n]
-            texture[2, i * each : (i + 1) * each] = angles[some[i]]
+            texture[4, i * each : (i + 1) * each] = angles[some[i]]
         if len(poses) > 1:
             for i in range(total):
                 rows[i] = some[i // each] // image.shape[1]

@@ -17,9 +17,9 @@ class SampleRays(NamedTuple):
 
     rays (H W, 6, side^2): origins and directions of the samples. spread (2, N): largest angles (rad) between a pixel's
     samples and its middle across and along the elevation; widest: the largest of all; shift_m: between their origins.
-    texture (3, N): their root mean squares along and across the elevation, and the width (rad) over which textures are
-    smoothed, which angles (H W,) has for all pixels. aside_m: how far rays pass beside the axis; heights_m: of the
-    lowest and the highest origin.
+    texture (5, N): the samples of a grid of side 2 lie at +-p +-q; p and q as angles (rad) along and across the
+    elevation (0 with other sides), and the width (rad) over which textures are smoothed, as in angles (H W,) for all.
+    aside_m: how far rays pass beside the axis; heights_m: of the lowest and the highest origin.
     """
 
     rays: Float32Array
@@ -39,13 +39,15 @@ def sample_rays(rays: Float32Array, pixels: npt.NDArray[np.int32], side: int, pi
     """
     samples = np.empty((rays[..., 0].size, 6, side * side), dtype=np.float32)
     _fill_samples(rays, pixels, side, samples)
-    spread, texture = (np.empty((rows, len(pixels)), dtype=np.float32) for rows in (2, 3))
+    spread, texture = (np.empty((rows, len(pixels)), dtype=np.float32) for rows in (2, 5))
     angles = np.full(len(samples), pixel_angle, dtype=np.float32)
     shift = _measure(rays.reshape(-1, 6), pixels, samples, spread, texture)
-    if side > 1:  # samples of a grid of side n are spread over 1 / sqrt(12) sqrt(1 - 1 / n^2) of the pixel
-        width = texture[0] * np.sqrt(12.0 / (1.0 - side**-2))
+    if side == 2:
+        width = 4.0 * np.sqrt(texture[0] ** 2 + texture[2] ** 2)
         angles[pixels] = np.where(width > 1.3 * pixel_angle, width, pixel_angle)
-    texture[2] = angles[pixels]
+    else:
+        texture[:4] = 0.0
+    texture[4] = angles[pixels]
     seen = rays.reshape(-1, 6)[pixels].astype(np.float64)
     x, y, z = seen[:, :3].T
     origin = seen[:, :2].mean(axis=0) if len(seen) else np.zeros(2)
@@ -91,7 +93,7 @@ def _measure(
     spread: Float32Array,
     texture: Float32Array,
 ) -> float:
-    """Fill spread (2, N) and texture (3, N) of pixels (N,) with rays (H W, 6) and samples (H W, 6, S).
+    """Fill spread (2, N) and texture (5, N), but for its last row, of pixels (N,) with rays (H W, 6) and samples.
 
     Returns the largest distance (m) between origins.
     """
@@ -100,18 +102,21 @@ def _measure(
         n = pixels[i]
         level = np.hypot(rays[n, 3], rays[n, 4])
         ux, uy, rise = rays[n, 3] / level, rays[n, 4] / level, rays[n, 5] / level
-        square = np.zeros(2)
+        texture[:4, i] = 0.0
         spread[0, i], spread[1, i] = 0.0, 0.0
         for k in range(samples.shape[2]):
             dx, dy = samples[n, 3, k], samples[n, 4, k]
-            aside = abs(np.arctan2(ux * dy - uy * dx, ux * dx + uy * dy)) / np.sqrt(1.0 + rise * rise)
-            along = abs(samples[n, 5, k] / np.hypot(dx, dy) - rise) / (1.0 + rise * rise)
-            spread[0, i] = max(spread[0, i], _SAFETY * aside)
-            spread[1, i] = max(spread[1, i], _SAFETY * along)
-            square += np.array([along * along, aside * aside])
+            aside = np.arctan2(ux * dy - uy * dx, ux * dx + uy * dy) / np.sqrt(1.0 + rise * rise)
+            along = (samples[n, 5, k] / np.hypot(dx, dy) - rise) / (1.0 + rise * rise)
+            spread[0, i] = max(spread[0, i], _SAFETY * abs(aside))
+            spread[1, i] = max(spread[1, i], _SAFETY * abs(along))
+            column, row = (0.25 if k % 2 else -0.25), (0.25 if k // 2 else -0.25)
+            texture[0, i] += column * along
+            texture[1, i] += column * aside
+            texture[2, i] += row * along
+            texture[3, i] += row * aside
             apart = 0.0
             for c in range(3):
                 apart += (samples[n, c, k] - rays[n, c]) ** 2
             shift = max(shift, np.sqrt(apart))
-        texture[0, i], texture[1, i] = np.sqrt(square[0] / samples.shape[2]), np.sqrt(square[1] / samples.shape[2])
     return shift

@@ -36,7 +36,7 @@ def trace_rays(
     ground_count: int,
     edges: npt.NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """Find what those of the cast rays (8, N) meet that `rest` (M,) lists; count the upright hits and the ground's.
+    """Find what those of the cast rays (9, N) meet that `rest` (M,) lists; count the upright hits and the ground's.
 
     extents (3, N): see `casting.spread_rays`; all zero: the rays are samples, and no edges are looked for. edges (N,)
     is set where the rays of a pixel may meet different things; nothing else is told of these. room (6,): half length
@@ -129,7 +129,7 @@ def trace_rays(
     return count, ground_count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _may_be_hidden(x: float, y: float, z: float, room: FloatArray, reach: float) -> bool:
     """Whether a body's point (m) may lie behind the board around the carpet or the wall, or `reach` from them."""
     x, y = abs(x), abs(y)
@@ -140,7 +140,7 @@ def _may_be_hidden(x: float, y: float, z: float, room: FloatArray, reach: float)
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _background(
     ox: float,
     oy: float,
@@ -201,7 +201,7 @@ def _background(
     return code, s, bool(edge and across > 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _lift_on_wall(s: float, rise: float, across: float, steep: float, shift: float, per: float) -> float:
     """How far (m) a pixel reaches up a wall whose normal lies at an angle of cosine 1 / per to the ray."""
     return s * steep + shift + abs(rise) * (across * s + shift) * per

@@ -7,12 +7,12 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.ground_shading import PILE
 from touchline.simulation.illumination import light_at, sun_at
 from touchline.simulation.tracing import BOARD, CARPET, CEILING, FLOOR
 
 _WALL_NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])  # east, west, north, south
 _NET_REFLECTANCE = 0.72
+_BLOTCH = 0.10  # contrast of blotches on walls and bodies, where `grain` is 1
 _BLOTCHES = 512 * 512 + 256 * 256 + 128 * 128  # where the level of 64 x 64 texels starts in the pyramid
 
 
@@ -72,7 +72,7 @@ def shade_upright(
                         level += sun[0] * min(max(facing, 0.0) / max(sun[3], 0.2), 2.0)
                     edges[i] = edge or (lit and bent > 0.0)
             blotch = (int(z * 20.0 + 4096.0) & 63) * 64 + (int((x + y) * 14.0 + 4096.0) & 63)
-            level *= 1.0 + grain * PILE * pyramid[_BLOTCHES + blotch]
+            level *= 1.0 + grain * _BLOTCH * pyramid[_BLOTCHES + blotch]
             for c in range(3):
                 shade = palette[colour, c] if code >= 0 else room_colours[_room_row(code), c]
                 radiance[i, c] = shade * level
