@@ -256,7 +256,7 @@ def find_crossings(  # type: ignore[no-untyped-def]
             if chord > steepest * width + blur_px * scale or found >= len(out):
                 continue
             if count > 1:
-                before = (runs[h, 0] - runs[h - 1, 1]) % (2.0 * math.pi)
+                before = (runs[h, 0] - runs[(h - 1) % count, 1]) % (2.0 * math.pi)
                 after = (runs[(h + 1) % count, 0] - runs[h, 1]) % (2.0 * math.pi)
                 if min(before, after) < apart_px * turn:
                     continue
