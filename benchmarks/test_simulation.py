@@ -2,8 +2,8 @@
 
 Frames of the real scenarios, with their robots, ball, goals and nets, along the robot's way: world brought up to date,
 adaptive supersampling, noise, sensor; without motion blur and rolling shutter. The goal is 16.7 ms for an
-omnidirectional frame of 480 x 480 pixels and 25 ms for a perspective one of 752 x 480; docs/simulation.md has a table of
-what was measured. CPU time, as there:
+omnidirectional frame of 480 x 480 pixels and 25 ms for a perspective one of 752 x 480; docs/simulation.md has a table
+of what was measured. CPU time, as there:
 
     pytest benchmarks/test_simulation.py --benchmark-timer=time.process_time --benchmark-columns=min,median
 """
