@@ -183,10 +183,7 @@ class SensorFusion:
         s = self.settings
         reach_m = s.agreement_m + 3.0 * math.sqrt(self.covariance[0, 0] + self.covariance[1, 1])
         reach_rad = s.agreement_rad + 3.0 * math.sqrt(self.covariance[2, 2])
-        knows = (
-            self.placed and not self.lost and reach_rad < 0.5 * math.pi
-        )  # else every image would agree, a twin's too
-        agrees = knows and _near(odometry, vision.pose, reach_m, reach_rad)
+        agrees = self.placed and _near(odometry, vision.pose, reach_m, reach_rad)
         expected = None if self._seen is None else self._seen.compose(motion.pose)
         steady = expected is not None and _near(expected, vision.pose, s.agreement_m, s.agreement_rad)
         self.agreeing = self.agreeing + 1 if agrees else 0
