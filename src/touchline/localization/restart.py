@@ -46,12 +46,16 @@ class RestartRule:
         self.reset()
 
     def reset(self) -> None:
-        """The robot was found: count anew."""
+        """Forget everything."""
         self.starts = 0
         self.cycles = 0
         self.contradicted = 0
         self.turned = 0
         self.blind = 0
+
+    def found(self) -> None:
+        """The robot was found: the next search begins with the first start again."""
+        self.starts = 0
 
     def see_nothing(self) -> None:
         """An image without usable points."""

@@ -210,7 +210,7 @@ class IrisFusion:
         if self.fusion.mode is not Mode.ODOMETRY:
             self.odometry.set_pose(self.fusion.pose)
             self.status, self.searching, self.region = Status.TRACKING, False, None
-            self.restart.starts = 0
+            self.restart.found()
         elif self.fusion.lost and self.status is Status.TRACKING:
             self.status = Status.LOST
         if self.fusion.placed:

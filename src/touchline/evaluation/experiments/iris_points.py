@@ -82,9 +82,9 @@ def iris_points(seeds: int) -> ExperimentResult:
         f"{PLACES} random places per seed, two seconds at each, at the observation level; the error at a place is the "
         "mean over the images taken there. Jitter: root mean square change of the error from image to image, moving "
         "or not. Standard deviations are of |error|.",
-        "Odometry: measuring wheels and gyro alone since the robot was found. Particle filter: the system without its "
-        "fusion (fusion.beta=0, fusion.bias_gain_per_s=0). The paper's gyro hardly drifts; ours does, by 0.2 to 0.5 "
-        "degrees per second.",
+        "Odometry: measuring wheels and gyro alone since the robot was found. Particle filter: its own mean is "
+        "the pose, but for images that the fusion refuses (fusion.beta=0, fusion.bias_gain_per_s=0). The paper's gyro "
+        "hardly drifts; ours does, by 0.2 to 0.5 degrees per second.",
         f"Recorded: the images of {PUBLIC}, 8 places, six images at each; the seeds are those of the particles."
         if recorded
         else f"The recording {PUBLIC} was not found; TOUCHLINE_DATA names the folder of the recordings.",

@@ -19,7 +19,8 @@ from touchline.systems.iris_fusion import IrisFusionSettings
 from touchline.types import Estimate, Frame, Mode, Samples, Status, empty_points
 
 SYSTEMS = ("odometry", "particle filter", "sensor fusion")
-# The particle filter without the fusion: its own mean is the pose, and nothing is learned of the gyro.
+# The particle filter alone: its own mean is the pose, but for images that the fusion refuses, and nothing is learned of
+# the gyro.
 PARTICLES_ALONE = ("fusion.beta=0", "fusion.bias_gain_per_s=0")
 
 Disturb = Callable[[Frame], Frame]
@@ -78,7 +79,7 @@ def drive(
     """Take every frame through the fusion, the particle filter alone and the odometry alone.
 
     truth: values (N, 3), one for each frame. The odometry starts where the particle filter first found the robot
-    (figure 4) and is left alone from then on; the particle filter alone is the system without its fusion.
+    (figure 4) and is left alone from then on; the particle filter alone is the system with PARTICLES_ALONE.
     """
     fusion, particles = (
         open_system(
