@@ -133,6 +133,22 @@ def test_a_camera_with_coarse_steps_gives_the_same_image_twice_and_is_searched_a
     assert curve(round(search.best / step) * step) >= max(curve(k * step) for k in range(49)) - 0.05
 
 
+@pytest.mark.parametrize("first_step", np.arange(-3.6, -1.3, 0.1).round(1).tolist())
+def test_of_two_peaks_of_sun_and_shade_the_higher_one_is_found(first_step: float) -> None:
+    """Measured in the simulated hall with sun in patches: steps of 0.2 stops from 2 on."""
+    measured = [
+        12.33, 12.5, 12.65, 12.81, 12.96, 13.12, 13.27, 13.31, 13.02, 13.04, 13.14, 13.24, 13.3, 13.36, 13.43, 13.42,
+        13.02, 12.62, 12.01, 11.51, 10.01, 8.17, 7.7, 7.58, 7.35, 6.98, 6.74, 6.53, 5.9, 4.67,
+    ]  # fmt: skip
+
+    def curve(stops: float) -> float:
+        return float(np.interp(stops, 2.0 + 0.2 * np.arange(len(measured)), measured))
+
+    search = run_search(curve, 5.7, first_step)
+    assert len(search.tried) <= 8
+    assert curve(search.best) >= max(measured) - 0.05
+
+
 def test_impossible_searches_are_refused() -> None:
     with pytest.raises(InputError, match="no length"):
         EntropySearch(1.0, (2.0, 2.0), 0.5, SearchSettings())

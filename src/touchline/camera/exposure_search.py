@@ -1,11 +1,12 @@
 """The search for the most entropy along a path of exposure settings (section 5 of Lu et al., 2013).
 
-The place on the path is counted in stops: each doubles the light, exposure_ms · gain. Entropy rises to one peak and
-falls behind it, evenly where the image is too dark, steeply where it is overexposed.
+The place on the path is counted in stops: each doubles the light, exposure_ms · gain. Entropy rises to a peak and falls
+behind it, evenly where the image is too dark, steeply where it is overexposed. Sun beside shade may make a second peak.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -91,7 +92,11 @@ class SearchSettings(Settings):
     )
 
 
-_SAME = 0.005  # nats: noise changes the entropy of the same image by less
+_SAME = 0.01  # nats: noise changes the difference of two images of the same by less
+# Half the light leaves 2^(1/2.2) times fewer grey levels in each of three channels, so entropy rises by 3 ln 2 / 2.2
+# nats a stop at the most. Where the image is overexposed it falls about three times as steeply.
+_RISE, _FALL = 3.0 * math.log(2.0) / 2.2, 3.0
+_WORTH = 0.4  # nats above the best place that a gap elsewhere must promise: the bounds are generous
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +113,7 @@ class EntropySearch:
     """Asks for places on the path one by one: `propose`, take an image there, `tell` its entropy, until None.
 
     A first step that lowers the entropy turns the search round; once the peak lies between two places, a parabola
-    through the best three leads to it.
+    through the best three leads to it, unless a gap elsewhere promises far more.
     """
 
     def __init__(self, start: float, bounds: tuple[float, float], first_step: float, settings: SearchSettings) -> None:
@@ -143,6 +148,9 @@ class EntropySearch:
             ahead = self._new(self._start + self._first_step)
             return ahead if ahead is not None else self._new(self._start - self._first_step)
         places = sorted(self.tried)
+        elsewhere = self._elsewhere(places)
+        if elsewhere is not None:
+            return elsewhere
         k = places.index(self.best)
         if k in (0, len(places) - 1):
             step = self.settings.step_stops * self.settings.growth ** max(self._rises - 2, 0)
@@ -151,6 +159,27 @@ class EntropySearch:
                 return outward
             return self._between(places[k - 1] if k else places[1])
         return self._within(self._told_apart(places[:k][::-1]), self.best, self._told_apart(places[k + 1 :]))
+
+    def _elsewhere(self, places: list[float]) -> float | None:
+        """Where, in a gap that doesn't touch the best place, the entropy may rise far above it; None if nowhere.
+
+        Sun and shade may make a peak each. The steepest rise and fall bound what lies between two places (Shubert
+        1972: A sequential method seeking the global maximum of a function).
+        """
+        highest, found = self.tried[self.best] + _WORTH, None
+        for low, high in itertools.pairwise(places):
+            if self.best in (low, high) or high - low <= self.settings.tolerance_stops:
+                continue
+            way = self._way_up(low, high)
+            bound = self.tried[low] + _RISE * way
+            if bound > highest:
+                highest, found = bound, low + float(np.clip(way / (high - low), 0.3, 0.7)) * (high - low)
+        return found
+
+    def _way_up(self, low: float, high: float) -> float:
+        """How far beyond `low` the highest peak lies that fits between two places (stops)."""
+        way = (self.tried[high] - self.tried[low] + _FALL * (high - low)) / (_RISE + _FALL)
+        return float(np.clip(way, 0.0, high - low))
 
     def _told_apart(self, outwards: list[float]) -> float:
         """The nearest of the places on one side whose image differs from the best one: a camera with coarse steps
@@ -179,7 +208,12 @@ class EntropySearch:
 
     def _within(self, low: float, best: float, high: float) -> float | None:
         below, above, s = best - low, high - best, self.settings
-        wider = above if above > below else -below
+        upwards = self.tried[best] + _RISE * self._way_up(best, high) > self.tried[low] + _RISE * self._way_up(
+            low, best
+        )
+        if min(below, above) <= s.tolerance_stops:
+            upwards = above > below
+        wider = above if upwards else -below
         if abs(wider) <= s.tolerance_stops:
             return None
         if abs(wider) > 1.5 * s.step_stops:  # far too wide for a parabola: a golden section, at most one step
