@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.particles import PAPER_FORM
+from touchline.perception import SelfLearningDetector
 from touchline.sources import open_source
 from touchline.systems import open_system
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
@@ -38,29 +41,40 @@ def in_sectors(camera: OmniCamera, sectors: list[tuple[int, int]]) -> FloatArray
     return np.any([(angle >= low) & (angle < high) for low, high in sectors] or [angle < 0], axis=0)
 
 
-def follow(folder: Path, sectors: list[tuple[int, int]], *sets: str) -> tuple[FloatArray, list[Estimate], FloatArray]:
-    """Errors (N, 3), estimates, and which images are black (N,)."""
+@cache
+def recorded(folder: Path, sectors: str) -> tuple[list[Frame], list[bool], FloatArray]:
+    """The frames with their line points in place of images, which images are black, and the true poses (N, 3)."""
     source = open_source(folder)
-    settings = load_settings(NubotMclSettings, None, sets)
-    system = open_system("nubot-mcl", source.field, source.camera, settings, np.random.default_rng(0))
-    truth = np.loadtxt(folder / "ground_truth.tum")
-    poses = np.column_stack((truth[:, 1:3], 2 * np.arctan2(truth[:, 6], truth[:, 7])))
-    hidden = in_sectors(source.camera, sectors)
-    estimates, black = [], []
+    detector = SelfLearningDetector(source.camera, line_width_m=source.field.line_width)
+    hidden = in_sectors(source.camera, SECTORS[sectors])
+    frames, black = [], []
     for frame in source:
         assert frame.image is not None
-        image = frame.image.copy()
-        image[hidden] = 0
-        estimates.append(system.step(replace(frame, image=image)))
-        black.append(frame.image.mean() < 12)
+        image = np.where(hidden[..., np.newaxis], np.uint8(0), frame.image)
+        points = detector.detect(replace(frame, image=image))
+        frames.append(replace(frame, image=None, points=points))
+        black.append(bool(frame.image.mean() < 12))
+    truth = np.loadtxt(folder / "ground_truth.tum")
+    return frames, black, np.column_stack((truth[:, 1:3], 2 * np.arctan2(truth[:, 6], truth[:, 7])))
+
+
+def follow(folder: Path, sectors: str, *sets: str) -> tuple[FloatArray, list[Estimate], FloatArray]:
+    """Errors (N, 3), estimates, and which images are black (N,)."""
+    frames, black, poses = recorded(folder, sectors)
+    settings = load_settings(NubotMclSettings, None, sets)
+    system = open_system("nubot-mcl", open_source(folder).field, None, settings, np.random.default_rng(0))
+    return *errors_of([system.step(each) for each in frames], poses), np.array(black)
+
+
+def errors_of(estimates: list[Estimate], poses: FloatArray) -> tuple[FloatArray, list[Estimate]]:
     errors = np.array([e.pose for e in estimates]) - poses
     errors[:, 2] = wrap_angles(errors[:, 2])
-    return errors, estimates, np.array(black)
+    return errors, estimates
 
 
 @pytest.mark.parametrize("sectors", SECTORS)
 def test_black_sectors_over_up_to_half_the_image_cost_little(shared_data: Path, sectors: str) -> None:
-    errors, estimates, _ = follow(shared_data / "omni_msl_track", SECTORS[sectors])
+    errors, estimates, _ = follow(shared_data / "omni_msl_track", sectors)
     followed = np.array([e.status is Status.TRACKING for e in estimates])
     assert followed[1:].all()
     distance_m = np.hypot(errors[followed, 0], errors[followed, 1])
@@ -69,15 +83,24 @@ def test_black_sectors_over_up_to_half_the_image_cost_little(shared_data: Path, 
     assert np.abs(errors[followed, 2]).mean() <= 0.005
 
 
+def test_a_system_with_a_camera_sees_the_lines_itself(shared_data: Path) -> None:
+    source = open_source(shared_data / "omni_msl_sun")
+    made = open_system("nubot-mcl", source.field, source.camera, NubotMclSettings(), np.random.default_rng(0))
+    seen = [made.step(each) for each in itertools.islice(source, 10)]
+    _, told, _ = follow(shared_data / "omni_msl_sun", "none")
+    assert [e.pose for e in seen] == [e.pose for e in told[:10]]
+    assert [e.points for e in seen] == [e.points for e in told[:10]]
+
+
 @pytest.mark.parametrize("name", ["omni_msl_match", "omni_msl_sun", "omni_9x6_points"])
 def test_every_recording_is_followed(shared_data: Path, name: str) -> None:
-    errors, estimates, _ = follow(shared_data / name, [])
+    errors, estimates, _ = follow(shared_data / name, "none")
     assert all(e.status is Status.TRACKING for e in estimates[2:])
     assert np.hypot(errors[2:, 0], errors[2:, 1]).max() <= 0.05
 
 
 def test_a_kidnapped_robot_is_found_within_5_frames(shared_data: Path) -> None:
-    errors, estimates, black = follow(shared_data / "omni_msl_kidnap", [])
+    errors, estimates, black = follow(shared_data / "omni_msl_kidnap", "none")
     returns = np.nonzero(black[:-1] & ~black[1:])[0] + 1
     assert len(returns) == 2
     for first in [*returns, 0]:
@@ -202,7 +225,7 @@ def test_particles_alone_as_the_paper_prints_them_follow_too_but_less_exactly() 
 
 @pytest.mark.parametrize("sectors", ["none", "50 %", "half"])
 def test_particles_alone_follow_a_recording_under_black_sectors(shared_data: Path, sectors: str) -> None:
-    errors, estimates, _ = follow(shared_data / "omni_msl_track", SECTORS[sectors], "followed_by=particles")
+    errors, estimates, _ = follow(shared_data / "omni_msl_track", sectors, "followed_by=particles")
     followed = np.array([e.status is Status.TRACKING for e in estimates])
     assert followed[2:].all()
     distance_m = np.hypot(errors[followed, 0], errors[followed, 1])
@@ -285,7 +308,7 @@ def test_a_single_particle_that_was_kidnapped_finds_back() -> None:
 @pytest.mark.parametrize("name", ["omni_msl_track", "omni_msl_kidnap"])
 def test_adaptive_numbers_follow_a_recording_down_to_few_particles(shared_data: Path, name: str) -> None:
     sets = ("particles.adaptive.enabled=true", "followed_by=particles")
-    errors, estimates, _ = follow(shared_data / name, [], *sets)
+    errors, estimates, _ = follow(shared_data / name, "none", *sets)
     followed = np.array([e.status is Status.TRACKING for e in estimates])
     assert followed.mean() > 0.8
     assert np.hypot(errors[followed, 0], errors[followed, 1]).mean() <= 0.03
