@@ -90,6 +90,20 @@ def test_tempering_scales_the_logarithm_and_nothing_else() -> None:
     assert ratio == pytest.approx(20.0 / len(points), rel=1e-6)
 
 
+def test_the_sensor_model_narrows_while_the_particles_agree_and_widens_again() -> None:
+    points, pose = seen_from(Pose(2.0, 1.0, 0.3)), np.array([[2.4, 0.8, 0.2]])
+    mcl = monte_carlo(PAPER_FORM.model_copy(update={"converged_sigma_m": 0.1}))
+    wide = mcl.log_likelihoods(points, None, pose)
+    for spread_m, ratio in ((0.01, 9.0), (2.0, 1.0)):
+        mcl.restart(0.3)
+        mcl.particles[:] = [2.0, 1.0, 0.3] + spread_m * np.random.default_rng(0).standard_normal(mcl.particles.shape)
+        mcl._weigh_alike()
+        mcl._estimate()
+        assert mcl.converged == (spread_m < 0.1)
+        mcl.weigh(points, None)
+        assert mcl.log_likelihoods(points, None, pose) == pytest.approx(ratio * wide, rel=1e-6)
+
+
 def test_a_hundred_points_on_no_line_underflow_nothing() -> None:
     """The product of equation (3) would be e^-10000 here: 0 in any floating point number."""
     points = np.tile([[30.0, 30.0]], (100, 1)) + np.random.default_rng(0).normal(0, 0.1, (100, 2))

@@ -238,7 +238,10 @@ class MonteCarlo:
         return position < s.converged_m and math.sqrt(self.covariance[2, 2]) < s.converged_rad
 
     def log_likelihoods(self, points: FloatArray, weights: FloatArray | None, poses: FloatArray) -> FloatArray:
-        """log P(o | l) (K,) of poses (K, 3), but for a constant; points (N, 2) and weights as for `cycle`."""
+        """log P(o | l) (K,) of poses (K, 3), but for a constant, with the σ of the last weighing.
+
+        points (N, 2) and weights as for `cycle`.
+        """
         points, shares = checked_points(points, weights if self.settings.precise_points else None)
         found = np.zeros(len(poses))
         self._add_likelihoods(np.ascontiguousarray(poses, dtype=np.float64), points, shares, found)
