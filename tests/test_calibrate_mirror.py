@@ -207,17 +207,6 @@ def change_sequence(folder: Path, **changes: object) -> None:
     (folder / "sequence.yaml").write_text(yaml.safe_dump({k: v for k, v in tree.items() if v is not None}))
 
 
-def test_an_image_without_the_strip_is_named(recording: Path, tmp_path: Path) -> None:
-    folder = copy_of(recording, tmp_path)
-    put_image(folder, 5, np.zeros((400, 400, 3), np.uint8))
-    message = refusal(folder)
-    assert "images/05.png" in message
-    assert "strip is not found" in message
-    skipped = calibrate_mirror(open_source(folder), skip_unusable=True)
-    assert len(skipped.sightings) == 15
-    assert "images/05.png" in skipped.unusable[0]
-
-
 def test_a_lost_image_is_named(recording: Path, tmp_path: Path) -> None:
     folder = copy_of(recording, tmp_path)
     (folder / "images/07.png").unlink()
@@ -308,11 +297,18 @@ def test_the_command_writes_camera_and_picture(
     assert "exists already" in capsys.readouterr().err
 
 
-def test_the_command_says_what_it_left_out(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_image_without_the_strip_is_named_and_left_out_if_wanted(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = copy_of(recording, tmp_path)
     put_image(folder, 2, np.full((400, 400, 3), 90, np.uint8))
     arguments = ["calibrate", "mirror", str(folder), "--output", str(tmp_path / "camera.yaml")]
     assert main(arguments) == 2
-    assert "images/02.png" in capsys.readouterr().err
+    refused = capsys.readouterr().err
+    assert "images/02.png" in refused
+    assert "strip is not found" in refused
     assert main([*arguments, "--skip-unusable"]) == 0
-    assert "left out" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "15 images of 15 edges" in said.out
+    assert "left out" in said.err
+    assert "images/02.png" in said.err

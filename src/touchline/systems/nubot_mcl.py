@@ -50,7 +50,7 @@ class NubotMclSettings(TrackerSettings):
     confirmations: int = Field(
         3,
         ge=1,
-        description="times in a row that a new start must come back to the same pose until it is believed though it was "
+        description="times in a row that a new start must come back to a pose until it is believed though it was "
         "not accepted, as nubot-mti's global search: real calibrations may leave more than accepted_error everywhere",
     )
     same_m: float = Field(0.5, gt=0, description="distance (m) within which two poses are the same: a frame's travel")
