@@ -285,9 +285,7 @@ def test_gaps_of_wheels_and_gyro_add_up_and_count_once_where_they_overlap(
     """Apart, overlapping, and one within the other. Counters say nothing of a gap after which they go on elsewhere."""
     drive, mount = Drive(1.0, 0.0, 0.0), MOUNTS[0]
     times = np.arange(0, 2001, 20.0)
-    known, felt = (
-        times[(times <= 1000 * first) | (times >= 1000 * last)] for first, last in (no_wheels_s, no_gyro_s)
-    )
+    known, felt = (times[(times <= 1000 * first) | (times >= 1000 * last)] for first, last in (no_wheels_s, no_gyro_s))
     wheels = drive.wheels(known, mount)
     wheels.values[known >= 1000 * no_wheels_s[1]] += 20.0
     odometry = WheelOdometry(None, *mount[:2])
@@ -379,7 +377,7 @@ def test_a_long_wait_between_frames_loses_nothing() -> None:
 
 
 def test_an_error_of_the_turn_is_taken_for_travel_over_the_levers() -> None:
-    """Wheels along x and y with levers l, a robot that turns by t on the spot: the gyro's scale error e moves it -l e t."""
+    """Wheels along x and y with levers l: on a robot that turns by t on the spot a scale error e is a travel of -l e t."""
     turn_rad, levers, error = 0.3, (0.2, -0.1), 0.05
     mount = (0.0, math.pi / 2, *levers)
     drive, times = Drive(0.0, 0.0, 1.0), np.arange(0, 301, 20.0)
