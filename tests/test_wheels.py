@@ -377,7 +377,7 @@ def test_a_long_wait_between_frames_loses_nothing() -> None:
 
 
 def test_an_error_of_the_turn_is_taken_for_travel_over_the_levers() -> None:
-    """Wheels along x and y with levers l: on a robot that turns by t on the spot a scale error e is a travel of -l e t."""
+    """Wheels along x and y with levers l: to a robot that turns by t on the spot a scale error e is a travel -l e t."""
     turn_rad, levers, error = 0.3, (0.2, -0.1), 0.05
     mount = (0.0, math.pi / 2, *levers)
     drive, times = Drive(0.0, 0.0, 1.0), np.arange(0, 301, 20.0)
