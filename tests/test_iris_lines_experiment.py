@@ -44,7 +44,10 @@ def test_the_regression_ends_at_its_last_pair(
         assert np.all(np.hypot(*found.points.positions_m.T) < iris_lines.STRIP_EDGES_M[-1] + 0.2)
 
 
-def test_the_page_holds_a_row_for_each_light_and_kind_of_thresholds(tmp_path: Path) -> None:
+def test_the_page_holds_a_row_for_each_light_and_kind_of_thresholds(
+    place: tuple[object, dict[tuple[str, str], iris_lines.Detection]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(iris_lines, "_one_place", lambda field, seed: place)
     found = iris_lines.iris_lines(1)
     assert [row[:2] for row in found.rows] == [(c, t) for c in iris_lines.CONDITIONS for t in iris_lines.THRESHOLDS]
     assert [name for name, _ in found.pictures] == ["detection", "points", "regression"]

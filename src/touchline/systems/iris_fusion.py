@@ -214,18 +214,11 @@ class IrisFusion:
     def _cycle(self, points: LinePoints) -> tuple[Vision, float]:
         """Equations (7) to (14)."""
         self.restart.count_cycle()
-        chosen = self._chosen(points.positions_m)
+        chosen = evenly_chosen(points.positions_m, self.settings.most_points)
         pose = self.particles.cycle(chosen)
         errors_m = self.particles.errors_m(chosen, pose)
         on_lines = float(np.mean(errors_m <= self.settings.fusion.near_m))
         return Vision(pose, self.particles.covariance, len(points), on_lines), float(errors_m.mean())
-
-    def _chosen(self, positions_m: FloatArray) -> FloatArray:
-        """No more points than are wanted, evenly chosen."""
-        most = self.settings.most_points
-        if len(positions_m) > most:
-            positions_m = positions_m[np.arange(most) * len(positions_m) // most]
-        return np.ascontiguousarray(positions_m, dtype=np.float64)
 
     def _start(self, compass_rad: float | None) -> None:
         """Spread the particles over the field, or the region told; the compass helps with the first headings alone."""
@@ -261,3 +254,10 @@ class IrisFusion:
             self.status = Status.LOST
         if self.fusion.placed:
             self.particles.put_nearby(self.fusion.pose)
+
+
+def evenly_chosen(positions_m: FloatArray, most: int) -> FloatArray:
+    """No more than so many of some positions (M, 2), evenly over their order, as the particle filter takes them."""
+    if len(positions_m) > most:
+        positions_m = positions_m[np.arange(most) * len(positions_m) // most]
+    return np.ascontiguousarray(positions_m, dtype=np.float64)

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.config import load_settings
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.evaluation.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import FloatArray
@@ -33,7 +34,7 @@ _WARM = 20  # updates that compile and fill caches
 def iris_timing(seeds: int) -> ExperimentResult:
     """1000 updates of the tour over the 9 x 6 m field per seed; line points of 100 images; other particle counts."""
     updates_ms, tracking, odometry_ms, detection_ms = [], [], [], []
-    for seed in range(seeds):
+    for seed in follow(range(seeds), "drives"):
         simulation = Simulation(open_scenario(SCENARIO, seed + 1), level="points")
         frames = [frame for frame, _ in zip(simulation, range(UPDATES), strict=False)]
         times_ms, followed = _updates(simulation, frames, seed)
