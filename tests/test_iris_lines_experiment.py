@@ -57,6 +57,7 @@ def test_the_page_holds_a_row_for_each_light_and_kind_of_thresholds(
 def test_timing_reports_the_update_its_parts_and_other_numbers_of_particles(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(iris_timing, "UPDATES", 120)
     monkeypatch.setattr(iris_timing, "IMAGES", 10)
+    monkeypatch.setattr(iris_timing, "PARTICLES", (100, 600, 1000))
     found: ExperimentResult = iris_timing.iris_timing(1)
     assert [row[0].partition(":")[0] for row in found.rows[:2]] == ["one update", "of it"]
     assert found.rows[0][1] == "1.6 ms"

@@ -75,8 +75,9 @@ def errors_at_places(driven: IrisDrive, system: str) -> FloatArray:
 def iris_points(seeds: int) -> ExperimentResult:
     """Table I on simulated tours, and on the recording with 8 places."""
     drives = [tour(seed) for seed in follow(range(seeds), "tours")]
-    recorded = [driven for seed in range(seeds) if (driven := recorded_tour(seed)) is not None]
     rows = [row for system in SYSTEMS for row in _rows(system, drives, system, with_paper=True)]
+    seeds_of_recorded = follow(range(seeds), "recorded tours")
+    recorded = [driven for seed in seeds_of_recorded if (driven := recorded_tour(seed)) is not None]
     if recorded:
         rows += [row for system in SYSTEMS for row in _rows(f"{system}, recorded", recorded, system, with_paper=False)]
     notes = (
