@@ -79,8 +79,8 @@ class Drive:
 
 
 _SIMULATED = (
-    "The scenario straight-tracks at the observation level, 60 s at 10 Hz per seed; errors from the first tracked "
-    "frame on. One black sector of 45 degrees, two opposite, four alternating; a half in one piece."
+    "The scenario straight-tracks at the observation level, 60 s at 10 Hz per seed; errors of the tracked "
+    "frames. One black sector of 45 degrees, two opposite, four alternating; a half in one piece."
 )
 _ALONE = "MCL alone is the paper's form: equations (1) to (3) as they stand, no refinement, no matching."
 _RECORDED = (
