@@ -180,13 +180,14 @@ def _notices(source: Recording, info: SystemInfo, settings: Settings) -> tuple[s
         return ()
     missing = [file for file in ("wheels.csv", "imu.csv") if file not in source.sensor_files]
     told = any(isinstance(part, WheelOdometrySettings) and part.a_dir_rad is not None for _, part in settings)
-    if source.wheel_directions_rad is None and not told:
+    if source.wheel_directions_rad is None and not told and "wheels.csv" not in missing:
         missing.append("the wheels' rolling directions (wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml)")
     if not missing:
         return ()
-    replaced = "odometry.csv is" if "odometry.csv" in source.sensor_files else "nothing can be"
     what = f"{info.name} measures its way with two wheels and a gyro, but the recording lacks {' and '.join(missing)}"
-    return (f"{what}: {replaced} used instead",)
+    if "odometry.csv" in source.sensor_files:
+        return (f"{what}: odometry.csv is used instead",)
+    return (f"{what}, and odometry.csv, which would stand in: no motion is measured, poses come from the images alone",)
 
 
 def _learns_colours(settings: Settings) -> bool:

@@ -118,8 +118,8 @@ def _explain(model: type[Settings], error: ValidationError, elsewhere: Mapping[s
         elif problem["type"] == "value_error":  # from a check of our own, which says it all
             sentences.append(f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"]))
         elif problem["type"] == "model_type":
-            inside = sorted({known[len(key) + 1 :].split(".")[0] for known in known if known.startswith(f"{key}.")})
-            sentences.append(f"'{key}' is a group of settings, not a value: {', '.join(inside)}")
+            inside = sorted({other[len(key) + 1 :].split(".")[0] for other in known if other.startswith(f"{key}.")})
+            sentences.append(f"'{key}' is a group of settings, not a value{': ' * bool(inside)}{', '.join(inside)}")
         else:
             sentences.append(f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})")
     more = f"; and {len(sentences) - _SAID} more mistakes" if len(sentences) > _SAID else ""

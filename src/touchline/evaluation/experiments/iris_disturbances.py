@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.evaluation.experiments.iris_runs import Disturb, IrisDrive, covered, drifting, drive, slipped
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline
 from touchline.evaluation.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import FloatArray
@@ -96,7 +97,7 @@ def _outcome(driven: IrisDrive, ends_s: float) -> Outcome:
 def iris_disturbances(seeds: int) -> ExperimentResult:
     """Every kind of disturbance on both fields, slowly and in play."""
     outcomes: dict[tuple[str, str], list[Outcome]] = {(field, kind): [] for field in FIELDS for kind in KINDS}
-    for field, name, seed, kind in product(FIELDS, SCENARIOS, range(seeds), KINDS):
+    for field, name, seed, kind in follow(list(product(FIELDS, SCENARIOS, range(seeds), KINDS)), "drives"):
         outcomes[field, kind].append(disturbed_drive(kind, name, field, seed))
     every = [(kind, outcome) for (_, kind), found in outcomes.items() for outcome in found]
     kept = sum(

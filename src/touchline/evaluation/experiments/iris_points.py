@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, drive
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, spread
 from touchline.evaluation.experiments.scenes import (
     BLUE,
@@ -73,9 +74,10 @@ def errors_at_places(driven: IrisDrive, system: str) -> FloatArray:
 
 def iris_points(seeds: int) -> ExperimentResult:
     """Table I on simulated tours, and on the recording with 8 places."""
-    drives = [tour(seed) for seed in range(seeds)]
+    drives = [tour(seed) for seed in follow(range(seeds), "tours")]
     rows = [row for system in SYSTEMS for row in _rows(system, drives, system, with_paper=True)]
-    recorded = [driven for seed in range(seeds) if (driven := recorded_tour(seed)) is not None]
+    seeds_of_recorded = follow(range(seeds), "recorded tours")
+    recorded = [driven for seed in seeds_of_recorded if (driven := recorded_tour(seed)) is not None]
     if recorded:
         rows += [row for system in SYSTEMS for row in _rows(f"{system}, recorded", recorded, system, with_paper=False)]
     notes = [

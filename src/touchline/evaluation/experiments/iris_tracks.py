@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from touchline.evaluation.experiments.iris_points import tour
 from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, covered, drive
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.evaluation.experiments.scenes import BLUE, MAGENTA, RED, field_axes, new_figure
 from touchline.simulation.run import Simulation
@@ -26,7 +27,7 @@ SECONDS = 16.0
 
 def iris_tracks(seeds: int) -> ExperimentResult:
     """Figure 16: odometry, particle filter and fusion along the tour of iris-points."""
-    drives = [tour(seed) for seed in range(seeds)]
+    drives = [tour(seed) for seed in follow(range(seeds), "tours")]
     rows = []
     for system in SYSTEMS:
         distances = [driven.distances_m(system) for driven in drives]
@@ -88,7 +89,7 @@ def from_a_to_b(seed: int) -> IrisDrive:
 
 def iris_track(seeds: int) -> ExperimentResult:
     """Figure 17: which mode the fusion is in along the way from A to B."""
-    drives = [from_a_to_b(seed) for seed in range(seeds)]
+    drives = [from_a_to_b(seed) for seed in follow(range(seeds), "drives")]
     counts = [Counter(driven.modes) for driven in drives]
     rows = [
         (
