@@ -456,7 +456,18 @@ def test_a_recording_without_wheels_or_gyro_is_told_what_is_used_instead(tmp_pat
     assert f"the recording lacks {gone}: odometry.csv is used instead" in notice
     (folder / "odometry.csv").unlink()
     (notice,) = prepare(folder, "iris-fusion").notices
-    assert "nothing can be used instead" in notice
+    assert f"the recording lacks {gone}, and odometry.csv, which would stand in: no motion is measured" in notice
+
+
+def test_a_recording_without_any_motion_sensor_is_told_that_the_images_have_to_do(tmp_path: Path) -> None:
+    folder = with_sensors(tmp_path / "one", "")
+    for name in ("wheels.csv", "imu.csv", "odometry.csv"):
+        (folder / name).unlink()
+    (notice,) = prepare(folder, "iris-fusion").notices
+    assert notice == (
+        "iris-fusion measures its way with two wheels and a gyro, but the recording lacks wheels.csv and imu.csv, and "
+        "odometry.csv, which would stand in: no motion is measured, poses come from the images alone"
+    )
 
 
 def test_unknown_directions_are_told_unless_the_settings_know_them(

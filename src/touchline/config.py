@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -21,14 +21,20 @@ class Settings(BaseModel):
 
 
 _SAID = 4  # mistakes told at once
+_ALIKE = 0.7  # share of letters in which a word has to agree with the one that was meant
 SettingsT = TypeVar("SettingsT", bound=Settings)
 
 
 def load_settings(
-    model: type[SettingsT], file: Path | None = None, overrides: Sequence[str] = (), section: str | None = None
+    model: type[SettingsT],
+    file: Path | None = None,
+    overrides: Sequence[str] = (),
+    section: str | None = None,
+    elsewhere: Mapping[str, type[Settings]] | None = None,
 ) -> SettingsT:
     """Settings from the defaults, then a YAML file (or one section of it), then `a.b=value` overrides.
 
+    elsewhere: other settings by the name of what they belong to, for whoever mixes them up.
     Raises InputError with the nearest known key for an unknown one, and for a value that does not fit.
     """
     tree = read_yaml_mapping(file) if file is not None else {}
@@ -47,7 +53,7 @@ def load_settings(
     try:
         return model.model_validate(tree)
     except ValidationError as error:
-        raise InputError(origin + _explain(model, error)) from None
+        raise InputError(origin + _explain(model, error, elsewhere or {})) from None
 
 
 def read_yaml_mapping(path: Path) -> dict[str, Any]:
@@ -96,19 +102,33 @@ def _put(tree: dict[str, Any], path: list[str], value: Any, item: str) -> None:
     tree[path[-1]] = value
 
 
-def _explain(model: type[Settings], error: ValidationError) -> str:
+def _explain(model: type[Settings], error: ValidationError, elsewhere: Mapping[str, type[Settings]]) -> str:
     known = [key for key, _, _ in settings_rows(model)]
     sentences = []
     for problem in error.errors():
         key = ".".join(str(part) for part in problem["loc"])
         if problem["type"] == "extra_forbidden":
-            sentences.append(f"unknown setting '{key}': {_nearest_key(key, [*known, *_keys_beside(model, problem)])}")
+            nearest = _nearest_key(key, [*known, *_keys_beside(model, problem)])
+            owners = [name for name, other in elsewhere.items() if _has_key(other, key)]
+            sentences.append(
+                f"setting '{key}' belongs to {' and '.join(owners)}, not to the chosen system"
+                if owners
+                else f"unknown setting '{key}': {nearest}"
+            )
         elif problem["type"] == "value_error":  # from a check of our own, which says it all
             sentences.append(f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"]))
+        elif problem["type"] == "model_type":
+            inside = sorted({other[len(key) + 1 :].split(".")[0] for other in known if other.startswith(f"{key}.")})
+            sentences.append(f"'{key}' is a group of settings, not a value{': ' * bool(inside)}{', '.join(inside)}")
         else:
             sentences.append(f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})")
     more = f"; and {len(sentences) - _SAID} more mistakes" if len(sentences) > _SAID else ""
     return "; ".join(sentences[:_SAID]) + more
+
+
+def _has_key(model: type[Settings], key: str) -> bool:
+    """Whether it is the key of a setting, or of a group of them."""
+    return any(f"{known}.".startswith(f"{key}.") for known, _, _ in settings_rows(model))
 
 
 def _keys_beside(model: type[Settings], problem: ErrorDetails) -> list[str]:
@@ -127,13 +147,13 @@ def _keys_beside(model: type[Settings], problem: ErrorDetails) -> list[str]:
 
 
 def _nearest_key(key: str, known: Sequence[str]) -> str:
-    parent = key.rpartition(".")[0]
-    siblings = [other for other in known if other.rpartition(".")[0] == parent]
-    leaf = key.rpartition(".")[2]
-    for other in known:  # the right leaf under the wrong group
-        if other.rpartition(".")[2] == leaf:
-            return f"did you mean '{other}'?"
-    if difflib.get_close_matches(key, known, cutoff=0.5):
-        return did_you_mean(key, siblings if difflib.get_close_matches(key, siblings, cutoff=0.5) else known)
+    """Whatever the key may stand for: a neighbour spelt alike, the same leaf elsewhere, or all of its group."""
+    parent, _, leaf = key.rpartition(".")
     start = f"{parent}." if parent else ""
-    return did_you_mean(leaf, list({other[len(start) :].split(".")[0] for other in known if other.startswith(start)}))
+    neighbours = sorted({other[len(start) :].split(".")[0] for other in known if other.startswith(start)})
+    if near := difflib.get_close_matches(leaf, neighbours, n=1, cutoff=_ALIKE):
+        return f"did you mean '{start}{near[0]}'?"
+    leaves = {other.rpartition(".")[2]: other for other in reversed(known)}
+    if near := difflib.get_close_matches(leaf, leaves, n=1, cutoff=_ALIKE):
+        return f"did you mean '{leaves[near[0]]}'?"
+    return f"known{f' in {parent}' if parent else ''}: {', '.join(neighbours)}"
