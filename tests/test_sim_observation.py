@@ -101,7 +101,7 @@ class TestGeometry:
             assert np.all(middle * math.sin(bearing) >= 3.0 - 1e-9)
 
     def test_a_body_hides_what_is_behind_it_as_far_as_its_height_says(self) -> None:
-        high, low = occluders([(2.0, 0.0, 0.25, 0.8)], 0.8), occluders([(2.0, 0.0, 0.25, 0.4)], 0.8)
+        high, low = (occluders(np.array([[2.0, 0.0, 0.25, height_m]]), 0.8) for height_m in (0.8, 0.4))
         for bodies, farthest in ((high, 50.0), (low, 2.25 * 0.8 / 0.4)):
             assert not hidden(0.0, 0.0, 1.7, 0.0, bodies)
             assert hidden(0.0, 0.0, 1.8, 0.0, bodies)
@@ -185,9 +185,9 @@ class TestObservedLines:
         assert abs(np.corrcoef(one.ravel(), third.ravel())[0, 1]) < 0.3
 
     def test_the_repeated_part_is_normal_and_forgotten_within_its_phase(self) -> None:
-        table = mosaic_table(1)[0]
+        table = mosaic_table(1)
         places = np.random.default_rng(0).uniform(0, 300, (4000, 3))
-        on_rays = np.array([mosaic_noise(mosaic_table(int(w))[0], u, v, w) for u, v, w in places[:1500]])
+        on_rays = np.array([mosaic_noise(mosaic_table(int(w)), u, v, w)[0] for u, v, w in places[:1500]])
         on_circles = np.array([phase_noise(3, int(u), v) for u, v, _ in places])
         for values in (on_rays, on_circles):
             assert values.mean() == pytest.approx(0.0, abs=0.08)

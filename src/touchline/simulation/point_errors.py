@@ -20,7 +20,7 @@ from touchline.camera.omni import ground_from_pixel, pixel_from_ground
 from touchline.config import Settings
 from touchline.geometry import FloatArray
 from touchline.simulation.crossings import GRAZED, MIXED, inside_sector, range_at, scale_at
-from touchline.simulation.runs import BAR, DISC
+from touchline.simulation.runs import BAR, DISC, turned
 
 KNOTS, DIRECTIONS = 4, 24  # of the fixed random function: half a pixel, 15 degrees apart
 
@@ -132,31 +132,32 @@ def mosaic_table(seed: int) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy")
-def mosaic_noise(table, u, v, direction):  # type: ignore[no-untyped-def]
-    """A fixed random function of a pixel's place on the 2 x 2 mosaic and of a direction (rad), normal with deviation 1.
+def mosaic_noise(tables, u, v, direction):  # type: ignore[no-untyped-def]
+    """Two fixed random functions of a pixel's place on the 2 x 2 mosaic and of a direction (rad), each normal with
+    deviation 1.
 
-    table (DIRECTIONS, KNOTS, KNOTS): its values; in between it is linear.
+    tables (2, DIRECTIONS, KNOTS, KNOTS): their values; in between they are linear.
     """
-    places = (
-        (u % 2.0) * (0.5 * KNOTS),
-        (v % 2.0) * (0.5 * KNOTS),
-        (direction % (2.0 * math.pi)) * (DIRECTIONS / (2.0 * math.pi)),
-    )
-    i, j, k = int(places[0]), int(places[1]), int(places[2])
-    fi, fj, fk = places[0] - i, places[1] - j, places[2] - k
-    total, square = 0.0, 0.0
+    place_u, place_v = (u - 2.0 * math.floor(0.5 * u)) * (0.5 * KNOTS), (v - 2.0 * math.floor(0.5 * v)) * (0.5 * KNOTS)
+    place_k = turned(direction) * (DIRECTIONS / (2.0 * math.pi))
+    i, j, k = int(place_u), int(place_v), int(place_k)
+    fi, fj, fk = place_u - i, place_v - j, place_k - k
+    first, second, square = 0.0, 0.0, 0.0
     for di in range(2):
         for dj in range(2):
             for dk in range(2):
                 weight = (fi if di else 1.0 - fi) * (fj if dj else 1.0 - fj) * (fk if dk else 1.0 - fk)
-                total += weight * table[(k + dk) % DIRECTIONS, (j + dj) % KNOTS, (i + di) % KNOTS]
+                at_k, at_j, at_i = (k + dk) % DIRECTIONS, (j + dj) % KNOTS, (i + di) % KNOTS
+                first += weight * tables[0, at_k, at_j, at_i]
+                second += weight * tables[1, at_k, at_j, at_i]
                 square += weight * weight
-    return total / math.sqrt(square)
+    size = math.sqrt(square)
+    return first / size, second / size
 
 
 @njit(cache=True, error_model="numpy")
 def _logistic(value):  # type: ignore[no-untyped-def]
-    return 1.0 / (1.0 + math.exp(-value))
+    return 1.0 / (1.0 + math.exp(-value)) if value < 20.0 else 1.0  # from there on it is, to eight digits
 
 
 @njit(cache=True, error_model="numpy")
@@ -200,8 +201,10 @@ def edge_shift(row, reach, blur_px, scales):  # type: ignore[no-untyped-def]
     where the mirror's scale grows. row: of `find_crossings`; scales: of `scale_table`.
     """
     widened = 0.5 * (math.sqrt(row[7] ** 2 + blur_px**2) - row[7]) / row[8]
-    far = scale_at(reach + 0.5 * row[3], scales, 1)
-    near, far = range_at(row[6] - widened, scales), range_at(far + widened, scales)
+    half, wider = 0.5 * row[3], widened * row[4]
+    far = scale_at(reach + half, scales, 1) + widened
+    far = range_at(far, scales, reach + half + wider)
+    near = range_at(row[6] - widened, scales, reach - half - wider)
     return (0.5 * (near + far) - reach) / row[4]
 
 
@@ -235,7 +238,7 @@ def perturbed(found, strays, first_circle, sectors, numbers, fixed, shared, norm
             on_ray = row[2] < first_circle
             if on_ray:
                 direction = math.atan2(dv, du)
-                where, whether = mosaic_noise(mosaic[0], u, v, direction), mosaic_noise(mosaic[1], u, v, direction)
+                where, whether = mosaic_noise(mosaic, u, v, direction)
             else:
                 where = phase_noise(seed, 2 * int(row[2]), row[9] / phase)
                 whether = phase_noise(seed, 2 * int(row[2]) + 1, row[9] / phase)
