@@ -10,18 +10,21 @@ import pytest
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.simulation.crossings import PLAIN, hidden
+from touchline.simulation.fixed_noise import mosaic_noise, mosaic_table, phase_noise
+from touchline.simulation.goal_clutter import GoalClutter
 from touchline.simulation.observation import ObservedLines, leaning_view, occluders
-from touchline.simulation.point_errors import ObservationNoise, mosaic_noise, mosaic_table, phase_noise
+from touchline.simulation.point_errors import ObservationNoise
 from touchline.simulation.run import Simulation
 from touchline.simulation.runs import BAR, bar_table, circle_runs, ray_runs, round_table
 from touchline.simulation.scenario import Scenario, open_scenario
 from touchline.systems import open_system
 from touchline.types import Status
 
+NO_CLUTTER = GoalClutter(net_points=0.0, side_points=0.0)
 SILENT = ObservationNoise(
     noise_px=0.0, frame_px=0.0, blur_px=0.0, found_share=1.0, circle_share=1.0, mixed_share=1.0, thin_half_px=-9.0,
     flat_half=-9.0, coarse_half_m=9.0, long_slope_px=1e-3, bar_share=0.0, mark_share=1.0, false_points=0.0,
-    goal_points=0.0, net_points=0.0,
+    white_goals=NO_CLUTTER, coloured_goals=NO_CLUTTER, covered_goals=NO_CLUTTER,
 )  # fmt: skip
 POSE = Pose(2.0, -1.5, 0.7)
 

@@ -22,7 +22,7 @@ from touchline.simulation.runs import BAR, MOST_PER_PATH, circle_runs, near_pain
 COLUMNS = 12
 PLAIN, GRAZED, MIXED = 0.0, 1.0, 2.0  # odd: an edge of a black sector runs along the ray; more than one line
 SCALE_STEP_M = 0.01
-_FLANK = 4  # samples of green wanted on each side, of which one may be another colour (`perception.profiles`)
+FLANK = 4  # samples of green wanted on each side, of which one may be another colour (`perception.profiles`)
 
 
 @njit(cache=True, error_model="numpy")
@@ -145,7 +145,7 @@ def _merged(runs, count, gap_px, turn, scales):  # type: ignore[no-untyped-def]
 def _ray_flank(edge, step, view, ray, shadows, carpet):  # type: ignore[no-untyped-def]
     """Whether the samples beyond an edge (m on the ray) are green; step: a pixel away from the paint (m, signed)."""
     missing = 0
-    for k in range(_FLANK):
+    for k in range(FLANK):
         place = edge + (k + 0.8) * step
         px, py = view[0] + place * ray[0], view[1] + place * ray[1]
         seen = abs(px) <= carpet[0] and abs(py) <= carpet[1]
@@ -164,7 +164,7 @@ def _circle_flank(edge, step, reach, view, heading, bodies, sectors, carpet):  #
     if inside and len(bodies) == 0 and len(sectors) == 0:
         return True
     missing = 0
-    for k in range(_FLANK):
+    for k in range(FLANK):
         angle = edge + (k + 0.8) * step
         cx, sx = math.cos(angle), math.sin(angle)
         seen = inside or (abs(view[0] + reach * cx) <= carpet[0] and abs(view[1] + reach * sx) <= carpet[1])
@@ -242,7 +242,7 @@ def find_crossings(  # type: ignore[no-untyped-def]
             scale = scale_at(along, scales, 0)
             if not chord <= steepest * width + blur_px * scale:  # or no scale known
                 continue
-            if runs[h, 0] - _FLANK * scale < first or runs[h, 1] + _FLANK * scale > last:
+            if runs[h, 0] - FLANK * scale < first or runs[h, 1] + FLANK * scale > last:
                 continue
             if h > 0 and runs[h, 0] - runs[h - 1, 1] < apart_px * scale:
                 continue

@@ -16,19 +16,18 @@ from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointSettings
-from touchline.simulation.crossings import COLUMNS, find_crossings, hidden, scale_table, through_mouth
-from touchline.simulation.point_errors import ObservationNoise, mosaic_table, perturbed, phase_noise
+from touchline.simulation.crossings import COLUMNS, find_crossings, inside_sector, scale_table
+from touchline.simulation.fixed_noise import mosaic_table
+from touchline.simulation.goal_clutter import NET_PLACES, PLACES, place_strays, seen_thread, thread_table
+from touchline.simulation.point_errors import ObservationNoise, perturbed
 from touchline.simulation.runs import BAR, bar_table, round_table
 from touchline.types import LinePoints, empty_points
 
 _BAR_M = (0.12, 0.05)  # a goal's bar on the ground as seen from above, with its side: width, how far behind its middle
 _MARK_M = 0.06  # by so much blur lets a path pass beside a round mark and still meet it
 _STEP_PX = 4.0  # between the nodes of what a camera as built sees elsewhere
-_STRAY_PLACES, _NET_PLACES = 60, 24  # per goal; how many of them on the net behind
 _MOST_ANYWHERE = 32  # false points of an image, elsewhere
 _NO_BODIES = np.zeros((0, 4))
-_STRAY_TURN_RAD = 0.1  # after such a turn or
-_STRAY_WAY_M = 0.3  # such a way other false points are seen
 
 
 class ObservedLines:
@@ -58,7 +57,11 @@ class ObservedLines:
         s, n = self.detector, self.noise
         width = s.line_width_m or field.line_width
         self._limits = (width, s.steepest_crossing, s.blur_px, n.bridged_px, n.apart_px)
-        self._goals, bars = _goals(field)
+        goals, bars = _goals(field)
+        kinds = [n.white_goals if goal.color == "white" else n.coloured_goals for goal in field.goals]
+        self._goals = goals, np.array([kind.numbers() for kind in kinds]).reshape(-1, 6)
+        self._covered_goals = goals, np.array([n.covered_goals.numbers()] * len(goals)).reshape(-1, 6)
+        self._threads = thread_table(goals, [goal.color == "white" for goal in field.goals], seed)
         lines = np.concatenate((bar_table(field.segments, width), bars))
         marks = field.discs + np.array([0.0, 0.0, _MARK_M])
         self._paint = (lines, round_table(field.circles, field.arcs), marks)
@@ -71,7 +74,7 @@ class ObservedLines:
         self._askew = (_askew(camera, as_built), _STEP_PX)
         self._same = (seed, mosaic_table(seed))
         self._found = np.empty((2048, COLUMNS))
-        self._places = np.empty((_STRAY_PLACES * len(self._goals) + _MOST_ANYWHERE, 2))
+        self._places = np.empty((PLACES * len(goals) + _MOST_ANYWHERE, 2))
 
     def crossings(
         self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
@@ -97,13 +100,13 @@ class ObservedLines:
         black_rad: (B, 2) directions from, to (base frame, counter-clockwise) in which nothing is seen.
         """
         n, sectors = self.noise, self._sectors(black_rad)
-        more = n.covered_factor if black_rad is not None and len(black_rad) else 1.0
-        anywhere = min(int(rng.poisson(more * n.false_points)), _MOST_ANYWHERE)
-        means = more * n.goal_points, n.goal_m, more * n.net_points, min(more, 2.0) * n.net_m
+        covered = black_rad is not None and len(black_rad) > 0
+        anywhere = min(int(rng.poisson(n.false_points)), _MOST_ANYWHERE)
         count, false_count = _seen(
             (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, self._mouth,
             self._posts, _NO_BODIES if bodies is None else bodies, n.height_m, self._carpet, sectors, self._scales,
-            self._found, rng.random((anywhere, 2)), self._goals, self.seed, means, self._places,
+            self._found, rng.random((anywhere, 2)), self._covered_goals if covered else self._goals, self._threads,
+            self.seed, self._places,
         )  # fmt: skip
         total = count + false_count
         if total == 0:
@@ -115,6 +118,25 @@ class ObservedLines:
         )  # fmt: skip
         rows = rows[:kept]
         return LinePoints(rows[:, :2], rows[:, 2:6].reshape(-1, 2, 2), rows[:, 6], rows[:, 7:9])
+
+    def goal_places(
+        self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
+    ) -> FloatArray:
+        """(G, 2) share of each goal's places for false points that a pose can see: on the net behind, at the sides."""
+        moving, sectors = (
+            occluders(_NO_BODIES if bodies is None else bodies, self.noise.height_m),
+            self._sectors(black_rad),
+        )
+        seen = np.zeros((len(self._goals[0]), 2))
+        for row, thread in enumerate(self._threads):
+            goal, net = row // PLACES, row % PLACES < NET_PLACES
+            x, y = seen_thread(
+                thread, net, pose.x, pose.y, self.noise.height_m, self._mouth, moving, self._carpet, self._scales
+            )
+            if not math.isnan(x) and not inside_sector(math.atan2(y - pose.y, x - pose.x) - pose.heading, sectors):
+                seen[goal, 0 if net else 1] += 1.0
+        shares: FloatArray = seen / (NET_PLACES, PLACES - NET_PLACES)
+        return shares
 
     def _sectors(self, black_rad: FloatArray | None) -> FloatArray:
         """(B, 2) directions in which nothing is seen."""
@@ -203,58 +225,19 @@ def _farthest_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
 @njit(cache=True, error_model="numpy")
 def _seen(  # type: ignore[no-untyped-def]
     pose, rays, circles, limits, paint, mouth, posts, bodies, view_m, carpet, sectors, scales, found, uniforms, goals,
-    seed, means, places,
+    threads, seed, places,
 ):  # fmt: skip
-    """What `find_crossings` finds, into found, and false points, into places (`_place_strays`): how many of each.
+    """What `find_crossings` finds, into found, and false points, into places (K, 2), base frame: how many of each.
 
-    posts, bodies: (K, 4) as of `occluders`, seen from the height view_m (m); the other arguments as there.
+    posts, bodies: (K, 4) as of `occluders`, seen from the height view_m (m). uniforms (N, 2): where on rays other false
+    points are. goals, threads, seed: see `place_strays`. The other arguments as of `find_crossings`.
     """
     standing, moving = occluders(posts, view_m), occluders(bodies, view_m)
     hiding = np.concatenate((standing, moving))
     count = find_crossings(pose, rays, circles, limits, paint, mouth, hiding, carpet, sectors, scales, found)
-    return count, _place_strays(uniforms, rays, goals, pose, seed, means, mouth, moving, places)
-
-
-@njit(cache=True, error_model="numpy")
-def _place_strays(uniforms, rays, goals, pose, seed, means, mouth, bodies, places):  # type: ignore[no-untyped-def]
-    """Fill places (K, 2), base frame: some on rays (P, 3), then those seen in the goals (G, 4), field frame; how many.
-
-    A goal's first places lie on the net behind, the others on posts and side nets; which of them give a point depends
-    on the direction and distance from which they are seen. uniforms (N, 2): where on rays. means: mean number at posts
-    and sides seen from 1 m, the range (m) within which; mean number through the net, the range. mouth, bodies: see
-    `crossings`.
-    """
-    x, y, heading = pose
-    c, s = math.cos(heading), math.sin(heading)
     for k in range(len(uniforms)):
         ray = rays[int(uniforms[k, 0] * len(rays))]
         reach = ray[1] + uniforms[k, 1] * (ray[2] - ray[1])
         places[k, 0], places[k, 1] = reach * math.cos(ray[0]), reach * math.sin(ray[0])
-    count = len(uniforms)
-    for g in range(len(goals)):
-        depth, span = goals[g, 1] - goals[g, 0], goals[g, 3] - goals[g, 2]
-        away = math.sqrt((goals[g, 0] - x) ** 2 + (0.5 * (goals[g, 2] + goals[g, 3]) - y) ** 2)
-        sides = means[0] / max(away, 1.0) / (_STRAY_PLACES - _NET_PLACES) if away < means[1] else 0.0
-        net = means[2] / _NET_PLACES if away < means[3] else 0.0
-        for k in range(_STRAY_PLACES):
-            share = net if k < _NET_PLACES else sides
-            if share == 0.0:
-                continue
-            name = 4096 + _STRAY_PLACES * g + k
-            deep, aside = phase_noise(seed, name, 0.0), phase_noise(seed, name, 1.0)
-            if k < _NET_PLACES:
-                px, py = goals[g, 1], goals[g, 2] + span * (0.5 + 0.25 * aside)
-            else:
-                px = goals[g, 0] + depth * (0.5 + 0.25 * deep)
-                py = (goals[g, 2] if k % 2 else goals[g, 3]) + 0.05 * aside
-            if hidden(x, y, px, py, bodies) or (k < _NET_PLACES and not through_mouth(x, y, px, py, mouth)):
-                continue
-            stretch = 1.25 + 0.12 * phase_noise(seed, name, 2.0)  # threads are above the ground that they hide
-            px, py = x + stretch * (px - x), y + stretch * (py - y)
-            px, py = px - x, py - y
-            seen = 0.8 * phase_noise(seed, name, 10.0 + (heading + math.atan2(py, px)) / _STRAY_TURN_RAD)
-            seen += 0.6 * phase_noise(seed, name + 2048, 10.0 + math.sqrt(px * px + py * py) / _STRAY_WAY_M)
-            if 0.5 * math.erfc(seen / math.sqrt(2.0)) < share:
-                places[count, 0], places[count, 1] = c * px + s * py, c * py - s * px
-                count += 1
-    return count
+    view = view_m, mouth, moving, carpet, scales
+    return count, place_strays(pose, goals, threads, seed, view, places, len(uniforms))
