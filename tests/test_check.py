@@ -346,6 +346,7 @@ def test_images_of_another_size_than_camera_yaml_are_an_error(real: Path) -> Non
     ("keys", "what"),
     [
         ({"fx": 0}, "fx and fy have to be positive"),
+        ({"width": None}, "'width' has to be a number of pixels, found None"),
         ({"cx": 900.0}, r"cx, cy \(900\.0, .*outside the image"),
         ({"mount": {"z": -1}}, "mount: z"),
         ({"mount": None}, "mount: z"),
@@ -414,7 +415,7 @@ def test_another_field_than_the_named_one_is_found(real: Path) -> None:
 
 def test_a_broken_field_yaml_is_an_error(real: Path) -> None:
     rewrite_yaml(real / "field.yaml", length="long")
-    assert_found(real, "field", Severity.ERROR, "field.yaml", r"field\.yaml.*length")
+    assert_found(real, "field", Severity.ERROR, "field.yaml", r"^line \d+: length")
 
 
 def test_a_truth_outside_the_hall_is_an_error(arc: Path) -> None:

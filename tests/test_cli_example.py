@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 import shutil
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import touchline
 from touchline.cli import main
 from touchline.cli.run import EXAMPLE, example_recording
 from touchline.errors import InputError
+from touchline.view.overlay import LINE_COLOR
 
 STAGES = ["original", "colour classes", "scan lines", "field boundary", "line points", "bird's-eye view", "overlay"]
 
@@ -81,7 +83,7 @@ def test_everything_public_can_be_reached() -> None:
 
 
 def test_a_dim_hall_keeps_its_error_table(tmp_path: Path) -> None:
-    """With a seventh of the light no image counts as black, and none is left out of the errors."""
+    """With a seventh of the light no image counts as black: the errors hold every frame, tracked or lost."""
     dim = Path(shutil.copytree(example_recording(), tmp_path / "dim"))
     for path in (dim / "images").iterdir():
         image = cv2.imread(str(path))
@@ -91,7 +93,7 @@ def test_a_dim_hall_keeps_its_error_table(tmp_path: Path) -> None:
         )
     run = touchline.run(dim)
     assert run.errors is not None
-    assert (run.errors.black, run.errors.frames) == (0, 60)
+    assert (run.errors.black, run.errors.frames + run.errors.lost) == (0, 60)
     assert run.summary["black_images"] == {"count": 0, "stretches_ns": []}
 
 
@@ -148,6 +150,22 @@ def test_view_draws_the_stages_of_the_system_that_is_named(capsys: pytest.Captur
     assert titles[1:6] == ["hsv-threshold", "convex-hull", "hsl-threshold", "bitwise-and", "distances-along-rays"]
     assert main([*arguments, "iris-fussion"]) == 2
     assert "did you mean 'iris-fusion'?" in capsys.readouterr().err
+
+
+def test_view_takes_the_first_image_that_shows_where_the_robot_is(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["view", str(example_recording()), "--system", "iris-fusion"]  # which searches for some images
+    assert main([*arguments, "--output", "located"]) == 0
+    found = re.search(rf"{EXAMPLE}-(\d+): .*; x -5\..*\(tracking, ", capsys.readouterr().out)
+    assert found is not None
+    assert int(found[1]) > 0
+    assert main([*arguments, "--frame", "0", "--output", "searching"]) == 0
+    out = capsys.readouterr().out
+    assert "no field lines are drawn: the robot is not located (searching" in out
+    assert "heading" not in out
+    drawn = [cv2.imread(f"{name}/01-overlay.png") for name in ("located", "searching")]
+    magenta = [int((np.abs(picture.astype(int) - LINE_COLOR).max(axis=-1) < 25).sum()) for picture in drawn]
+    assert magenta[0] > 1000
+    assert magenta[1] < 0.02 * magenta[0]
 
 
 def test_view_of_an_image_finds_its_pose_or_the_mirrored_one(capsys: pytest.CaptureFixture[str]) -> None:

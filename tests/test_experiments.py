@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -73,6 +74,24 @@ def test_a_folder_that_cannot_be_written_is_told_plainly(tmp_path: Path) -> None
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="--output"):
         write_result(result(), tmp_path / "file" / "results")
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_tells_how_far_it_has_come(name: str) -> None:
+    """The first thing of all is told before anything takes long: whoever hears it can end the experiment."""
+
+    class HeardError(Exception):
+        pass
+
+    heard: list[str] = []
+
+    def listen(progress: str) -> None:
+        heard.append(progress)
+        raise HeardError
+
+    with pytest.raises(HeardError):
+        EXPERIMENTS[name].run(3, listen)
+    assert re.fullmatch(r"[a-z ]+, 1 of \d+", heard[0])
 
 
 def test_a_mistyped_experiment_is_answered_with_the_nearest() -> None:

@@ -192,6 +192,7 @@ def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "nowhere").write_text("a file, no folder")
     with pytest.raises(InputError, match=r"nowhere.*cannot be written"):
         open_field("spl-9x6").to_yaml(tmp_path / "nowhere" / "field.yaml")
 

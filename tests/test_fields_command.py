@@ -81,7 +81,12 @@ def test_a_field_is_drawn_into_a_new_picture(tmp_path: Path) -> None:
 
 def test_a_picture_of_another_kind_or_place_is_refused(tmp_path: Path) -> None:
     assert "written as .png or .jpg" in refusal("spl-9x6", "--output", str(tmp_path / "field.txt"))
+    (tmp_path / "no").write_text("a file, no folder")
     assert "cannot be written" in refusal("spl-9x6", "--output", str(tmp_path / "no" / "field.png"))
+
+
+def test_a_new_field_is_a_yaml_file(tmp_path: Path) -> None:
+    assert "a field is written as .yaml or .yml" in refusal("new", "hall", "A=12", "--output", str(tmp_path / "a.txt"))
 
 
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:

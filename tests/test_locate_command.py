@@ -108,7 +108,7 @@ def test_too_few_points_are_refused_with_status_1(tmp_path: Path, capsys: pytest
         (["photo.png"], "photo.png: an image needs its camera model; give it with --camera FILE"),
         (["photo.png", "--camera", "none.yaml"], "none.yaml"),
         (["broken.csv", "--field", "msl-18x13"], "msl-18x12"),
-        (["broken.csv", "--output", "drawn.gif"], "pictures are written as .png or .jpg"),
+        (["broken.csv", "--output", "drawn.gif"], "a picture is written as .png or .jpg"),
         (["broken.csv", "--heading", "north"], "'--heading'"),
         (["good.csv", "--heading", "180"], "more than a whole turn: is it in radians? 180 degrees are 3.1416 rad"),
         (["good.csv", "--heading", "nan"], "the heading nan is not an angle"),

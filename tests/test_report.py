@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,15 @@ import pytest
 from fakes import STEP_NS, FakeSource, FakeSystem, true_samples
 
 from touchline.evaluation.estimates import EstimateTable, read_estimates
-from touchline.evaluation.figures import RunData, error_figure, field_figure, thinned
+from touchline.evaluation.figures import RunData, error_figure, field_figure, path_key, thinned
 from touchline.evaluation.metrics import ErrorTable, error_table, signed_errors
 from touchline.evaluation.report import Picture, write_report
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import run_frames
 from touchline.field import open_field
-from touchline.types import Samples, Status
+from touchline.types import Mode, Samples, Status
 
+MODE_NAMES = {Mode.OMNIVISION: "omnivision", Mode.BOTH: "both", Mode.ODOMETRY: "odometry"}
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
 
@@ -74,6 +76,7 @@ def write(
         "system": "fake",
         "started": "2026-01-02T03:04:05+00:00",
         "settings": {"matching": {"c_m": 0.25}},
+        "learns_colours": True,
         "seed": 5,
         "versions": {"touchline": "0.1.0"},
         "cpu": "a processor",
@@ -200,6 +203,38 @@ def test_curves_start_where_the_robot_was_first_located() -> None:
     assert run_data(20, 20, []).errors_since_located() is None
     assert "var(--tracking)" in field_figure(data)
     assert "var(--searching)" not in field_figure(data)
+
+
+def with_modes(data: RunData) -> RunData:
+    """The same, fused in every mode in turn, lost in the last rows."""
+    rows = len(data.table)
+    modes = (np.arange(rows) % len(Mode)).astype(np.int8)
+    status = data.table.status.copy()
+    status[-2:] = list(Status).index(Status.LOST)
+    return replace(data, table=replace(data.table, mode=modes, status=status))
+
+
+def test_the_key_of_the_path_names_every_colour_that_is_drawn() -> None:
+    data = run_data(20, 5, [])
+    assert path_key(data) == [("truth", "truth"), ("tracking", "tracking"), ("first located", "first-located")]
+    fused = with_modes(data)
+    shown = [("truth", "truth"), *((mode.value, name) for mode, name in MODE_NAMES.items()), ("lost", "lost")]
+    assert sorted(path_key(fused)) == sorted([*shown, ("first located", "first-located")])
+    drawn = field_figure(fused)
+    assert all(f"var(--{name})" in drawn for _, name in shown)
+
+
+def test_the_key_of_the_path_is_text_of_the_page_and_cannot_be_cut_off(page: str) -> None:
+    (key,) = re.findall(r"<span class='keys'>.*?</span></span>", page)
+    assert re.sub(r"<[^>]*>", "", key).split() == ["truth", "tracking", "first", "located"]
+    style = page[: page.index("</style>")]
+    assert all(f".key.{name} " in style for name in re.findall(r"class='key ([a-z-]+)'", page))
+
+
+@pytest.mark.parametrize("learns", [True, False])
+def test_colours_are_said_to_be_learned_only_where_they_are(tmp_path: Path, learns: bool) -> None:
+    page, _ = write(tmp_path, learns_colours=learns)
+    assert ("colours are learned" in page) is learns
 
 
 def test_black_stretches_are_shaded_and_their_errors_left_out() -> None:

@@ -13,6 +13,8 @@ from small_recordings import delete_lines, edit_line, replace_line, write_record
 
 from touchline.errors import InputError
 from touchline.sources import ProblemKind, open_source
+from touchline.sources.check import check_recording
+from touchline.sources.findings import Severity
 from touchline.sources.problems import KEPT_PER_KIND
 from touchline.types import Frame
 
@@ -48,6 +50,10 @@ def described(**keys: object) -> Damage:
 
 
 CAMERA = "model: omni\nwidth: 48\nheight: 32\n"
+WHOLE_CAMERA = CAMERA + (
+    "center: [24, 16]\ninner_radius_px: 2\nouter_radius_px: 9\nhandedness: 1\nmount_yaw: 0\n"
+    "range_table: {radius_px: [0, 10], range_m: [0, 3]}\n"
+)
 MISSING_IMAGES_COLUMN = r"images\.csv, line 1: column 'file' is missing from the header \(found: t, name\)"
 
 UNREADABLE: dict[str, tuple[Damage, str]] = {
@@ -64,13 +70,7 @@ UNREADABLE: dict[str, tuple[Damage, str]] = {
     "a field that is a list": (described(field="[1, 2]"), r"sequence\.yaml: field '\[1, 2\]' is not known"),
     "no camera": (described(camera=None), r"sequence\.yaml: key 'camera' is missing; one of omni, pinhole"),
     "an unknown camera": (described(camera="onmi"), r"sequence\.yaml: camera 'onmi' is not known; did you mean 'omni'"),
-    "an unknown camera model": (
-        write("camera.yaml", "model: fisheye\n"),
-        r"camera\.yaml: model 'fisheye' is not known",
-    ),
-    "no camera model": (write("camera.yaml", "width: 48\n"), r"camera\.yaml: key 'model' is missing"),
     "another camera model": (write("camera.yaml", "model: pinhole\n"), r"camera\.yaml: .*'pinhole'.*camera 'omni'"),
-    "a camera without size": (write("camera.yaml", CAMERA[:-3] + "x\n"), r"camera\.yaml: 'height' has to be a number"),
     "camera.yaml is no YAML": (write("camera.yaml", "model: {\n"), r"camera\.yaml, line 2: is not valid YAML"),
     "images.csv is empty": (write("images.csv", ""), r"images\.csv, line 1: .*the file is empty"),
     "images.csv has no image": (write("images.csv", "t,file\n"), r"images\.csv: names no image"),
@@ -92,6 +92,28 @@ def test_what_cannot_be_opened_says_why_and_where(folder: Path, case: str) -> No
     assert re.search(message, str(error.value)), str(error.value)
     assert str(folder) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+CAMERAS_WITHOUT_A_KEY = {
+    "an unknown model": (CAMERA.replace("omni", "fisheye"), r"unknown camera model 'fisheye'"),
+    "no model": (CAMERA.removeprefix("model: omni\n"), r"'model' is missing; one of omni, pinhole"),
+    "no width": (CAMERA.replace("width: 48\n", ""), r"'width' is missing; an omni camera needs width, height, center"),
+    "no center": (CAMERA, r"'center' is missing; an omni camera needs width, height, center"),
+    "another word": (CAMERA + "centre: [1, 2]\n", r"'center' is missing \(is 'centre' meant for it\?\); an omni"),
+    "a size in words": (WHOLE_CAMERA.replace("32", "low"), r"'height' must be a number"),
+}
+
+
+@pytest.mark.parametrize("case", CAMERAS_WITHOUT_A_KEY)
+def test_every_key_that_camera_yaml_lacks_is_told_in_the_same_way(folder: Path, case: str) -> None:
+    text, message = CAMERAS_WITHOUT_A_KEY[case]
+    write("camera.yaml", text)(folder)
+    source = open_source(folder)
+    with pytest.raises(InputError, match=rf"camera\.yaml: {message}"):
+        _ = source.camera
+    (found,) = (finding for finding in check_recording(source) if finding.check == "camera")
+    assert (found.severity, found.where) == (Severity.ERROR, "camera.yaml")
+    assert re.match(message, found.what), found.what
 
 
 UNUSABLE_SENSORS: dict[str, tuple[Damage, str, str]] = {

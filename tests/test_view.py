@@ -134,5 +134,6 @@ def test_the_sheet_has_a_tile_for_every_picture() -> None:
 
 
 def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "no").write_text("a file, no folder")
     with pytest.raises(InputError, match="cannot be written"):
-        save_picture(tmp_path / "no" / "such" / "folder.png", carpet())
+        save_picture(tmp_path / "no" / "folder.png", carpet())

@@ -24,9 +24,10 @@ from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import WheelOdometrySettings
+from touchline.perception import LearningSettings
 from touchline.sources import Recording, open_source
-from touchline.systems import DEFAULT_SYSTEM, SystemInfo, open_system, system_info
-from touchline.types import Prior, System
+from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo, open_system, system_info
+from touchline.types import Prior, Status, System
 from touchline.view.overlay import overlay_image
 
 if TYPE_CHECKING:
@@ -116,6 +117,7 @@ class PreparedRun:
             },
             "system": self.info.name,
             "settings": self.settings.model_dump(mode="json"),
+            "learns_colours": _learns_colours(self.settings),
             "notices": list(self.notices),
             "prior": {"pose": None if pose is None else list(pose), "own_half": self.prior.own_half},
             "seed": self.seed,
@@ -136,7 +138,8 @@ def prepare(
 ) -> PreparedRun:
     """Open everything a run needs and check it. Raises InputError for what is wrong."""
     info = system_info(system)
-    settings = load_settings(info.settings, None if config is None else Path(config), overrides)
+    others = {name: other.settings for name, other in SYSTEMS.items() if name != info.name}
+    settings = load_settings(info.settings, None if config is None else Path(config), overrides, elsewhere=others)
     source = open_source(recording)
     rng = np.random.default_rng(seed)
     built = open_system(system, source.field, source.camera, settings, rng, source.wheel_directions_rad)
@@ -177,13 +180,19 @@ def _notices(source: Recording, info: SystemInfo, settings: Settings) -> tuple[s
         return ()
     missing = [file for file in ("wheels.csv", "imu.csv") if file not in source.sensor_files]
     told = any(isinstance(part, WheelOdometrySettings) and part.a_dir_rad is not None for _, part in settings)
-    if source.wheel_directions_rad is None and not told:
+    if source.wheel_directions_rad is None and not told and "wheels.csv" not in missing:
         missing.append("the wheels' rolling directions (wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml)")
     if not missing:
         return ()
-    replaced = "odometry.csv is" if "odometry.csv" in source.sensor_files else "nothing can be"
     what = f"{info.name} measures its way with two wheels and a gyro, but the recording lacks {' and '.join(missing)}"
-    return (f"{what}: {replaced} used instead",)
+    if "odometry.csv" in source.sensor_files:
+        return (f"{what}: odometry.csv is used instead",)
+    return (f"{what}, and odometry.csv, which would stand in: no motion is measured, poses come from the images alone",)
+
+
+def _learns_colours(settings: Settings) -> bool:
+    """Whether the first images teach the system its colours: not if it has a table, or goes by thresholds."""
+    return any(isinstance(part, LearningSettings) and part.colour_file is None for _, part in settings)
 
 
 def _problems(source: Recording) -> dict[str, Any]:
@@ -214,6 +223,8 @@ def _pictures(source: Recording, tally: RunTally) -> list[Picture]:
         residual = "" if math.isnan(estimate.residual_m) else f", residual {100 * estimate.residual_m:.1f} cm"
         caption = f"{estimate.status.value}: {pose_text(estimate.pose)}{residual}"
         caption += f" ({kept.reason})" if kept.reason != "evenly chosen" else ""
-        overlay = overlay_image(image, source.camera, source.field, estimate.pose, points)
+        located = estimate.status is Status.TRACKING  # field lines at a guessed pose would mislead
+        overlay = overlay_image(image, source.camera, source.field if located else None, estimate.pose, points)
+        caption += "" if located else "; not located, so no field lines are drawn"
         pictures.append(Picture(title, caption, overlay))
     return pictures

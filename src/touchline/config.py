@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails
 
 from touchline.errors import InputError
@@ -19,22 +19,51 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _true_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """In YAML `yes`, `on` and `true` are truths; taken for the number 1 they would hide a mistake."""
+        kinds = set(_kinds(cls.model_fields[str(info.field_name)].annotation))
+        if _holds_bool(value) and kinds & {int, float} and bool not in kinds:
+            raise ValueError(f"a number is wanted, not true or false (got {value!r})")
+        return value
+
+
+def _kinds(annotation: Any) -> Iterator[Any]:
+    """All types that an annotation names, inside of tuples and unions, too."""
+    arguments = get_args(annotation)
+    if not arguments:
+        yield annotation
+    for argument in arguments:
+        yield from _kinds(argument)
+
+
+def _holds_bool(value: Any) -> bool:
+    return isinstance(value, bool) or (isinstance(value, list | tuple) and any(_holds_bool(part) for part in value))
+
 
 _SAID = 4  # mistakes told at once
+_ALIKE = 0.7  # share of letters in which a word has to agree with the one that was meant
 SettingsT = TypeVar("SettingsT", bound=Settings)
 
 
 def load_settings(
-    model: type[SettingsT], file: Path | None = None, overrides: Sequence[str] = (), section: str | None = None
+    model: type[SettingsT],
+    file: Path | None = None,
+    overrides: Sequence[str] = (),
+    section: str | None = None,
+    elsewhere: Mapping[str, type[Settings]] | None = None,
 ) -> SettingsT:
     """Settings from the defaults, then a YAML file (or one section of it), then `a.b=value` overrides.
 
-    Raises InputError with the nearest known key for an unknown one, and for a value that does not fit.
+    elsewhere: other settings by the name of what they belong to, for whoever mixes them up.
+    Raises InputError with the nearest known key for an unknown one, and for a value that does not fit, each with its
+    line in the file.
     """
     tree = read_yaml_mapping(file) if file is not None else {}
     if section is not None:
         tree = tree[section]
-    origin = f"{file}: " if file is not None else ""
+    changed = set()
     for item in overrides:
         key, separator, text = item.partition("=")
         if not separator or not key.strip():
@@ -43,25 +72,19 @@ def load_settings(
             value = yaml.safe_load(text)
         except yaml.YAMLError as error:
             raise InputError(f"--set {item}: the value is not readable ({error})") from None
-        _put(tree, key.strip().split("."), value, item)
+        path = key.strip().split(".")
+        _put(tree, path, value, item)
+        changed.add(tuple(path))
     try:
         return model.model_validate(tree)
     except ValidationError as error:
-        raise InputError(origin + _explain(model, error)) from None
+        where = () if section is None else (section,)
+        raise InputError(_explain(model, error, file, where, changed, elsewhere or {})) from None
 
 
 def read_yaml_mapping(path: Path) -> dict[str, Any]:
     """A YAML file whose top level is a mapping; InputError names the file and line of what is wrong."""
-    try:
-        loaded = yaml.load(path.read_text(encoding="utf-8"), Loader=_YAML_LOADER)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f", line {mark.line + 1}" if mark is not None else ""
-        raise InputError(f"{path}{line}: is not valid YAML ({getattr(error, 'problem', error)})") from None
+    loaded = read_yaml(path)
     if loaded is None:
         return {}
     if not isinstance(loaded, dict):
@@ -69,7 +92,59 @@ def read_yaml_mapping(path: Path) -> dict[str, Any]:
     return loaded
 
 
-_YAML_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+def read_yaml(path: Path) -> Any:
+    """What a YAML file holds; InputError names the file and line of what is wrong, a key that stands twice as well."""
+    try:
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file") from None
+    except _TwiceError as error:
+        raise InputError(f"{path}, {error}") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        raise InputError(f"{path}{line}: is not valid YAML ({getattr(error, 'problem', error)})") from None
+
+
+def yaml_line(path: Path, keys: Sequence[str | int]) -> int | None:
+    """The line in a YAML file in which an entry begins, named by keys and, in lists, numbers from 0; of what is not
+    there the nearest entry around it. None without any.
+    """
+    try:
+        node = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return None
+    line = None
+    for key in keys:
+        if isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value):
+            node = node.value[key]
+            line = node.start_mark.line + 1
+            continue
+        inside = node.value if isinstance(node, yaml.MappingNode) else []
+        entries = [(name, value) for name, value in inside if name.value == str(key)]
+        if not entries:
+            break
+        line, node = entries[-1][0].start_mark.line + 1, entries[-1][1]
+    return line
+
+
+class _TwiceError(Exception):
+    """A key stands twice in one mapping: the later one would silently win."""
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """Plain values only, and no key twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            line = key.start_mark.line + 1
+            if isinstance(key, yaml.ScalarNode) and lines.setdefault(key.value, line) != line:
+                raise _TwiceError(f"line {line}: '{key.value}' stands in line {lines[key.value]} already; keep one")
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
 
 
 def settings_rows(model: type[Settings], prefix: str = "") -> Iterator[tuple[str, Any, str]]:
@@ -96,19 +171,47 @@ def _put(tree: dict[str, Any], path: list[str], value: Any, item: str) -> None:
     tree[path[-1]] = value
 
 
-def _explain(model: type[Settings], error: ValidationError) -> str:
-    known = [key for key, _, _ in settings_rows(model)]
+def _explain(
+    model: type[Settings],
+    error: ValidationError,
+    file: Path | None,
+    section: tuple[str, ...],
+    changed: set[Any],
+    elsewhere: Mapping[str, type[Settings]],
+) -> str:
+    """What is wrong, each mistake with its line in the file unless it came from a change of the key on top of it."""
     sentences = []
     for problem in error.errors():
-        key = ".".join(str(part) for part in problem["loc"])
-        if problem["type"] == "extra_forbidden":
-            sentences.append(f"unknown setting '{key}': {_nearest_key(key, [*known, *_keys_beside(model, problem)])}")
-        elif problem["type"] == "value_error":  # from a check of our own, which says it all
-            sentences.append(f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"]))
-        else:
-            sentences.append(f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})")
+        location = problem["loc"]
+        ours = any(location[: len(path)] == path for path in changed)
+        line = yaml_line(file, (*section, *location)) if file is not None and not ours else None
+        told = _sentence(model, problem, elsewhere)
+        sentences.append(told if line is None else f"line {line}: {told}")
+        if file is not None and not ours and len(sentences) == 1:
+            sentences[0] = f"{file}{': ' if line is None else ', '}{sentences[0]}"
     more = f"; and {len(sentences) - _SAID} more mistakes" if len(sentences) > _SAID else ""
     return "; ".join(sentences[:_SAID]) + more
+
+
+def _sentence(model: type[Settings], problem: ErrorDetails, elsewhere: Mapping[str, type[Settings]]) -> str:
+    known = [key for key, _, _ in settings_rows(model)]
+    key = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        owners = [name for name, other in elsewhere.items() if _has_key(other, key)]
+        if owners:
+            return f"setting '{key}' belongs to {' and '.join(owners)}, not to the chosen system"
+        return f"unknown setting '{key}': {_nearest_key(key, [*known, *_keys_beside(model, problem)])}"
+    if problem["type"] == "value_error":  # from a check of our own, which says it all
+        return f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"])
+    if problem["type"] == "model_type":
+        inside = sorted({other[len(key) + 1 :].split(".")[0] for other in known if other.startswith(f"{key}.")})
+        return f"'{key}' is a group of settings, not a value{': ' * bool(inside)}{', '.join(inside)}"
+    return f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})"
+
+
+def _has_key(model: type[Settings], key: str) -> bool:
+    """Whether it is the key of a setting, or of a group of them."""
+    return any(f"{known}.".startswith(f"{key}.") for known, _, _ in settings_rows(model))
 
 
 def _keys_beside(model: type[Settings], problem: ErrorDetails) -> list[str]:
@@ -127,13 +230,13 @@ def _keys_beside(model: type[Settings], problem: ErrorDetails) -> list[str]:
 
 
 def _nearest_key(key: str, known: Sequence[str]) -> str:
-    parent = key.rpartition(".")[0]
-    siblings = [other for other in known if other.rpartition(".")[0] == parent]
-    leaf = key.rpartition(".")[2]
-    for other in known:  # the right leaf under the wrong group
-        if other.rpartition(".")[2] == leaf:
-            return f"did you mean '{other}'?"
-    if difflib.get_close_matches(key, known, cutoff=0.5):
-        return did_you_mean(key, siblings if difflib.get_close_matches(key, siblings, cutoff=0.5) else known)
+    """Whatever the key may stand for: a neighbour spelt alike, the same leaf elsewhere, or all of its group."""
+    parent, _, leaf = key.rpartition(".")
     start = f"{parent}." if parent else ""
-    return did_you_mean(leaf, list({other[len(start) :].split(".")[0] for other in known if other.startswith(start)}))
+    neighbours = sorted({other[len(start) :].split(".")[0] for other in known if other.startswith(start)})
+    if near := difflib.get_close_matches(leaf, neighbours, n=1, cutoff=_ALIKE):
+        return f"did you mean '{start}{near[0]}'?"
+    leaves = {other.rpartition(".")[2]: other for other in reversed(known)}
+    if near := difflib.get_close_matches(leaf, leaves, n=1, cutoff=_ALIKE):
+        return f"did you mean '{leaves[near[0]]}'?"
+    return f"known{f' in {parent}' if parent else ''}: {', '.join(neighbours)}"

@@ -8,6 +8,7 @@ bearings, too: a second table of the same rows may tell by how much.
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from touchline.config import did_you_mean, read_yaml_mapping
+from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 
@@ -116,8 +117,9 @@ def omni_from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
     """An OmniCamera from the content of a camera.yaml; `path` is named in errors."""
     for key in _KEYS:
         if key not in tree:
-            unknown = [other for other in tree if other not in (*_KEYS, "model")]
-            hint = f" ({did_you_mean(key, unknown)})" if unknown else ""
+            unknown = [str(other) for other in tree if other not in (*_KEYS, "model")]
+            alike = difflib.get_close_matches(key, unknown, n=1)
+            hint = f" (is '{alike[0]}' meant for it?)" if alike else ""
             raise InputError(f"{path}: '{key}' is missing{hint}; an omni camera needs {', '.join(_KEYS)}")
     center = _numbers(tree["center"], path, "center", 1)
     if center.shape != (2,):

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from touchline.cli.calibrate_range import calibrate_range
+from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.errors import InputError
+from touchline.new_files import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.mirror import MirrorCalibration
-    from touchline.types import ImageArray
 
 calibrate_app = typer.Typer(help="Calibrate the mirror, its ranges or the colours.", no_args_is_help=True)
 
@@ -34,12 +35,13 @@ def mirror(
     ] = False,
 ) -> None:
     """Write a camera.yaml with ranges and bearings for every direction, from images of a strip of known edges."""
-    picture = _free_files(output, picture)
+    picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     from touchline.calibration.mirror import calibrate_mirror
     from touchline.calibration.strip_recording import camera_yaml
     from touchline.cli.console import errors_console
     from touchline.sources import open_source
     from touchline.view.calibration import mirror_picture
+    from touchline.view.picture_files import save_picture
 
     source = open_source(recording)
     calibration = calibrate_mirror(source, skip_unusable)
@@ -48,9 +50,9 @@ def mirror(
     sighting = calibration.sightings[0]
     image = source.image(sighting.index)
     assert image is not None  # it was read a moment ago
-    _write_text(output, camera_yaml(calibration.camera, _mirror_words(calibration, source.name)))
-    _write_picture(picture, mirror_picture(calibration, image, sighting))
-    _print_lines(_mirror_words(calibration, source.name), output, picture)
+    write_new_file(output, camera_yaml(calibration.camera, _mirror_words(calibration, source.name)).encode())
+    save_picture(picture, mirror_picture(calibration, image, sighting))
+    print_lines(_mirror_words(calibration, source.name), output, picture)
 
 
 @calibrate_app.command("colour")
@@ -70,12 +72,13 @@ def colour(
     """Write a colour table (.npz), learned from marked regions, or without any marks from the field itself."""
     if not source.exists():
         raise InputError(f"{source}: there is no such recording or image")
-    picture = _free_files(output, picture)
+    picture = new_files(output, (".npz",), "a colour table", picture)
     from touchline.calibration.colour import calibrate_marked, calibrate_recording, calibrate_unmarked, read_picture
     from touchline.camera import open_camera
     from touchline.perception.colour_file import save_colours
     from touchline.sources import open_source
     from touchline.view.colour_table import colour_picture
+    from touchline.view.picture_files import save_picture
 
     if source.is_dir():
         if camera is not None:
@@ -90,12 +93,12 @@ def colour(
             f"{source}: an image needs its camera model (--camera FILE), or marked regions (--regions FILE)"
         )
     save_colours(calibration.colours, output)
-    _write_picture(picture, colour_picture(calibration.colours, calibration.image))
+    save_picture(picture, colour_picture(calibration.colours, calibration.image))
     green, white = (
         tuple(round(float(c)) for c in color[::-1]) for color in (calibration.colours.green, calibration.colours.white)
     )
     words = f"Colours learned from {calibration.learned_from}: green {green}, white {white} (R, G, B)."
-    _print_lines(words, output, picture)
+    print_lines(words, output, picture)
 
 
 def _mirror_words(calibration: MirrorCalibration, name: str) -> str:
@@ -113,41 +116,3 @@ def _mirror_words(calibration: MirrorCalibration, name: str) -> str:
         f"Known from edges between {edges[0]:g} and {edges[-1]:g} m; continued from {camera.range_m[:, 0].min():.2f} "
         f"to {camera.range_m[:, -1].max():.1f} m.{hidden}"
     )
-
-
-def _free_files(output: Path, picture: Path | None) -> Path:
-    """The picture's file; InputError if one of both exists or has no folder."""
-    picture = output.with_suffix(".png") if picture is None else picture
-    for file in (output, picture):
-        if file.exists():
-            raise InputError(f"{file}: exists already; nothing is overwritten, choose another name")
-        if not file.parent.is_dir():
-            raise InputError(f"{file}: the folder {file.parent} does not exist")
-    if output == picture:
-        raise InputError(f"{output}: is the picture's name, too; name the picture with --picture FILE")
-    return picture
-
-
-def _write_text(file: Path, text: str) -> None:
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror})") from None
-
-
-def _write_picture(file: Path, picture: ImageArray) -> None:
-    import cv2
-
-    try:
-        file.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror})") from None
-
-
-def _print_lines(words: str, *files: Path) -> None:
-    from touchline.cli.console import output
-
-    console = output()
-    console.print(words, markup=False)
-    for file in files:
-        console.print(str(file), markup=False)

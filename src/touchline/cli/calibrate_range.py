@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.errors import InputError
+from touchline.new_files import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.range_pairs import RangePairs
@@ -43,9 +46,7 @@ def calibrate_range(
     ] = False,
 ) -> None:
     """Write a camera.yaml whose ranges are a polynomial of the pixel radius, fitted to pairs of both."""
-    from touchline.cli.calibrate import _free_files, _print_lines, _write_text
-
-    picture = _free_files(output, picture)
+    picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     pairs = _pairs(source, camera, skip_unusable)
     from touchline.calibration.range_figure import range_figure
     from touchline.calibration.range_regression import fit_range
@@ -53,12 +54,11 @@ def calibrate_range(
 
     regression = fit_range(pairs, degree)
     words = regression_words(regression)
-    _write_text(output, camera_yaml(regression.camera(), f"{words}\n{regression.formula()}"))
-    try:
-        range_figure(regression).savefig(picture, dpi=130, metadata={"Software": None})
-    except OSError as error:
-        raise InputError(f"{picture}: cannot be written ({error.strerror})") from None
-    _print_lines(words, output, picture)
+    write_new_file(output, camera_yaml(regression.camera(), f"{words}\n{regression.formula()}").encode())
+    drawn = io.BytesIO()
+    range_figure(regression).savefig(drawn, dpi=130, format=picture.suffix.lower().removeprefix("."))
+    write_new_file(picture, drawn.getvalue())
+    print_lines(words, output, picture)
 
 
 def _pairs(source: Path, camera: Path | None, skip_unusable: bool) -> RangePairs:

@@ -9,6 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from touchline.errors import InputError
+from touchline.new_files import check_new_file
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -109,6 +110,7 @@ def new(
 
     field = field_from_letters(name, sizes, base, "middle" if measured_to == "middle" else "edge")
     path = output if output is not None else Path(f"{name}.yaml")
+    check_new_file(path, (".yaml", ".yml"), "a field")
     field.to_yaml(path)
     out = _console()
     out.print(_sizes(field))

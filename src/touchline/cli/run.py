@@ -181,7 +181,7 @@ def print_run(finished: Run) -> None:
 
 
 def _print_speed(console: Console, summary: dict[str, Any]) -> None:
-    """The start, which loads code and learns colours, apart from the rest."""
+    """The start, which loads code and may learn colours, apart from the rest."""
     from touchline.evaluation.latency import milliseconds
     from touchline.sources.findings import counted
 
@@ -194,5 +194,6 @@ def _print_speed(console: Console, summary: dict[str, Any]) -> None:
     most = milliseconds(total["max"])
     words = f"{median} ms median, {p99} ms p99"
     words += f" after the first 10; {most} ms at most" if later else f", {most} ms at most"
-    start = total["max"] > (settled["max"] or 0.0)
-    console.print(f"time per image: {words}" + (" at the start (code is loaded, colours are learned)" if start else ""))
+    if total["max"] > (settled["max"] or 0.0):
+        words += f" at the start (code is loaded{', colours are learned' if summary['learns_colours'] else ''})"
+    console.print(f"time per image: {words}")

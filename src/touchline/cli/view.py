@@ -18,7 +18,15 @@ def view(
         Path, typer.Argument(metavar="RECORDING|IMAGE", help="A recording, or one image.", show_default=False)
     ],
     stages: Annotated[bool, typer.Option("--stages", help="Every stage's picture and a sheet of all.")] = False,
-    frame: Annotated[int, typer.Option(min=0, metavar="N", help="Which image of a recording, from 0.")] = 0,
+    frame: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="Which image of a recording, from 0 (default: the first in which the robot is located).",
+            show_default=False,
+        ),
+    ] = None,
     camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image.", show_default=False)] = None,
     field: Annotated[
         str | None, typer.Option(metavar="NAME|FILE", help="The field an image was taken on.", show_default=False)
@@ -31,6 +39,8 @@ def view(
     """Draw points and field lines over one image; with --stages, every step on the way there."""
     if not source.exists():
         raise InputError(f"{source}: there is no such recording or image")
+    if not source.is_dir() and frame is not None:
+        raise InputError("--frame is for recordings: an image is one by itself")
     if source.is_dir() and (camera is not None or field is not None):
         raise InputError("--camera and --field are for single images: a recording brings its own")
     if not source.is_dir() and camera is None:

@@ -68,7 +68,6 @@ _STYLE: Any = {
     "ytick.color": SOFT,
     "xtick.major.size": 0,
     "ytick.major.size": 0,
-    "legend.frameon": False,
 }
 _MOST_BUCKETS = 600
 _WIDTH_IN = 7.2
@@ -146,31 +145,41 @@ def field_figure(data: RunData) -> str:
         axes.spines[:].set_visible(False)
         axes.set_xlabel("x (m)")
         axes.set_ylabel("y (m)")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=5, markerscale=1.5, handleheight=1.8)
 
-    return _svg(draw, _WIDTH_IN, _WIDTH_IN * height / width + 0.5, "Field with the estimated and the true path")
+    return _svg(draw, _WIDTH_IN, _WIDTH_IN * height / width + 0.2, "Field with the estimated and the true path")
+
+
+def path_key(data: RunData) -> list[tuple[str, str]]:
+    """What the figure of the field shows, in words, each with the stylesheet's name of its colour."""
+    key = [("truth", _VARIABLES[TRUTH])] if data.truth is not None else []
+    key += [(label, _VARIABLES[color]) for label, color, here in _path_groups(data) if here.any()]
+    return key + ([("first located", "first-located")] if data.first_located < len(data.table) else [])
 
 
 def _draw_paths(axes: Axes, data: RunData) -> None:
     if data.truth is not None:
         path = _thinned_path(data.truth.values)
-        axes.plot(*path.T, color=TRUTH, linewidth=6, alpha=0.5, label="truth", solid_capstyle="round")
+        axes.plot(*path.T, color=TRUTH, linewidth=6, alpha=0.5, solid_capstyle="round")
+    positions = _thinned_path(data.table.trajectory.values[data.first_located :])
+    for _, color, here in _path_groups(data):
+        if here.any():
+            axes.plot(*positions[here].T, ".", color=color, markersize=5, markeredgewidth=0)
+    if data.first_located < len(data.table):
+        first = data.table.trajectory.values[data.first_located, :2]
+        axes.plot(*first, "o", color=INK, markersize=8, fillstyle="none", linestyle="none")
+
+
+def _path_groups(data: RunData) -> list[tuple[str, str, npt.NDArray[np.bool_]]]:
+    """Name, colour and rows, among the thinned ones since the robot was first located, of every mode and status."""
     begun = slice(data.first_located, None)
-    positions = _thinned_path(data.table.trajectory.values[begun])
     status = _thinned_path(data.table.status[begun, np.newaxis])[:, 0]
     mode = _thinned_path(data.table.mode[begun, np.newaxis])[:, 0]
     tracking = status == tuple(Status).index(Status.TRACKING)
     groups = [(name.value, color, tracking & (mode == tuple(Mode).index(name))) for name, color in MODE_COLORS.items()]
-    groups += [
+    return groups + [
         (name.value, color, (status == tuple(Status).index(name)) & ~(tracking & (mode >= 0)))
         for name, color in STATUS_COLORS.items()
     ]
-    for label, color, here in groups:
-        if here.any():
-            axes.plot(*positions[here].T, ".", color=color, markersize=5, markeredgewidth=0, label=label)
-    if data.first_located < len(data.table):
-        first = data.table.trajectory.values[data.first_located, :2]
-        axes.plot(*first, "o", color=INK, markersize=8, fillstyle="none", label="first located", linestyle="none")
 
 
 def _thinned_path(rows: npt.NDArray[np.generic]) -> FloatArray:

@@ -12,7 +12,7 @@ from typing import Any
 
 import cv2
 
-from touchline.evaluation.figures import RunData, error_figure, field_figure, latency_figure, status_figure
+from touchline.evaluation.figures import RunData, error_figure, field_figure, latency_figure, path_key, status_figure
 from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorTable
 from touchline.evaluation.report_style import STYLE
@@ -47,7 +47,7 @@ def write_report(
         _key_figures(summary, errors),
         _error_table(errors, summary),
         *_path_figures(data),
-        *_time_figures(data),
+        *_time_figures(data, summary["learns_colours"]),
         _gallery(pictures),
         _problems(summary),
         _settings(summary),
@@ -153,9 +153,10 @@ def _path_figures(data: RunData) -> list[str]:
     if located:
         by = "mode: which sensors it comes from" if data.table.has_modes else "status of its estimate"
         caption = f"Each dot is one image since the robot was first located, coloured by the {by}."
-        figures.append(_figure("Path", field_figure(data), caption))
+        figures.append(_figure("Path", field_figure(data), _key(data) + caption))
     elif data.truth is not None and len(data.table):
-        figures.append(_figure("Path", field_figure(data), "The truth alone: the robot was never located."))
+        caption = "The truth alone: the robot was never located."
+        figures.append(_figure("Path", field_figure(data), _key(data) + caption))
     if data.errors_since_located() is not None:
         caption = "Estimate minus truth, in the field frame, since the robot was first located."
         caption += " Shaded: black images." if data.black_ns else ""
@@ -163,7 +164,13 @@ def _path_figures(data: RunData) -> list[str]:
     return figures
 
 
-def _time_figures(data: RunData) -> list[str]:
+def _key(data: RunData) -> str:
+    """The legend of the path, as text of the page: it breaks into lines where a narrow screen needs it."""
+    names = (f"<span><i class='key {color}'></i>{html.escape(label)}</span>" for label, color in path_key(data))
+    return f"<span class='keys'>{' '.join(names)}</span>"
+
+
+def _time_figures(data: RunData, learns_colours: bool) -> list[str]:
     if not len(data.table):
         return []
     return [
@@ -177,7 +184,7 @@ def _time_figures(data: RunData) -> list[str]:
             "Latency",
             latency_figure(data),
             "Perception and localization together, without reading and decoding. The first images take longest: "
-            "compiled code is loaded and the colours are learned.",
+            f"compiled code is loaded{' and the colours are learned' if learns_colours else ''}.",
         ),
     ]
 

@@ -47,7 +47,11 @@ svg * { stroke-linejoin:round; stroke-linecap:butt; }
   figure svg { min-width:26rem; } }
 .key { display:inline-block; width:.7em; height:.7em; border-radius:50%; margin:0 .3em 0 .5em; }
 .key.tracking { background:var(--tracking); margin-left:0; } .key.searching { background:var(--searching); }
-.key.lost { background:var(--lost); }
+.key.lost { background:var(--lost); } .key.truth { background:var(--truth); opacity:.5; }
+.key.omnivision { background:var(--omnivision); } .key.both { background:var(--both); }
+.key.odometry { background:var(--odometry); } .key.first-located { border:1.5px solid var(--ink); }
+.keys { display:flex; flex-wrap:wrap; gap:.1rem 1.1rem; margin-bottom:.4rem; color:var(--ink); }
+.keys > span { white-space:nowrap; } .keys .key { margin-left:0; }
 summary { cursor:pointer; } details[open] summary { margin-bottom:.5rem; }
 ul, ol { margin:.2rem 0; padding-left:1.4rem; } .small { font-size:.88rem; }
 footer { margin-top:1.4rem; color:var(--soft); font-size:.8rem; }

@@ -17,6 +17,7 @@ from touchline.field.distance_map import DistanceMap
 from touchline.field.distances import arc_sweep, bar_table, bow_table, distances_to_lines, sample_distances
 from touchline.field.writing import field_to_text
 from touchline.geometry import FloatArray
+from touchline.new_files import write_new_file
 
 _MOST_SAMPLES = 40_000_000
 _COLUMNS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
@@ -154,13 +155,7 @@ class FieldModel:
 
     def to_yaml(self, path: Path) -> None:
         """Write a field.yaml that loads as an equal field. Raises InputError where a file is already, or cannot be."""
-        try:
-            with path.open("x", encoding="utf-8") as file:
-                file.write(field_to_text(self))
-        except FileExistsError:
-            raise InputError(f"{path}: exists already and is not overwritten; choose another name") from None
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        write_new_file(path, field_to_text(self).encode())
 
     def line_distances(self, points: npt.ArrayLike) -> FloatArray:
         """Exact distances (N,) in m of points (N, 2) in m, field frame, to the nearest line centre.

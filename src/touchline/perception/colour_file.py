@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from touchline.errors import InputError
+from touchline.new_files import write_new_file
 from touchline.perception.colour import WHITE, ColourModel
 
 _FORMAT = "touchline colours 1"
@@ -15,13 +17,11 @@ _SHAPES = {"table": (64, 64, 64), "green": (3,), "white": (3,), "noise": (), "si
 
 
 def save_colours(model: ColourModel, path: Path) -> None:
-    """Write a colour model. Raises InputError if the file can't be written."""
+    """Write a colour model into a new file. Raises InputError if it exists or can't be written."""
     arrays = {name: np.asarray(getattr(model, name)) for name in _SHAPES}
-    try:
-        with path.open("wb") as file:  # by name, NumPy would add an ending of its own
-            np.savez_compressed(file, format=np.array(_FORMAT), **arrays)  # type: ignore[arg-type]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, format=np.array(_FORMAT), **arrays)  # type: ignore[arg-type]
+    write_new_file(path, buffer.getvalue())
 
 
 def load_colours(path: str | Path) -> ColourModel:

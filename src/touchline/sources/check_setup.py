@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,8 @@ from touchline.sources.truth import TRUTH
 if TYPE_CHECKING:
     from touchline.camera import OmniCamera
 
+_PINHOLE_KEYS = ("width", "height", "fx", "fy", "cx", "cy", "mount")
+_CORRECT = "Correct the file, or calibrate again."
 _RIM_SUPPORT = 0.5
 _RIM_OFF_PX = 3.0
 _RIM_SHAKES_PX = 0.5
@@ -36,13 +39,14 @@ def check_camera(survey: Survey) -> Iterator[Finding]:
     if recording.camera_file is None:
         yield Finding("camera", Severity.ERROR, CAMERA, "is missing", "Without it pixels have no place on the ground.")
         return
-    if recording.camera_kind == "pinhole":
-        yield from _check_pinhole(read_yaml_mapping(recording.camera_file))
+    model = read_yaml_mapping(recording.camera_file)
+    if model.get("model") == "pinhole":
+        yield from _check_pinhole(model)
         return
     try:
         camera = recording.camera
     except InputError as error:
-        yield Finding("camera", Severity.ERROR, CAMERA, str(error), "Correct the file, or calibrate again.")
+        yield Finding("camera", Severity.ERROR, CAMERA, _told(error, recording.camera_file), _CORRECT)
         return
     oddities = list(_omni_oddities(camera))
     yield from oddities
@@ -100,7 +104,13 @@ def check_field(survey: Survey) -> Iterator[Finding]:
     try:
         field = recording.field
     except InputError as error:
-        yield Finding("field", Severity.ERROR, FIELD, str(error), "Correct the file, or remove it to use the preset.")
+        yield Finding(
+            "field",
+            Severity.ERROR,
+            FIELD,
+            _told(error, recording.folder / FIELD),
+            "Correct the file, or remove it to use the preset.",
+        )
         return
     words = f"{field.name}, {field.length:g} × {field.width:g} m, lines {100 * field.line_width:g} cm"
     name = recording.sequence.get("field")
@@ -141,6 +151,11 @@ def check_truth(survey: Survey) -> Iterator[Finding]:
     yield from compare_travel(survey, subject, _true_steps(truth.poses[nearest], survey.stamps_s))
 
 
+def _told(error: InputError, file: Path) -> str:
+    """What the error says, without the file, which the finding names by itself."""
+    return str(error).removeprefix(str(file)).lstrip(":, ")
+
+
 def _omni_oddities(camera: OmniCamera) -> Iterator[Finding]:
     u, v = camera.center
     room = min(u, v, camera.width - 1 - u, camera.height - 1 - v)
@@ -177,7 +192,15 @@ def _check_pinhole(model: dict[str, object]) -> Iterator[Finding]:
         return float(value) if isinstance(value, int | float) else math.nan
 
     width, height = number("width"), number("height")
-    if not (number("fx") > 0 and number("fy") > 0):
+    missing = [key for key in _PINHOLE_KEYS if key not in model]
+    if missing:
+        what = f"'{missing[0]}' is missing; a pinhole camera needs {', '.join(_PINHOLE_KEYS)}"
+        yield Finding("camera", Severity.ERROR, CAMERA, what, _CORRECT)
+    elif not (width > 0 and height > 0):
+        key = "height" if width > 0 else "width"
+        what = f"'{key}' has to be a number of pixels, found {model.get(key)!r}"
+        yield Finding("camera", Severity.ERROR, CAMERA, what, _CORRECT)
+    elif not (number("fx") > 0 and number("fy") > 0):
         what = f"fx and fy have to be positive, found {model.get('fx')!r}, {model.get('fy')!r}"
         yield Finding("camera", Severity.ERROR, CAMERA, what, "Calibrate again.")
     elif not (0 <= number("cx") < width and 0 <= number("cy") < height):

@@ -19,7 +19,7 @@ SEQUENCE, CAMERA, FIELD = "sequence.yaml", "camera.yaml", "field.yaml"
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """The checked part of sequence.yaml. image_size: width, height of camera.yaml, where there is one.
+    """The checked part of sequence.yaml. image_size: width, height of camera.yaml, where it has them.
 
     rate_hz: None if the file names none. field_source: a field.yaml or the name of a preset.
     """
@@ -51,7 +51,7 @@ def read_description(folder: Path, log: ProblemLog) -> Description:
         sequence=sequence,
         camera_kind=kind,
         camera_file=None if model is None else camera_file,
-        image_size=None if model is None else _image_size(camera_file, model),
+        image_size=None if model is None else _image_size(model),
         field_source=_field_source(folder, path, sequence.get("field")),
         rate_hz=_rate(sequence.get("rate_hz"), log),
         events=_events(sequence.get("events"), log),
@@ -71,23 +71,17 @@ def _camera_kind(path: Path, kind: object, camera_file: Path, model: Mapping[str
         raise InputError(f"{path}: key 'camera' is missing; one of {', '.join(CAMERA_KINDS)}")
     if kind not in CAMERA_KINDS:
         raise InputError(f"{path}: camera '{kind}' is not known; {did_you_mean(str(kind), CAMERA_KINDS)}")
-    found = kind if model is None else model.get("model")
-    if found not in CAMERA_KINDS:
-        hint = "key 'model' is missing" if found is None else f"model '{found}' is not known"
-        raise InputError(f"{camera_file}: {hint}; one of {', '.join(CAMERA_KINDS)}")
-    if found != kind:
+    found = None if model is None else model.get("model")
+    if found in CAMERA_KINDS and found != kind:  # whoever needs the camera is told of the rest
         raise InputError(f"{camera_file}: describes a camera of model '{found}', but {path} says camera '{kind}'")
     return str(kind)
 
 
-def _image_size(camera_file: Path, model: Mapping[str, Any]) -> tuple[int, int]:
-    width, height = model.get("width"), model.get("height")
-    for key, value in (("width", width), ("height", height)):
-        if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
-            raise InputError(f"{camera_file}: '{key}' has to be a number of pixels, found {value!r}")
-    assert isinstance(width, int)
-    assert isinstance(height, int)
-    return width, height
+def _image_size(model: Mapping[str, Any]) -> tuple[int, int] | None:
+    """Width and height; None where the file has no sensible ones, of which whoever needs the camera is told."""
+    size = (model.get("width"), model.get("height"))
+    width, height = (s if isinstance(s, int) and not isinstance(s, bool) and s > 0 else None for s in size)
+    return None if width is None or height is None else (width, height)
 
 
 def _field_source(folder: Path, path: Path, name: object) -> str | Path:

@@ -20,11 +20,12 @@ from touchline.perception.covered import is_covered
 from touchline.sources import Recording, open_source
 from touchline.sources.findings import counted
 from touchline.systems import DEFAULT_SYSTEM, open_system, system_info
-from touchline.types import ImageArray, LinePoints
+from touchline.types import Estimate, ImageArray, LinePoints, Status, System
 from touchline.view.overlay import overlay_image
 from touchline.view.stages import stage_pictures
 
 _COLOUR_IMAGES = 5
+_SEARCHED_IMAGES = 100  # a robot that is not found in as many is not found because of something else
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -57,28 +58,59 @@ class Look:
         return f"{self.name}: {points}; {pose_text(self.field_from_robot)} ({self.found})"
 
 
-def look_at_recording(path: Path, index: int, system: str = DEFAULT_SYSTEM) -> Look:
+def look_at_recording(path: Path, index: int | None = None, system: str = DEFAULT_SYSTEM) -> Look:
     """Image `index` (from 0) of a recording, with the points and the pose that a system has when it comes to it.
 
+    Without an index it is the first one that shows where the robot is, or else the first of all. An image that does
+    not show it has no pose.
     Raises InputError if there is no such image or it cannot be read, and for an unknown system.
     """
     info = system_info(system)
     source = open_source(path)
-    if not 0 <= index < len(source):
+    if not len(source):
+        raise InputError(f"{path}: has no images")
+    if index is not None and not 0 <= index < len(source):
         raise InputError(f"{path}: has no image {index}; its images are 0 to {len(source) - 1}")
-    image = source.image(index)
-    if image is None:
-        raise InputError(f"{path}: image {index} cannot be read; touchline check tells why")
+    if index is not None:
+        _readable(source, index)  # before the system goes a long way for nothing
     rng = np.random.default_rng(0)
     running = open_system(system, source.field, source.camera, None, rng, source.wheel_directions_rad)
     running.reset()
-    for frame in islice(source, index + 1):
-        estimate = running.step(frame)
+    index, estimate = _first_located(source, running) if index is None else _step_to(source, running, index)
+    image = _readable(source, index)
     detector = _ready(info.line_detector(source.camera, line_width_m=source.field.line_width), [image, *_some(source)])
     points = detector.detect(image)
     name = f"{source.name}-{index}"
+    pose: Pose | None = estimate.pose
     found = f"{estimate.status.value}, as {system} has it after {counted(index + 1, 'image')}"
-    return Look(name, image, source.camera, detector, points, source.field, estimate.pose, found)
+    if estimate.status is not Status.TRACKING:
+        pose, found = None, f"no field lines are drawn: the robot is not located ({found})"
+    return Look(name, image, source.camera, detector, points, source.field, pose, found)
+
+
+def _readable(source: Recording, index: int) -> ImageArray:
+    image = source.image(index)
+    if image is None:
+        raise InputError(f"{source.folder}: image {index} cannot be read; touchline check tells why")
+    return image
+
+
+def _step_to(source: Recording, system: System, index: int) -> tuple[int, Estimate]:
+    """The index, and the estimate after the images up to it."""
+    estimates = [system.step(frame) for frame in islice(source, index + 1)]
+    return index, estimates[-1]
+
+
+def _first_located(source: Recording, system: System) -> tuple[int, Estimate]:
+    """The first of the images in which the system is sure of the pose, or else the very first."""
+    first = None
+    for index, frame in enumerate(islice(source, _SEARCHED_IMAGES)):
+        estimate = system.step(frame)
+        first = first or estimate
+        if estimate.status is Status.TRACKING and frame.image is not None and not is_covered(frame.image):
+            return index, estimate
+    assert first is not None  # a source without images is refused before
+    return 0, first
 
 
 def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, system: str = DEFAULT_SYSTEM) -> Look:

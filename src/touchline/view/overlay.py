@@ -9,6 +9,7 @@ import numpy.typing as npt
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
+from touchline.sources.findings import counted
 from touchline.types import ImageArray, LinePoints
 
 ON_LINE_M = 0.15  # a point this near to a line of the model counts as lying on it
@@ -87,7 +88,7 @@ def _draw_points(
     if not rated:
         return [(f"{len(points)} line points", UNRATED_COLOR)]
     near = f"{int(on_line.sum())} points within {100 * ON_LINE_M:.0f} cm of a line"
-    return [(near, ON_LINE_COLOR), (f"{int((~on_line).sum())} others", OFF_LINE_COLOR)]
+    return [(near, ON_LINE_COLOR), (counted(int((~on_line).sum()), "other"), OFF_LINE_COLOR)]
 
 
 def _fixed_point(pixels: FloatArray, scale: int) -> IntArray:

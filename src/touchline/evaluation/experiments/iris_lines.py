@@ -12,6 +12,7 @@ from touchline.calibration.range_pairs import Optics, RangePairs
 from touchline.calibration.range_regression import RangeRegression, fit_range
 from touchline.camera import OmniCamera
 from touchline.errors import TouchlineError
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.evaluation.experiments.scenes import BLUE, PAINT, RED, field_axes, new_figure, random_place
 from touchline.field import FieldModel, open_field
@@ -52,7 +53,7 @@ def iris_lines(seeds: int) -> ExperimentResult:
     """One place per seed on the 9 x 6 m field, each under the three lightings."""
     field = open_field(FIELD)
     regressions, found = [], []
-    for seed in range(seeds):
+    for seed in follow(range(seeds), "places"):
         regression, by_case = _one_place(field, seed)
         regressions.append(regression)
         found.append(by_case)

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.config import load_settings
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.evaluation.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import FloatArray
@@ -33,7 +34,7 @@ _WARM = 20  # updates that compile and fill caches
 def iris_timing(seeds: int) -> ExperimentResult:
     """1000 updates of the tour over the 9 x 6 m field per seed; line points of 100 images; other particle counts."""
     updates_ms, tracking, odometry_ms, detection_ms = [], [], [], []
-    for seed in range(seeds):
+    for seed in follow(range(seeds), "tours"):
         simulation = Simulation(open_scenario(SCENARIO, seed + 1), level="points")
         frames = [frame for frame, _ in zip(simulation, range(UPDATES), strict=False)]
         times_ms, followed = _updates(simulation, frames, seed)
@@ -42,7 +43,8 @@ def iris_timing(seeds: int) -> ExperimentResult:
         odometry_ms.append(_odometry(simulation, frames))
         detection_ms.append(_detection(seed))
     points = float(np.mean([len(frame.points) for frame in frames if frame.points is not None]))
-    curve_ms = [float(np.median(_updates(simulation, frames[:200], 0, count)[0])) for count in PARTICLES]
+    counts = follow(PARTICLES, "numbers of particles")
+    curve_ms = [float(np.median(_updates(simulation, frames[:200], 0, count)[0])) for count in counts]
     rows = [
         _row("one update: points, wheels and gyro to pose", f"{PAPER_MS} ms", updates_ms),
         _row("of it: odometry, equations (1) to (6)", "–", odometry_ms),

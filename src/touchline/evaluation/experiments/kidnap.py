@@ -199,7 +199,7 @@ def xiong_kidnap(seeds: int) -> ExperimentResult:
     field = open_field(FIELD)
     shown = []
     places = _crossing_places(field)
-    for k in range(5):
+    for k in follow(range(5), "kidnaps between crossings"):
         old, new = places[2 * k], places[2 * k + 1]
         shown.append(kidnap("nubot-mti", field, old, new, math.radians(3.0), COVERED, (8, k)))
     pairs = [

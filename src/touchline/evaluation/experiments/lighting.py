@@ -42,7 +42,7 @@ def lu2013_lighting(seeds: int) -> ExperimentResult:
     controlled: dict[str, list[Drive]] = {case.name: [] for case in CASES}
     fixed: dict[str, list[Drive]] = {case.name: [] for case in CASES}
     with tempfile.TemporaryDirectory() as folder:
-        best = [learned_colours(seed, Path(folder, f"{seed}.npz")) for seed in range(seeds)]
+        best = [learned_colours(seed, Path(folder, f"{seed}.npz")) for seed in follow(range(seeds), "colours")]
         for case, seed in follow([(case, seed) for seed in range(seeds) for case in CASES], "cases"):
             colours = Path(folder, f"{seed}.npz")
             controlled[case.name].append(drive(case, seed, colours, None))

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from touchline.camera.exposure import ExposureControl, ExposureSettings, Mask, image_entropy, mirror_masks
 from touchline.camera.exposure_search import Tried
 from touchline.errors import TouchlineError
+from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, spread
 from touchline.evaluation.experiments.scenes import BLUE, MAGENTA, RED, new_figure, public_recording, random_place
 from touchline.geometry import FloatArray
@@ -78,10 +79,11 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
     settings = ExposureSettings(check_every=1)
     simulation = Simulation(open_scenario(CASES["lamps"]))
     masks = mirror_masks(simulation.camera)
-    places = [_simulated_cases(seed, masks, settings) for seed in range(seeds)]
+    places = [_simulated_cases(seed, masks, settings) for seed in follow(range(seeds), "places")]
     recording = public_recording(PUBLIC)
     recorded = [] if recording is None else _recorded_cases(recording, settings)
-    changes = [change for cases in [*places, *recorded] for change in _all_changes(cases, masks, settings)]
+    searched = follow([*places, *recorded], "searches at places")
+    changes = [change for cases in searched for change in _all_changes(cases, masks, settings)]
     rows = [_case_row("simulated", name, [cases[k] for cases in places], settings) for k, name in enumerate(CASES)]
     rows += [
         _case_row(f"recorded, place {k}", case.name, [case], settings)
@@ -145,7 +147,7 @@ def _recorded_cases(recording: Recording, settings: ExposureSettings) -> list[li
     per_place = len(dict.fromkeys(names))
     cases = [
         _case(name, LinearImageCamera.open(recording, k, np.random.default_rng(k)), masks, settings)
-        for k, name in enumerate(names[: len(recording)])
+        for k, name in follow(list(enumerate(names[: len(recording)])), "recorded images")
     ]
     return [cases[k : k + per_place] for k in range(0, len(cases), per_place)]
 

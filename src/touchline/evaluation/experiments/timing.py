@@ -32,10 +32,12 @@ POINT_COUNTS = (10, 30, 300, 1000)
 def lu2013_timing(seeds: int) -> ExperimentResult:
     """1000 cycles of the particle part and of the matching part, each seed from another place; then the curve."""
     matcher = Matcher(open_field(FIELD).distance_map())
-    particle_ms = np.array([_particle_cycles(matcher, seed, CYCLES) for seed in range(seeds)])
-    refined_ms = np.array([_particle_cycles(matcher, seed, CYCLES, refined=5) for seed in range(seeds)])
-    matching_ms = np.array([_matching_cycles(matcher, seed) for seed in range(seeds)])
-    curve_us = [1e3 * float(np.min(_particle_cycles(matcher, 0, max(20, 20_000 // n), n))) for n in COUNTS]
+    particle_ms = np.array([_particle_cycles(matcher, seed, CYCLES) for seed in follow(range(seeds), "particles")])
+    refined = follow(range(seeds), "refined clusters")
+    refined_ms = np.array([_particle_cycles(matcher, seed, CYCLES, refined=5) for seed in refined])
+    matching_ms = np.array([_matching_cycles(matcher, seed) for seed in follow(range(seeds), "matching")])
+    counts = follow(COUNTS, "numbers of particles")
+    curve_us = [1e3 * float(np.min(_particle_cycles(matcher, 0, max(20, 20_000 // n), n))) for n in counts]
     by_points_us = [1e3 * float(np.min(_particle_cycles(matcher, 0, 200, points=n))) for n in POINT_COUNTS]
     weights_us, plain_us = _weights_and_twin(matcher)
     rows = [

@@ -1,0 +1,37 @@
+"""New files: what is written never goes over an older file, and into folders that are made where they are missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from touchline.errors import InputError
+
+
+def check_new_file(path: Path, endings: tuple[str, ...], what: str = "the file") -> None:
+    """Whether a file can be written there later: asked before the work for it begins.
+
+    endings: of the name, in lower case, the usual two first; what: what the file is, for the message.
+    Raises InputError for another ending, for a file that exists, and where no folder can be made.
+    """
+    if path.suffix.lower() not in endings:
+        raise InputError(f"{path}: {what} is written as {' or '.join(endings[:2])}")
+    if path.exists():
+        raise InputError(f"{path}: exists already and is not overwritten; choose another name")
+    nearest = next(folder for folder in path.absolute().parents if folder.exists())
+    if not nearest.is_dir():
+        raise InputError(f"{path}: cannot be written ({nearest} is no folder)")
+
+
+def write_new_file(path: Path, data: bytes) -> None:
+    """Write a file, and make its folder where it is missing. Raises InputError if it exists or cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({path.parent}: {error.strerror})") from None
+    try:
+        with path.open("xb") as file:
+            file.write(data)
+    except FileExistsError:
+        raise InputError(f"{path}: exists already and is not overwritten; choose another name") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
