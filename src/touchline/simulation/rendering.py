@@ -17,6 +17,7 @@ from numba import njit
 from touchline.geometry import FloatArray
 from touchline.simulation.casting import cast_rays, spread_rays
 from touchline.simulation.ground_shading import shade_ground, sort_rays
+from touchline.simulation.nets import average_nets
 from touchline.simulation.sampling import SampleRays, sample_rays
 from touchline.simulation.scene import Scene, SceneArrays
 from touchline.simulation.solids import sort_into_cells
@@ -24,6 +25,7 @@ from touchline.simulation.tracing import trace_rays
 from touchline.simulation.upright_shading import shade_upright
 
 Float32Array = npt.NDArray[np.float32]
+Work = tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]
 SECTORS, BINS = 512, 64  # of the directions in which bodies are looked for
 _PORTION = 2048
 
@@ -77,7 +79,7 @@ class Renderer:
         if not everywhere:
             chosen = _render_middles(
                 arrays, self._pixels, self._rays, samples.spread, samples.shift_m, lean, poses, self.grid.pixel_angle,
-                samples.texture, self._still, level, self._image,
+                samples.texture, samples.rays, self._still, level, self._image,
             )  # fmt: skip
         if side > 1 or everywhere:
             _render_samples(
@@ -109,31 +111,50 @@ class Renderer:
 
 
 @njit(cache=True, error_model="numpy")
-def _shade(
+def _meet(
     scene: SceneArrays,
     total: int,
     cast: Float32Array,
     extents: Float32Array,
     shift: float,
-    texture: Float32Array,
-    sample_angle: float,
-    work: tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]],
-    radiance: Float32Array,
+    net_angle: float,
+    work: Work,
     edges: npt.NDArray[np.bool_],
-) -> None:
-    """Radiance (N, 3) of the first `total` cast rays (9, N); where edges (N,) is set instead, it is left as it was.
+) -> tuple[int, int]:
+    """What the first `total` cast rays (9, N) meet, and edges (N,); counts of upright hits and of rays on the carpet.
 
-    extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. texture (5, N):
-    how textures are smoothed, see `SampleRays`; sample_angle: width of a sample (rad), over which nets are.
+    extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. net_angle: width
+    of a sample (rad), over which nets are smoothed.
     """
     s = scene
     hits, codes, rest, ground = work
     edges[:total] = False
     count, ground_count = sort_rays(cast, extents, shift, total, s.starts, s.room, rest, ground)
-    count, ground_count = trace_rays(
-        cast, extents, shift, rest[:count], s.solids, s.starts, s.items, s.near, s.room, sample_angle, hits, codes,
+    return trace_rays(
+        cast, extents, shift, rest[:count], s.solids, s.starts, s.items, s.near, s.room, net_angle, hits, codes,
         ground, ground_count, edges,
     )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _shade(
+    scene: SceneArrays,
+    count: int,
+    ground_count: int,
+    cast: Float32Array,
+    extents: Float32Array,
+    shift: float,
+    texture: Float32Array,
+    work: Work,
+    radiance: Float32Array,
+    edges: npt.NDArray[np.bool_],
+) -> None:
+    """Radiance (N, 3) of what `_meet` counted; where edges (N,) is set instead, it is left as it was.
+
+    texture (5, N): how textures are smoothed, see `SampleRays`.
+    """
+    s = scene
+    hits, codes, rest, ground = work
     shade_ground(
         ground[:ground_count], cast, extents, shift, texture, s.flags, s.light, s.light_frame, s.shapes, s.cell_starts,
         s.cell_items, s.paint_frame, s.paints, s.carpet, s.pyramid, s.casters, s.caster_cells, s.sun, s.windows,
@@ -146,9 +167,7 @@ def _shade(
 
 
 @njit(cache=True, error_model="numpy")
-def _work_space(
-    size: int,
-) -> tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+def _work_space(size: int) -> Work:
     return (
         np.empty((size, 8), dtype=np.float32),
         np.empty(size, dtype=np.int32),
@@ -168,19 +187,21 @@ def _render_middles(
     poses: FloatArray,
     pixel_angle: float,
     texture: Float32Array,
+    samples: Float32Array,
     still: Float32Array,
     level: float,
     image: Float32Array,
 ) -> npt.NDArray[np.int32]:
     """One sample in the middle of each of pixels (N,), flat indices, with rays (6, N), into the image.
 
-    Over it lies the layer fixed to the robot, still (H W, 4), under a light of some level.
+    samples (H W, 6, side^2): those of all pixels, for threads of nets. Over the image lies the layer fixed to the robot, still (H W, 4), under a light of some level.
     Returns the pixels that hold an edge; they are left as they were.
     """
     work, rows = _work_space(_PORTION), np.zeros(_PORTION, dtype=np.int32)
     radiance, edges = np.empty((_PORTION, 3), dtype=np.float32), np.empty(_PORTION, dtype=np.bool_)
     cast, extents = np.empty((9, _PORTION), dtype=np.float32), np.empty((3, _PORTION), dtype=np.float32)
-    flat, chosen, count = image.reshape(-1, 3), np.empty(len(pixels), dtype=np.int32), 0
+    flat, chosen, edged = image.reshape(-1, 3), np.empty(len(pixels), dtype=np.int32), 0
+    net_angle = pixel_angle / np.sqrt(samples.shape[2])
     for start in range(0, len(pixels), _PORTION):
         some = pixels[start : start + _PORTION]
         stop = start + len(some)
@@ -189,16 +210,21 @@ def _render_middles(
                 rows[i] = some[i] // image.shape[1]
         cast_rays(rays[:, start:stop], rows, poses, SECTORS, BINS, cast)
         spread_rays(spread[:, start:stop], cast, lean, shift, extents)
-        _shade(scene, len(some), cast, extents, shift, texture[:, start:stop], pixel_angle, work, radiance, edges)
+        count, ground_count = _meet(scene, len(some), cast, extents, shift, net_angle, work, edges)
+        average_nets(
+            work[2][:count], work[0], cast, some, samples, rows, poses, scene.solids, scene.starts, scene.items,
+            net_angle,
+        )  # fmt: skip
+        _shade(scene, count, ground_count, cast, extents, shift, texture[:, start:stop], work, radiance, edges)
         for i in range(len(some)):
             n = some[i]
             if edges[i]:
-                chosen[count] = n
-                count += 1
+                chosen[edged] = n
+                edged += 1
                 continue
             for c in range(3):
                 flat[n, c] = (1.0 - still[n, 3]) * radiance[i, c] + still[n, c] * level
-    return chosen[:count].copy()
+    return chosen[:edged].copy()
 
 
 @njit(cache=True, error_model="numpy")
@@ -237,7 +263,8 @@ def _render_samples(
             for i in range(total):
                 rows[i] = some[i // each] // image.shape[1]
         cast_rays(samples[:, :total], rows, poses, SECTORS, BINS, cast)
-        _shade(scene, total, cast, extents, 0.0, texture, pixel_angle / side, work, radiance, edges)
+        count, ground_count = _meet(scene, total, cast, extents, 0.0, pixel_angle / side, work, edges)
+        _shade(scene, count, ground_count, cast, extents, 0.0, texture, work, radiance, edges)
         for i in range(len(some)):
             for c in range(3):
                 mean = 0.0

@@ -95,9 +95,9 @@ def _measure(
 ) -> float:
     """Fill spread (2, N) and texture (5, N), but for its last row, of pixels (N,) with rays (H W, 6) and samples.
 
-    Returns the largest distance (m) between origins.
+    Returns the largest distance (m) between origins, 0 for single samples.
     """
-    shift = 1e-5
+    shift = 1e-5 if samples.shape[2] > 1 else 0.0
     for i in range(len(pixels)):
         n = pixels[i]
         level = np.hypot(rays[n, 3], rays[n, 4])
