@@ -38,29 +38,29 @@ def sun_at(
     """Whether the sun shines on a point (m, field frame) through a window and past all casters; whether that may change
     within reach (m) of it.
 
-    sun (4,): level, horizontal direction towards it, tangent of its elevation. windows (W, 9): axis (0: wall across x,
-    1: across y), signed distance of the wall, start, end, bottom, top, bars along, bars up, width of a bar.
-    casters (M, 4): x, y, radius, height.
+    sun (4,): level, horizontal direction towards it, tangent of its elevation. windows (W, 12): axis (0: wall across x,
+    1: across y), signed distance of the wall, start, end, bottom, top, bars along, bars up, width of a bar; then what
+    follows from the sun's direction, see `sunward`. casters (M, 4): x, y, radius, height.
     """
     lit, edge = False, False
     for k in range(len(windows)):
-        w = windows[k]
-        towards, aside = (sun[1], sun[2]) if w[0] == 0.0 else (sun[2], sun[1])
-        per = 1.0 / (towards if towards != 0.0 else 1e-9)
-        run = (w[1] - (x if w[0] == 0.0 else y)) * per
+        run = (windows[k, 1] - (x if windows[k, 0] == 0.0 else y)) * windows[k, 9]
         if run <= 0.0:
             continue
-        along = (y + run * sun[2] if w[0] == 0.0 else x + run * sun[1]) - w[2]
-        height = z + run * sun[3] - w[4]
-        over = reach * np.sqrt(1.0 + (aside * per) ** 2)
-        up = reach * np.sqrt(1.0 + (sun[3] * per) ** 2)
-        if not (-over < along < w[3] - w[2] + over and -up < height < w[5] - w[4] + up):
+        over, up = reach * windows[k, 10], reach * windows[k, 11]
+        height, tall = z + run * sun[3] - windows[k, 4], windows[k, 5] - windows[k, 4]
+        if not -up < height < tall + up:
             continue
-        across, upright = _light_past(along, w[3] - w[2], w[6], w[8]), _light_past(height, w[5] - w[4], w[7], w[8])
+        along = (y + run * sun[2] if windows[k, 0] == 0.0 else x + run * sun[1]) - windows[k, 2]
+        broad = windows[k, 3] - windows[k, 2]
+        if not -over < along < broad + over:
+            continue
+        across = _light_past(along, broad, windows[k, 6], windows[k, 8])
+        upright = _light_past(height, tall, windows[k, 7], windows[k, 8])
         lit = lit or (across > 0.0 and upright > 0.0)
         edge = edge or (min(across + over, upright + up) > 0.0 and (across < over or upright < up))
-    if not lit and not edge:
-        return False, False
+    if not (lit or edge) or len(casters) == 0:
+        return lit, edge and reach > 0.0
     for m in range(len(casters)):
         ex, ey = casters[m, 0] - x, casters[m, 1] - y
         run = ex * sun[1] + ey * sun[2]
@@ -72,7 +72,23 @@ def sun_at(
     return lit, edge and reach > 0.0
 
 
-@njit(cache=True, error_model="numpy")
+def sunward(windows: FloatArray, azimuth_rad: float, elevation_rad: float) -> FloatArray:
+    """Windows (W, 9) with three more columns for `sun_at`, (W, 12).
+
+    Metres along the sun's direction per metre towards the wall (signed), and by how much a reach grows on the way to
+    the wall, along and up it.
+    """
+    x, y = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    across_x = windows[:, 0] == 0.0
+    towards, aside = np.where(across_x, x, y), np.where(across_x, y, x)
+    per = 1.0 / np.where(towards != 0.0, towards, 1e-9)
+    rows: FloatArray = np.column_stack(
+        (windows, per, np.hypot(1.0, aside * per), np.hypot(1.0, np.tan(elevation_rad) * per))
+    )
+    return rows
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def _light_past(position: float, size: float, bars: float, width: float) -> float:
     """How far (m) a position in a window's opening is from the frame and the nearest bar; negative: in their shade."""
     pane = size / (bars + 1.0)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, shade_bare, sift_ground
 from touchline.simulation.casting import cast_rays, spread_rays
 from touchline.simulation.ground_shading import shade_ground, sort_rays
 from touchline.simulation.nets import average_nets
@@ -25,7 +26,8 @@ from touchline.simulation.tracing import trace_rays
 from touchline.simulation.upright_shading import shade_upright
 
 Float32Array = npt.NDArray[np.float32]
-Work = tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]
+Int32Array = npt.NDArray[np.int32]
+Work = tuple[Float32Array, Int32Array, Int32Array, Int32Array, Int32Array, Float32Array, Float32Array]
 SECTORS, BINS = 512, 64  # of the directions in which bodies are looked for
 _PORTION = 2048
 
@@ -127,7 +129,7 @@ def _meet(
     of a sample (rad), over which nets are smoothed.
     """
     s = scene
-    hits, codes, rest, ground = work
+    hits, codes, rest, ground, _, _, _ = work
     edges[:total] = False
     count, ground_count = sort_rays(cast, extents, shift, total, s.starts, s.room, rest, ground)
     return trace_rays(
@@ -154,7 +156,14 @@ def _shade(
     texture (5, N): how textures are smoothed, see `SampleRays`.
     """
     s = scene
-    hits, codes, rest, ground = work
+    hits, codes, rest, ground, bare, places, points = work
+    ground_count, bare_count, dots = sift_ground(
+        ground[:ground_count], cast, extents, shift, texture, s.flags, s.paint_frame, s.carpet, s.sun, bare, places,
+        points,
+    )  # fmt: skip
+    shade_bare(
+        bare[:bare_count], places, points, dots, s.light, s.light_frame, s.carpet, s.pyramid, s.sun, radiance
+    )
     shade_ground(
         ground[:ground_count], cast, extents, shift, texture, s.flags, s.light, s.light_frame, s.shapes, s.cell_starts,
         s.cell_items, s.paint_frame, s.paints, s.carpet, s.pyramid, s.casters, s.caster_cells, s.sun, s.windows,
@@ -173,6 +182,9 @@ def _work_space(size: int) -> Work:
         np.empty(size, dtype=np.int32),
         np.empty(size, dtype=np.int32),
         np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32),
+        np.empty((PLACE_ROWS, size), dtype=np.float32),
+        np.empty((POINT_ROWS, 4 * size), dtype=np.float32),
     )
 
 
