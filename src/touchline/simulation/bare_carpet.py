@@ -25,7 +25,7 @@ from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M
 from touchline.simulation.pile import FIRST_TEXEL_M, PILE, TILE_TEXELS, TONE_M, past_seam, reaches_texels, two_levels
 
 Float32Array = npt.NDArray[np.float32]
-POINT_ROWS, PLACE_ROWS = 4, 5  # of the work space of `shade_bare`
+POINT_ROWS, PLACE_ROWS = 7, 8  # of the work space of `shade_bare`
 
 
 @njit(cache=True, error_model="numpy")
@@ -45,8 +45,8 @@ def sift_ground(
 ) -> tuple[int, int, int]:
     """Move those of the rays on the carpet (N,) that see nothing but carpet to `bare`; count the others, these, points.
 
-    Rays: see `shade_ground`. places (5, N): x, y of each (m), 1 in the sun, its first point and how many. points
-    (4, 4 N): x, y of points on the pile and the square (m^2) it is smoothed over there: one for each ray, or its
+    Rays: see `shade_ground`. places (8, N): x, y of each (m), 1 in the sun, its first point and how many. points
+    (7, 4 N): x, y of points on the pile and the square (m^2) it is smoothed over there: one for each ray, or its
     pixel's four samples.
     """
     left, count, dots = 0, 0, 0
@@ -110,86 +110,126 @@ def shade_bare(
 ) -> None:
     """Fill radiance (N, 3) of the rays that `bare` (M,) lists, with places and points of `sift_ground`."""
     count = len(bare)
-    look_up_pile(points[0, :dots], points[1, :dots], points[2, :dots], pyramid, points[3, :dots])
-    frame = np.float32(light_frame[0]), np.float32(light_frame[1]), np.float32(light_frame[2])
-    columns, rows, flat = np.float32(light.shape[1]), np.float32(light.shape[0]), light.reshape(-1)
-    look_up_light(places[0, :count], places[1, :count], frame, columns, rows, flat, np.float32(sun[0]), places[2, :count])
-    red, green, blue = np.float32(carpet[0]), np.float32(carpet[1]), np.float32(carpet[2])
-    strength, one = np.float32(carpet[4] * PILE), np.float32(1.0)
+    look_up_pile(points, dots, pyramid)
+    look_up_light(places, count, light, light_frame, float(sun[0]))
+    red, green, blue, strength = carpet[0], carpet[1], carpet[2], carpet[4] * PILE
     for n in range(count):
         dot, i = np.uint32(places[3, n]), np.uint32(bare[n])
-        grain = points[3, dot]
-        if places[4, n] > one:
-            grain = (
-                grain + points[3, dot + np.uint32(1)] + points[3, dot + np.uint32(2)] + points[3, dot + np.uint32(3)]
-            ) * np.float32(0.25)
-        level = places[2, n] * (one + strength * grain)
+        grain = float(points[0, dot])
+        if places[4, n] > 1.0:
+            grain = 0.25 * (
+                grain + points[0, dot + np.uint32(1)] + points[0, dot + np.uint32(2)] + points[0, dot + np.uint32(3)]
+            )
+        level = places[0, n] * (1.0 + strength * grain)
         radiance[i, 0], radiance[i, 1], radiance[i, 2] = red * level, green * level, blue * level
 
 
 @njit(cache=True, error_model="numpy")
-def look_up_pile(x: Float32Array, y: Float32Array, square: Float32Array, pyramid: Float32Array, out: Float32Array) -> None:
-    """`pile.pile_at` for points (N,) at once, in float32.
+def look_up_pile(points: Float32Array, count: int, pyramid: Float32Array) -> None:
+    """`pile.pile_at` for points (7, >= N): x, y and footprint become the brightness in the first row; 4 rows of space.
 
-    Numbers of texels are whole numbers below 2^24, so float32 holds them exactly, and wide registers work on them.
+    Numbers of texels are whole numbers below 2^24, so float32 holds them exactly.
     """
-    one, two, three, half = np.float32(1.0), np.float32(2.0), np.float32(3.0), np.float32(0.5)
-    per_square, per_m = np.float32(1.0 / FIRST_TEXEL_M**2), np.float32(1.0 / FIRST_TEXEL_M)
-    largest, all_finest = np.float32(TILE_TEXELS), np.float32(TILE_TEXELS * TILE_TEXELS)
-    third = np.float32(4.0 / 3.0)
-    for n in range(len(out)):
-        texels = square[n] * per_square
-        part = one if texels <= one else half
-        part = part if texels <= np.float32(4.0) else np.float32(0.25)
-        part = part if texels <= np.float32(16.0) else np.float32(0.125)
-        part = part if texels <= np.float32(64.0) else np.float32(1.0 / 16.0)
-        part = part if texels <= np.float32(256.0) else np.float32(1.0 / 32.0)
-        part = part if texels <= np.float32(1024.0) else np.float32(1.0 / 64.0)
-        part = part if texels <= np.float32(4096.0) else np.float32(1.0 / 128.0)
-        part = part if texels <= np.float32(16384.0) else np.float32(1.0 / 256.0)
-        size = largest * part
-        start = np.floor((all_finest - size * size) * third + half)
-        fx, fy, per_size = x[n] * per_m * part, y[n] * per_m * part, one / size
-        i, j = np.floor(fx), np.floor(fy)
-        a, b = fx - i, fy - j
-        a, b = a * a * (three - two * a), b * b * (three - two * b)
-        i, j = i - size * np.floor(i * per_size), j - size * np.floor(j * per_size)
-        i1, j1 = i + one, j + one
-        i1, j1 = i1 if i1 < size else i1 - size, j1 if j1 < size else j1 - size
-        low, high = start + j * size, start + j1 * size
-        top = pyramid[np.uint32(low + i)] * (one - a) + pyramid[np.uint32(low + i1)] * a
-        bottom = pyramid[np.uint32(high + i)] * (one - a) + pyramid[np.uint32(high + i1)] * a
-        out[n] = top * (one - b) + bottom * b
+    x, y, square, size = points[0, :count], points[1, :count], points[2, :count], points[3, :count]
+    left, low, high = points[4, :count], points[5, :count], points[6, :count]
+    _level_size(square, size)
+    _texel(x, size, left)
+    _texel(y, size, low)
+    _part(x, size)
+    _part(y, size)
+    _next_row(low, size, high)
+    _first_in_row(low, size)
+    _first_in_row(high, size)
+    for n in range(count):
+        right = np.uint32(left[n] + np.float32(1.0)) & np.uint32(size[n] - np.float32(1.0))
+        i, j, j1 = np.uint32(left[n]), np.uint32(low[n]), np.uint32(high[n])
+        top = pyramid[j + i] + (pyramid[j + right] - pyramid[j + i]) * x[n]
+        bottom = pyramid[j1 + i] + (pyramid[j1 + right] - pyramid[j1 + i]) * x[n]
+        x[n] = top + (bottom - top) * y[n]
 
 
 @njit(cache=True, error_model="numpy")
-def look_up_light(
-    x: Float32Array,
-    y: Float32Array,
-    frame: tuple[np.float32, np.float32, np.float32],
-    columns: np.float32,
-    rows: np.float32,
-    light: Float32Array,
-    sun: np.float32,
-    sunlit: Float32Array,
-) -> None:
-    """Light on bare carpet (N,) at points (N,), into `sunlit`, which holds 1 where the sun shines with its level `sun`.
+def _level_size(square: Float32Array, size: Float32Array) -> None:
+    """Texels along the level of the pyramid whose texel is the next larger than each footprint (m^2)."""
+    per_square = np.float32(1.0 / FIRST_TEXEL_M**2)
+    for n in range(len(size)):
+        texels, texel = square[n] * per_square, np.float32(TILE_TEXELS)
+        texel = texel if texels <= np.float32(1.0) else np.float32(TILE_TEXELS >> 1)
+        texel = texel if texels <= np.float32(4.0) else np.float32(TILE_TEXELS >> 2)
+        texel = texel if texels <= np.float32(16.0) else np.float32(TILE_TEXELS >> 3)
+        texel = texel if texels <= np.float32(64.0) else np.float32(TILE_TEXELS >> 4)
+        texel = texel if texels <= np.float32(256.0) else np.float32(TILE_TEXELS >> 5)
+        texel = texel if texels <= np.float32(1024.0) else np.float32(TILE_TEXELS >> 6)
+        texel = texel if texels <= np.float32(4096.0) else np.float32(TILE_TEXELS >> 7)
+        size[n] = texel if texels <= np.float32(16384.0) else np.float32(TILE_TEXELS >> 8)
 
-    light: the map of `illumination.light_at`, flat.
+
+@njit(cache=True, error_model="numpy")
+def _texel(position: Float32Array, size: Float32Array, texel: Float32Array) -> None:
+    """Column or row of the texel that lies before a position (m), in a tile that repeats itself."""
+    per_tile = np.float32(1.0 / (FIRST_TEXEL_M * TILE_TEXELS))
+    for n in range(len(texel)):
+        tiles = np.floor(position[n] * per_tile * size[n])
+        texel[n] = tiles - size[n] * np.floor(tiles / size[n])
+
+
+@njit(cache=True, error_model="numpy")
+def _part(position: Float32Array, size: Float32Array) -> None:
+    """Replace a position (m) by its smooth weight between two texels."""
+    per_tile, two, three = np.float32(1.0 / (FIRST_TEXEL_M * TILE_TEXELS)), np.float32(2.0), np.float32(3.0)
+    for n in range(len(size)):
+        texels = position[n] * per_tile * size[n]
+        part = texels - np.floor(texels)
+        position[n] = part * part * (three - two * part)
+
+
+@njit(cache=True, error_model="numpy")
+def _next_row(row: Float32Array, size: Float32Array, after: Float32Array) -> None:
+    one, none = np.float32(1.0), np.float32(0.0)
+    for n in range(len(after)):
+        after[n] = row[n] + one if row[n] + one < size[n] else none
+
+
+@njit(cache=True, error_model="numpy")
+def _first_in_row(row: Float32Array, size: Float32Array) -> None:
+    """Replace a row by where it starts in the pyramid."""
+    finest, third, half = np.float32(TILE_TEXELS * TILE_TEXELS), np.float32(4.0 / 3.0), np.float32(0.5)
+    for n in range(len(size)):
+        row[n] = np.floor((finest - size[n] * size[n]) * third + half) + row[n] * size[n]
+
+
+@njit(cache=True, error_model="numpy")
+def look_up_light(places: Float32Array, count: int, light: Float32Array, light_frame: FloatArray, sun: float) -> None:
+    """Light on bare carpet at places (8, >= N) of x, y (m), 1 in the sun, of level `sun`: into the first row.
+
+    light: the map of `illumination.light_at`. Rows 5 to 7 are space.
     """
-    one, two, none = np.float32(1.0), np.float32(2.0), np.float32(0.0)
-    last_x, last_y = columns - np.float32(1.001), rows - np.float32(1.001)
-    for n in range(len(sunlit)):
-        fx, fy = (x[n] - frame[0]) * frame[2], (y[n] - frame[1]) * frame[2]
-        fx, fy = min(max(fx, none), last_x), min(max(fy, none), last_y)
-        i, j = np.floor(fx), np.floor(fy)
-        a, b = fx - i, fy - j
-        low, high = two * (j * columns + i), two * (j * columns + columns + i)
-        lamps = (light[np.uint32(low)] * (one - a) + light[np.uint32(low + two)] * a) * (one - b) + (
-            light[np.uint32(high)] * (one - a) + light[np.uint32(high + two)] * a
-        ) * b
-        low, high = low + one, high + one
-        carpet = (light[np.uint32(low)] * (one - a) + light[np.uint32(low + two)] * a) * (one - b) + (
-            light[np.uint32(high)] * (one - a) + light[np.uint32(high + two)] * a
-        ) * b
-        sunlit[n] = carpet * (one + sunlit[n] * sun / lamps)
+    frame_x, frame_y, per_m = np.float32(light_frame[0]), np.float32(light_frame[1]), np.float32(light_frame[2])
+    columns, rows = light.shape[1], light.shape[0]
+    x, y, sunlit = places[0, :count], places[1, :count], places[2, :count]
+    i, j = places[5, :count], places[6, :count]
+    _cell_before(x, frame_x, per_m, np.float32(columns - 1.001), i)
+    _cell_before(y, frame_y, per_m, np.float32(rows - 1.001), j)
+    for n in range(count):
+        column, row = np.uint32(i[n]), np.uint32(j[n])
+        after, below = np.uint32(column + np.uint32(1)), np.uint32(row + np.uint32(1))
+        top = light[row, column, 1] + (light[row, after, 1] - light[row, column, 1]) * x[n]
+        bottom = light[below, column, 1] + (light[below, after, 1] - light[below, column, 1]) * x[n]
+        level = top + (bottom - top) * y[n]
+        if sunlit[n] > 0.0:
+            top = light[row, column, 0] + (light[row, after, 0] - light[row, column, 0]) * x[n]
+            bottom = light[below, column, 0] + (light[below, after, 0] - light[below, column, 0]) * x[n]
+            level *= np.float32(1.0) + np.float32(sun) / (top + (bottom - top) * y[n])
+        x[n] = level
+
+
+@njit(cache=True, error_model="numpy")
+def _cell_before(
+    position: Float32Array, origin: np.float32, per_m: np.float32, last: np.float32, cell: Float32Array
+) -> None:
+    """Cell before each position (m), which is replaced by what it lies past it, in cells."""
+    none = np.float32(0.0)
+    for n in range(len(cell)):
+        cells = min(max((position[n] - origin) * per_m, none), last)
+        before = np.floor(cells)
+        cell[n], position[n] = before, cells - before

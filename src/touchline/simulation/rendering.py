@@ -220,8 +220,8 @@ def _render_middles(
         if len(poses) > 1:
             for i in range(len(some)):
                 rows[i] = some[i] // image.shape[1]
-        cast_rays(rays[:, start:stop], rows, poses, SECTORS, BINS, cast)
-        spread_rays(spread[:, start:stop], cast, lean, shift, extents)
+        cast_rays(rays, rows, poses, SECTORS, BINS, cast, start, len(some))
+        spread_rays(spread, cast, lean, shift, extents, start, len(some))
         count, ground_count = _meet(scene, len(some), cast, extents, shift, net_angle, work, edges)
         average_nets(
             work[2][:count], work[0], cast, some, samples, rows, poses, scene.solids, scene.starts, scene.items,
@@ -274,7 +274,7 @@ def _render_samples(
         if len(poses) > 1:
             for i in range(total):
                 rows[i] = some[i // each] // image.shape[1]
-        cast_rays(samples[:, :total], rows, poses, SECTORS, BINS, cast)
+        cast_rays(samples, rows, poses, SECTORS, BINS, cast, 0, total)
         count, ground_count = _meet(scene, total, cast, extents, 0.0, pixel_angle / side, work, edges)
         _shade(scene, count, ground_count, cast, extents, 0.0, texture, work, radiance, edges)
         for i in range(len(some)):
