@@ -11,6 +11,8 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.casting import cast_rays
+from touchline.simulation.sampling import fill_samples
 
 Net = tuple[float, float, float, float, float, float, float, float, float]
 OVER_SAMPLES = -1.0  # share of a pixel whose threads are to be averaged over its samples: `average_nets`
@@ -84,6 +86,7 @@ def average_nets(
     cast: npt.NDArray[np.float32],
     pixels: npt.NDArray[np.int32],
     rays: npt.NDArray[np.float32],
+    side: int,
     rows: npt.NDArray[np.int32],
     poses: FloatArray,
     solids: FloatArray,
@@ -93,37 +96,38 @@ def average_nets(
 ) -> None:
     """Replace `OVER_SAMPLES` in hits (M, 8) of the rays that `rest` (M,) lists by the mean over their pixels' samples.
 
-    cast (9, N): the middles of pixels (N,), flat indices, whose samples are rays (H W, 6, side^2); rows (N,) selects
-    each one's pose among poses (P, 12), unless there is but one. What lies behind the net holds no edge (`beside_net`),
-    so a thread's share is all that differs between samples. solids, starts, items: see `solids`.
+    cast (9, N): the middles of pixels (N,), flat indices into the camera's rays (H, W, 6); rows (N,) selects each one's
+    pose among poses (P, 12), unless there is but one. What lies behind the net holds no edge (`beside_net`), so a
+    thread's share is all that differs between the side x side samples. solids, starts, items: see `solids`.
     """
-    each = rays.shape[2]
+    listed, count, each = np.empty(len(rest), dtype=np.int32), 0, side * side
     for n in range(len(rest)):
-        if hits[n, 7] != OVER_SAMPLES:
-            continue
-        i = np.uint32(rest[n])
-        pixel, row, cell = pixels[i], rows[i] if len(poses) > 1 else 0, np.uint32(cast[7, i])
-        limit, total = float(hits[n, 3]), 0.0
-        for k in range(each):
-            qx, qy, qz = rays[pixel, 0, k], rays[pixel, 1, k], rays[pixel, 2, k]
-            rx, ry, rz = rays[pixel, 3, k], rays[pixel, 4, k], rays[pixel, 5, k]
-            ux = poses[row, 0] * rx + poses[row, 1] * ry + poses[row, 2] * rz
-            uy = poses[row, 3] * rx + poses[row, 4] * ry + poses[row, 5] * rz
-            scale = 1.0 / np.sqrt(ux * ux + uy * uy + 1e-18)
-            ux, uy = ux * scale, uy * scale
-            rise = (poses[row, 6] * rx + poses[row, 7] * ry + poses[row, 8] * rz) * scale
-            ox = poses[row, 0] * qx + poses[row, 1] * qy + poses[row, 2] * qz + poses[row, 9]
-            oy = poses[row, 3] * qx + poses[row, 4] * qy + poses[row, 5] * qz + poses[row, 10]
-            oz = poses[row, 6] * qx + poses[row, 7] * qy + poses[row, 8] * qz + poses[row, 11]
+        if hits[n, 7] == OVER_SAMPLES:
+            listed[count] = n
+            count += 1
+    if count == 0:
+        return
+    netted, chosen = np.empty(count, dtype=np.int32), np.zeros(count * each, dtype=np.int32)
+    samples, beside = np.empty((6, count * each), dtype=np.float32), np.empty((9, count * each), dtype=np.float32)
+    for m in range(count):
+        netted[m] = pixels[rest[listed[m]]]
+        if len(poses) > 1:
+            chosen[m * each : (m + 1) * each] = rows[rest[listed[m]]]
+    fill_samples(rays, netted, side, samples)
+    cast_rays(samples, chosen, poses, 1, 1, beside)
+    for m in range(count):
+        n = np.uint32(listed[m])
+        cell, limit, total = np.uint32(cast[7, np.uint32(rest[n])]), float(hits[n, 3]), 0.0
+        for j in range(m * each, (m + 1) * each):
             share = 1.0
             for entry in range(starts[cell], starts[cell + np.uint32(1)]):
                 b = np.uint32(items[entry])
                 if solids[b, 0] == _NET:
                     net = (
-                        solids[b, 1] - ox, solids[b, 2] - oy, solids[b, 3], solids[b, 4], solids[b, 5], solids[b, 7],
-                        solids[b, 8], solids[b, 11], solids[b, 12],
+                        solids[b, 1] - beside[0, j], solids[b, 2] - beside[1, j], solids[b, 3], solids[b, 4],
+                        solids[b, 5], solids[b, 7], solids[b, 8], solids[b, 11], solids[b, 12],
                     )  # fmt: skip
-                    share *= net_share(net, oz, ux, uy, rise, net_angle, limit)
+                    share *= net_share(net, beside[2, j], beside[3, j], beside[4, j], beside[5, j], net_angle, limit)
             total += share
         hits[n, 7] = total / each
 

@@ -19,7 +19,7 @@ from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, shade_bare,
 from touchline.simulation.casting import cast_rays, spread_rays
 from touchline.simulation.ground_shading import shade_ground, sort_rays
 from touchline.simulation.nets import average_nets
-from touchline.simulation.sampling import SampleRays, sample_rays
+from touchline.simulation.sampling import SampleRays, fill_samples, sample_rays
 from touchline.simulation.scene import Scene, SceneArrays
 from touchline.simulation.solids import sort_into_cells
 from touchline.simulation.tracing import trace_rays
@@ -81,11 +81,11 @@ class Renderer:
         if not everywhere:
             chosen = _render_middles(
                 arrays, self._pixels, self._rays, samples.spread, samples.shift_m, lean, poses, self.grid.pixel_angle,
-                samples.texture, samples.rays, self._still, level, self._image,
+                samples.texture, self.grid.rays, side, self._still, level, self._image,
             )  # fmt: skip
         if side > 1 or everywhere:
             _render_samples(
-                arrays, chosen, samples.rays, poses, self.grid.pixel_angle, samples.angles, side, self._still, level,
+                arrays, chosen, self.grid.rays, poses, self.grid.pixel_angle, samples.angles, side, self._still, level,
                 self._image,
             )  # fmt: skip
         return self._image
@@ -199,21 +199,22 @@ def _render_middles(
     poses: FloatArray,
     pixel_angle: float,
     texture: Float32Array,
-    samples: Float32Array,
+    grid: Float32Array,
+    side: int,
     still: Float32Array,
     level: float,
     image: Float32Array,
 ) -> npt.NDArray[np.int32]:
     """One sample in the middle of each of pixels (N,), flat indices, with rays (6, N), into the image.
 
-    samples (H W, 6, side^2): those of all pixels, for threads of nets. Over the image lies the layer fixed to the robot, still (H W, 4), under a light of some level.
+    grid (H, W, 6): rays of all pixels, for the side x side samples of nets. Over the image lies the layer fixed to the robot, still (H W, 4), under a light of some level.
     Returns the pixels that hold an edge; they are left as they were.
     """
     work, rows = _work_space(_PORTION), np.zeros(_PORTION, dtype=np.int32)
     radiance, edges = np.empty((_PORTION, 3), dtype=np.float32), np.empty(_PORTION, dtype=np.bool_)
     cast, extents = np.empty((9, _PORTION), dtype=np.float32), np.empty((3, _PORTION), dtype=np.float32)
     flat, chosen, edged = image.reshape(-1, 3), np.empty(len(pixels), dtype=np.int32), 0
-    net_angle = pixel_angle / np.sqrt(samples.shape[2])
+    net_angle = pixel_angle / side
     for start in range(0, len(pixels), _PORTION):
         some = pixels[start : start + _PORTION]
         stop = start + len(some)
@@ -224,7 +225,7 @@ def _render_middles(
         spread_rays(spread, cast, lean, shift, extents, start, len(some))
         count, ground_count = _meet(scene, len(some), cast, extents, shift, net_angle, work, edges)
         average_nets(
-            work[2][:count], work[0], cast, some, samples, rows, poses, scene.solids, scene.starts, scene.items,
+            work[2][:count], work[0], cast, some, grid, side, rows, poses, scene.solids, scene.starts, scene.items,
             net_angle,
         )  # fmt: skip
         _shade(scene, count, ground_count, cast, extents, shift, texture[:, start:stop], work, radiance, edges)
@@ -254,7 +255,7 @@ def _render_samples(
 ) -> None:
     """Means of side x side samples of pixels (N,), flat indices, and the layer over it, into the image.
 
-    rays (H W, 6, side^2): of all pixels.
+    rays (H, W, 6): of all pixels.
     """
     each = side * side
     portion = max(1, _PORTION // each)
@@ -266,11 +267,10 @@ def _render_samples(
     for start in range(0, len(pixels), portion):
         some = pixels[start : start + portion]
         total = len(some) * each
+        fill_samples(rays, some, side, samples)
         for i in range(len(some)):
-            for c in range(6):
-                for n in range(each):
-                    samples[c, i * each + n] = rays[some[i], c, n]
-            texture[4, i * each : (i + 1) * each] = angles[some[i]]
+            for n in range(i * each, (i + 1) * each):
+                texture[4, n] = angles[some[i]]
         if len(poses) > 1:
             for i in range(total):
                 rows[i] = some[i // each] // image.shape[1]
