@@ -126,6 +126,26 @@ def test_a_table_camera_keeps_to_its_table_and_continues_beyond_the_horizon() ->
     assert np.max(np.abs(slope - expected)[seen]) < 2e-3
 
 
+def test_a_calibrated_cameras_bearing_table_is_rendered_and_written_again() -> None:
+    plain = SimulatedOmniCamera.from_mirror(solve_mirror(tangent_range())).design
+    bearings = np.array([0.0, 2.0, 4.0])
+    offsets = np.outer([0.02, -0.03, 0.05], np.linspace(0.5, 1.0, len(plain.radius_px)))
+    design = dataclasses.replace(
+        plain, bearings_rad=bearings, range_m=np.tile(plain.range_m, (3, 1)), bearing_offset_rad=offsets
+    )
+    camera = SimulatedOmniCamera.from_mapping(SimulatedOmniCamera(design).camera_yaml())
+    v, u = np.mgrid[4:476:9, 4:476:9]
+    radius = np.hypot(u - 239.5, v - 239.5)
+    inside = (radius > 60.0) & (radius < 205.0)
+    pixels = np.column_stack((u[inside], v[inside]))
+    rays = camera._grid.rays[pixels[:, 1], pixels[:, 0]].astype(np.float64)
+    ground = rays[:, :2] - rays[:, 3:5] * (rays[:, 2] / rays[:, 5])[:, np.newaxis]
+    told = design.ground_from_image(pixels)
+    assert np.max(np.linalg.norm(ground - told, axis=1) / np.linalg.norm(told, axis=1)) < 1e-3
+    beyond = camera._grid.rays[239, int(239.5 + plain.radius_px[-1]) + 2]
+    assert np.isfinite(beyond).all(), "the table's last offset holds beyond its end"
+
+
 def test_paint_is_found_as_by_plain_geometry(field: FieldModel) -> None:
     marks = (GroundMark(1.0, 0.5, 0.3, 0.4, 0.2, PAINTS["black"]),)
     msl = open_field("msl-18x12")

@@ -29,11 +29,38 @@ POINT_ROWS, PLACE_ROWS = 7, 8  # of the work space of `shade_bare`
 
 
 @njit(cache=True, error_model="numpy")
+def meet_ground(
+    cast: Float32Array, extents: Float32Array, shift: float, texture: Float32Array, count: int, landing: Float32Array
+) -> None:
+    """Fill landing (4, >= N), where the first `count` rays meet the ground, wherever the carpet ends.
+
+    Rows: x, y (m), how far a pixel reaches from there (m), square (m^2) that its texture is smoothed over.
+    """
+    s, long = cast[6, :count], landing[3, :count]
+    _along(cast[0, :count], s, cast[3, :count], landing[0, :count])
+    _along(cast[1, :count], s, cast[4, :count], landing[1, :count])
+    _along(extents[2, :count], s, extents[0, :count], landing[2, :count])
+    away = np.float32(shift)
+    for n in range(count):
+        landing[2, n] += away
+    for n in range(count):
+        long[n] = texture[4, n] * cast[8, n]
+    for n in range(count):
+        long[n] = np.float32(1.5) * long[n] * long[n]
+
+
+@njit(cache=True, error_model="numpy")
+def _along(start: Float32Array, length: Float32Array, direction: Float32Array, out: Float32Array) -> None:
+    for n in range(len(out)):
+        out[n] = start[n] + length[n] * direction[n]
+
+
+@njit(cache=True, error_model="numpy")
 def sift_ground(
     ground: npt.NDArray[np.int32],
+    landing: Float32Array,
     cast: Float32Array,
     extents: Float32Array,
-    shift: float,
     texture: Float32Array,
     flags: npt.NDArray[np.uint8],
     paint_frame: FloatArray,
@@ -45,29 +72,27 @@ def sift_ground(
 ) -> tuple[int, int, int]:
     """Move those of the rays on the carpet (N,) that see nothing but carpet to `bare`; count the others, these, points.
 
-    Rays: see `shade_ground`. places (8, N): x, y of each (m), 1 in the sun, its first point and how many. points
-    (7, 4 N): x, y of points on the pile and the square (m^2) it is smoothed over there: one for each ray, or its
-    pixel's four samples.
+    Rays through the middles of pixels: see `shade_ground` and `meet_ground`. places (8, N): x, y of each (m), 1 in the
+    sun, its first point and how many. points (7, 4 N): x, y of points on the pile and the square (m^2) it is smoothed
+    over there: one for each ray, or its pixel's four samples.
     """
     left, count, dots = 0, 0, 0
     x0, y0, sunny, first = paint_frame[0], paint_frame[1], sun[0] > 0.0, FIRST_TEXEL_M * FIRST_TEXEL_M
     for n in range(len(ground)):
         i = np.uint32(ground[n])
-        s, ux, uy, stretch = float(cast[6, i]), float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
-        x, y = cast[0, i] + s * ux, cast[1, i] + s * uy
-        deep, wide = float(extents[2, i]), s * extents[0, i] + shift
-        reach, long = deep + wide, texture[4, i] * stretch
-        square = 1.5 * long * long
+        x, y, reach, square = float(landing[0, i]), float(landing[1, i]), float(landing[2, i]), float(landing[3, i])
         flag = flags[np.uint32((y - y0) * FLAGS_PER_M), np.uint32((x - x0) * FLAGS_PER_M)] & 0xFF
         watched = HAS_PAINT | NEAR_BODY | HAS_SEAM | SUN_EDGE
         if reach >= TIGHT_MARGIN_M:
             watched |= PAINT_NEAR if reach < MIDDLE_MARGIN_M else PAINT_NEAR | PAINT_AROUND
         other = flag & watched != 0 or reach >= MARGIN_M or (sunny and reach >= SUN_MARGIN_M)
-        if deep > 0.0 and not other:
-            aside = abs(ux) * deep + abs(uy) * wide
-            other = (square < 32.0 * first and two_levels(square / first, 4.0 * s * deep / (stretch * cast[2, i]))) or (
-                carpet[3] > 0.0 and aside > TONE_M and abs(past_seam(carpet, x)) < aside + TONE_M
-            )
+        if not other and square < 32.0 * first:
+            part = 4.0 * cast[6, i] * extents[2, i] / (cast[8, i] * cast[2, i])
+            other = two_levels(square / first, part)
+        if not other and carpet[3] > 0.0 and reach > TONE_M:
+            deep = extents[2, i]
+            aside = abs(cast[3, i]) * deep + abs(cast[4, i]) * (reach - deep)
+            other = aside > TONE_M and abs(past_seam(carpet, x)) < aside + TONE_M
         if other:
             ground[left] = i
             left += 1
@@ -76,7 +101,8 @@ def sift_ground(
         places[0, count], places[1, count], places[2, count] = x, y, 1.0 if flag & SUNLIT else 0.0
         places[3, count], places[4, count] = dots, 1.0
         points[0, dots], points[1, dots], points[2, dots] = x, y, square
-        if square <= first and deep > 0.0:
+        if square <= first:
+            ux, uy, stretch = float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
             across = np.sqrt(stretch * cast[2, i])
             p, aside, q, off = (
                 texture[0, i] * stretch, texture[1, i] * across, texture[2, i] * stretch, texture[3, i] * across

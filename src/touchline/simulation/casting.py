@@ -47,7 +47,12 @@ def cast_rays(
 
 @njit(cache=True, error_model="numpy")
 def spread_rays(
-    spread: Float32Array, cast: Float32Array, lean: float, shift: float, extents: Float32Array, first: int = 0,
+    spread: Float32Array,
+    cast: Float32Array,
+    lean: float,
+    shift: float,
+    extents: Float32Array,
+    first: int = 0,
     count: int = -1,
 ) -> None:
     """Fill three rows of extents (4, >= N): how far a pixel's samples reach from its middle, at most.

@@ -31,8 +31,7 @@ from touchline.simulation.pile import FIRST_TEXEL_M, PILE, TONE_M, grain_at, pas
 @njit(cache=True, error_model="numpy")
 def sort_rays(
     cast: npt.NDArray[np.float32],
-    extents: npt.NDArray[np.float32],
-    shift: float,
+    landing: npt.NDArray[np.float32],
     total: int,
     starts: npt.NDArray[np.int32],
     room: FloatArray,
@@ -41,15 +40,14 @@ def sort_rays(
 ) -> tuple[int, int]:
     """List which of the first `total` rays are to be traced (rest) and which surely end on the carpet; count both.
 
-    cast (9, >= N), extents (3, >= N), shift: the rays, see `casting`. starts: no body is near a ray whose cell is
-    empty; room: see `trace_rays`.
+    cast (9, >= N): the rays, see `casting`; landing: see `bare_carpet.meet_ground`. starts: no body is near a
+    ray whose cell is empty; room: see `trace_rays`.
     """
     count, ground_count = 0, 0
+    half_length, half_width = np.float32(room[0]), np.float32(room[1])
     for i in range(total):
-        s, cell = float(cast[6, i]), np.uint32(cast[7, i])
-        x, y = abs(cast[0, i] + s * cast[3, i]), abs(cast[1, i] + s * cast[4, i])
-        reach = extents[2, i] + s * extents[0, i] + shift
-        if x + reach < room[0] and y + reach < room[1] and starts[cell] == starts[cell + np.uint32(1)]:
+        cell, x, y, reach = np.uint32(cast[7, i]), abs(landing[0, i]), abs(landing[1, i]), landing[2, i]
+        if x + reach < half_length and y + reach < half_width and starts[cell] == starts[cell + np.uint32(1)]:
             ground[ground_count] = i
             ground_count += 1
         else:
@@ -61,9 +59,9 @@ def sort_rays(
 @njit(cache=True, error_model="numpy")
 def shade_ground(
     ground: npt.NDArray[np.int32],
+    landing: npt.NDArray[np.float32],
     cast: npt.NDArray[np.float32],
     extents: npt.NDArray[np.float32],
-    shift: float,
     texture: npt.NDArray[np.float32],
     flags: npt.NDArray[np.uint8],
     light: npt.NDArray[np.float32],
@@ -84,19 +82,18 @@ def shade_ground(
 ) -> None:
     """Fill radiance (N, 3) of the rays that `ground` lists, all on the carpet, or set edges (N,) where one is near.
 
-    cast (9, >= N), extents (3, >= N), shift, texture (5, >= N): the rays, see `casting` and `sampling`. carpet (5,):
+    landing (4, >= N), cast (9, >= N), extents (3, >= N), texture (5, >= N): the rays, see `bare_carpet.meet_ground`,
+    `casting` and `sampling`. carpet (5,):
     colour, seam spacing, contrast; paints (P, 3) colours; the other arrays: see the functions that read them.
     """
+    x0, y0, last_column, last_row = paint_frame[0], paint_frame[1], caster_cells.shape[1] - 1, caster_cells.shape[0] - 1
     for n in range(len(ground)):
         i = np.uint32(ground[n])
         s, ux, uy, stretch = float(cast[6, i]), float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
-        x, y = cast[0, i] + s * ux, cast[1, i] + s * uy
-        deep, wide = float(extents[2, i]), s * extents[0, i] + shift
-        reach, long = deep + wide, texture[4, i] * stretch
-        square = 1.5 * long * long
-        flag = (
-            flags[np.uint32((y - paint_frame[1]) * FLAGS_PER_M), np.uint32((x - paint_frame[0]) * FLAGS_PER_M)] & 0xFF
-        )
+        x, y, reach, square = float(landing[0, i]), float(landing[1, i]), float(landing[2, i]), float(landing[3, i])
+        deep, long = float(extents[2, i]), texture[4, i] * stretch
+        wide = reach - deep
+        flag = flags[np.uint32((y - y0) * FLAGS_PER_M), np.uint32((x - x0) * FLAGS_PER_M)] & 0xFF
         if reach < MIDDLE_MARGIN_M:
             flag &= 0xFF - (PAINT_AROUND if reach >= TIGHT_MARGIN_M else PAINT_AROUND | PAINT_NEAR)
         paint, share, edge = -1, 1.0, reach >= MARGIN_M
@@ -107,10 +104,17 @@ def shade_ground(
             paint, near = paint_at(shapes, starts, items, paint_frame, x, y, ux, uy, deep, wide)
             edge = edge or near
         if flag & NEAR_BODY:
-            share, near = contact_shadow(casters, caster_cells, paint_frame, x, y, reach)
-            edge = edge or near
+            column = min(max(int((x - x0) * 4.0), 0), last_column)
+            row = min(max(int((y - y0) * 4.0), 0), last_row)
+            for entry in range(caster_cells.shape[2]):
+                m = caster_cells[row, column, entry]
+                if m < 0:
+                    break
+                part = contact_shadow(x - casters[m, 0], y - casters[m, 1], casters[m, 2])
+                share *= part
+                edge = edge or (part < 1.0 and reach > 0.3 * casters[m, 2])
         if flag & SUN_EDGE or (sun[0] > 0.0 and reach >= SUN_MARGIN_M):
-            sunlit, near = sun_at(sun, windows, casters, x, y, 0.0, np.hypot(deep, wide))
+            sunlit, near = sun_at(sun, windows, casters, x, y, 0.0, np.sqrt(deep * deep + wide * wide))
             edge = edge or near
         aside = abs(ux) * deep + abs(uy) * wide
         if carpet[3] > 0.0 and aside > TONE_M:

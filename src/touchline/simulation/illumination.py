@@ -97,28 +97,11 @@ def _light_past(position: float, size: float, bars: float, width: float) -> floa
     return float(min(clear, abs(position - nearest * pane) - 0.5 * width) if bars > 0.0 else clear)
 
 
-@njit(cache=True, error_model="numpy")
-def contact_shadow(
-    casters: FloatArray, cells: npt.NDArray[np.int16], frame: FloatArray, x: float, y: float, reach: float
-) -> tuple[float, bool]:
-    """Share of the light that reaches the ground beside bodies: 45 % below them, all from three radii on.
-
-    cells (ny, nx, n): casters near each 0.25 m cell; frame: x, y of the first. Also whether the share's mean within
-    reach (m) differs notably from that in the middle.
-    """
-    i = min(max(int((x - frame[0]) * 4.0), 0), cells.shape[1] - 1)
-    j = min(max(int((y - frame[1]) * 4.0), 0), cells.shape[0] - 1)
-    share, coarse = 1.0, False
-    for n in range(cells.shape[2]):
-        m = cells[j, i, n]
-        if m < 0:
-            break
-        ex, ey = x - casters[m, 0], y - casters[m, 1]
-        fade = 1.0 - (ex * ex + ey * ey) / (9.0 * casters[m, 2] * casters[m, 2])
-        if fade > 0.0:
-            share *= 1.0 - 0.55 * fade * fade * fade
-            coarse = coarse or reach > 0.3 * casters[m, 2]
-    return share, coarse
+@njit(cache=True, error_model="numpy", inline="always")
+def contact_shadow(ex: float, ey: float, radius: float) -> float:
+    """Share of the light that reaches the ground at (ex, ey) from a body (m): 45 % below it, all three radii on."""
+    fade = 1.0 - (ex * ex + ey * ey) / (9.0 * radius * radius)
+    return float(1.0 - 0.55 * fade * fade * fade) if fade > 0.0 else 1.0
 
 
 @njit(cache=True, error_model="numpy")

@@ -36,8 +36,8 @@ def meet_upright(
 
     Third is how much (m) that distance varies within the pixel.
 
-    body: its row. ex, ey: from the ray's origin to the middle, which lies `along` the ray and `lateral` to its left. steep: change of
-    the rise within the pixel. Edges that begin beyond `limit` (m) are hidden.
+    body: its row. ex, ey: from the ray's origin to the middle, which lies `along` the ray and `lateral` to its left.
+    steep: change of the rise within the pixel. Edges that begin beyond `limit` (m) are hidden.
     """  # fmt: skip
     bottom, top = body[7], body[8]
     if body[0] == 0.0:

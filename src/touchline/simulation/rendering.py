@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, shade_bare, sift_ground
+from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, meet_ground, shade_bare, sift_ground
 from touchline.simulation.casting import cast_rays, spread_rays
 from touchline.simulation.ground_shading import shade_ground, sort_rays
 from touchline.simulation.nets import average_nets
@@ -27,7 +27,7 @@ from touchline.simulation.upright_shading import shade_upright
 
 Float32Array = npt.NDArray[np.float32]
 Int32Array = npt.NDArray[np.int32]
-Work = tuple[Float32Array, Int32Array, Int32Array, Int32Array, Int32Array, Float32Array, Float32Array]
+Work = tuple[Float32Array, Int32Array, Int32Array, Int32Array, Int32Array, Float32Array, Float32Array, Float32Array]
 SECTORS, BINS = 512, 64  # of the directions in which bodies are looked for
 _PORTION = 2048
 
@@ -119,22 +119,30 @@ def _meet(
     cast: Float32Array,
     extents: Float32Array,
     shift: float,
+    texture: Float32Array,
     net_angle: float,
     work: Work,
     edges: npt.NDArray[np.bool_],
 ) -> tuple[int, int]:
     """What the first `total` cast rays (9, N) meet, and edges (N,); counts of upright hits and of rays on the carpet.
 
-    extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. net_angle: width
-    of a sample (rad), over which nets are smoothed.
+    extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. texture (5, N):
+    how textures are smoothed, see `SampleRays`. net_angle: width of a sample (rad), over which nets are smoothed.
     """
     s = scene
-    hits, codes, rest, ground, _, _, _ = work
+    hits, codes, rest, ground, _, landing, _, _ = work
     edges[:total] = False
-    count, ground_count = sort_rays(cast, extents, shift, total, s.starts, s.room, rest, ground)
+    meet_ground(cast, extents, shift, texture, total, landing)
+    count, ground_count = sort_rays(cast, landing, total, s.starts, s.room, rest, ground)
+    walls = (s.room[0], s.room[1], s.room[2], s.room[3], s.room[4], s.room[5])
+    if shift > 0.0:  # a loop for middles, and one for samples, which need no margins
+        return trace_rays(
+            cast, extents, shift, rest[:count], s.solids, s.starts, s.items, s.near, walls, net_angle, hits, codes,
+            ground, ground_count, edges, True,
+        )  # fmt: skip
     return trace_rays(
-        cast, extents, shift, rest[:count], s.solids, s.starts, s.items, s.near, s.room, net_angle, hits, codes,
-        ground, ground_count, edges,
+        cast, extents, 0.0, rest[:count], s.solids, s.starts, s.items, s.near, walls, net_angle, hits, codes, ground,
+        ground_count, edges, False,
     )  # fmt: skip
 
 
@@ -151,23 +159,21 @@ def _shade(
     radiance: Float32Array,
     edges: npt.NDArray[np.bool_],
 ) -> None:
-    """Radiance (N, 3) of what `_meet` counted; where edges (N,) is set instead, it is left as it was.
-
-    texture (5, N): how textures are smoothed, see `SampleRays`.
-    """
+    """Radiance (N, 3) of what `_meet` counted; where edges (N,) is set instead, it is left as it was."""
     s = scene
-    hits, codes, rest, ground, bare, places, points = work
-    ground_count, bare_count, dots = sift_ground(
-        ground[:ground_count], cast, extents, shift, texture, s.flags, s.paint_frame, s.carpet, s.sun, bare, places,
-        points,
-    )  # fmt: skip
-    shade_bare(
-        bare[:bare_count], places, points, dots, s.light, s.light_frame, s.carpet, s.pyramid, s.sun, radiance
-    )
+    hits, codes, rest, ground, bare, landing, places, points = work
+    if shift > 0.0:  # samples lie where something else than carpet is near
+        ground_count, bare_count, dots = sift_ground(
+            ground[:ground_count], landing, cast, extents, texture, s.flags, s.paint_frame, s.carpet, s.sun, bare,
+            places, points,
+        )  # fmt: skip
+        shade_bare(
+            bare[:bare_count], places, points, dots, s.light, s.light_frame, s.carpet, s.pyramid, s.sun, radiance
+        )
     shade_ground(
-        ground[:ground_count], cast, extents, shift, texture, s.flags, s.light, s.light_frame, s.shapes, s.cell_starts,
-        s.cell_items, s.paint_frame, s.paints, s.carpet, s.pyramid, s.casters, s.caster_cells, s.sun, s.windows,
-        radiance, edges,
+        ground[:ground_count], landing, cast, extents, texture, s.flags, s.light, s.light_frame, s.shapes,
+        s.cell_starts, s.cell_items, s.paint_frame, s.paints, s.carpet, s.pyramid, s.casters, s.caster_cells, s.sun,
+        s.windows, radiance, edges,
     )  # fmt: skip
     shade_upright(
         rest[:count], hits, codes, s.solids, s.palette, s.room, s.room_colours, s.light, s.light_frame, s.pyramid,
@@ -183,6 +189,7 @@ def _work_space(size: int) -> Work:
         np.empty(size, dtype=np.int32),
         np.empty(size, dtype=np.int32),
         np.empty(size, dtype=np.int32),
+        np.empty((4, size), dtype=np.float32),
         np.empty((PLACE_ROWS, size), dtype=np.float32),
         np.empty((POINT_ROWS, 4 * size), dtype=np.float32),
     )
@@ -207,7 +214,8 @@ def _render_middles(
 ) -> npt.NDArray[np.int32]:
     """One sample in the middle of each of pixels (N,), flat indices, with rays (6, N), into the image.
 
-    grid (H, W, 6): rays of all pixels, for the side x side samples of nets. Over the image lies the layer fixed to the robot, still (H W, 4), under a light of some level.
+    grid (H, W, 6): rays of all pixels, for the side x side samples of nets. Over the image lies the layer fixed to the
+    robot, still (H W, 4), under a light of some level.
     Returns the pixels that hold an edge; they are left as they were.
     """
     work, rows = _work_space(_PORTION), np.zeros(_PORTION, dtype=np.int32)
@@ -222,13 +230,14 @@ def _render_middles(
             for i in range(len(some)):
                 rows[i] = some[i] // image.shape[1]
         cast_rays(rays, rows, poses, SECTORS, BINS, cast, start, len(some))
+        here = texture[:, start:stop]
         spread_rays(spread, cast, lean, shift, extents, start, len(some))
-        count, ground_count = _meet(scene, len(some), cast, extents, shift, net_angle, work, edges)
+        count, ground_count = _meet(scene, len(some), cast, extents, shift, here, net_angle, work, edges)
         average_nets(
             work[2][:count], work[0], cast, some, grid, side, rows, poses, scene.solids, scene.starts, scene.items,
             net_angle,
         )  # fmt: skip
-        _shade(scene, count, ground_count, cast, extents, shift, texture[:, start:stop], work, radiance, edges)
+        _shade(scene, count, ground_count, cast, extents, shift, here, work, radiance, edges)
         for i in range(len(some)):
             n = some[i]
             if edges[i]:
@@ -275,7 +284,7 @@ def _render_samples(
             for i in range(total):
                 rows[i] = some[i // each] // image.shape[1]
         cast_rays(samples, rows, poses, SECTORS, BINS, cast, 0, total)
-        count, ground_count = _meet(scene, total, cast, extents, 0.0, pixel_angle / side, work, edges)
+        count, ground_count = _meet(scene, total, cast, extents, 0.0, texture, pixel_angle / side, work, edges)
         _shade(scene, count, ground_count, cast, extents, 0.0, texture, work, radiance, edges)
         for i in range(len(some)):
             for c in range(3):

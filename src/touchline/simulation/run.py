@@ -26,15 +26,13 @@ from touchline.simulation.point_errors import ObservationNoise
 from touchline.simulation.scenario import Scenario
 from touchline.simulation.sensors import samples_between, simulate_sensors
 from touchline.simulation.sequence import describe
-from touchline.simulation.stage import make_world
+from touchline.simulation.stage import body_parts, make_world
 from touchline.simulation.track import STEP_S
 from touchline.simulation.world import World, WorldState
 from touchline.sources import ProblemLog, Truth
 from touchline.types import Frame, ImageArray, LinePoints, Samples, empty_points
 
 LEVELS = ("images", "points")
-# radius and height of the others' bodies (`world.robot_blocks`): foot, middle, top
-_ROBOT_PARTS = ((0.24, 0.38), (0.143, 0.56), (0.117, 0.80))
 _BALL = (0.11, 0.22)
 _PINHOLE_REACH_M = 6.5
 _PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=0.004, height_m=1.1)
@@ -236,15 +234,14 @@ class Simulation:
         """(K, 4) x, y, radius, height of what hides lines: robots as cylinders one on another, and balls."""
         robots, balls = self.others.at(time_s)
         bodies = self._body_sizes.copy()
-        for part in range(len(_ROBOT_PARTS)):
-            bodies[part * len(robots) : (part + 1) * len(robots), :2] = robots[:, :2]
-        bodies[len(_ROBOT_PARTS) * len(robots) :, :2] = balls
+        bodies[: len(bodies) - len(balls), :2] = np.tile(robots[:, :2], (len(body_parts(self.camera_kind)), 1))
+        bodies[len(bodies) - len(balls) :, :2] = balls
         return bodies
 
     @cached_property
     def _body_sizes(self) -> FloatArray:
         others = self.scenario.others
-        rows = [(0.0, 0.0, *part) for part in _ROBOT_PARTS for _ in range(others.robots)]
+        rows = [(0.0, 0.0, *part) for part in body_parts(self.camera_kind) for _ in range(others.robots)]
         return np.array(rows + [(0.0, 0.0, *_BALL)] * others.balls).reshape(-1, 4)
 
     @cached_property

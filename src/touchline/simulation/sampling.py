@@ -15,11 +15,11 @@ _SAFETY = 1.05  # reaches are compared along curves that are taken to be straigh
 class SampleRays(NamedTuple):
     """All that follows from a camera's rays (H, W, 6) once it is known which of its pixels see the world.
 
-    side: samples along each side of a pixel (`fill_samples` gives their rays). spread (2, N): largest angles (rad) between a pixel's
-    samples and its middle across and along the elevation; widest: the largest of all; shift_m: between their origins.
-    texture (5, N): the samples of a grid of side 2 lie at +-p +-q; p and q as angles (rad) along and across the
-    elevation (0 with other sides), and the width (rad) over which textures are smoothed, as in angles (H W,) for all.
-    aside_m: how far rays pass beside the axis; heights_m: of the lowest and the highest origin.
+    side: samples along each side of a pixel (`fill_samples` gives their rays). spread (2, N): largest angles (rad)
+    between a pixel's samples and its middle across and along the elevation; widest: the largest of all; shift_m:
+    between their origins. texture (5, N): the samples of a grid of side 2 lie at +-p +-q; p and q as angles (rad) along
+    and across the elevation (0 with other sides), and the width (rad) over which textures are smoothed, as in angles
+    (H W,) for all. aside_m: how far rays pass beside the axis; heights_m: of the lowest and the highest origin.
     """
 
     side: int
@@ -65,27 +65,31 @@ def fill_samples(rays: Float32Array, pixels: npt.NDArray[np.int32], side: int, s
 
     They lie between the rays (H, W, 6) of the pixels' neighbours; a table of them all would not fit the caches.
     """
-    height, width = rays.shape[:2]
+    flat, width, total = rays.reshape(-1), np.uint32(rays.shape[1]), np.uint32(rays.shape[0] * rays.shape[1])
     offsets = ((np.arange(side) + 0.5) / side - 0.5).astype(np.float32)
+    one, half, quarter = np.float32(1.0), np.float32(0.5), np.float32(0.25)
     for i in range(len(pixels)):
-        v, u = pixels[i] // width, pixels[i] % width
-        left, right = max(u - 1, 0), min(u + 1, width - 1)
-        up, down = max(v - 1, 0), min(v + 1, height - 1)
-        if np.isnan(rays[v, left, 3]):
-            left = u
-        if np.isnan(rays[v, right, 3]):
-            right = u
-        if np.isnan(rays[up, u, 3]):
-            up = v
-        if np.isnan(rays[down, u, 3]):
-            down = v
-        per_u, per_v = np.float32(1.0 / max(right - left, 1)), np.float32(1.0 / max(down - up, 1))
+        n = np.uint32(pixels[i])
+        u = n % width
+        left = n - np.uint32(1) if u > 0 and not np.isnan(flat[np.uint32(6 * n - 3)]) else n
+        right = n + np.uint32(1) if u + 1 < width and not np.isnan(flat[np.uint32(6 * n + 9)]) else n
+        up = n - width if n >= width and not np.isnan(flat[np.uint32(6 * (n - width) + 3)]) else n
+        down = n + width if n + width < total and not np.isnan(flat[np.uint32(6 * (n + width) + 3)]) else n
+        per_u = half if right - left == 2 else one
+        per_v = half if down - up == 2 * width else one
         for c in range(6):
-            middle = rays[v, u, c]
-            du, dv = (rays[v, right, c] - rays[v, left, c]) * per_u, (rays[down, u, c] - rays[up, u, c]) * per_v
-            for b in range(side):
-                for a in range(side):
-                    samples[c, (i * side + b) * side + a] = middle + offsets[a] * du + offsets[b] * dv
+            at = np.uint32(c)
+            middle = flat[np.uint32(6 * n + at)]
+            du = (flat[np.uint32(6 * right + at)] - flat[np.uint32(6 * left + at)]) * per_u
+            dv = (flat[np.uint32(6 * down + at)] - flat[np.uint32(6 * up + at)]) * per_v
+            if side == 2:
+                k, p, q = np.uint32(4 * i), quarter * du, quarter * dv
+                samples[c, k], samples[c, k + np.uint32(1)] = middle - p - q, middle + p - q
+                samples[c, k + np.uint32(2)], samples[c, k + np.uint32(3)] = middle - p + q, middle + p + q
+            else:
+                for b in range(side):
+                    for a in range(side):
+                        samples[c, (i * side + b) * side + a] = middle + offsets[a] * du + offsets[b] * dv
 
 
 @njit(cache=True, error_model="numpy")

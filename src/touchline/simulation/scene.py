@@ -10,7 +10,6 @@ import numpy.typing as npt
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.simulation.carpet import pile_pyramid, wear_map
-from touchline.simulation.pile import SEAM_M
 from touchline.simulation.illumination import (
     FLAGS_PER_M,
     HAS_PAINT,
@@ -23,6 +22,7 @@ from touchline.simulation.illumination import (
 )
 from touchline.simulation.lights import lamps_on_ground
 from touchline.simulation.paint import CELL_M, build_paint, mark_paint
+from touchline.simulation.pile import SEAM_M
 from touchline.simulation.solids import (
     Palette,
     ball_row,
@@ -169,7 +169,9 @@ class Scene:
             for w in world.lights.windows
         ]
         self.windows = sunward(
-            np.array(rows, dtype=np.float64).reshape(-1, 9), world.lights.sun_azimuth_rad, world.lights.sun_elevation_rad
+            np.array(rows, dtype=np.float64).reshape(-1, 9),
+            world.lights.sun_azimuth_rad,
+            world.lights.sun_elevation_rad,
         )
 
     def _shine(self, time_s: float) -> None:

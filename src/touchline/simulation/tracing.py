@@ -20,47 +20,8 @@ Room = tuple[float, float, float, float, float, float]
 CARPET, FLOOR, BOARD, WALL, CEILING = -1, -2, -3, -4, -8  # walls: east -4, west -5, north -6, south -7
 
 
-@njit(cache=True, error_model="numpy")
-def trace_rays(
-    cast: npt.NDArray[np.float32],
-    extents: npt.NDArray[np.float32],
-    shift: float,
-    rest: npt.NDArray[np.int32],
-    solids: FloatArray,
-    starts: npt.NDArray[np.int32],
-    items: npt.NDArray[np.int16],
-    near: FloatArray,
-    room: FloatArray,
-    net_angle: float,
-    hits: npt.NDArray[np.float32],
-    codes: npt.NDArray[np.int32],
-    ground: npt.NDArray[np.int32],
-    ground_count: int,
-    edges: npt.NDArray[np.bool_],
-) -> tuple[int, int]:
-    """Find what those of the cast rays (9, N) meet that `rest` (M,) lists; count the upright hits and the ground's.
-
-    extents (3, N), shift: see `casting.spread_rays`; shift 0: the rays are samples, and no edges are looked for. edges
-    (N,) is set where the rays of a pixel may meet different things; nothing else is told of these. room (6,): half
-    length and width of carpet and of hall, ceiling, height of the board around the carpet (m). net_angle (rad): over
-    which nets are smoothed. The rays that end on the carpet are appended to `ground`. The others stay in `rest`, and so
-    do those that pass nets, with codes (M,) and hits (M, 8): x, y, z of the point (m, field frame), s, horizontal
-    direction x and y, across (m per m), share of light that nets let by (`OVER_SAMPLES`: it varies within the pixel).
-    """
-    walls = (room[0], room[1], room[2], room[3], room[4], room[5])
-    if shift > 0.0:  # one loop for middles, one for samples, which need no margins
-        return _trace(
-            cast, extents, shift, rest, solids, starts, items, near, walls, net_angle, hits, codes, ground,
-            ground_count, edges, True,
-        )  # fmt: skip
-    return _trace(
-        cast, extents, 0.0, rest, solids, starts, items, near, walls, net_angle, hits, codes, ground, ground_count,
-        edges, False,
-    )  # fmt: skip
-
-
 @njit(cache=True, error_model="numpy", inline="always")
-def _trace(
+def trace_rays(
     cast: npt.NDArray[np.float32],
     extents: npt.NDArray[np.float32],
     shift: float,
@@ -78,7 +39,16 @@ def _trace(
     edges: npt.NDArray[np.bool_],
     marking: bool,
 ) -> tuple[int, int]:
-    """`trace_rays` with edges looked for (marking) or not."""
+    """Find what those of the cast rays (9, N) meet that `rest` (M,) lists; count the upright hits and the ground's.
+
+    extents (3, N), shift: see `casting.spread_rays`. marking: edges are looked for; without it the rays are samples,
+    and extents are not read. edges (N,) is set where the rays of a pixel may meet different things; nothing else is
+    told of these. room (6,): half length and width of carpet and of hall, ceiling, height of the board around the
+    carpet (m). net_angle (rad): over which nets are smoothed. The rays that end on the carpet are appended to `ground`.
+    The others stay in `rest`, and so do those that pass nets, with codes (M,) and hits (M, 8): x, y, z of the point (m,
+    field frame), s, horizontal direction x and y, across (m per m), share of light that nets let by (`OVER_SAMPLES`: it
+    varies within the pixel).
+    """
     count = 0
     for n in range(len(rest)):
         i = np.uint32(rest[n])
@@ -140,9 +110,7 @@ def _trace(
                     solids[k, 8], solids[k, 11], solids[k, 12],
                 )  # fmt: skip
                 if marking:
-                    thread, near_outline = beside_net(
-                        net, oz, ux, uy, rise, across, steep, shift, net_angle, s, behind
-                    )
+                    thread, near_outline = beside_net(net, oz, ux, uy, rise, across, steep, shift, net_angle, s, behind)
                     edge = edge or near_outline
                     open_share = OVER_SAMPLES if thread else open_share
                 else:
