@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -78,7 +80,7 @@ def sunward(windows: FloatArray, azimuth_rad: float, elevation_rad: float) -> Fl
     Metres along the sun's direction per metre towards the wall (signed), and by how much a reach grows on the way to
     the wall, along and up it.
     """
-    x, y = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    x, y = math.cos(azimuth_rad), math.sin(azimuth_rad)
     across_x = windows[:, 0] == 0.0
     towards, aside = np.where(across_x, x, y), np.where(across_x, y, x)
     per = 1.0 / np.where(towards != 0.0, towards, 1e-9)

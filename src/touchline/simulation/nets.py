@@ -116,8 +116,8 @@ def average_nets(
     fill_samples(rays, netted, side, samples)
     cast_rays(samples, chosen, poses, 1, 1, beside)
     for m in range(count):
-        n = np.uint32(listed[m])
-        cell, limit, total = np.uint32(cast[7, np.uint32(rest[n])]), float(hits[n, 3]), 0.0
+        hit = listed[m]
+        cell, limit, total = np.uint32(cast[7, np.uint32(rest[hit])]), float(hits[hit, 3]), 0.0
         for j in range(m * each, (m + 1) * each):
             share = 1.0
             for entry in range(starts[cell], starts[cell + np.uint32(1)]):
@@ -129,7 +129,7 @@ def average_nets(
                     )  # fmt: skip
                     share *= net_share(net, beside[2, j], beside[3, j], beside[4, j], beside[5, j], net_angle, limit)
             total += share
-        hits[n, 7] = total / each
+        hits[hit, 7] = total / each
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -91,7 +91,7 @@ def _near_shapes(shapes: FloatArray, points: FloatArray, reach: float) -> npt.ND
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def shape_row(shapes: FloatArray, k: int) -> Shape:
+def shape_row(shapes: FloatArray, k: int | np.uint32) -> Shape:
     """Shape k as numbers: arrays handed to a function for each point would have their references counted."""
     return (
         shapes[k, 0], shapes[k, 1], shapes[k, 2], shapes[k, 3], shapes[k, 4], shapes[k, 5], shapes[k, 6]

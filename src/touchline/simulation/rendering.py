@@ -28,7 +28,7 @@ from touchline.simulation.upright_shading import shade_upright
 Float32Array = npt.NDArray[np.float32]
 Int32Array = npt.NDArray[np.int32]
 Work = tuple[Float32Array, Int32Array, Int32Array, Int32Array, Int32Array, Float32Array, Float32Array, Float32Array]
-SECTORS, BINS = 512, 64  # of the directions in which bodies are looked for
+SECTORS, BINS = 512, 128  # of the directions in which bodies are looked for
 _PORTION = 2048
 
 
@@ -77,7 +77,7 @@ class Renderer:
         level = float(scene.light[::8, ::8, 0].mean())
         lean = float(np.hypot(poses[:, 6], poses[:, 7]).max())
         arrays = self._arrays(scene, poses, lean, samples.widest)
-        self._image.reshape(-1, 3)[self._unseen] = self._still[self._unseen, :3] * np.float32(level)
+        _fill_unseen(self._unseen, self._still, level, self._image.reshape(-1, 3))
         if not everywhere:
             chosen = _render_middles(
                 arrays, self._pixels, self._rays, samples.spread, samples.shift_m, lean, poses, self.grid.pixel_angle,
@@ -110,6 +110,14 @@ class Renderer:
         if side not in self._samples:
             self._samples = {side: sample_rays(self.grid.rays, self._pixels, side, self.grid.pixel_angle)}
         return self._samples[side]
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_unseen(pixels: npt.NDArray[np.int64], still: Float32Array, level: float, image: Float32Array) -> None:
+    """The layer fixed to the robot, still (H W, 4), into pixels (N,), flat indices, of the image (H W, 3)."""
+    for n in range(len(pixels)):
+        for c in range(3):
+            image[pixels[n], c] = still[pixels[n], c] * level
 
 
 @njit(cache=True, error_model="numpy")

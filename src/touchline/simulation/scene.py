@@ -164,7 +164,7 @@ class Scene:
         self._levels: npt.NDArray[np.float64] | None = None
         walls = {"east": (0.0, self.room[2]), "west": (0.0, -self.room[2])}
         walls |= {"north": (1.0, self.room[3]), "south": (1.0, -self.room[3])}
-        rows = [
+        openings = [
             (*walls[w.wall], w.start_m, w.end_m, w.bottom_m, w.top_m, *w.bars, w.bar_width_m)
             for w in world.lights.windows
         ]

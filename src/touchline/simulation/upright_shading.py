@@ -62,7 +62,10 @@ def shade_upright(
             facing = nx * sun[1] + ny * sun[2] if nx != 0.0 or ny != 0.0 else sun[3]
             if sun[0] > 0.0 and (facing > 0.0 or marking):
                 slant, bent = 0.1, 0.0
-                if (nx != 0.0 or ny != 0.0) and code != BOARD:
+                if code == BOARD:
+                    across_x = abs(abs(x) - room[0]) < abs(abs(y) - room[1])
+                    slant = max(abs(hits[n, 4] if across_x else hits[n, 5]), 0.05)
+                elif nx != 0.0 or ny != 0.0:
                     slant = max(abs(nx * hits[n, 4] + ny * hits[n, 5]), 0.05)
                 reach = 2.0 * hits[n, 6] / slant if marking else 0.0
                 if code >= 0 and solids[code, 0] != 1.0:
