@@ -169,7 +169,7 @@ class Scene:
             for w in world.lights.windows
         ]
         self.windows = sunward(
-            np.array(rows, dtype=np.float64).reshape(-1, 9),
+            np.array(openings, dtype=np.float64).reshape(-1, 9),
             world.lights.sun_azimuth_rad,
             world.lights.sun_elevation_rad,
         )
