@@ -34,16 +34,16 @@ def test_the_pile_repeats_with_its_tile() -> None:
     assert points[0, 0] == pytest.approx(points[0, 1], abs=0.02)
 
 
-def test_light_on_bare_carpet_is_that_of_the_map_and_of_the_sun() -> None:
+def test_light_on_bare_carpet_is_the_share_of_the_map_and_the_sun() -> None:
     rng = np.random.default_rng(3)
     light, frame = rng.uniform(0.2, 1.0, (40, 60, 2)).astype(np.float32), np.array([-3.7, -2.4, 8.0])
     places = np.zeros((PLACE_ROWS, 1000), dtype=np.float32)
     places[:2] = rng.uniform((-4.5,), (4.5,), (2, 1000))
-    places[2] = rng.random(1000) < 0.5
+    places[2], places[5] = rng.random(1000) < 0.5, rng.uniform(0.4, 1.0, 1000)
     expected = []
-    for x, y, sunlit in places[:3].T:
+    for x, y, sunlit, _, _, share in places[:6].T:
         lamps, carpet = (light_at(light, frame, channel, float(x), float(y)) for channel in (0, 1))
-        expected.append(carpet * (1.0 + (0.8 / lamps if sunlit else 0.0)))
+        expected.append(carpet * (share + (0.8 / lamps if sunlit else 0.0)))
     look_up_light(places, 1000, light, frame, 0.8)
     assert places[0] == pytest.approx(np.array(expected), rel=1e-4)
 

@@ -17,9 +17,12 @@ from touchline.simulation.illumination import (
     NEAR_BODY,
     PAINT_AROUND,
     PAINT_NEAR,
+    SUN_AROUND,
     SUN_EDGE,
     SUN_MARGIN_M,
+    SUN_TIGHT_M,
     SUNLIT,
+    contact_shadow,
 )
 from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M
 from touchline.simulation.pile import FIRST_TEXEL_M, PILE, TILE_TEXELS, TONE_M, past_seam, reaches_texels, two_levels
@@ -66,6 +69,8 @@ def sift_ground(
     paint_frame: FloatArray,
     carpet: FloatArray,
     sun: FloatArray,
+    casters: FloatArray,
+    caster_cells: npt.NDArray[np.int16],
     bare: npt.NDArray[np.int32],
     places: Float32Array,
     points: Float32Array,
@@ -73,8 +78,8 @@ def sift_ground(
     """Move those of the rays on the carpet (N,) that see nothing but carpet to `bare`; count the others, these, points.
 
     Rays through the middles of pixels: see `shade_ground` and `meet_ground`. places (8, N): x, y of each (m), 1 in the
-    sun, its first point and how many. points (7, 4 N): x, y of points on the pile and the square (m^2) it is smoothed
-    over there: one for each ray, or its pixel's four samples.
+    sun, its first point and how many, share of the lamps' light beside bodies. points (7, 4 N): x, y of points on the
+    pile and the square (m^2) it is smoothed over there: one for each ray, or its pixel's four samples.
     """
     left, count, dots = 0, 0, 0
     x0, y0, sunny, first = paint_frame[0], paint_frame[1], sun[0] > 0.0, FIRST_TEXEL_M * FIRST_TEXEL_M
@@ -82,7 +87,7 @@ def sift_ground(
         i = np.uint32(ground[n])
         x, y, reach, square = float(landing[0, i]), float(landing[1, i]), float(landing[2, i]), float(landing[3, i])
         flag = flags[np.uint32((y - y0) * FLAGS_PER_M), np.uint32((x - x0) * FLAGS_PER_M)] & 0xFF
-        watched = HAS_PAINT | NEAR_BODY | HAS_SEAM | SUN_EDGE
+        watched = HAS_PAINT | HAS_SEAM | (SUN_EDGE if reach < SUN_TIGHT_M else SUN_EDGE | SUN_AROUND)
         if reach >= TIGHT_MARGIN_M:
             watched |= PAINT_NEAR if reach < MIDDLE_MARGIN_M else PAINT_NEAR | PAINT_AROUND
         other = flag & watched != 0 or reach >= MARGIN_M or (sunny and reach >= SUN_MARGIN_M)
@@ -93,13 +98,16 @@ def sift_ground(
             deep = extents[2, i]
             aside = abs(cast[3, i]) * deep + abs(cast[4, i]) * (reach - deep)
             other = aside > TONE_M and abs(past_seam(carpet, x)) < aside + TONE_M
+        share = 1.0
+        if not other and flag & NEAR_BODY:
+            share, other = contact_shadow(casters, caster_cells, paint_frame, x, y, reach)
         if other:
             ground[left] = i
             left += 1
             continue
         bare[count] = i
         places[0, count], places[1, count], places[2, count] = x, y, 1.0 if flag & SUNLIT else 0.0
-        places[3, count], places[4, count] = dots, 1.0
+        places[3, count], places[4, count], places[5, count] = dots, 1.0, share
         points[0, dots], points[1, dots], points[2, dots] = x, y, square
         if square <= first:
             ux, uy, stretch = float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
@@ -228,12 +236,12 @@ def _first_in_row(row: Float32Array, size: Float32Array) -> None:
 def look_up_light(places: Float32Array, count: int, light: Float32Array, light_frame: FloatArray, sun: float) -> None:
     """Light on bare carpet at places (8, >= N) of x, y (m), 1 in the sun, of level `sun`: into the first row.
 
-    light: the map of `illumination.light_at`. Rows 5 to 7 are space.
+    light: the map of `illumination.light_at`. Row 5 holds the share of the map's light, rows 6 and 7 are space.
     """
     frame_x, frame_y, per_m = np.float32(light_frame[0]), np.float32(light_frame[1]), np.float32(light_frame[2])
     columns, rows = light.shape[1], light.shape[0]
     x, y, sunlit = places[0, :count], places[1, :count], places[2, :count]
-    i, j = places[5, :count], places[6, :count]
+    share, i, j = places[5, :count], places[6, :count], places[7, :count]
     _cell_before(x, frame_x, per_m, np.float32(columns - 1.001), i)
     _cell_before(y, frame_y, per_m, np.float32(rows - 1.001), j)
     for n in range(count):
@@ -241,12 +249,12 @@ def look_up_light(places: Float32Array, count: int, light: Float32Array, light_f
         after, below = np.uint32(column + np.uint32(1)), np.uint32(row + np.uint32(1))
         top = light[row, column, 1] + (light[row, after, 1] - light[row, column, 1]) * x[n]
         bottom = light[below, column, 1] + (light[below, after, 1] - light[below, column, 1]) * x[n]
-        level = top + (bottom - top) * y[n]
+        level, part = top + (bottom - top) * y[n], share[n]
         if sunlit[n] > 0.0:
             top = light[row, column, 0] + (light[row, after, 0] - light[row, column, 0]) * x[n]
             bottom = light[below, column, 0] + (light[below, after, 0] - light[below, column, 0]) * x[n]
-            level *= np.float32(1.0) + np.float32(sun) / (top + (bottom - top) * y[n])
-        x[n] = level
+            part += np.float32(sun) / (top + (bottom - top) * y[n])
+        x[n] = level * part
 
 
 @njit(cache=True, error_model="numpy")

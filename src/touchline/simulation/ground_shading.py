@@ -17,8 +17,10 @@ from touchline.simulation.illumination import (
     NEAR_BODY,
     PAINT_AROUND,
     PAINT_NEAR,
+    SUN_AROUND,
     SUN_EDGE,
     SUN_MARGIN_M,
+    SUN_TIGHT_M,
     SUNLIT,
     contact_shadow,
     light_at,
@@ -86,7 +88,7 @@ def shade_ground(
     `casting` and `sampling`. carpet (5,):
     colour, seam spacing, contrast; paints (P, 3) colours; the other arrays: see the functions that read them.
     """
-    x0, y0, last_column, last_row = paint_frame[0], paint_frame[1], caster_cells.shape[1] - 1, caster_cells.shape[0] - 1
+    x0, y0 = paint_frame[0], paint_frame[1]
     for n in range(len(ground)):
         i = np.uint32(ground[n])
         s, ux, uy, stretch = float(cast[6, i]), float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
@@ -104,16 +106,11 @@ def shade_ground(
             paint, near = paint_at(shapes, starts, items, paint_frame, x, y, ux, uy, deep, wide)
             edge = edge or near
         if flag & NEAR_BODY:
-            column = min(max(int((x - x0) * 4.0), 0), last_column)
-            row = min(max(int((y - y0) * 4.0), 0), last_row)
-            for entry in range(caster_cells.shape[2]):
-                m = caster_cells[row, column, entry]
-                if m < 0:
-                    break
-                part = contact_shadow(x - casters[m, 0], y - casters[m, 1], casters[m, 2])
-                share *= part
-                edge = edge or (part < 1.0 and reach > 0.3 * casters[m, 2])
-        if flag & SUN_EDGE or (sun[0] > 0.0 and reach >= SUN_MARGIN_M):
+            share, near = contact_shadow(casters, caster_cells, paint_frame, x, y, reach)
+            edge = edge or near
+        if flag & (SUN_EDGE if reach < SUN_TIGHT_M else SUN_EDGE | SUN_AROUND) or (
+            sun[0] > 0.0 and reach >= SUN_MARGIN_M
+        ):
             sunlit, near = sun_at(sun, windows, casters, x, y, 0.0, np.sqrt(deep * deep + wide * wide))
             edge = edge or near
         aside = abs(ux) * deep + abs(uy) * wide

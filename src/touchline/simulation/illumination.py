@@ -11,9 +11,9 @@ from numba import njit
 from touchline.geometry import FloatArray
 
 # what a flag cell of the ground (1/32 m) holds
-HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, PAINT_NEAR, PAINT_AROUND = 1, 2, 4, 8, 16, 32, 64
+HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, PAINT_NEAR, PAINT_AROUND, SUN_AROUND = 1, 2, 4, 8, 16, 32, 64, 128
 FLAGS_PER_M = 32.0
-SUN_MARGIN_M = 0.1  # SUN_EDGE also marks what lies this close to a shadow's edge
+SUN_MARGIN_M, SUN_TIGHT_M = 0.1, 0.02  # so close to a cell with SUN_AROUND or SUN_EDGE a shadow's edge may lie
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -99,11 +99,28 @@ def _light_past(position: float, size: float, bars: float, width: float) -> floa
     return float(min(clear, abs(position - nearest * pane) - 0.5 * width) if bars > 0.0 else clear)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def contact_shadow(ex: float, ey: float, radius: float) -> float:
-    """Share of the light that reaches the ground at (ex, ey) from a body (m): 45 % below it, all three radii on."""
-    fade = 1.0 - (ex * ex + ey * ey) / (9.0 * radius * radius)
-    return float(1.0 - 0.55 * fade * fade * fade) if fade > 0.0 else 1.0
+@njit(cache=True, error_model="numpy")
+def contact_shadow(
+    casters: FloatArray, cells: npt.NDArray[np.int16], frame: FloatArray, x: float, y: float, reach: float
+) -> tuple[float, bool]:
+    """Share of the light that reaches the ground beside bodies: 45 % below them, all from three radii on.
+
+    cells (ny, nx, n): casters near each 0.25 m cell; frame: x, y of the first. Also whether the share's mean within
+    reach (m) differs notably from that in the middle.
+    """
+    i = min(max(int((x - frame[0]) * 4.0), 0), cells.shape[1] - 1)
+    j = min(max(int((y - frame[1]) * 4.0), 0), cells.shape[0] - 1)
+    share, coarse = 1.0, False
+    for n in range(cells.shape[2]):
+        m = cells[j, i, n]
+        if m < 0:
+            break
+        ex, ey = x - casters[m, 0], y - casters[m, 1]
+        fade = 1.0 - (ex * ex + ey * ey) / (9.0 * casters[m, 2] * casters[m, 2])
+        if fade > 0.0:
+            share *= 1.0 - 0.55 * fade * fade * fade
+            coarse = coarse or reach > 0.3 * casters[m, 2]
+    return share, coarse
 
 
 @njit(cache=True, error_model="numpy")
@@ -159,12 +176,14 @@ def _mark_square(x: float, y: float, reach: float, frame: FloatArray, flags: npt
 
 @njit(cache=True, error_model="numpy")
 def mark_sunlight(sun: FloatArray, windows: FloatArray, frame: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
-    """Set in flags (ny, nx) which cells the sun lights (SUNLIT) and where a light's edge is near (both bits)."""
-    nobody = np.zeros((0, 4))
-    reach = SUN_MARGIN_M + np.sqrt(0.5) / FLAGS_PER_M
+    """Set in flags (ny, nx) which cells the sun lights (SUNLIT), and near which it ends (SUN_EDGE, SUN_AROUND)."""
+    nobody, half = np.zeros((0, 4)), np.sqrt(0.5) / FLAGS_PER_M
     for j in range(flags.shape[0]):
         for i in range(flags.shape[1]):
             x, y = frame[0] + (i + 0.5) / FLAGS_PER_M, frame[1] + (j + 0.5) / FLAGS_PER_M
-            lit, edge = sun_at(sun, windows, nobody, x, y, 0.0, reach)
-            if lit or edge:
-                flags[j, i] |= SUN_EDGE | SUNLIT if edge else SUNLIT
+            lit, around = sun_at(sun, windows, nobody, x, y, 0.0, SUN_MARGIN_M + half)
+            if lit:
+                flags[j, i] |= SUNLIT
+            if around:
+                _, near = sun_at(sun, windows, nobody, x, y, 0.0, SUN_TIGHT_M + half)
+                flags[j, i] |= SUN_EDGE | SUN_AROUND if near else SUN_AROUND

@@ -172,8 +172,8 @@ def _shade(
     hits, codes, rest, ground, bare, landing, places, points = work
     if shift > 0.0:  # samples lie where something else than carpet is near
         ground_count, bare_count, dots = sift_ground(
-            ground[:ground_count], landing, cast, extents, texture, s.flags, s.paint_frame, s.carpet, s.sun, bare,
-            places, points,
+            ground[:ground_count], landing, cast, extents, texture, s.flags, s.paint_frame, s.carpet, s.sun, s.casters,
+            s.caster_cells, bare, places, points,
         )  # fmt: skip
         shade_bare(
             bare[:bare_count], places, points, dots, s.light, s.light_frame, s.carpet, s.pyramid, s.sun, radiance
