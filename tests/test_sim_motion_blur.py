@@ -65,7 +65,7 @@ def test_a_swaying_body_blurs_edges_by_how_far_they_move_while_the_shutter_is_op
     world = _band_across_the_view()
     still = _edge_width(camera.radiance(world, WorldState(), Pose(0.0, 0.0, 0.0)))
     moving = Motion(0.0, 0.0, 0.0, pitch_rate=pitch_rate)
-    blurred = _edge_width(camera.radiance(world, WorldState(), Pose(0.0, 0.0, 0.0), (0.0, 0.0), exposure_ms, moving))
+    blurred = _edge_width(camera.radiance(world, WorldState(), Pose(0.0, 0.0, 0.0), (0.0, 0.0), moving, exposure_ms))
     lean = 0.5 * pitch_rate * 1e-3 * exposure_ms
     ends = [camera.project(np.array([[2.0, 0.0]]), (0.0, side * lean))[0, 1] for side in (-1.0, 1.0)]
     moved_px = abs(ends[1] - ends[0])

@@ -16,7 +16,7 @@ from touchline.simulation.camera_base import Motion, field_from_body
 from touchline.simulation.casting import cast_rays
 from touchline.simulation.lights import Lamp, LightChange, Lights, Window
 from touchline.simulation.mirror import solve_mirror, tangent_range
-from touchline.simulation.omni import SimulatedOmniCamera
+from touchline.simulation.omni import SimulatedOmniCamera, omni_mapping
 from touchline.simulation.paint import build_paint, paint_at
 from touchline.simulation.pinhole import Mount, SimulatedPinholeCamera
 from touchline.simulation.world import PAINTS, BallActor, GroundMark, RobotActor, World, WorldState, default_world
@@ -115,15 +115,34 @@ def test_the_perspective_cameras_rays_are_the_inverse_of_its_projection(pinhole:
     assert np.max(np.abs(pixels - np.column_stack((columns.ravel(), rows.ravel()))[falling])) < 2e-3
 
 
-def test_a_table_camera_keeps_to_its_table_and_continues_beyond_the_horizon() -> None:
-    design = SimulatedOmniCamera.from_mirror(solve_mirror(tangent_range())).design
-    camera = SimulatedOmniCamera(design, height_m=0.8)
+def test_a_table_camera_keeps_to_its_table_and_continues_beyond_the_horizon(omni: SimulatedOmniCamera) -> None:
+    camera = SimulatedOmniCamera(omni.design, height_m=0.8)
     rays = camera._grid.rays[239, 240:].astype(np.float64)
     radius = np.hypot(0.5, np.arange(len(rays)) + 0.5)
     slope = -rays[:, 5] / np.hypot(rays[:, 3], rays[:, 4])
     expected = 0.8 / (1.57 * np.tan(0.0071 * radius))  # negative beyond the horizon at 221.2 px
     seen = (radius > 5.0) & (radius < 231.0)
     assert np.max(np.abs(slope - expected)[seen]) < 2e-3
+
+
+def test_a_calibrated_cameras_bearing_table_is_rendered_and_written_again(omni: SimulatedOmniCamera) -> None:
+    plain = omni.design
+    bearings = np.array([0.0, 2.0, 4.0])
+    offsets = np.outer([0.02, -0.03, 0.05], np.linspace(0.5, 1.0, len(plain.radius_px)))
+    design = dataclasses.replace(
+        plain, bearings_rad=bearings, range_m=np.tile(plain.range_m, (3, 1)), bearing_offset_rad=offsets
+    )
+    camera = SimulatedOmniCamera.from_mapping(omni_mapping(design))
+    v, u = np.mgrid[4:476:9, 4:476:9]
+    radius = np.hypot(u - 239.5, v - 239.5)
+    inside = (radius > 60.0) & (radius < 205.0)
+    pixels = np.column_stack((u[inside], v[inside]))
+    rays = camera._grid.rays[pixels[:, 1], pixels[:, 0]].astype(np.float64)
+    ground = rays[:, :2] - rays[:, 3:5] * (rays[:, 2] / rays[:, 5])[:, np.newaxis]
+    told = design.ground_from_image(pixels)
+    assert np.max(np.linalg.norm(ground - told, axis=1) / np.linalg.norm(told, axis=1)) < 1e-3
+    beyond = camera._grid.rays[239, int(239.5 + plain.radius_px[-1]) + 2]
+    assert np.isfinite(beyond).all(), "the table's last offset holds beyond its end"
 
 
 def test_paint_is_found_as_by_plain_geometry(field: FieldModel) -> None:

@@ -15,7 +15,7 @@ from touchline.simulation.camera_base import field_from_body
 from touchline.simulation.casting import cast_rays, spread_rays
 from touchline.simulation.pinhole import SimulatedPinholeCamera
 from touchline.simulation.run import Simulation
-from touchline.simulation.sampling import sample_rays
+from touchline.simulation.sampling import fill_samples, sample_rays
 from touchline.simulation.scenario import open_scenario
 from touchline.simulation.solids import CYLINDER, sort_into_cells
 from touchline.simulation.world import RobotActor, WorldState, default_world
@@ -66,12 +66,14 @@ def test_a_pixels_samples_stay_within_its_extents() -> None:
     samples = sample_rays(camera._grid.rays, pixels, 2, camera._grid.pixel_angle)
     pose = field_from_body(Pose(0.3, -0.2, 1.1), (0.06, -0.05))[np.newaxis]
     middles = np.ascontiguousarray(camera._grid.rays.reshape(-1, 6)[pixels].T)
+    rays = np.empty((6, 4 * len(pixels)), dtype=np.float32)
+    fill_samples(camera._grid.rays, pixels, 2, rays)
     rows, cast = np.zeros(len(pixels), dtype=np.int32), np.empty((9, len(pixels)), dtype=np.float32)
     extents, beside = np.empty((3, len(pixels)), dtype=np.float32), np.empty_like(cast)
     cast_rays(middles, rows, pose, 512, 64, cast)
     spread_rays(samples.spread, cast, math.hypot(pose[0, 6], pose[0, 7]), samples.shift_m, extents)
     for k in range(4):
-        cast_rays(np.ascontiguousarray(samples.rays[pixels, :, k].T), rows, pose, 512, 64, beside)
+        cast_rays(np.ascontiguousarray(rays[:, k::4]), rows, pose, 512, 64, beside)
         turn = np.arcsin(np.clip(cast[3] * beside[4] - cast[4] * beside[3], -1.0, 1.0))
         assert np.all(np.abs(turn) <= extents[0])
         assert np.all(np.abs(beside[5] - cast[5]) <= extents[1])

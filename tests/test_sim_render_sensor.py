@@ -10,10 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from touchline.camera import OmniCamera, open_camera
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.perception import LinePointDetector
 from touchline.simulation.image_sensor import ImageSensor, expose
 from touchline.simulation.omni import SimulatedOmniCamera
 from touchline.simulation.pinhole import SimulatedPinholeCamera
@@ -86,71 +84,6 @@ def test_the_same_seed_gives_the_same_picture_and_another_seed_another() -> None
 def true_pose(folder: Path, frame: int) -> Pose:
     row = np.loadtxt(folder / "ground_truth.tum")[frame]
     return Pose(row[1], row[2], float(2.0 * np.arctan2(row[6], row[7])))
-
-
-@pytest.mark.parametrize(("name", "frames"), [("omni_msl_track", (0, 60, 110)), ("omni_9x6_points", (0, 20, 40))])
-def test_line_points_of_rendered_and_recorded_images_agree(
-    shared_data: Path, name: str, frames: tuple[int, ...]
-) -> None:
-    folder = shared_data / name
-    field = open_field(folder / "field.yaml")
-    camera = SimulatedOmniCamera.load(folder / "camera.yaml")
-    world = default_world(field, 3)
-    poses = [true_pose(folder, frame) for frame in frames]
-    rendered = [
-        camera.render(world, WorldState(), pose, exposure_ms=12.0, gain=1.7, rng=np.random.default_rng(frame))
-        for frame, pose in zip(frames, poses, strict=True)
-    ]
-    recorded = [cv2.imread(str(folder / "images" / f"{frame:06d}.jpg")) for frame in frames]
-    points = []
-    for images in (recorded, rendered):
-        model = open_camera(folder / "camera.yaml")
-        assert isinstance(model, OmniCamera)
-        detector = LinePointDetector(model)
-        detector.learn(images)
-        points.append([detector.detect(image).pixels for image in images])
-    for real, simulated in zip(*points, strict=True):
-        assert len(simulated) > 100
-        gaps = np.linalg.norm(real[:, np.newaxis] - simulated[np.newaxis], axis=2)
-        assert np.median(gaps.min(axis=1)) < 0.5
-        assert np.median(gaps.min(axis=0)) < 0.5
-
-
-def test_lines_of_both_pictures_lie_where_the_closed_form_projects_them(shared_data: Path) -> None:
-    folder = shared_data / "omni_msl_track"
-    camera = SimulatedOmniCamera.load(folder / "camera.yaml")
-    field = open_field(folder / "field.yaml")
-    world = default_world(field, clutter=False)
-    offsets = []
-    for frame in (0, 60):
-        pose = true_pose(folder, frame)
-        recorded = cv2.imread(str(folder / "images" / f"{frame:06d}.jpg"))[..., 2].astype(np.float32)
-        rendered = camera.render(world, WorldState(), pose)[..., 2].astype(np.float32)
-        for line in field.polylines(0.1):
-            pixels = camera.project(pose.inverse().transform(line))
-            along = np.gradient(pixels, axis=0)
-            normals = np.column_stack((-along[:, 1], along[:, 0])) / np.linalg.norm(along, axis=1, keepdims=True)
-            radius = np.hypot(*(pixels - np.array(camera.design.center)).T)
-            for k in np.flatnonzero((radius > 75.0) & (radius < 165.0)):
-                offsets.append([_offset(image, pixels[k], normals[k]) for image in (recorded, rendered)])
-    table = np.array(offsets)
-    table = table[np.isfinite(table).all(axis=1)]
-    assert len(table) > 60
-    assert np.median(np.abs(table[:, 1])) < 0.25, "rendered lines lie where the closed form says"
-    assert np.median(np.abs(table[:, 0] - table[:, 1])) < 0.25, "and where the recorded ones lie"
-    assert np.percentile(np.abs(table[:, 0] - table[:, 1]), 90) < 0.5
-
-
-def _offset(image: npt.NDArray[np.float32], pixel: npt.NDArray[np.float64], normal: npt.NDArray[np.float64]) -> float:
-    """How far (px) the middle of a bright line lies from a pixel along a normal; NaN where there is none alone."""
-    steps = np.linspace(-7.0, 7.0, 141)
-    places = (pixel + steps[:, np.newaxis] * normal).astype(np.float32)
-    profile = cv2.remap(image, places[np.newaxis, :, 0], places[np.newaxis, :, 1], cv2.INTER_LINEAR)[0]
-    low, high = float(np.percentile(profile, 20)), float(profile.max())
-    above = steps[profile > 0.5 * (low + high)]
-    if not 60.0 < low < 100.0 or high < 150.0 or len(above) == 0 or above[-1] - above[0] > 6.0:
-        return float("nan")
-    return float(0.5 * (above[0] + above[-1]))
 
 
 def test_colours_of_the_rendered_carpet_and_paint_are_near_the_recorded_ones(shared_data: Path) -> None:

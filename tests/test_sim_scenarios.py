@@ -15,6 +15,8 @@ from touchline.simulation.pinhole import SimulatedPinholeCamera
 from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario, scenario_names
+from touchline.simulation.stage import body_parts, body_size
+from touchline.simulation.world import RobotActor, robot_blocks
 from touchline.sources import open_source
 from touchline.systems import open_system
 from touchline.types import Prior
@@ -171,3 +173,18 @@ class TestOcclusionAndLight:
         assert green[1] < 0.85 * green[0]
         assert green[2] == pytest.approx(green[0], rel=0.03)
         assert green[3] < 0.7 * green[0]
+
+
+@pytest.mark.parametrize(("kind", "shape"), [("omni", "msl"), ("pinhole", "humanoid")])
+def test_other_robots_hide_lines_up_to_where_their_bodies_reach(kind: str, shape: str) -> None:
+    blocks = robot_blocks(RobotActor(0.0, 0.0, 0.0, *body_size(kind), shape=shape))
+    tops = [top for _, top in body_parts(kind)]
+    assert tops == sorted(tops)
+    assert tops[-1] == pytest.approx(max(block.top for block in blocks))
+    below = 0.0
+    for radius, top in body_parts(kind):
+        middle = 0.5 * (below + top)
+        there = [block for block in blocks if block.bottom <= middle <= block.top]
+        reach = np.array([(abs(b.x) + 0.5 * b.length, abs(b.y) + 0.5 * b.width) for b in there])
+        assert 0.5 * reach.max() < radius < np.hypot(*reach.T).max(), "no broader than corner to corner"
+        below = top

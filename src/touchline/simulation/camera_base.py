@@ -74,7 +74,7 @@ class SimulatedCameraModel:
         if state.covered:
             radiance = np.zeros((self.height, self.width, 3), dtype=np.float32)
         else:
-            radiance = self.radiance(world, state, robot_pose, attitude, exposure_ms, motion)
+            radiance = self.radiance(world, state, robot_pose, attitude, motion, exposure_ms)
         return self.sensor.develop(radiance, exposure_ms, gain, rng)
 
     def radiance(
@@ -83,14 +83,14 @@ class SimulatedCameraModel:
         state: WorldState,
         robot_pose: Pose,
         attitude: tuple[float, float] = (0.0, 0.0),
-        exposure_ms: float = 12.0,
         motion: Motion | None = None,
+        exposure_ms: float = 12.0,
         everywhere: bool = False,
     ) -> npt.NDArray[np.float32]:
         """Linear radiance (H, W, 3) float32, red green blue, before blur and sensor; see `render`.
 
-        everywhere: supersample every pixel, not only those that hold an edge. The array is overwritten by the next
-        call.
+        exposure_ms: over which a motion is averaged. everywhere: supersample every pixel, not only those that hold an
+        edge. The array is overwritten by the next call.
         """
         world.check_inside("the robot", robot_pose.x, robot_pose.y)
         if self._scene is None or self._scene.world is not world:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from touchline.simulation.ground_shading import LEVELS, TILE_TEXELS
+from touchline.simulation.pile import LEVELS, TILE_TEXELS
 
 
 def pile_pyramid(rng: np.random.Generator) -> npt.NDArray[np.float32]:

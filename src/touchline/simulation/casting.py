@@ -15,64 +15,110 @@ Float32Array = npt.NDArray[np.float32]
 
 @njit(cache=True, error_model="numpy")
 def cast_rays(
-    rays: Float32Array, rows: npt.NDArray[np.int32], poses: FloatArray, sectors: int, bins: int, cast: Float32Array
+    rays: Float32Array,
+    rows: npt.NDArray[np.int32],
+    poses: FloatArray,
+    sectors: int,
+    bins: int,
+    cast: Float32Array,
+    first: int = 0,
+    count: int = -1,
 ) -> None:
     """Fill cast (9, >= N) for body rays (6, N): origin (m) and direction, of any length but not straight down.
 
     rows (N,) selects each ray's pose among poses (P, 12): rotation field_from_body by rows, then its translation (m);
     with a single pose it is not read. Rows of cast: origin (m, field frame), horizontal unit direction, height gained
     per metre, metres to the ground (1e6 where there is none), number of the cell (see `solids.sort_into_cells`), metres
-    along the ground per radian of elevation.
+    along the ground per radian of elevation. first, count: of the rays, if not all are meant; rows begin with them.
     """
-    count = rays.shape[1]
+    count = rays.shape[1] if count < 0 else count
     if len(poses) == 1:
-        _cast_from(rays[:, :count], poses[0].astype(np.float32), sectors, bins, cast)
+        _cast_from(rays, first, count, poses[0].astype(np.float32), sectors, bins, cast, 0)
         return
     start = 0
     while start < count:  # runs of rays that share a pose: a row of the image each
         stop = start + 1
         while stop < count and rows[stop] == rows[start]:
             stop += 1
-        _cast_from(rays[:, start:stop], poses[rows[start]].astype(np.float32), sectors, bins, cast[:, start:stop])
+        pose = poses[rows[start]].astype(np.float32)
+        _cast_from(rays, first + start, stop - start, pose, sectors, bins, cast, start)
         start = stop
 
 
 @njit(cache=True, error_model="numpy")
-def spread_rays(spread: Float32Array, cast: Float32Array, lean: float, shift: float, extents: Float32Array) -> None:
+def spread_rays(
+    spread: Float32Array,
+    cast: Float32Array,
+    lean: float,
+    shift: float,
+    extents: Float32Array,
+    first: int = 0,
+    count: int = -1,
+) -> None:
     """Fill three rows of extents (4, >= N): how far a pixel's samples reach from its middle, at most.
 
     spread (2, N): angles (rad) across and along the direction's elevation, of a body that stands upright; lean: its
     tilt (rad); shift (m): between the origins of a pixel's rays. Rows of extents: metres aside per metre, change of
-    the height gained per metre, metres along the ground (of rays in `cast` that meet it).
-    """
-    one, small, bent, away = np.float32(1.0), np.float32(1e-6), np.float32(lean), np.float32(shift)
-    for i in range(spread.shape[1]):
-        square = one + cast[5, i] * cast[5, i]
-        length = np.sqrt(square)
-        turn = min(one, bent * length)
-        extents[0, i] = (spread[0, i] + turn * spread[1, i]) * length
-        extents[1, i] = (spread[1, i] + turn * spread[0, i]) * square
-    for i in range(spread.shape[1]):
-        least = max(-cast[5, i] - extents[1, i], small)
-        extents[2, i] = (cast[6, i] * extents[1, i] + away) / least + away
+    the height gained per metre, metres along the ground (of rays in `cast` that meet it). first, count: of the pixels.
+    """  # fmt: skip
+    n = spread.shape[1] if count < 0 else count
+    across, along, rise = spread[0, first : first + n], spread[1, first : first + n], cast[5, :n]
+    _reach_aside(across, along, rise, np.float32(lean), extents[0, :n])
+    _reach_up(across, along, rise, np.float32(lean), extents[1, :n])
+    _reach_out(rise, extents[1, :n], cast[6, :n], np.float32(shift), extents[2, :n])
 
 
 @njit(cache=True, error_model="numpy")
-def _cast_from(rays: Float32Array, pose: Float32Array, sectors: int, bins: int, cast: Float32Array) -> None:
-    """One short loop for each quantity: more arrays in one loop would keep the compiler from making it wide."""
-    n = rays.shape[1]
-    qx, qy, qz, rx, ry, rz = rays[0, :n], rays[1, :n], rays[2, :n], rays[3, :n], rays[4, :n], rays[5, :n]
-    _weighted(qx, qy, qz, pose[0], pose[1], pose[2], pose[9], cast[0, :n])
-    _weighted(qx, qy, qz, pose[3], pose[4], pose[5], pose[10], cast[1, :n])
-    _weighted(qx, qy, qz, pose[6], pose[7], pose[8], pose[11], cast[2, :n])
+def _reach_aside(
+    across: Float32Array, along: Float32Array, rise: Float32Array, lean: np.float32, out: Float32Array
+) -> None:
+    one = np.float32(1.0)
+    for i in range(len(out)):
+        length = np.sqrt(one + rise[i] * rise[i])
+        out[i] = (across[i] + min(one, lean * length) * along[i]) * length
+
+
+@njit(cache=True, error_model="numpy")
+def _reach_up(
+    across: Float32Array, along: Float32Array, rise: Float32Array, lean: np.float32, out: Float32Array
+) -> None:
+    one = np.float32(1.0)
+    for i in range(len(out)):
+        square = one + rise[i] * rise[i]
+        out[i] = (along[i] + min(one, lean * np.sqrt(square)) * across[i]) * square
+
+
+@njit(cache=True, error_model="numpy")
+def _reach_out(rise: Float32Array, up: Float32Array, fall: Float32Array, shift: np.float32, out: Float32Array) -> None:
+    small = np.float32(1e-6)
+    for i in range(len(out)):
+        out[i] = (fall[i] * up[i] + shift) / max(-rise[i] - up[i], small) + shift
+
+
+@njit(cache=True, error_model="numpy")
+def _cast_from(
+    rays: Float32Array, first: int, count: int, pose: Float32Array, sectors: int, bins: int, cast: Float32Array, at: int
+) -> None:
+    """One short loop for each quantity: more arrays in one loop would keep the compiler from making it wide.
+
+    It takes rows of whole arrays alone for contiguous: no slice of several rows may stand between.
+    """
+    last, end = first + count, at + count
+    qx, qy, qz = rays[0, first:last], rays[1, first:last], rays[2, first:last]
+    rx, ry, rz = rays[3, first:last], rays[4, first:last], rays[5, first:last]
+    x, y, z, ux, uy = cast[0, at:end], cast[1, at:end], cast[2, at:end], cast[3, at:end], cast[4, at:end]
+    rise, fall, cell, stretch = cast[5, at:end], cast[6, at:end], cast[7, at:end], cast[8, at:end]
     none = np.float32(0.0)
-    _weighted(rx, ry, rz, pose[0], pose[1], pose[2], none, cast[3, :n])
-    _weighted(rx, ry, rz, pose[3], pose[4], pose[5], none, cast[4, :n])
-    _weighted(rx, ry, rz, pose[6], pose[7], pose[8], none, cast[5, :n])
-    _normalise(cast[3, :n], cast[4, :n], cast[5, :n])
-    _fall(cast[2, :n], cast[5, :n], cast[6, :n])
-    _stretch(cast[2, :n], cast[6, :n], cast[8, :n])
-    _number_cells(cast[3, :n], cast[4, :n], cast[5, :n], np.float32(sectors), np.float32(bins), cast[7, :n])
+    _weighted(qx, qy, qz, pose[0], pose[1], pose[2], pose[9], x)
+    _weighted(qx, qy, qz, pose[3], pose[4], pose[5], pose[10], y)
+    _weighted(qx, qy, qz, pose[6], pose[7], pose[8], pose[11], z)
+    _weighted(rx, ry, rz, pose[0], pose[1], pose[2], none, ux)
+    _weighted(rx, ry, rz, pose[3], pose[4], pose[5], none, uy)
+    _weighted(rx, ry, rz, pose[6], pose[7], pose[8], none, rise)
+    _normalise(ux, uy, rise)
+    _fall(z, rise, fall)
+    _stretch(z, fall, stretch)
+    _number_cells(ux, uy, rise, np.float32(sectors), np.float32(bins), cell)
 
 
 @njit(cache=True, error_model="numpy")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -9,9 +11,9 @@ from numba import njit
 from touchline.geometry import FloatArray
 
 # what a flag cell of the ground (1/32 m) holds
-HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, PAINT_NEAR, PAINT_AROUND = 1, 2, 4, 8, 16, 32, 64
+HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, PAINT_NEAR, PAINT_AROUND, SUN_AROUND = 1, 2, 4, 8, 16, 32, 64, 128
 FLAGS_PER_M = 32.0
-SUN_MARGIN_M = 0.1  # SUN_EDGE also marks what lies this close to a shadow's edge
+SUN_MARGIN_M, SUN_TIGHT_M = 0.1, 0.02  # so close to a cell with SUN_AROUND or SUN_EDGE a shadow's edge may lie
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -38,29 +40,29 @@ def sun_at(
     """Whether the sun shines on a point (m, field frame) through a window and past all casters; whether that may change
     within reach (m) of it.
 
-    sun (4,): level, horizontal direction towards it, tangent of its elevation. windows (W, 9): axis (0: wall across x,
-    1: across y), signed distance of the wall, start, end, bottom, top, bars along, bars up, width of a bar.
-    casters (M, 4): x, y, radius, height.
+    sun (4,): level, horizontal direction towards it, tangent of its elevation. windows (W, 12): axis (0: wall across x,
+    1: across y), signed distance of the wall, start, end, bottom, top, bars along, bars up, width of a bar; then what
+    follows from the sun's direction, see `sunward`. casters (M, 4): x, y, radius, height.
     """
     lit, edge = False, False
     for k in range(len(windows)):
-        w = windows[k]
-        towards, aside = (sun[1], sun[2]) if w[0] == 0.0 else (sun[2], sun[1])
-        per = 1.0 / (towards if towards != 0.0 else 1e-9)
-        run = (w[1] - (x if w[0] == 0.0 else y)) * per
+        run = (windows[k, 1] - (x if windows[k, 0] == 0.0 else y)) * windows[k, 9]
         if run <= 0.0:
             continue
-        along = (y + run * sun[2] if w[0] == 0.0 else x + run * sun[1]) - w[2]
-        height = z + run * sun[3] - w[4]
-        over = reach * np.sqrt(1.0 + (aside * per) ** 2)
-        up = reach * np.sqrt(1.0 + (sun[3] * per) ** 2)
-        if not (-over < along < w[3] - w[2] + over and -up < height < w[5] - w[4] + up):
+        over, up = reach * windows[k, 10], reach * windows[k, 11]
+        height, tall = z + run * sun[3] - windows[k, 4], windows[k, 5] - windows[k, 4]
+        if not -up < height < tall + up:
             continue
-        across, upright = _light_past(along, w[3] - w[2], w[6], w[8]), _light_past(height, w[5] - w[4], w[7], w[8])
+        along = (y + run * sun[2] if windows[k, 0] == 0.0 else x + run * sun[1]) - windows[k, 2]
+        broad = windows[k, 3] - windows[k, 2]
+        if not -over < along < broad + over:
+            continue
+        across = _light_past(along, broad, windows[k, 6], windows[k, 8])
+        upright = _light_past(height, tall, windows[k, 7], windows[k, 8])
         lit = lit or (across > 0.0 and upright > 0.0)
         edge = edge or (min(across + over, upright + up) > 0.0 and (across < over or upright < up))
-    if not lit and not edge:
-        return False, False
+    if not (lit or edge) or len(casters) == 0:
+        return lit, edge and reach > 0.0
     for m in range(len(casters)):
         ex, ey = casters[m, 0] - x, casters[m, 1] - y
         run = ex * sun[1] + ey * sun[2]
@@ -72,7 +74,23 @@ def sun_at(
     return lit, edge and reach > 0.0
 
 
-@njit(cache=True, error_model="numpy")
+def sunward(windows: FloatArray, azimuth_rad: float, elevation_rad: float) -> FloatArray:
+    """Windows (W, 9) with three more columns for `sun_at`, (W, 12).
+
+    Metres along the sun's direction per metre towards the wall (signed), and by how much a reach grows on the way to
+    the wall, along and up it.
+    """
+    x, y = math.cos(azimuth_rad), math.sin(azimuth_rad)
+    across_x = windows[:, 0] == 0.0
+    towards, aside = np.where(across_x, x, y), np.where(across_x, y, x)
+    per = 1.0 / np.where(towards != 0.0, towards, 1e-9)
+    rows: FloatArray = np.column_stack(
+        (windows, per, np.hypot(1.0, aside * per), np.hypot(1.0, np.tan(elevation_rad) * per))
+    )
+    return rows
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def _light_past(position: float, size: float, bars: float, width: float) -> float:
     """How far (m) a position in a window's opening is from the frame and the nearest bar; negative: in their shade."""
     pane = size / (bars + 1.0)
@@ -158,12 +176,14 @@ def _mark_square(x: float, y: float, reach: float, frame: FloatArray, flags: npt
 
 @njit(cache=True, error_model="numpy")
 def mark_sunlight(sun: FloatArray, windows: FloatArray, frame: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
-    """Set in flags (ny, nx) which cells the sun lights (SUNLIT) and where a light's edge is near (both bits)."""
-    nobody = np.zeros((0, 4))
-    reach = SUN_MARGIN_M + np.sqrt(0.5) / FLAGS_PER_M
+    """Set in flags (ny, nx) which cells the sun lights (SUNLIT), and near which it ends (SUN_EDGE, SUN_AROUND)."""
+    nobody, half = np.zeros((0, 4)), np.sqrt(0.5) / FLAGS_PER_M
     for j in range(flags.shape[0]):
         for i in range(flags.shape[1]):
             x, y = frame[0] + (i + 0.5) / FLAGS_PER_M, frame[1] + (j + 0.5) / FLAGS_PER_M
-            lit, edge = sun_at(sun, windows, nobody, x, y, 0.0, reach)
-            if lit or edge:
-                flags[j, i] |= SUN_EDGE | SUNLIT if edge else SUNLIT
+            lit, around = sun_at(sun, windows, nobody, x, y, 0.0, SUN_MARGIN_M + half)
+            if lit:
+                flags[j, i] |= SUNLIT
+            if around:
+                _, near = sun_at(sun, windows, nobody, x, y, 0.0, SUN_TIGHT_M + half)
+                flags[j, i] |= SUN_EDGE | SUN_AROUND if near else SUN_AROUND

@@ -12,6 +12,7 @@ pixel to pixel, and at one pixel from image to image but for one pair of images 
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
@@ -54,18 +55,20 @@ class ImageSensor:
         rng None leaves the noise out. Raises InputError for an exposure or gain that is not positive.
         """
         check_exposure(exposure_ms, gain)
+        shape = radiance.shape[:2]
+        blurred, mosaic, colour = _space(shape[0], shape[1])
         if self.optics_blur_sigma_px > 0.0:
             size = 2 * math.ceil(2.5 * self.optics_blur_sigma_px) + 1
-            radiance = cv2.GaussianBlur(radiance, (size, size), self.optics_blur_sigma_px)  # type: ignore[assignment]
+            radiance = cv2.GaussianBlur(  # type: ignore[assignment]
+                radiance, (size, size), self.optics_blur_sigma_px, dst=blurred
+            )
         scale = np.array(self.white_balance_rgb) * exposure_ms * gain * self.k
-        shape = radiance.shape[:2]
-        mosaic = np.empty(shape, dtype=np.uint16)
         noise = np.zeros(1, dtype=np.float32) if rng is None else _noise(rng, shape[0] * shape[1])
         shot = gain / self.full_well_electrons
         expose(radiance, noise, scale, shot, (self.read_noise_electrons * shot) ** 2, mosaic)
-        colour = cv2.cvtColor(mosaic, cv2.COLOR_BayerRGGB2BGR)
+        cv2.cvtColor(mosaic, cv2.COLOR_BayerRGGB2BGR, dst=colour)
         picture = np.empty((*shape, 3), dtype=np.uint8)
-        respond(np.asarray(colour, dtype=np.uint16), _response(self.gamma), picture)
+        respond(colour, _response(self.gamma), picture)
         return picture
 
     def sequence_constants(self) -> dict[str, Any]:
@@ -80,6 +83,22 @@ def check_exposure(exposure_ms: float, gain: float) -> None:
     """InputError unless both are positive numbers."""
     if not (math.isfinite(exposure_ms) and exposure_ms > 0.0 and math.isfinite(gain) and gain > 0.0):
         raise InputError(f"camera: exposure and gain are positive, found {exposure_ms} ms and {gain}")
+
+
+_kept = threading.local()
+
+
+def _space(height: int, width: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint16], npt.NDArray[np.uint16]]:
+    """Arrays (H, W, 3), (H, W), (H, W, 3) for what comes between radiance and picture, kept for images of one size."""
+    if getattr(_kept, "size", None) != (height, width):
+        _kept.size = height, width
+        _kept.arrays = (
+            np.empty((height, width, 3), dtype=np.float32),
+            np.empty((height, width), dtype=np.uint16),
+            np.empty((height, width, 3), dtype=np.uint16),
+        )
+    arrays: tuple[npt.NDArray[np.float32], npt.NDArray[np.uint16], npt.NDArray[np.uint16]] = _kept.arrays
+    return arrays
 
 
 _NOISE_COUNT = 1 << 22

@@ -2,7 +2,8 @@
 
 Bodies are rows of the table in `solids`. Rays run along a horizontal unit direction (ux, uy); s is the horizontal
 distance run (m), `rise` the height gained per metre, oz the height of the origin. A pixel's rays reach `aside` (m) to
-both sides at the body and change the height there by up to `lift` (m): 0 for a single ray.
+both sides at the body and change the height there by up to `lift` (m): 0 for a single ray. The loops take numbers, no
+arrays: Numba counts references to every array handed on, which costs as much as meeting a body.
 """
 
 from __future__ import annotations
@@ -10,16 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray
-
+Body = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float]
 _NOWHERE_M = 1e6  # beyond every hall
 _GRAZING = 1e-3
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def meet_upright(
-    solids: FloatArray,
-    k: int,
+    body: Body,
     along: float,
     lateral: float,
     ex: float,
@@ -37,12 +36,12 @@ def meet_upright(
 
     Third is how much (m) that distance varies within the pixel.
 
-    ex, ey: from the ray's origin to the middle, which lies `along` the ray and `lateral` to its left. steep: change of
-    the rise within the pixel. Edges that begin beyond `limit` (m) are hidden.
+    body: its row. ex, ey: from the ray's origin to the middle, which lies `along` the ray and `lateral` to its left.
+    steep: change of the rise within the pixel. Edges that begin beyond `limit` (m) are hidden.
     """  # fmt: skip
-    bottom, top = solids[k, 7], solids[k, 8]
-    if solids[k, 0] == 0.0:
-        outer, inner = solids[k, 9] + aside, solids[k, 9] * solids[k, 9] - lateral * lateral
+    bottom, top = body[7], body[8]
+    if body[0] == 0.0:
+        outer, inner = body[9] + aside, body[9] * body[9] - lateral * lateral
         half = np.sqrt(max(outer * outer - lateral * lateral, 0.0))
         if not _within(along - half, along + half, limit, oz, rise, bottom - lift, top + lift):
             return _NOWHERE_M, False, 0.0
@@ -52,19 +51,19 @@ def meet_upright(
             return found, True, 0.0
         if side:
             vary = aside * abs(lateral) / max(half, _GRAZING)
-            near = _near_level(solids, k, oz + found * rise, lift + abs(rise) * vary)
-            return found, near or abs(lateral) > solids[k, 9] - aside, vary
+            near = _near_level(body, oz + found * rise, lift + abs(rise) * vary)
+            return found, near or abs(lateral) > body[9] - aside, vary
         deep = lift / max(abs(rise) - steep, 1e-6)
-        return found, bool(np.hypot(found - along, lateral) > solids[k, 9] - max(deep, aside)), deep
-    c, s = solids[k, 3], solids[k, 4]
+        return found, bool((found - along) ** 2 + lateral * lateral > max(body[9] - max(deep, aside), 0.0) ** 2), deep
+    c, s = body[3], body[4]
     lx, ly, vx, vy = ex * c + ey * s, ey * c - ex * s, ux * c + uy * s, uy * c - ux * s
     per_x, per_y = 1.0 / (vx if vx != 0.0 else 1e-12), 1.0 / (vy if vy != 0.0 else 1e-12)
     middle_x, middle_y = lx * per_x, ly * per_y
-    half_x, half_y = (solids[k, 5] + aside) * abs(per_x), (solids[k, 6] + aside) * abs(per_y)
+    half_x, half_y = (body[5] + aside) * abs(per_x), (body[6] + aside) * abs(per_y)
     enter, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
     if not _within(enter, leave, limit, oz, rise, bottom - lift, top + lift):
         return _NOWHERE_M, False, 0.0
-    half_x, half_y = solids[k, 5] * abs(per_x), solids[k, 6] * abs(per_y)
+    half_x, half_y = body[5] * abs(per_x), body[6] * abs(per_y)
     enter, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
     found, side = _into_prism(enter, leave, oz, rise, bottom, top)
     if aside == 0.0 or found == _NOWHERE_M:
@@ -74,10 +73,10 @@ def meet_upright(
         across, over = (abs(vy), abs(vx)) if on_broad_side else (abs(vx), abs(vy))
         wide = aside / max(across, _GRAZING)
         x, y, up = abs(found * vx - lx), abs(found * vy - ly), lift + abs(rise) * wide * over
-        return found, _near_edge_of_box(solids, k, x, y, on_broad_side, oz + found * rise, wide, up), wide * over
+        return found, _near_edge_of_box(body, x, y, on_broad_side, oz + found * rise, wide, up), wide * over
     deep = lift / max(abs(rise) - steep, 1e-6)
-    over_x = solids[k, 5] - abs(found * vx - lx) < abs(vx) * deep + abs(vy) * aside
-    return found, bool(over_x or solids[k, 6] - abs(found * vy - ly) < abs(vy) * deep + abs(vx) * aside), deep
+    over_x = body[5] - abs(found * vx - lx) < abs(vx) * deep + abs(vy) * aside
+    return found, bool(over_x or body[6] - abs(found * vy - ly) < abs(vy) * deep + abs(vx) * aside), deep
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -117,30 +116,30 @@ def meet_ball(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _near_edge_of_box(
-    solids: FloatArray, k: int, x: float, y: float, on_broad_side: bool, height: float, wide: float, up: float
+    body: Body, x: float, y: float, on_broad_side: bool, height: float, wide: float, up: float
 ) -> bool:
     """Whether a corner, a band's or the decal's edge is near the point where a ray enters a box.
 
     x, y: distance of the point from the middle in the box's frame. The pixel reaches `wide` along the face, `up` it.
     """
-    if (solids[k, 5] - x if on_broad_side else solids[k, 6] - y) < wide:
+    if (body[5] - x if on_broad_side else body[6] - y) < wide:
         return True
-    if on_broad_side and solids[k, 12] >= 0.0:
-        off_x = x - 0.5 * solids[k, 5]
-        off_z = abs(height - 0.5 * (solids[k, 7] + solids[k, 8])) - 0.17 * (solids[k, 8] - solids[k, 7])
+    if on_broad_side and body[12] >= 0.0:
+        off_x = x - 0.5 * body[5]
+        off_z = abs(height - 0.5 * (body[7] + body[8])) - 0.17 * (body[8] - body[7])
         if max(abs(off_x) - wide, off_z - up) < 0.0 or max(abs(off_z) - up, off_x - wide) < 0.0:
             return True
-    return _near_level(solids, k, height, up)
+    return _near_level(body, height, up)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _near_level(solids: FloatArray, k: int, height: float, up: float) -> bool:
+def _near_level(body: Body, height: float, up: float) -> bool:
     """Whether the lower or upper end or an edge between bands is within `up` (m) of a height."""
-    bottom, top = height - solids[k, 7], solids[k, 8] - height
+    bottom, top = height - body[7], body[8] - height
     if bottom < up or top < up:
         return True
-    if solids[k, 11] == 1.0:
+    if body[11] == 1.0:
         return False
-    band = (bottom + top) / solids[k, 11]
+    band = (bottom + top) / body[11]
     level = bottom / band
     return bool(abs(level - np.round(level)) * band < up)

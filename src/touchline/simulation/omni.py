@@ -150,6 +150,10 @@ def omni_mapping(design: OmniCamera) -> dict[str, Any]:
     if len(design.bearings_rad) > 1:
         table["bearing_rad"] = [float(value) for value in design.bearings_rad]
         table["range_m"] = [[round(float(value), 5) for value in row] for row in design.range_m]
+        if design.bearing_offset_rad is not None:
+            table["bearing_offset_rad"] = [
+                [round(float(value), 6) for value in row] for row in design.bearing_offset_rad
+            ]
     else:
         table["range_m"] = [round(float(value), 5) for value in design.range_m[0]]
     return {
@@ -168,11 +172,15 @@ def omni_mapping(design: OmniCamera) -> dict[str, Any]:
 def _table_rays(
     design: OmniCamera, height_m: float, pixels: FloatArray, radius: FloatArray, bearing: FloatArray
 ) -> FloatArray:
-    ground = design.ground_from_image(pixels)
-    distance = np.hypot(ground[:, 0], ground[:, 1])
     last, edge = design.range_m[:, -2:].mean(axis=0), design.radius_px[-2:]
-    inverse = 1.0 / last[1] + (1.0 / last[1] - 1.0 / last[0]) * (radius - edge[1]) / (edge[1] - edge[0])
     beyond = radius > edge[1]
+    center = np.array(design.center)
+    inwards = np.where(beyond, (edge[1] - 1e-9) / np.maximum(radius, 1e-9), 1.0)  # beyond the table: as at its end
+    ground = design.ground_from_image(center + (pixels - center) * inwards[:, np.newaxis])
+    distance = np.hypot(ground[:, 0], ground[:, 1])
+    if design.bearing_offset_rad is not None:
+        bearing = np.where(distance > 0.0, np.arctan2(ground[:, 1], ground[:, 0]), bearing)
+    inverse = 1.0 / last[1] + (1.0 / last[1] - 1.0 / last[0]) * (radius - edge[1]) / (edge[1] - edge[0])
     outwards = np.where(beyond, 1.0, distance)
     down = np.where(beyond, -height_m * inverse, -height_m)
     rays = np.zeros((len(pixels), 6))

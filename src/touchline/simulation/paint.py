@@ -18,6 +18,7 @@ from touchline.simulation.world import GroundMark
 
 CELL_M = 0.25
 MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M = 0.3, 0.1, 0.02
+Shape = tuple[float, float, float, float, float, float, float]
 _BAR, _RING, _DISC = 0.0, 1.0, 2.0
 
 
@@ -72,7 +73,7 @@ def mark_paint(grid: PaintGrid, per_m: float, flags: npt.NDArray[np.uint8], bits
             x, y = grid.frame[0] + (i + 0.5) / per_m, grid.frame[1] + (j + 0.5) / per_m
             cell = int(j / per_m * 4.0) * int(grid.frame[2]) + int(i / per_m * 4.0)
             for entry in range(grid.starts[cell], grid.starts[cell + 1]):
-                depth = shape_depth(grid.shapes, grid.items[entry], x, y, 1.0) + half
+                depth = shape_depth(shape_row(grid.shapes, grid.items[entry]), x, y, 1.0) + half
                 flags[j, i] |= bits[2]
                 if depth > -MIDDLE_MARGIN_M:
                     flags[j, i] |= bits[1]
@@ -85,30 +86,38 @@ def _near_shapes(shapes: FloatArray, points: FloatArray, reach: float) -> npt.ND
     near = np.zeros((len(points), len(shapes)), dtype=np.bool_)
     for i in range(len(points)):
         for k in range(len(shapes)):
-            near[i, k] = shape_depth(shapes, k, points[i, 0], points[i, 1], reach) > -reach
+            near[i, k] = shape_depth(shape_row(shapes, k), points[i, 0], points[i, 1], reach) > -reach
     return near
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def shape_depth(shapes: FloatArray, k: int, x: float, y: float, reach: float) -> float:
-    """How deep (m) a point lies in shape k; negative outside: there -depth is no more than the distance to it.
+def shape_row(shapes: FloatArray, k: int | np.uint32) -> Shape:
+    """Shape k as numbers: arrays handed to a function for each point would have their references counted."""
+    return (
+        shapes[k, 0], shapes[k, 1], shapes[k, 2], shapes[k, 3], shapes[k, 4], shapes[k, 5], shapes[k, 6]
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def shape_depth(shape: Shape, x: float, y: float, reach: float) -> float:
+    """How deep (m) a point lies in a shape; negative outside: there -depth is no more than the distance to it.
 
     The ends of arcs count only where the depth is more than -reach otherwise.
     """
-    ex, ey = x - shapes[k, 1], y - shapes[k, 2]
-    if shapes[k, 0] == 0.0:
-        along = abs(ex * shapes[k, 3] + ey * shapes[k, 4])
-        across = abs(ey * shapes[k, 3] - ex * shapes[k, 4])
-        depth = min(shapes[k, 5] - along, shapes[k, 6] - across)
+    ex, ey = x - shape[1], y - shape[2]
+    if shape[0] == 0.0:
+        along = abs(ex * shape[3] + ey * shape[4])
+        across = abs(ey * shape[3] - ex * shape[4])
+        depth = min(shape[5] - along, shape[6] - across)
     else:
         distance = np.sqrt(ex * ex + ey * ey)
-        depth = shapes[k, 3] - distance
-        if shapes[k, 0] == 1.0:
-            depth = shapes[k, 4] - abs(depth)
-            if shapes[k, 6] < np.pi and depth > -reach:
-                turn = np.arctan2(ey, ex) - shapes[k, 5]
+        depth = shape[3] - distance
+        if shape[0] == 1.0:
+            depth = shape[4] - abs(depth)
+            if shape[6] < np.pi and depth > -reach:
+                turn = np.arctan2(ey, ex) - shape[5]
                 turn = abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
-                depth = min(depth, (shapes[k, 6] - turn) * shapes[k, 3])
+                depth = min(depth, (shape[6] - turn) * shape[3])
     return float(depth)
 
 
@@ -137,34 +146,35 @@ def paint_at(
         reach = 1.2 * (deep + wide)
         for entry in range(starts[cell], starts[cell + 1]):
             k = np.uint32(items[entry])
-            depth = shape_depth(shapes, int(k), x, y, reach)
+            shape = shape_row(shapes, k)
+            depth = shape_depth(shape, x, y, reach)
             if depth >= 0.0:
                 paint = int(shapes[k, 7])
             if abs(depth) < reach and not edge:
-                edge = _near_edge(shapes, int(k), x, y, ux, uy, deep, wide)
+                edge = _near_edge(shape, x, y, ux, uy, deep, wide)
     return paint, edge
 
 
-@njit(cache=True, error_model="numpy")
-def _near_edge(shapes: FloatArray, k: int, x: float, y: float, ux: float, uy: float, deep: float, wide: float) -> bool:
-    """Whether an edge of shape k passes through the rectangle around a point; see `paint_at`."""
-    ex, ey = x - shapes[k, 1], y - shapes[k, 2]
-    if shapes[k, 0] == 0.0:
-        c, s = shapes[k, 3], shapes[k, 4]
+@njit(cache=True, error_model="numpy", inline="always")
+def _near_edge(shape: Shape, x: float, y: float, ux: float, uy: float, deep: float, wide: float) -> bool:
+    """Whether an edge of a shape passes through the rectangle around a point; see `paint_at`."""
+    ex, ey = x - shape[1], y - shape[2]
+    if shape[0] == 0.0:
+        c, s = shape[3], shape[4]
         over = abs(ux * c + uy * s) * deep + abs(ux * s - uy * c) * wide
         up = abs(ux * c + uy * s) * wide + abs(ux * s - uy * c) * deep
-        along, across = abs(ex * c + ey * s) - shapes[k, 5], abs(ey * c - ex * s) - shapes[k, 6]
+        along, across = abs(ex * c + ey * s) - shape[5], abs(ey * c - ex * s) - shape[6]
         return bool(along < over and across < up and (along > -over or across > -up))
     distance, reach = np.sqrt(ex * ex + ey * ey), np.sqrt(deep * deep + wide * wide)
     towards, past = abs(ex * ux + ey * uy), abs(ex * uy - ey * ux)
     radial = (towards * deep + past * wide + reach * reach) / max(distance, reach)
-    if shapes[k, 0] == 2.0:
-        return bool(abs(distance - shapes[k, 3]) < radial)
-    off = abs(distance - shapes[k, 3]) - shapes[k, 4]
+    if shape[0] == 2.0:
+        return bool(abs(distance - shape[3]) < radial)
+    off = abs(distance - shape[3]) - shape[4]
     if abs(off) < radial:
         return True
-    if shapes[k, 6] >= np.pi or off > radial:
+    if shape[6] >= np.pi or off > radial:
         return False
-    turn = np.arctan2(ey, ex) - shapes[k, 5]
+    turn = np.arctan2(ey, ex) - shape[5]
     turn = abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
-    return bool(abs(shapes[k, 6] - turn) * shapes[k, 3] < 1.2 * reach)
+    return bool(abs(shape[6] - turn) * shape[3] < 1.2 * reach)

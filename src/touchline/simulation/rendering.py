@@ -15,16 +15,20 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, meet_ground, shade_bare, sift_ground
 from touchline.simulation.casting import cast_rays, spread_rays
 from touchline.simulation.ground_shading import shade_ground, sort_rays
-from touchline.simulation.sampling import SampleRays, sample_rays
+from touchline.simulation.nets import average_nets
+from touchline.simulation.sampling import SampleRays, fill_samples, sample_rays
 from touchline.simulation.scene import Scene, SceneArrays
 from touchline.simulation.solids import sort_into_cells
 from touchline.simulation.tracing import trace_rays
 from touchline.simulation.upright_shading import shade_upright
 
 Float32Array = npt.NDArray[np.float32]
-SECTORS, BINS = 512, 64  # of the directions in which bodies are looked for
+Int32Array = npt.NDArray[np.int32]
+Work = tuple[Float32Array, Int32Array, Int32Array, Int32Array, Int32Array, Float32Array, Float32Array, Float32Array]
+SECTORS, BINS = 512, 128  # of the directions in which bodies are looked for
 _PORTION = 2048
 
 
@@ -73,15 +77,15 @@ class Renderer:
         level = float(scene.light[::8, ::8, 0].mean())
         lean = float(np.hypot(poses[:, 6], poses[:, 7]).max())
         arrays = self._arrays(scene, poses, lean, samples.widest)
-        self._image.reshape(-1, 3)[self._unseen] = self._still[self._unseen, :3] * np.float32(level)
+        _fill_unseen(self._unseen, self._still, level, self._image.reshape(-1, 3))
         if not everywhere:
             chosen = _render_middles(
                 arrays, self._pixels, self._rays, samples.spread, samples.shift_m, lean, poses, self.grid.pixel_angle,
-                samples.texture, self._still, level, self._image,
+                samples.texture, self.grid.rays, side, self._still, level, self._image,
             )  # fmt: skip
         if side > 1 or everywhere:
             _render_samples(
-                arrays, chosen, samples.rays, poses, self.grid.pixel_angle, samples.angles, side, self._still, level,
+                arrays, chosen, self.grid.rays, poses, self.grid.pixel_angle, samples.angles, side, self._still, level,
                 self._image,
             )  # fmt: skip
         return self._image
@@ -109,35 +113,75 @@ class Renderer:
 
 
 @njit(cache=True, error_model="numpy")
-def _shade(
+def _fill_unseen(pixels: npt.NDArray[np.int64], still: Float32Array, level: float, image: Float32Array) -> None:
+    """The layer fixed to the robot, still (H W, 4), into pixels (N,), flat indices, of the image (H W, 3)."""
+    for n in range(len(pixels)):
+        for c in range(3):
+            image[pixels[n], c] = still[pixels[n], c] * level
+
+
+@njit(cache=True, error_model="numpy")
+def _meet(
     scene: SceneArrays,
     total: int,
     cast: Float32Array,
     extents: Float32Array,
     shift: float,
     texture: Float32Array,
-    sample_angle: float,
-    work: tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]],
+    net_angle: float,
+    work: Work,
+    edges: npt.NDArray[np.bool_],
+) -> tuple[int, int]:
+    """What the first `total` cast rays (9, N) meet, and edges (N,); counts of upright hits and of rays on the carpet.
+
+    extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. texture (5, N):
+    how textures are smoothed, see `SampleRays`. net_angle: width of a sample (rad), over which nets are smoothed.
+    """
+    s = scene
+    hits, codes, rest, ground, _, landing, _, _ = work
+    edges[:total] = False
+    meet_ground(cast, extents, shift, texture, total, landing)
+    count, ground_count = sort_rays(cast, landing, total, s.starts, s.room, rest, ground)
+    walls = (s.room[0], s.room[1], s.room[2], s.room[3], s.room[4], s.room[5])
+    if shift > 0.0:  # a loop for middles, and one for samples, which need no margins
+        return trace_rays(
+            cast, extents, shift, rest[:count], s.solids, s.starts, s.items, s.near, walls, net_angle, hits, codes,
+            ground, ground_count, edges, True,
+        )  # fmt: skip
+    return trace_rays(
+        cast, extents, 0.0, rest[:count], s.solids, s.starts, s.items, s.near, walls, net_angle, hits, codes, ground,
+        ground_count, edges, False,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _shade(
+    scene: SceneArrays,
+    count: int,
+    ground_count: int,
+    cast: Float32Array,
+    extents: Float32Array,
+    shift: float,
+    texture: Float32Array,
+    work: Work,
     radiance: Float32Array,
     edges: npt.NDArray[np.bool_],
 ) -> None:
-    """Radiance (N, 3) of the first `total` cast rays (9, N); where edges (N,) is set instead, it is left as it was.
-
-    extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. texture (5, N):
-    how textures are smoothed, see `SampleRays`; sample_angle: width of a sample (rad), over which nets are.
-    """
+    """Radiance (N, 3) of what `_meet` counted; where edges (N,) is set instead, it is left as it was."""
     s = scene
-    hits, codes, rest, ground = work
-    edges[:total] = False
-    count, ground_count = sort_rays(cast, extents, shift, total, s.starts, s.room, rest, ground)
-    count, ground_count = trace_rays(
-        cast, extents, shift, rest[:count], s.solids, s.starts, s.items, s.near, s.room, sample_angle, hits, codes,
-        ground, ground_count, edges,
-    )  # fmt: skip
+    hits, codes, rest, ground, bare, landing, places, points = work
+    if shift > 0.0:  # samples lie where something else than carpet is near
+        ground_count, bare_count, dots = sift_ground(
+            ground[:ground_count], landing, cast, extents, texture, s.flags, s.paint_frame, s.carpet, s.sun, s.casters,
+            s.caster_cells, bare, places, points,
+        )  # fmt: skip
+        shade_bare(
+            bare[:bare_count], places, points, dots, s.light, s.light_frame, s.carpet, s.pyramid, s.sun, radiance
+        )
     shade_ground(
-        ground[:ground_count], cast, extents, shift, texture, s.flags, s.light, s.light_frame, s.shapes, s.cell_starts,
-        s.cell_items, s.paint_frame, s.paints, s.carpet, s.pyramid, s.casters, s.caster_cells, s.sun, s.windows,
-        radiance, edges,
+        ground[:ground_count], landing, cast, extents, texture, s.flags, s.light, s.light_frame, s.shapes,
+        s.cell_starts, s.cell_items, s.paint_frame, s.paints, s.carpet, s.pyramid, s.casters, s.caster_cells, s.sun,
+        s.windows, radiance, edges,
     )  # fmt: skip
     shade_upright(
         rest[:count], hits, codes, s.solids, s.palette, s.room, s.room_colours, s.light, s.light_frame, s.pyramid,
@@ -146,14 +190,16 @@ def _shade(
 
 
 @njit(cache=True, error_model="numpy")
-def _work_space(
-    size: int,
-) -> tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+def _work_space(size: int) -> Work:
     return (
         np.empty((size, 8), dtype=np.float32),
         np.empty(size, dtype=np.int32),
         np.empty(size, dtype=np.int32),
         np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32),
+        np.empty((4, size), dtype=np.float32),
+        np.empty((PLACE_ROWS, size), dtype=np.float32),
+        np.empty((POINT_ROWS, 4 * size), dtype=np.float32),
     )
 
 
@@ -168,37 +214,47 @@ def _render_middles(
     poses: FloatArray,
     pixel_angle: float,
     texture: Float32Array,
+    grid: Float32Array,
+    side: int,
     still: Float32Array,
     level: float,
     image: Float32Array,
 ) -> npt.NDArray[np.int32]:
     """One sample in the middle of each of pixels (N,), flat indices, with rays (6, N), into the image.
 
-    Over it lies the layer fixed to the robot, still (H W, 4), under a light of some level.
+    grid (H, W, 6): rays of all pixels, for the side x side samples of nets. Over the image lies the layer fixed to the
+    robot, still (H W, 4), under a light of some level.
     Returns the pixels that hold an edge; they are left as they were.
     """
     work, rows = _work_space(_PORTION), np.zeros(_PORTION, dtype=np.int32)
     radiance, edges = np.empty((_PORTION, 3), dtype=np.float32), np.empty(_PORTION, dtype=np.bool_)
     cast, extents = np.empty((9, _PORTION), dtype=np.float32), np.empty((3, _PORTION), dtype=np.float32)
-    flat, chosen, count = image.reshape(-1, 3), np.empty(len(pixels), dtype=np.int32), 0
+    flat, chosen, edged = image.reshape(-1, 3), np.empty(len(pixels), dtype=np.int32), 0
+    net_angle = pixel_angle / side
     for start in range(0, len(pixels), _PORTION):
         some = pixels[start : start + _PORTION]
         stop = start + len(some)
         if len(poses) > 1:
             for i in range(len(some)):
                 rows[i] = some[i] // image.shape[1]
-        cast_rays(rays[:, start:stop], rows, poses, SECTORS, BINS, cast)
-        spread_rays(spread[:, start:stop], cast, lean, shift, extents)
-        _shade(scene, len(some), cast, extents, shift, texture[:, start:stop], pixel_angle, work, radiance, edges)
+        cast_rays(rays, rows, poses, SECTORS, BINS, cast, start, len(some))
+        here = texture[:, start:stop]
+        spread_rays(spread, cast, lean, shift, extents, start, len(some))
+        count, ground_count = _meet(scene, len(some), cast, extents, shift, here, net_angle, work, edges)
+        average_nets(
+            work[2][:count], work[0], cast, some, grid, side, rows, poses, scene.solids, scene.starts, scene.items,
+            net_angle,
+        )  # fmt: skip
+        _shade(scene, count, ground_count, cast, extents, shift, here, work, radiance, edges)
         for i in range(len(some)):
             n = some[i]
             if edges[i]:
-                chosen[count] = n
-                count += 1
+                chosen[edged] = n
+                edged += 1
                 continue
             for c in range(3):
                 flat[n, c] = (1.0 - still[n, 3]) * radiance[i, c] + still[n, c] * level
-    return chosen[:count].copy()
+    return chosen[:edged].copy()
 
 
 @njit(cache=True, error_model="numpy")
@@ -216,7 +272,7 @@ def _render_samples(
 ) -> None:
     """Means of side x side samples of pixels (N,), flat indices, and the layer over it, into the image.
 
-    rays (H W, 6, side^2): of all pixels.
+    rays (H, W, 6): of all pixels.
     """
     each = side * side
     portion = max(1, _PORTION // each)
@@ -228,16 +284,16 @@ def _render_samples(
     for start in range(0, len(pixels), portion):
         some = pixels[start : start + portion]
         total = len(some) * each
+        fill_samples(rays, some, side, samples)
         for i in range(len(some)):
-            for c in range(6):
-                for n in range(each):
-                    samples[c, i * each + n] = rays[some[i], c, n]
-            texture[4, i * each : (i + 1) * each] = angles[some[i]]
+            for n in range(i * each, (i + 1) * each):
+                texture[4, n] = angles[some[i]]
         if len(poses) > 1:
             for i in range(total):
                 rows[i] = some[i // each] // image.shape[1]
-        cast_rays(samples[:, :total], rows, poses, SECTORS, BINS, cast)
-        _shade(scene, total, cast, extents, 0.0, texture, pixel_angle / side, work, radiance, edges)
+        cast_rays(samples, rows, poses, SECTORS, BINS, cast, 0, total)
+        count, ground_count = _meet(scene, total, cast, extents, 0.0, texture, pixel_angle / side, work, edges)
+        _shade(scene, count, ground_count, cast, extents, 0.0, texture, work, radiance, edges)
         for i in range(len(some)):
             for c in range(3):
                 mean = 0.0

@@ -26,15 +26,13 @@ from touchline.simulation.point_errors import ObservationNoise
 from touchline.simulation.scenario import Scenario
 from touchline.simulation.sensors import arrived_by, simulate_sensors
 from touchline.simulation.sequence import describe
-from touchline.simulation.stage import make_world
+from touchline.simulation.stage import body_parts, make_world
 from touchline.simulation.track import STEP_S
 from touchline.simulation.world import World, WorldState
 from touchline.sources import ProblemLog, Truth
 from touchline.types import Frame, ImageArray, LinePoints, Samples, empty_points
 
 LEVELS = ("images", "points")
-# radius and height of the others' bodies (`world.robot_blocks`): foot, middle, top
-_ROBOT_PARTS = ((0.24, 0.38), (0.143, 0.56), (0.117, 0.80))
 _BALL = (0.11, 0.22)
 _PINHOLE_REACH_M = 6.5
 _PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=0.004, height_m=1.1)
@@ -257,7 +255,7 @@ class Simulation:
 
     @cached_property
     def _body_sizes(self) -> FloatArray:
-        return np.array([*_ROBOT_PARTS, _BALL])
+        return np.array([*body_parts(self.camera_kind), _BALL])
 
     @cached_property
     def _observed(self) -> ObservedLines:

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.simulation.carpet import pile_pyramid, wear_map
-from touchline.simulation.ground_shading import SEAM_M
 from touchline.simulation.illumination import (
     FLAGS_PER_M,
     HAS_PAINT,
@@ -19,9 +18,11 @@ from touchline.simulation.illumination import (
     PAINT_NEAR,
     mark_sunlight,
     place_casters,
+    sunward,
 )
 from touchline.simulation.lights import lamps_on_ground
 from touchline.simulation.paint import CELL_M, build_paint, mark_paint
+from touchline.simulation.pile import SEAM_M
 from touchline.simulation.solids import (
     Palette,
     ball_row,
@@ -163,13 +164,15 @@ class Scene:
         self._levels: npt.NDArray[np.float64] | None = None
         walls = {"east": (0.0, self.room[2]), "west": (0.0, -self.room[2])}
         walls |= {"north": (1.0, self.room[3]), "south": (1.0, -self.room[3])}
-        self.windows = np.array(
-            [
-                (*walls[w.wall], w.start_m, w.end_m, w.bottom_m, w.top_m, *w.bars, w.bar_width_m)
-                for w in world.lights.windows
-            ],
-            dtype=np.float64,
-        ).reshape(-1, 9)
+        openings = [
+            (*walls[w.wall], w.start_m, w.end_m, w.bottom_m, w.top_m, *w.bars, w.bar_width_m)
+            for w in world.lights.windows
+        ]
+        self.windows = sunward(
+            np.array(openings, dtype=np.float64).reshape(-1, 9),
+            world.lights.sun_azimuth_rad,
+            world.lights.sun_elevation_rad,
+        )
 
     def _shine(self, time_s: float) -> None:
         lights = self.world.lights

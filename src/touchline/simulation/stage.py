@@ -18,6 +18,22 @@ from touchline.simulation.world import PAINTS, BallActor, RobotActor, World, def
 
 _MARKERS = ("magenta", "cyan")
 _MSL_M, _HUMANOID_M = (0.26, 0.80), (0.24, 0.92)  # radius and height of the others' bodies, as in the recordings
+# what of them hides lines, as upright cylinders from foot to head: shares of radius and height (`world.robot_blocks`);
+# of a humanoid legs, trunk with arms, and head, each as broad as it looks in the mean over all directions
+_MSL_PARTS = ((0.24 / 0.26, 0.475), (0.55, 0.70), (0.45, 1.0))
+_HUMANOID_PARTS = ((0.5, 0.5), (0.85, 0.86), (0.35, 1.0))
+
+
+def body_size(kind: str) -> tuple[float, float]:
+    """Radius and height (m) of the other robots' bodies that a camera of this kind plays among."""
+    return _HUMANOID_M if kind == "pinhole" else _MSL_M
+
+
+def body_parts(kind: str) -> list[tuple[float, float]]:
+    """Radius and top (m) of the upright cylinders, from foot to head, that another robot hides lines with."""
+    radius, height = body_size(kind)
+    parts = _HUMANOID_PARTS if kind == "pinhole" else _MSL_PARTS
+    return [(part * radius, top * height) for part, top in parts]
 
 
 def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: Layout) -> World:
@@ -29,7 +45,7 @@ def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: La
     humanoid = scenario.camera.kind == "pinhole"
     actors = [
         RobotActor(
-            float(x), float(y), float(heading), *(_HUMANOID_M if humanoid else _MSL_M),
+            float(x), float(y), float(heading), *body_size(scenario.camera.kind),
             shape="humanoid" if humanoid else "msl",
             marker_colour=PAINTS[_MARKERS[index % 2]],
         )

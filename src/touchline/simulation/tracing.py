@@ -12,13 +12,15 @@ from numba import njit
 
 from touchline.geometry import FloatArray
 from touchline.simulation.meeting import meet_ball, meet_upright
+from touchline.simulation.nets import OVER_SAMPLES, beside_net, net_share
 
 _NOWHERE_M = 1e6  # beyond every hall
 _CREASE = 1.3  # distances vary by so much more within a pixel than along its middle
+Room = tuple[float, float, float, float, float, float]
 CARPET, FLOOR, BOARD, WALL, CEILING = -1, -2, -3, -4, -8  # walls: east -4, west -5, north -6, south -7
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def trace_rays(
     cast: npt.NDArray[np.float32],
     extents: npt.NDArray[np.float32],
@@ -28,91 +30,92 @@ def trace_rays(
     starts: npt.NDArray[np.int32],
     items: npt.NDArray[np.int16],
     near: FloatArray,
-    room: FloatArray,
+    room: Room,
     net_angle: float,
     hits: npt.NDArray[np.float32],
     codes: npt.NDArray[np.int32],
     ground: npt.NDArray[np.int32],
     ground_count: int,
     edges: npt.NDArray[np.bool_],
+    marking: bool,
 ) -> tuple[int, int]:
     """Find what those of the cast rays (9, N) meet that `rest` (M,) lists; count the upright hits and the ground's.
 
-    extents (3, N): see `casting.spread_rays`; all zero: the rays are samples, and no edges are looked for. edges (N,)
-    is set where the rays of a pixel may meet different things; nothing else is told of these. room (6,): half length
-    and width of carpet and of hall, ceiling, height of the board around the carpet (m). net_angle (rad): over which
-    nets are smoothed. The rays that end on the carpet are appended to `ground`. The others stay in `rest`, and so do
-    those that pass nets, with codes (M,) and hits (M, 8): x, y, z of the point (m, field frame), s, horizontal
-    direction x and y, across (m per m), share of light that nets let by.
+    extents (3, N), shift: see `casting.spread_rays`. marking: edges are looked for; without it the rays are samples,
+    and extents are not read. edges (N,) is set where the rays of a pixel may meet different things; nothing else is
+    told of these. room (6,): half length and width of carpet and of hall, ceiling, height of the board around the
+    carpet (m). net_angle (rad): over which nets are smoothed. The rays that end on the carpet are appended to `ground`.
+    The others stay in `rest`, and so do those that pass nets, with codes (M,) and hits (M, 8): x, y, z of the point (m,
+    field frame), s, horizontal direction x and y, across (m per m), share of light that nets let by (`OVER_SAMPLES`: it
+    varies within the pixel).
     """
     count = 0
-    for listed in rest:
-        i = np.uint32(listed)
+    for n in range(len(rest)):
+        i = np.uint32(rest[n])
         ox, oy, oz = float(cast[0, i]), float(cast[1, i]), float(cast[2, i])
         ux, uy, rise = float(cast[3, i]), float(cast[4, i]), float(cast[5, i])
-        across, steep, deep = float(extents[0, i]), float(extents[1, i]), float(extents[2, i])
-        marking, s, code, edge = across > 0.0, float(cast[6, i]), CARPET, False
-        behind = deep if marking and rise < 0.0 else 0.0
+        across, steep, deep = 0.0, 0.0, 0.0
+        if marking:
+            across, steep, deep = float(extents[0, i]), float(extents[1, i]), float(extents[2, i])
+        fall, code, edge = float(cast[6, i]), CARPET, False
+        s, behind = fall, deep if marking and rise < 0.0 else 0.0
         nets, open_share, cell = False, 1.0, np.uint32(cast[7, i])
-        for entry in range(starts[cell], starts[cell + np.uint32(1)]):
+        first, last = starts[cell], starts[cell + np.uint32(1)]
+        for entry in range(first, last):
             k = np.uint32(items[entry])
-            if near[k] > s + behind or (edge and marking):
+            if near[k] > s + behind or (marking and edge):
                 break
-            ex, ey = solids[k, 1] - ox, solids[k, 2] - oy
+            ex, ey, radius, kind = solids[k, 1] - ox, solids[k, 2] - oy, solids[k, 9], solids[k, 0]
             lateral, along = ux * ey - uy * ex, ux * ex + uy * ey
-            reach = along + solids[k, 9]
-            aside, lift = reach * across + shift, reach * steep + shift
-            if abs(lateral) >= solids[k, 9] + aside or reach <= 0.0:
+            reach = along + radius
+            aside, lift = (reach * across + shift, reach * steep + shift) if marking else (0.0, 0.0)
+            if abs(lateral) >= radius + aside or reach <= 0.0:
                 continue
-            if solids[k, 0] == 3.0:
+            if kind == 3.0:
                 nets = True
                 continue
-            if solids[k, 0] == 2.0:
+            vary = 0.0
+            if kind == 2.0:
                 width = max(aside, lift / np.sqrt(1.0 + rise * rise)) * 1.5
-                vary = 0.0
-                found, edge = meet_ball(
-                    along, lateral, oz - solids[k, 9], rise, solids[k, 9], width if marking else 0.0, s + behind
-                )
+                found, near_outline = meet_ball(along, lateral, oz - radius, rise, radius, width, s + behind)
             else:
-                found, edge, vary = meet_upright(
-                    solids,
-                    int(k),
-                    along,
-                    lateral,
-                    ex,
-                    ey,
-                    oz,
-                    ux,
-                    uy,
-                    rise,
-                    aside,
-                    lift,
-                    steep,
-                    s + behind + 2.0 * aside,
+                body = (
+                    kind, solids[k, 1], solids[k, 2], solids[k, 3], solids[k, 4], solids[k, 5], solids[k, 6],
+                    solids[k, 7], solids[k, 8], radius, solids[k, 10], solids[k, 11], solids[k, 12],
+                )  # fmt: skip
+                found, near_outline, vary = meet_upright(
+                    body, along, lateral, ex, ey, oz, ux, uy, rise, aside, lift, steep, s + behind + 2.0 * aside
                 )
             vary = _CREASE * vary + aside
+            edge = marking and near_outline
             if 0.0 < found < s + behind + vary:
-                edge = edge or (code >= 0 and abs(s - found) < behind + vary)
+                edge = edge or (marking and code >= 0 and abs(s - found) < behind + vary)
                 if found < s:
                     s, code, behind = found, int(k), vary
-        if not (marking and edge) and (
+        if not edge and (
             code < 0 or _may_be_hidden(ox + s * ux, oy + s * uy, oz + s * rise - s * steep, room, behind + 0.1)
         ):
             met, found, edge = _background(
-                ox, oy, oz, ux, uy, rise, float(cast[6, i]), across, steep, deep, shift, room,
-                s if code >= 0 else _NOWHERE_M, behind,
-            )  # fmt: skip
+                ox, oy, oz, ux, uy, rise, fall, across, steep, deep, shift, room, s if code >= 0 else _NOWHERE_M, behind
+            )
             if met < 0:
                 s, code = found, met
-        if nets and not (marking and edge):
-            for entry in range(starts[cell], starts[cell + np.uint32(1)]):
+        if nets and not edge:
+            for entry in range(first, last):
                 k = np.uint32(items[entry])
-                if solids[k, 0] == 3.0:
-                    share, near_by_net = _net(
-                        solids, int(k), ox, oy, oz, ux, uy, rise, across, steep, shift, net_angle, s, behind
-                    )
-                    open_share, edge = open_share * share, edge or near_by_net
-        if marking and edge:
+                if solids[k, 0] != 3.0:
+                    continue
+                net = (
+                    solids[k, 1] - ox, solids[k, 2] - oy, solids[k, 3], solids[k, 4], solids[k, 5], solids[k, 7],
+                    solids[k, 8], solids[k, 11], solids[k, 12],
+                )  # fmt: skip
+                if marking:
+                    thread, near_outline = beside_net(net, oz, ux, uy, rise, across, steep, shift, net_angle, s, behind)
+                    edge = edge or near_outline
+                    open_share = OVER_SAMPLES if thread else open_share
+                else:
+                    open_share *= net_share(net, oz, ux, uy, rise, net_angle, s)
+        if edge:
             edges[i] = True
             continue
         if code == CARPET:
@@ -130,7 +133,7 @@ def trace_rays(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _may_be_hidden(x: float, y: float, z: float, room: FloatArray, reach: float) -> bool:
+def _may_be_hidden(x: float, y: float, z: float, room: Room, reach: float) -> bool:
     """Whether a body's point (m) may lie behind the board around the carpet or the wall, or `reach` from them."""
     x, y = abs(x), abs(y)
     return bool(
@@ -153,7 +156,7 @@ def _background(
     steep: float,
     deep: float,
     shift: float,
-    room: FloatArray,
+    room: Room,
     limit: float,
     behind: float,
 ) -> tuple[int, float, bool]:
@@ -205,69 +208,3 @@ def _background(
 def _lift_on_wall(s: float, rise: float, across: float, steep: float, shift: float, per: float) -> float:
     """How far (m) a pixel reaches up a wall whose normal lies at an angle of cosine 1 / per to the ray."""
     return s * steep + shift + abs(rise) * (across * s + shift) * per
-
-
-@njit(cache=True, error_model="numpy")
-def _net(
-    solids: FloatArray,
-    k: int,
-    ox: float,
-    oy: float,
-    oz: float,
-    ux: float,
-    uy: float,
-    rise: float,
-    across: float,
-    steep: float,
-    shift: float,
-    net_angle: float,
-    limit: float,
-    behind: float,
-) -> tuple[float, bool]:
-    """Share of a pixel that is not thread where a ray passes net k, and whether the edge of a thread is near.
-
-    Threads are box-filtered over net_angle (rad). What the ray meets is at `limit`, and reaches `behind` (m) further.
-    """  # fmt: skip
-    ex, ey, c, s = solids[k, 1] - ox, solids[k, 2] - oy, solids[k, 3], solids[k, 4]
-    lx, ly, vx, vy = ex * c + ey * s, ey * c - ex * s, ux * c + uy * s, uy * c - ux * s
-    aside = across * (np.hypot(ex, ey) + solids[k, 5]) + shift
-    if solids[k, 5] * abs(vy) < 2.0 * aside:  # seen from the edge
-        return 1.0, abs(ux * ey - uy * ex) < 3.0 * aside
-    if vy == 0.0:
-        return 1.0, False
-    far = ly / vy
-    aside = across * far + shift
-    wide = aside / abs(vy)
-    if not 0.0 < far < limit + wide + behind:
-        return 1.0, False
-    up = far * steep + shift + abs(rise * vx) * wide
-    along, height = far * vx - lx, oz + far * rise
-    inside = min(solids[k, 5] - abs(along) + wide, height - solids[k, 7] + up, solids[k, 8] - height + up)
-    if inside < 0.0:
-        return 1.0, False
-    mesh, thread, width = solids[k, 11], solids[k, 12], far * net_angle
-    broad = width / max(abs(vy), 0.1)
-    if across == 0.0:
-        return (1.0 - _grating(along, mesh, thread, broad)) * (1.0 - _grating(height, mesh, thread, width)), False
-    over, above = _off_thread(along, mesh, thread), _off_thread(height, mesh, thread)
-    edge = inside < 2.0 * max(wide, up) or far > limit - wide - behind
-    wide, up = wide + 0.25 * broad, up + 0.25 * width
-    if not edge and (over < -wide or above < -up):
-        return 0.0, False
-    return 1.0, edge or over < wide or above < up
-
-
-@njit(cache=True, error_model="numpy")
-def _off_thread(position: float, mesh: float, thread: float) -> float:
-    """How far (m) a position on a net is from the nearest thread; negative within it."""
-    return float(abs(position - mesh * np.floor(position / mesh + 0.5)) - 0.5 * thread)
-
-
-@njit(cache=True, error_model="numpy")
-def _grating(position: float, period: float, line: float, width: float) -> float:
-    """Mean over [position - width / 2, position + width / 2] of a grating: 1 on lines of that width at each period."""
-    if width >= period:
-        return line / period
-    offset = position - period * np.floor(position / period + 0.5)
-    low, high = max(offset - 0.5 * width, -0.5 * line), min(offset + 0.5 * width, 0.5 * line)
-    return float(max(0.0, high - low) / width)

@@ -40,8 +40,9 @@ def shade_upright(
     room_colours (4, 3): floor, board, walls, ceiling. hits, codes: see `trace_rays`. marking: also set edges (N,) of
     pixels where sunlight begins or bends round a body.
     """
+    nobody = casters[:0]
     for n in range(len(rest)):
-        i, code = rest[n], codes[n]
+        i, code = np.uint32(rest[n]), codes[n]
         x, y, z = float(hits[n, 0]), float(hits[n, 1]), float(hits[n, 2])
         gaps = float(hits[n, 7])
         level = light_at(light, light_frame, 0, x, y)
@@ -61,13 +62,16 @@ def shade_upright(
             facing = nx * sun[1] + ny * sun[2] if nx != 0.0 or ny != 0.0 else sun[3]
             if sun[0] > 0.0 and (facing > 0.0 or marking):
                 slant, bent = 0.1, 0.0
-                if (nx != 0.0 or ny != 0.0) and code != BOARD:
+                if code == BOARD:
+                    across_x = abs(abs(x) - room[0]) < abs(abs(y) - room[1])
+                    slant = max(abs(hits[n, 4] if across_x else hits[n, 5]), 0.05)
+                elif nx != 0.0 or ny != 0.0:
                     slant = max(abs(nx * hits[n, 4] + ny * hits[n, 5]), 0.05)
                 reach = 2.0 * hits[n, 6] / slant if marking else 0.0
                 if code >= 0 and solids[code, 0] != 1.0:
                     bent = reach / solids[code, 9]
                 if facing > -bent:
-                    lit, edge = sun_at(sun, windows, casters[:0], x, y, z, reach)
+                    lit, edge = sun_at(sun, windows, nobody, x, y, z, reach)
                     if lit:
                         level += sun[0] * min(max(facing, 0.0) / max(sun[3], 0.2), 2.0)
                     edges[i] = edge or (lit and bent > 0.0)
