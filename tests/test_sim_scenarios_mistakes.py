@@ -19,6 +19,12 @@ from touchline.types import Frame
 
 
 class TestMistakes:
+    def test_a_mistake_of_the_command_line_is_not_put_down_to_the_file(self) -> None:
+        with pytest.raises(InputError, match=r"^setting 'others.robots': input should be .* \(got -1\)"):
+            open_scenario("match", changes=["others.robots=-1"])
+        with pytest.raises(InputError, match=r"^setting 'seconds': input should be greater than 0"):
+            open_scenario("match", seconds=0.0)
+
     @pytest.mark.parametrize(
         ("text", "message"),
         [

@@ -40,11 +40,11 @@ def load_settings(
     tree = read_yaml_mapping(file) if file is not None else {}
     if section is not None:
         tree = tree[section]
-    origin = f"{file}: " if file is not None else ""
     for item in overrides:
         key, separator, text = item.partition("=")
         if not separator or not key.strip():
-            raise InputError(f"--set {item}: expected KEY=VALUE, for example --set matching.c_m=0.25")
+            known, default, _ = next(row for row in settings_rows(model) if isinstance(row[1], int | float))
+            raise InputError(f"--set {item}: expected KEY=VALUE, for example --set {known}={default}")
         try:
             value = yaml.safe_load(text)
         except yaml.YAMLError as error:
@@ -53,7 +53,9 @@ def load_settings(
     try:
         return model.model_validate(tree)
     except ValidationError as error:
-        raise InputError(origin + _explain(model, error, elsewhere or {})) from None
+        given = [item.partition("=")[0].strip() for item in overrides]
+        in_file = file is not None and not all(_is_about(problem, given) for problem in error.errors())
+        raise InputError((f"{file}: " if in_file else "") + _explain(model, error, elsewhere or {})) from None
 
 
 def read_yaml_mapping(path: Path) -> dict[str, Any]:
@@ -124,6 +126,12 @@ def _explain(model: type[Settings], error: ValidationError, elsewhere: Mapping[s
             sentences.append(f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})")
     more = f"; and {len(sentences) - _SAID} more mistakes" if len(sentences) > _SAID else ""
     return "; ".join(sentences[:_SAID]) + more
+
+
+def _is_about(problem: ErrorDetails, given: Sequence[str]) -> bool:
+    """Whether a mistake is one of the overrides', not of the file's."""
+    key = ".".join(str(part) for part in problem["loc"])
+    return any(f"{key}.".startswith(f"{other}.") or f"{other}.".startswith(f"{key}.") for other in given) and bool(key)
 
 
 def _has_key(model: type[Settings], key: str) -> bool:
