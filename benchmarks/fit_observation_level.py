@@ -14,13 +14,17 @@ import argparse
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray
+from touchline.config import settings_rows
+from touchline.field.model import Goal
+from touchline.geometry import FloatArray, Pose
 from touchline.perception import SelfLearningDetector
-from touchline.simulation.crossings import COLUMNS, GRAZED, MIXED, PLAIN, inside_sector
+from touchline.simulation.crossings import COLUMNS, GRAZED, MIXED, PLAIN
+from touchline.simulation.goal_clutter import GoalClutter
 from touchline.simulation.observation import ObservedLines
 from touchline.simulation.point_errors import ObservationNoise, edge_shift, found_share
 from touchline.simulation.run import Simulation
@@ -35,13 +39,14 @@ _NEAR_M, _NEAR_PX = 0.25, 3.0  # a point that far from a crossing of its path is
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """rows (N, COLUMNS + 7): crossings, whether and how well found; false points (M, 3): field frame x, y, distance to
-    the nearest line; poses (F, 3).
+    """rows (N, COLUMNS + 7): crossings, whether and how well found; false points (M, 4): field frame x, y, distance to
+    the nearest line, image; poses (F, 3) of the images (F,).
     """
 
     rows: FloatArray
     strays: FloatArray
     poses: FloatArray
+    frames: FloatArray
     simulation: Simulation
 
 
@@ -55,7 +60,7 @@ def detected(simulation: Simulation) -> Iterator[LinePoints]:
 def compare(simulation: Simulation, found: Iterator[LinePoints], every: int = 1) -> Comparison:
     """Pair the points of each image with the crossings that were there to be found."""
     observer = simulation._observed
-    rows, strays, poses = [], [], []
+    rows, strays, poses, frames = [], [], [], []
     for index, points in enumerate(found):
         time_s = float(simulation.image_times_s[index])
         if index % every or simulation.track.covered_at(time_s):
@@ -65,9 +70,11 @@ def compare(simulation: Simulation, found: Iterator[LinePoints], every: int = 1)
         paired, left = _pair(observer, crossings, points)
         placed = pose.transform(points.positions_m[left])
         rows.append(np.column_stack((crossings, np.full(len(crossings), float(index)), paired)))
-        strays.append(np.column_stack((placed, simulation.field.line_distances(placed))))
+        frame = np.full(len(placed), float(index))
+        strays.append(np.column_stack((placed, simulation.field.line_distances(placed), frame)))
         poses.append(pose.as_array())
-    return Comparison(np.concatenate(rows), np.concatenate(strays), np.array(poses), simulation)
+        frames.append(float(index))
+    return Comparison(np.concatenate(rows), np.concatenate(strays), np.array(poses), np.array(frames), simulation)
 
 
 def _pair(observer: ObservedLines, crossings: FloatArray, points: LinePoints) -> tuple[FloatArray, FloatArray]:
@@ -208,42 +215,79 @@ def _repetition(way: float) -> float:
 
 
 def fit_strays(comparisons: Sequence[Comparison], noise: ObservationNoise) -> ObservationNoise:
-    """Points that lie on no line: in the goals, each time that one is near enough, and elsewhere."""
-    free = _strays([c for c in comparisons if len(c.simulation._black_rad) == 0], noise)
-    hidden = [c for c in comparisons if len(c.simulation._black_rad)]
-    factor = noise.covered_factor if not hidden else _strays(hidden, noise)[1] / free[1]
-    return noise.model_copy(
-        update={
-            "false_points": free[0], "goal_points": free[1], "net_points": free[2],
-            "covered_factor": max(factor, 1.0),
-        }
-    )  # fmt: skip
-
-
-def _strays(comparisons: Sequence[Comparison], noise: ObservationNoise) -> tuple[float, float, float]:
-    """Mean numbers: elsewhere per image, at posts and sides of a goal 1 m away, through the net of one near."""
-    elsewhere, images, at_goals, views, at_nets, near_views = 0, 0, 0, 0.0, 0, 0
+    """Points that lie on no line: at the goals of each kind, and elsewhere."""
+    groups: dict[str, list[Comparison]] = {"white_goals": [], "coloured_goals": [], "covered_goals": []}
     for c in comparisons:
-        field, far = c.simulation.field, c.strays[:, 2] > 0.15
-        for disc in field.discs:
-            far &= np.hypot(c.strays[:, 0] - disc[0], c.strays[:, 1] - disc[1]) > 0.3
-        mark = np.zeros(len(far), dtype=bool)
-        for goal in field.goals:
-            side, low, high = math.copysign(1.0, goal.x), min(goal.y_posts), max(goal.y_posts)
-            x, y = side * c.strays[:, 0], c.strays[:, 1]
-            inside = far & (x > abs(goal.x) - 0.1) & (y > low - 2.0) & (y < high + 2.0)
-            behind = inside & (x > abs(goal.x) + goal.depth - 0.15) & (y > low - 0.4) & (y < high + 0.4)
-            mark |= inside
-            at_nets += int(behind.sum())
-            at_goals += int((inside & ~behind).sum())
-            step = goal.x - c.poses[:, 0], 0.5 * (low + high) - c.poses[:, 1]
-            away, bearing = np.hypot(*step), np.arctan2(step[1], step[0]) - c.poses[:, 2]
-            seen = np.array([not inside_sector(float(b), c.simulation._black_rad) for b in bearing])
-            views += float(np.sum(1.0 / np.maximum(away[seen & (away < noise.goal_m)], 1.0)))
-            near_views += int(np.sum(seen & (away < noise.net_m)))
-        elsewhere += int((far & ~mark).sum())
-        images += len(c.poses)
-    return elsewhere / images, at_goals / max(views, 1.0), at_nets / max(near_views, 1)
+        free = "white_goals" if c.simulation.field.goals[0].color == "white" else "coloured_goals"
+        groups["covered_goals" if len(c.simulation._black_rad) else free].append(c)
+    clutter = {
+        name: fit_clutter(np.concatenate([goal_views(c) for c in group]), getattr(noise, name))
+        for name, group in groups.items()
+        if group
+    }
+    elsewhere = sum(int(strays_elsewhere(c).sum()) for c in comparisons)
+    images = sum(len(c.poses) for c in comparisons)
+    return noise.model_copy(update={**clutter, "false_points": elsewhere / images})
+
+
+def strays_elsewhere(c: Comparison) -> np.ndarray:
+    """(M,) which false points lie at no goal, line or mark."""
+    far = c.strays[:, 2] > 0.15
+    for disc in c.simulation.field.discs:
+        far &= np.hypot(c.strays[:, 0] - disc[0], c.strays[:, 1] - disc[1]) > 0.3
+    for goal in c.simulation.field.goals:
+        far &= ~_near_goal(c.strays, goal)
+    return far
+
+
+def _near_goal(strays: FloatArray, goal: Goal) -> np.ndarray:
+    x, y = math.copysign(1.0, goal.x) * strays[:, 0], strays[:, 1]
+    return (x > abs(goal.x) - 0.1) & (y > min(goal.y_posts) - 2.0) & (y < max(goal.y_posts) + 2.0)
+
+
+def goal_views(c: Comparison) -> FloatArray:
+    """(V, 5) of each image and goal nearer than 8 m: distance, shares in view (net, sides), points (net, sides)."""
+    observer, views = c.simulation._observed, []
+    inside = c.strays[c.strays[:, 2] > 0.15]
+    for pose, frame in zip(c.poses, c.frames, strict=True):
+        time_s = float(c.simulation.image_times_s[int(frame)])
+        shares = observer.goal_places(Pose(*pose), c.simulation._bodies(time_s), c.simulation._black_rad)
+        mine = inside[inside[:, 3] == frame]
+        for goal, share in zip(c.simulation.field.goals, shares, strict=True):
+            middle = 0.5 * sum(goal.y_posts)
+            away = math.hypot(goal.x - pose[0], middle - pose[1])
+            if away > 8.0:
+                continue
+            at = mine[_near_goal(mine, goal)]
+            half = 0.5 * abs(goal.y_posts[1] - goal.y_posts[0]) + 0.2
+            net = (np.abs(at[:, 0]) > abs(goal.x) + goal.depth) & _behind(at, pose, goal, half)
+            views.append((away, *share, net.sum(), len(at) - net.sum()))
+    return np.array(views)
+
+
+def _behind(at: FloatArray, pose: FloatArray, goal: Goal, half: float) -> np.ndarray:
+    """(K,) whether places are seen through the net behind: the way there passes between the goal's sides."""
+    net_x = goal.x + math.copysign(goal.depth, goal.x)
+    share = (net_x - pose[0]) / (at[:, 0] - pose[0])
+    return np.abs(pose[1] + share * (at[:, 1] - pose[1]) - 0.5 * sum(goal.y_posts)) < half
+
+
+def fit_clutter(views: FloatArray, clutter: GoalClutter) -> GoalClutter:
+    """Numbers that fall with the distance, by maximum likelihood of Poisson counts."""
+
+    def limited(logs: FloatArray) -> FloatArray:
+        return np.maximum(np.exp(logs), (0.0, 1.0, 0.05))  # nothing tells what is seen from nearer than 1 m
+
+    def cost(logs: FloatArray, column: int) -> float:
+        number, half, slope = limited(logs)
+        mean = views[:, 1 + column] * number / (1.0 + np.exp((views[:, 0] - half) / slope)) + 1e-3
+        return float(np.mean(mean - views[:, 3 + column] * np.log(mean)))
+
+    values: list[float] = []
+    for column, start in enumerate((clutter.numbers()[:3], clutter.numbers()[3:])):
+        best = minimised(lambda logs, column=column: cost(logs, column), np.log(np.array(start)), np.full(3, 0.1), 80)
+        values += map(float, limited(best))
+    return GoalClutter(**dict(zip(GoalClutter.model_fields, values, strict=True)))
 
 
 def fit(comparisons: Sequence[Comparison], noise: ObservationNoise) -> ObservationNoise:
@@ -282,8 +326,9 @@ def main() -> None:
             print(f"{name} {seed}: {images} images, {len(rows) / images:.1f} crossings each, of which "
                   f"{100 * rows[:, HIT].mean():.1f} % found, {len(strays) / images:.1f} other points")  # fmt: skip
     before, after = ObservationNoise(), fit(comparisons, ObservationNoise())
-    for name in ObservationNoise.model_fields:
-        print(f"{name:16s} {getattr(before, name):8.4f} -> {getattr(after, name):8.4f}")
+    for name, _, _ in settings_rows(ObservationNoise):
+        old, new = (attrgetter(name)(noise) for noise in (before, after))
+        print(f"{name:30s} {old:8.4f} -> {new:8.4f}")
 
 
 if __name__ == "__main__":

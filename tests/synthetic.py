@@ -8,10 +8,11 @@ import numpy as np
 
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
-from touchline.types import ImageArray
+from touchline.types import ImageArray, LinePoints
 
 GREEN, WHITE, GREY, YELLOW, BLACK = (75, 140, 80), (230, 230, 230), (120, 120, 120), (40, 220, 220), (20, 20, 20)
 BODY_PX = 40.0
+CROSS = [(1.0, 0.0, 1.8), (0.0, 1.0, -1.2)]  # two lines for `line_field`
 
 
 def mirror_camera(size: int = 480) -> OmniCamera:
@@ -56,3 +57,8 @@ def line_field(lines: list[tuple[float, float, float]], half_width: float = 0.06
         return colours * light
 
     return colour_at
+
+
+def distances(points: LinePoints, lines: list[tuple[float, float, float]]) -> FloatArray:
+    """(N,) of the points from the nearest line of `line_field` (m)."""
+    return np.min([np.abs(points.positions_m @ (a, b) - c) for a, b, c in lines], axis=0)

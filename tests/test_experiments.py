@@ -19,6 +19,7 @@ from touchline.evaluation.experiments import (
     chosen_experiments,
     kidnap,
     lighting,
+    lighting_runs,
     occlusion,
 )
 from touchline.evaluation.experiments.result import Headline, percent, spread
@@ -115,7 +116,7 @@ def test_black_sectors_cover_the_stated_share_of_the_view() -> None:
     assert shares == [0.0, 0.125, 0.25, 0.5, 0.5]
 
 
-@pytest.mark.parametrize("condition", occlusion.CONDITIONS[:5], ids=lambda condition: condition.name)
+@pytest.mark.parametrize("condition", occlusion.CONDITIONS, ids=lambda condition: condition.name)
 def test_errors_with_up_to_half_the_view_hidden(condition: occlusion.Condition) -> None:
     errors = occlusion._drive("nubot-mcl", condition, seed=0).errors
     assert errors.frames > 550
@@ -124,8 +125,8 @@ def test_errors_with_up_to_half_the_view_hidden(condition: occlusion.Condition) 
     assert errors.heading.mean <= 0.01
 
 
-def test_particles_alone_are_less_exact_than_particles_and_matching() -> None:
-    alone = occlusion._drive("nubot-mcl", occlusion.CONDITIONS[5], seed=0).errors
+def test_particles_alone_as_the_paper_prints_them_are_less_exact_than_particles_and_matching() -> None:
+    alone = occlusion._drive("nubot-mcl", occlusion.PAPER_FORM[0], seed=0).errors
     both = occlusion._drive("nubot-mcl", occlusion.CONDITIONS[0], seed=0).errors
     assert alone.position.mean > 2.0 * both.position.mean
 
@@ -204,31 +205,38 @@ def test_timing_reports_every_part_and_the_curve() -> None:
 def first_case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[float, float]]:
     """The colour table of the first case, and the settings that its light asks for."""
     colours = tmp_path_factory.mktemp("lighting") / "colours.npz"
-    return colours, lighting.learned_colours(1, colours, seconds=12.0)
+    return colours, lighting_runs.learned_colours(1, colours, seconds=12.0)
 
 
-def test_lamps_off_and_on_cost_nothing_with_control_and_most_line_points_without(
+def test_lamps_off_start_a_search_for_more_light_and_cost_nothing(
     first_case: tuple[Path, tuple[float, float]],
 ) -> None:
-    """Lamps off from 10 s on: one fiftieth of the light is left."""
-    colours, best = first_case
-    controlled = lighting.drive(lighting.THIRD, 1, colours, None, seconds=12.0)
-    fixed = lighting.drive(lighting.THIRD, 1, colours, best, seconds=12.0)
-    dark = np.arange(len(fixed.points)) >= round(lighting.SWITCH_S * lighting.RATE_HZ) - 1
-    assert controlled.tracked.all()
-    assert controlled.mean_m < 0.01
-    assert controlled.points[dark].mean() > 0.8 * controlled.points[~dark].mean()
-    assert np.flatnonzero(controlled.searched).tolist()[0] == 0
-    assert np.flatnonzero(controlled.searched)[1] == np.flatnonzero(dark)[0]
-    assert controlled.stops[dark].min() > controlled.stops[~dark].max() + 2.0
-    assert fixed.points[dark].mean() < 0.2 * fixed.points[~dark].mean()
-    assert "while the lamps are off" in lighting._dark([fixed])
+    """Lamps off from 10 s on: a twenty-fifth of the light is left."""
+    run = lighting_runs.drive(lighting_runs.THIRD, 1, first_case[0], None, seconds=12.0)
+    dark = np.arange(len(run.points)) >= round(lighting_runs.SWITCH_S * lighting_runs.RATE_HZ) - 1
+    assert run.tracked.all()
+    assert run.mean_m < 0.01
+    assert run.points[dark].mean() > 0.8 * run.points[~dark].mean()
+    assert np.flatnonzero(run.searched).tolist() == [0, np.flatnonzero(dark)[0]]
+    assert run.stops[dark].min() > run.stops[~dark].max() + 2.0
+    assert "while the lamps are off" in lighting._switched_off([run])
+
+
+def test_control_keeps_the_line_points_in_a_dark_that_takes_them_without(
+    first_case: tuple[Path, tuple[float, float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hundredth of the light."""
+    monkeypatch.setattr(lighting_runs, "PLACES", 2)
+    lamps, dark = lighting_runs.points_in_the_dark(1, *first_case, levels=(0.01,))
+    assert lamps.min() > 120
+    assert dark[0] < 0.1 * lamps[0]
+    assert dark[1] > 0.8 * lamps[1]
 
 
 def test_patches_of_sun_cost_little_with_colours_learned_under_lamps(
     first_case: tuple[Path, tuple[float, float]],
 ) -> None:
-    sun = lighting.drive(lighting.SECOND, 1, first_case[0], None, seconds=8.0)
+    sun = lighting_runs.drive(lighting_runs.SECOND, 1, first_case[0], None, seconds=6.0)
     assert sun.tracked.all()
     assert sun.mean_m < 0.015
     assert sun.points.mean() > 120
@@ -237,13 +245,14 @@ def test_patches_of_sun_cost_little_with_colours_learned_under_lamps(
 def test_every_lighting_states_its_levels() -> None:
     """What the notes say of light is what is simulated."""
     said = " ".join(lighting._NOTES)
-    for case, level in ((lighting.SECOND, "6 times"), (lighting.DULL, "0.2"), (lighting.GLASS, "76 times")):
+    levels = ((lighting_runs.SECOND, "6 times"), (lighting_runs.DULL, "0.2"), (lighting_runs.GLASS, "76 times"))
+    for case, level in levels:
         assert level in said
         assert str(case.light.sun or case.light.ambient).removesuffix(".0") in level
-    changed = lighting.THIRD.light.changes
+    changed = lighting_runs.THIRD.light.changes
     assert [change.lamps for change in changed[:2]] == [0.0, 1.0]
-    assert changed[0].ambient == lighting.DUSK == 0.02
-    assert "(0.02)" in said
+    assert changed[0].ambient == lighting_runs.SAFETY == 20 / 500
+    assert "20 lx (0.04;" in said
 
 
 # --- the page of the last results -------------------------------------------------------------------------------------

@@ -9,7 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import BLACK, BODY_PX, GREEN, GREY, WHITE, YELLOW, line_field, mirror_camera, paint_ground
+from synthetic import (
+    BLACK,
+    BODY_PX,
+    CROSS,
+    GREEN,
+    GREY,
+    WHITE,
+    YELLOW,
+    distances,
+    line_field,
+    mirror_camera,
+    paint_ground,
+)
 
 from touchline.camera import OmniCamera
 from touchline.errors import InputError
@@ -21,15 +33,10 @@ from touchline.sources import open_source
 from touchline.types import Frame, ImageArray, LinePoints
 
 CAMERA = mirror_camera()
-CROSS = [(1.0, 0.0, 1.8), (0.0, 1.0, -1.2)]
 
 
 def detected(image: ImageArray, camera: OmniCamera = CAMERA, **settings: object) -> LinePoints:
     return HsvLineDetector(camera, HsvLineSettings(**settings)).detect(image)  # type: ignore[arg-type]
-
-
-def distances(points: LinePoints, lines: list[tuple[float, float, float]]) -> FloatArray:
-    return np.min([np.abs(points.positions_m @ (a, b) - c) for a, b, c in lines], axis=0)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from touchline.evaluation.experiments import EXPERIMENTS, iris_disturbances, iris_points, iris_tracks
-from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, covered, drifting, slipped
+from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, covered, drifting, drive, slipped
 from touchline.evaluation.experiments.result import ExperimentResult
 from touchline.evaluation.experiments.writing import write_result
 from touchline.field import open_field
@@ -68,11 +68,11 @@ def test_the_same_table_on_the_recording_with_8_places(shared_data: Path, monkey
 
 
 def test_without_the_recording_the_simulated_table_stands_alone(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    toured: IrisDrive, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("TOUCHLINE_DATA", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(iris_points, "SCENARIO", short_tour(tmp_path))
+    monkeypatch.setattr(iris_points, "tour", lambda seed: toured)
     found = iris_points.iris_points(1)
     assert [row[0] for row in found.rows if row[0]] == list(SYSTEMS)
     assert "TOUCHLINE_DATA" in found.notes[-1]
@@ -80,24 +80,14 @@ def test_without_the_recording_the_simulated_table_stands_alone(
     assert len(write_result(found, tmp_path / "results")) == 4
 
 
-def short_tour(folder: Path) -> str:
-    path = folder / "tour.yaml"
-    path.write_text(
-        "seconds: 30\nfield: indoor-9x6\n"
-        "motion: {kind: tour, points: 4, margin_m: 0.5, dwell_s: 2.0, speed_m_s: 1.2}\n",
-        encoding="utf-8",
-    )
-    return str(path)
-
-
-def test_figure_16_holds_three_tracks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(iris_points, "SCENARIO", short_tour(tmp_path))
+def test_figure_16_holds_three_tracks(toured: IrisDrive, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(iris_tracks, "tour", lambda seed: toured)
     found = iris_tracks.iris_tracks(1)
     assert [row[0] for row in found.rows] == list(SYSTEMS)
     assert len(found.pictures[0][1].axes) == 3
 
 
-def test_figure_17_is_by_odometry_alone_while_the_camera_is_covered() -> None:
+def test_figure_17_is_by_odometry_alone_while_the_camera_is_covered(monkeypatch: pytest.MonkeyPatch) -> None:
     driven = iris_tracks.from_a_to_b(0)
     hidden = ~driven.seen
     seconds = sum(duration for _, duration in iris_tracks.HIDDEN_S)
@@ -105,6 +95,7 @@ def test_figure_17_is_by_odometry_alone_while_the_camera_is_covered() -> None:
     alone = np.array([mode is Mode.ODOMETRY for mode in driven.modes])
     assert np.array_equal(alone, hidden)
     assert driven.distances_m("sensor fusion").max() < 0.1
+    monkeypatch.setattr(iris_tracks, "from_a_to_b", lambda seed: driven)
     found: ExperimentResult = iris_tracks.iris_track(1)
     assert [row[0] for row in found.rows] == [mode.value for mode in Mode]
 
@@ -120,16 +111,14 @@ def test_disturbances_one_at_a_time(scenario: str, field: str) -> None:
         assert outcome.far_s <= (0.5 if kind == "slip" else 0.0), kind
         assert outcome.back_m <= 0.1, kind
         assert outcome.lost_s <= (0.0 if kind == "nothing" else 1.0), kind
+        assert outcome.is_kept(kind)
         assert outcome.drive.found_after <= 15
+        if kind == "covered":
+            hidden = ~outcome.drive.seen
+            assert np.count_nonzero(hidden) == 30
+            assert {m for m, h in zip(outcome.drive.modes, hidden, strict=True) if h} == {Mode.ODOMETRY}
         if kind == "slip":  # the odometry alone never gets over it
             assert outcome.drive.distances_m("odometry")[-30:].mean() > 0.15
-
-
-def test_a_covered_camera_shows_nothing_for_3_seconds() -> None:
-    outcome = iris_disturbances.disturbed_drive("covered", "tour-20", "indoor-9x6", 0)
-    hidden = ~outcome.drive.seen
-    assert np.count_nonzero(hidden) == 30
-    assert {mode for mode, h in zip(outcome.drive.modes, hidden, strict=True) if h} == {Mode.ODOMETRY}
 
 
 def test_a_slip_turns_the_wheels_by_30_cm_and_a_drift_adds_a_degree_per_second() -> None:
@@ -160,7 +149,60 @@ def test_what_an_outcome_says_comes_from_the_truth() -> None:
         (Mode.BOTH,) * count, statuses, 0,
     )  # fmt: skip
     outcome = iris_disturbances._outcome(driven, 1.0)
-    assert (outcome.far_s, outcome.back_m, outcome.lost_s) == pytest.approx((0.5, 0.05, 0.3))
+    assert (outcome.far_s, outcome.back_m, outcome.lost_s, outcome.largest_m) == pytest.approx((0.5, 0.05, 0.3, 1.0))
+    assert outcome.is_kept("slip")
+    assert not outcome.is_kept("covered")  # farther than 30 cm
+    assert not outcome.is_kept("nothing")
+
+
+# --- robots that are not found --------------------------------------------------------------------------------------
+
+
+def blind(seed: int) -> IrisDrive:
+    """A drive whose camera shows nothing at all."""
+    field, stamps = open_field("indoor-9x6"), np.arange(40, dtype=np.int64) * 100_000_000
+    return drive(map(Frame, stamps.tolist()), Samples(stamps, np.zeros((40, 3))), field, None, None, seed)
+
+
+def test_a_drive_that_never_finds_the_robot_holds_nothing() -> None:
+    driven = blind(0)
+    assert not driven.found
+    assert driven.found_after == 40
+    assert all(track.shape == (0, 3) for track in (driven.truth, *driven.tracks.values()))
+    outcome = iris_disturbances._outcome(driven, 1.0)
+    assert not outcome.found
+    assert not any(outcome.is_kept(kind) for kind in iris_disturbances.KINDS)
+
+
+@pytest.mark.parametrize("missed", [{0}, {0, 1}])
+def test_tables_leave_out_drives_that_never_find_the_robot_and_say_so(
+    missed: set[int], monkeypatch: pytest.MonkeyPatch, toured: IrisDrive, tmp_path: Path
+) -> None:
+    def tour(seed: int) -> IrisDrive:
+        return blind(seed) if seed in missed else toured
+
+    for module in (iris_points, iris_tracks):
+        monkeypatch.setattr(module, "tour", tour)
+    monkeypatch.setattr(iris_points, "recorded_tour", lambda seed: None)
+    monkeypatch.setattr(iris_tracks, "from_a_to_b", tour)
+    lone = len(missed) == 1
+    for experiment in (iris_points.iris_points, iris_tracks.iris_tracks, iris_tracks.iris_track):
+        found = experiment(2)
+        assert f"The robot was not found in {len(missed)} of 2 drives; they are left out." in found.notes
+        assert ("–" in found.headline.ours) is not lone
+        assert "nan" not in str(found.rows)
+        assert len(write_result(found, tmp_path / found.name)) >= 1
+
+
+def test_disturbed_drives_that_never_find_the_robot_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    def disturbed(kind: str, scenario: str, field: str, seed: int) -> iris_disturbances.Outcome:
+        return iris_disturbances._outcome(blind(seed), 1.0)
+
+    monkeypatch.setattr(iris_disturbances, "disturbed_drive", disturbed)
+    found = iris_disturbances.iris_disturbances(1)
+    assert found.headline.ours == "0 of 16"
+    assert "In 16 of 16 drives the robot was not found in time" in found.notes[-1]
+    assert {row[2:] for row in found.rows} == {("0", "–", "–", "–", "–")}
 
 
 def test_the_experiments_are_registered_with_their_figures() -> None:

@@ -44,7 +44,10 @@ def test_the_regression_ends_at_its_last_pair(
         assert np.all(np.hypot(*found.points.positions_m.T) < iris_lines.STRIP_EDGES_M[-1] + 0.2)
 
 
-def test_the_page_holds_a_row_for_each_light_and_kind_of_thresholds(tmp_path: Path) -> None:
+def test_the_page_holds_a_row_for_each_light_and_kind_of_thresholds(
+    place: tuple[object, dict[tuple[str, str], iris_lines.Detection]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(iris_lines, "_one_place", lambda field, seed: place)
     found = iris_lines.iris_lines(1)
     assert [row[:2] for row in found.rows] == [(c, t) for c in iris_lines.CONDITIONS for t in iris_lines.THRESHOLDS]
     assert [name for name, _ in found.pictures] == ["detection", "points", "regression"]
@@ -54,6 +57,7 @@ def test_the_page_holds_a_row_for_each_light_and_kind_of_thresholds(tmp_path: Pa
 def test_timing_reports_the_update_its_parts_and_other_numbers_of_particles(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(iris_timing, "UPDATES", 120)
     monkeypatch.setattr(iris_timing, "IMAGES", 10)
+    monkeypatch.setattr(iris_timing, "PARTICLES", (100, 600, 1000))
     found: ExperimentResult = iris_timing.iris_timing(1)
     assert [row[0].partition(":")[0] for row in found.rows[:2]] == ["one update", "of it"]
     assert found.rows[0][1] == "1.6 ms"

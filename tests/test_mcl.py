@@ -19,15 +19,13 @@ from touchline.localization.particle_kernels import (
     occupied_bins,
     resample,
 )
-from touchline.localization.particles import AdaptiveSettings, MonteCarlo, MonteCarloSettings, kld_number
+from touchline.localization.particle_numbers import AdaptiveSettings, kld_number
+from touchline.localization.particles import PAPER_FORM, MonteCarlo, MonteCarloSettings
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")
 MATCHER = Matcher(FIELD.distance_map())
 STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
-PAPER = MonteCarloSettings(
-    refined_clusters=0, independent_points=None, farthest_m=None, precise_points=False, kept_share=0.0, fresh_share=0.0
-)
 
 
 def monte_carlo(settings: MonteCarloSettings | None = None, seed: int = 0, field: FieldModel = FIELD) -> MonteCarlo:
@@ -44,13 +42,13 @@ def seen_from(pose: Pose, seed: int = 0, count: int = 100) -> FloatArray:
 
 def test_the_sensor_model_is_the_plain_sum_of_equations_1_to_3() -> None:
     points = seen_from(Pose(2.0, 1.0, 0.3))
-    mcl = monte_carlo(PAPER)
+    mcl = monte_carlo(PAPER_FORM)
     poses = np.array([[2.0, 1.0, 0.3], [2.4, 0.8, 0.2], [-8.0, 5.0, 3.0], [9.9, -6.9, -1.0]])
     for pose, found in zip(poses, mcl.log_likelihoods(points, None, poses), strict=True):
         distances = FIELD.line_distances(Pose(*pose).transform(points))
-        plain = -np.sum(np.minimum(distances, 3.0) ** 2) / (2 * PAPER.sigma_m**2)
+        plain = -np.sum(np.minimum(distances, 3.0) ** 2) / (2 * PAPER_FORM.sigma_m**2)
         table_step_m = 0.036  # half the diagonal of a sample
-        slack = np.sum(2 * distances * table_step_m + table_step_m**2) / (2 * PAPER.sigma_m**2)
+        slack = np.sum(2 * distances * table_step_m + table_step_m**2) / (2 * PAPER_FORM.sigma_m**2)
         if np.all(np.abs(Pose(*pose).transform(points)) < (11.9, 8.9)):  # the table ends 3 m beyond the lines
             assert abs(found - plain) <= slack
 
@@ -72,21 +70,21 @@ def test_the_loop_agrees_with_its_numpy_twin_inside_and_outside_the_table() -> N
 
 
 def test_a_capped_distance_lets_a_stray_point_count_no_worse_than_the_cap() -> None:
-    capped = MonteCarloSettings(independent_points=None, farthest_m=0.5, precise_points=False)
+    capped = PAPER_FORM.model_copy(update={"farthest_sigmas": 2.0})
     points = seen_from(Pose(2.0, 1.0, 0.3))
     stray = np.vstack((points, [[9.0, 7.0]]))  # 1.1 m from the nearest line
     pose = np.array([[2.0, 1.0, 0.3]])
     change = monte_carlo(capped).log_likelihoods(stray, None, pose) - monte_carlo(capped).log_likelihoods(
         points, None, pose
     )
-    assert change[0] == pytest.approx(-(0.5**2) / (2 * 0.3**2), rel=1e-6)
+    assert change[0] == pytest.approx(-(2.0**2) / 2, rel=1e-6)
 
 
 def test_tempering_scales_the_logarithm_and_nothing_else() -> None:
     points = seen_from(Pose(2.0, 1.0, 0.3))
     poses = np.array([[2.4, 0.8, 0.2], [-8.0, 5.0, 3.0]])
-    tempered = PAPER.model_copy(update={"independent_points": 20.0})
-    ratio = monte_carlo(tempered).log_likelihoods(points, None, poses) / monte_carlo(PAPER).log_likelihoods(
+    tempered = PAPER_FORM.model_copy(update={"independent_points": 20.0})
+    ratio = monte_carlo(tempered).log_likelihoods(points, None, poses) / monte_carlo(PAPER_FORM).log_likelihoods(
         points, None, poses
     )
     assert ratio == pytest.approx(20.0 / len(points), rel=1e-6)
@@ -95,7 +93,7 @@ def test_tempering_scales_the_logarithm_and_nothing_else() -> None:
 def test_a_hundred_points_on_no_line_underflow_nothing() -> None:
     """The product of equation (3) would be e^-10000 here: 0 in any floating point number."""
     points = np.tile([[30.0, 30.0]], (100, 1)) + np.random.default_rng(0).normal(0, 0.1, (100, 2))
-    mcl = monte_carlo(PAPER.model_copy(update={"sigma_m": 0.02}))
+    mcl = monte_carlo(PAPER_FORM.model_copy(update={"sigma_m": 0.02}))
     mcl.restart(0.0)
     lone = mcl.log_likelihoods(points, None, mcl.particles)
     assert lone.max() < -5000.0
@@ -329,7 +327,7 @@ def test_particles_converge_on_the_robot_and_say_so() -> None:
 
 def test_the_paper_s_form_converges_too() -> None:
     pose = Pose(-3.0, 2.0, 1.0)
-    mcl = monte_carlo(PAPER)
+    mcl = monte_carlo(PAPER_FORM)
     mcl.restart(1.0)
     for seed in range(15):
         mcl.cycle(STILL, seen_from(pose, seed), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from touchline.camera import OmniCamera
 from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.localization.particles import PAPER_FORM
 from touchline.sources import open_source
 from touchline.systems import open_system
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
@@ -188,17 +190,74 @@ def test_a_compass_that_errs_delays_but_does_not_deceive(error_deg: float) -> No
         assert abs(wrap_angle(estimate.pose.heading - pose.heading)) < 0.02
 
 
-def test_particles_alone_follow_too_but_less_exactly() -> None:
+def test_particles_alone_as_the_paper_prints_them_follow_too_but_less_exactly() -> None:
     """The paper's comparison: MCL without matching."""
     pose = Pose(2.0, 1.0, 0.3)
-    paper_s = (
-        "followed_by=particles", "particles.refined_clusters=0", "particles.independent_points=null",
-        "particles.farthest_m=null", "particles.precise_points=false",
-    )  # fmt: skip
-    estimates = stand(system(*paper_s), pose, range(40), 0.3)[20:]
+    as_printed = [f"particles.{name}={json.dumps(getattr(PAPER_FORM, name))}" for name in PAPER_FORM.model_fields_set]
+    estimates = stand(system("followed_by=particles", *as_printed), pose, range(40), 0.3)[20:]
     errors = [error_m(e, pose) for e in estimates]
     assert max(errors) < 0.3
     assert np.mean(errors) > 0.02
+
+
+@pytest.mark.parametrize("sectors", ["none", "50 %", "half"])
+def test_particles_alone_follow_a_recording_under_black_sectors(shared_data: Path, sectors: str) -> None:
+    errors, estimates, _ = follow(shared_data / "omni_msl_track", SECTORS[sectors], "followed_by=particles")
+    followed = np.array([e.status is Status.TRACKING for e in estimates])
+    assert followed[2:].all()
+    distance_m = np.hypot(errors[followed, 0], errors[followed, 1])
+    assert distance_m.mean() <= 0.015
+    assert distance_m.max() <= 0.05
+    assert np.abs(errors[followed, 2]).mean() <= 0.005
+
+
+def test_particles_alone_that_agree_on_a_place_that_does_not_fit_are_not_believed() -> None:
+    """One cycle of few particles: the heaviest takes all weight, wherever it is."""
+    poor = ("followed_by=particles", "particles.particles=20", "particles.refined_clusters=0")
+    poor += ("particles.independent_points=null", "confirmations=1000")
+    for seed in range(10):
+        pose = Pose(2.0, 1.0, 0.3)
+        for estimate in stand(system(*poor, seed=seed), pose, range(6), 0.3):
+            assert estimate.status is not Status.TRACKING or error_m(estimate, pose) < 1.0
+
+
+def clutter_beside(pose: Pose, index: int) -> LinePoints:
+    """A third of the points on things behind the goal, a metre beyond its line."""
+    points = seen_from(pose, index, reach_m=4.0)
+    rng = np.random.default_rng([index, 1])
+    count = len(points) // 2
+    net = pose.inverse().transform(np.column_stack((rng.uniform(9.6, 11.0, count), rng.uniform(-2.0, 2.0, count))))
+    n = len(points) + len(net)
+    positions = np.concatenate((points.positions_m, net))
+    return LinePoints(positions, np.tile(np.eye(2) * 0.02**2, (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
+
+
+@pytest.mark.parametrize("follower", ["matching", "particles"])
+def test_points_on_a_goal_s_net_start_no_search_at_a_right_pose(follower: str) -> None:
+    """The lines fit badly for many frames, but no other place explains the points better."""
+    pose = Pose(7.5, 0.0, 0.0)
+    made = system(f"followed_by={follower}", prior=Prior(pose=pose))
+    stand(made, pose, range(5), 0.0)
+    for k in range(5, 20):
+        estimate = made.step(frame(k, clutter_beside(pose, k), Pose(0.0, 0.0, 0.0), 0.0))
+        assert error_m(estimate, pose) < 0.15
+    assert estimate.residual_m > 0.35
+    assert made.failures == 0
+
+
+@pytest.mark.parametrize("follower", ["matching", "particles"])
+def test_a_pose_that_is_not_believed_is_published_as_uncertain_as_the_field_is_large(follower: str) -> None:
+    here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
+    made = system(f"followed_by={follower}")
+    estimates = stand(made, here, range(8), 0.3)
+    estimates += [made.step(frame(k, empty_points(), Pose(0.0, 0.0, 0.0), 0.3)) for k in range(8, 12)]
+    estimates += stand(made, there, range(12, 20), -2.0)
+    followed = [e.status is Status.TRACKING for e in estimates]
+    assert followed[-1]
+    assert not all(followed)
+    for estimate, tracked in zip(estimates, followed, strict=True):
+        deviations = np.sqrt(np.diag(estimate.covariance))
+        assert (deviations[:2] < 0.4).all() if tracked else (deviations >= [10.0, 10.0, 3.0]).all()
 
 
 def test_a_single_particle_follows_once_it_is_certain() -> None:

@@ -157,12 +157,13 @@ def test_the_pose_is_the_mean_of_the_particles_that_were_drawn() -> None:
 # --- start and motion -----------------------------------------------------------------------------------------------
 
 
-def test_first_headings_come_from_the_compass_and_widen_with_every_new_start() -> None:
-    made = particle_filter(ParticleFilterSettings(particles=20_000))
-    for widening in (1.0, 3.0):
-        made.restart(3.1, widening=widening)
+def test_the_wider_the_first_headings_the_more_particles_there_are() -> None:
+    made = particle_filter(ParticleFilterSettings(particles=20_000, particles_all_headings=100_000))
+    for deviation_rad, count in ((None, 20_000), (0.45, 60_000)):
+        made.restart(3.1, deviation_rad=deviation_rad)
         turned = wrap_angles(made.particles[:, 2] - 3.1)
-        assert turned.std() == pytest.approx(widening * ParticleFilterSettings().compass_rad, rel=0.03)
+        assert turned.std() == pytest.approx(deviation_rad or ParticleFilterSettings().compass_rad, rel=0.03)
+        assert len(made.particles) == count
     assert np.abs(made.particles[:, 0]).max() == pytest.approx(5.5, abs=0.01)
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import BLACK, GREEN, WHITE, YELLOW, line_field, mirror_camera, paint_ground
+from synthetic import BLACK, CROSS, GREEN, WHITE, YELLOW, distances, line_field, mirror_camera, paint_ground
 
 from touchline.camera import OmniCamera
 from touchline.errors import InputError, TouchlineError
@@ -23,17 +23,12 @@ from touchline.perception.scan_lines import build_scan_lines
 from touchline.types import Frame, ImageArray, LinePoints
 
 CAMERA = mirror_camera()
-CROSS = [(1.0, 0.0, 1.8), (0.0, 1.0, -1.2)]
 
 
 def detected(image: ImageArray, camera: OmniCamera = CAMERA, **settings: object) -> LinePoints:
     detector = LinePointDetector(camera, LinePointSettings(**settings))  # type: ignore[arg-type]
     detector.learn([image])
     return detector.detect(image)
-
-
-def distances(points: LinePoints, lines: list[tuple[float, float, float]]) -> FloatArray:
-    return np.min([np.abs(points.positions_m @ (a, b) - c) for a, b, c in lines], axis=0)
 
 
 @pytest.fixture(scope="module")

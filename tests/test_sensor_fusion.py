@@ -158,9 +158,9 @@ def test_a_robot_without_a_pose_is_found_only_by_images_that_fit_well() -> None:
     fusion = SensorFusion()
     assert {step(fusion, HERE, seen(at(-2.0), on_lines=poor), still) for _ in range(10)} == {Mode.ODOMETRY}
     assert not fusion.placed
-    fusion.searches = 1  # a search has ended without finding it: a poor calibration, perhaps
+    fusion.search_anew(1, displaced=False)  # one has ended without finding it: a poor calibration, perhaps
     assert [step(fusion, HERE, seen(at(-2.0), on_lines=poor), still) for _ in range(3)][-1] is Mode.OMNIVISION
-    assert (fusion.placed, fusion.searches) == (True, 0)
+    assert fusion.placed
 
 
 def test_without_odometry_omnivision_goes_on_alone() -> None:
@@ -258,8 +258,11 @@ def test_searches_start_anew_after_some_cycles_each_with_wider_headings() -> Non
     rule = RestartRule(RestartSettings(most_cycles=4, widening=1.5))
     assert rule.start_is_due()
     assert rule.start() == 1.0
-    rule.cycles = 3
-    assert not rule.start_is_due()
-    rule.cycles = 4
-    assert rule.start_is_due()
+    for due in (False, False, False, True):
+        rule.count_cycle()
+        assert rule.start_is_due() is due
+    assert rule.failed == 1
     assert [rule.start(), rule.start()] == [1.5, 1.5**2]
+    rule.found()
+    assert rule.failed == 0
+    assert rule.start() == 1.0

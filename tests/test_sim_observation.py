@@ -10,18 +10,21 @@ import pytest
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.simulation.crossings import PLAIN, hidden
+from touchline.simulation.fixed_noise import mosaic_noise, mosaic_table, phase_noise
+from touchline.simulation.goal_clutter import GoalClutter
 from touchline.simulation.observation import ObservedLines, leaning_view, occluders
-from touchline.simulation.point_errors import ObservationNoise, mosaic_noise, mosaic_table, phase_noise
+from touchline.simulation.point_errors import ObservationNoise
 from touchline.simulation.run import Simulation
 from touchline.simulation.runs import BAR, bar_table, circle_runs, ray_runs, round_table
 from touchline.simulation.scenario import Scenario, open_scenario
 from touchline.systems import open_system
 from touchline.types import Status
 
+NO_CLUTTER = GoalClutter(net_points=0.0, side_points=0.0)
 SILENT = ObservationNoise(
     noise_px=0.0, frame_px=0.0, blur_px=0.0, found_share=1.0, circle_share=1.0, mixed_share=1.0, thin_half_px=-9.0,
     flat_half=-9.0, coarse_half_m=9.0, long_slope_px=1e-3, bar_share=0.0, mark_share=1.0, false_points=0.0,
-    goal_points=0.0, net_points=0.0,
+    white_goals=NO_CLUTTER, coloured_goals=NO_CLUTTER, covered_goals=NO_CLUTTER,
 )  # fmt: skip
 POSE = Pose(2.0, -1.5, 0.7)
 
@@ -101,7 +104,7 @@ class TestGeometry:
             assert np.all(middle * math.sin(bearing) >= 3.0 - 1e-9)
 
     def test_a_body_hides_what_is_behind_it_as_far_as_its_height_says(self) -> None:
-        high, low = occluders([(2.0, 0.0, 0.25, 0.8)], 0.8), occluders([(2.0, 0.0, 0.25, 0.4)], 0.8)
+        high, low = (occluders(np.array([[2.0, 0.0, 0.25, height_m]]), 0.8) for height_m in (0.8, 0.4))
         for bodies, farthest in ((high, 50.0), (low, 2.25 * 0.8 / 0.4)):
             assert not hidden(0.0, 0.0, 1.7, 0.0, bodies)
             assert hidden(0.0, 0.0, 1.8, 0.0, bodies)
@@ -185,9 +188,9 @@ class TestObservedLines:
         assert abs(np.corrcoef(one.ravel(), third.ravel())[0, 1]) < 0.3
 
     def test_the_repeated_part_is_normal_and_forgotten_within_its_phase(self) -> None:
-        table = mosaic_table(1)[0]
+        table = mosaic_table(1)
         places = np.random.default_rng(0).uniform(0, 300, (4000, 3))
-        on_rays = np.array([mosaic_noise(mosaic_table(int(w))[0], u, v, w) for u, v, w in places[:1500]])
+        on_rays = np.array([mosaic_noise(mosaic_table(int(w)), u, v, w)[0] for u, v, w in places[:1500]])
         on_circles = np.array([phase_noise(3, int(u), v) for u, v, _ in places])
         for values in (on_rays, on_circles):
             assert values.mean() == pytest.approx(0.0, abs=0.08)

@@ -24,11 +24,13 @@ class TestMistakes:
             open_scenario("match", changes=["others.robots=-1"])
         with pytest.raises(InputError, match=r"^setting 'seconds': input should be greater than 0"):
             open_scenario("match", seconds=0.0)
+        with pytest.raises(InputError, match=r"^unknown setting 'other'"):  # the group is as wrong as what is in it
+            open_scenario("match", changes=["other.robots=1"])
 
     @pytest.mark.parametrize(
         ("text", "message"),
         [
-            ("secondss: 3", r"mine.yaml: unknown setting 'secondss': did you mean 'seconds'"),
+            ("secondss: 3", r"mine.yaml, line 1: unknown setting 'secondss': did you mean 'seconds'"),
             (
                 "motion: {kind: match, sped_m_s: 2}",
                 r"unknown setting 'motion.sped_m_s': did you mean 'motion.speed_m_s'",
@@ -51,6 +53,18 @@ class TestMistakes:
             ("[1, 2]", r"expected keys and values at the top level, found a list"),
             ("seed: 1.5", r"setting 'seed': input should be a valid integer"),
             ("seconds: .nan", r"setting 'seconds': input should be a finite number"),
+            (
+                "seed: 3\nseconds: true",
+                r"mine.yaml, line 2: seconds: a number is wanted, not true or false \(got True\)",
+            ),
+            ("seed: yes", r"mine.yaml, line 1: seed: a number is wanted"),
+            ("motion:\n  kind: stand\n  pose: [0, on, 0]", r"mine.yaml, line 3: motion.pose: a number is wanted"),
+            ("seconds: 3\nseed: 1\nseconds: 4", r"mine.yaml, line 3: 'seconds' stands in line 1 already; keep one"),
+            ("motion:\n  kind: match\n  kind: stand", r"mine.yaml, line 3: 'kind' stands in line 2 already; keep one"),
+            (
+                "others:\n  robots: -1\ncamera:\n  rate_hz: 0",
+                r"line 2: setting 'others.robots'|line 4: setting 'camera.r",
+            ),
             ("name: ../elsewhere", r"name: '../elsewhere' is no name of a folder"),
             ("motion: {kind: stand, pose: [0, 0]}", r"setting 'motion.pose.2': field required"),
             (
@@ -83,6 +97,13 @@ class TestMistakes:
         with pytest.raises(InputError, match=message) as caught:
             Simulation(open_scenario(scenario_file(tmp_path, text)))
         assert "\n" not in str(caught.value)
+
+    def test_a_mistake_in_a_change_of_a_key_is_not_told_as_the_file_s(self, tmp_path: Path) -> None:
+        path = scenario_file(tmp_path, "seconds: 3\nmotion: {kind: stand}")
+        with pytest.raises(InputError, match=r"^seconds: a number is wanted, not true or false"):
+            open_scenario(path, changes=["seconds=true"])
+        with pytest.raises(InputError, match=r"^setting 'seconds': input should be greater than 0"):
+            open_scenario(path, seconds=0.0)
 
     def test_a_recording_that_was_not_simulated_holds_no_scenario(self, tmp_path: Path) -> None:
         (tmp_path / "sequence.yaml").write_text("format: 1\nname: recorded\n", encoding="utf-8")

@@ -17,7 +17,7 @@ from touchline.simulation.sensors import (
     OdometryNoise,
     SensorSettings,
     WheelNoise,
-    samples_between,
+    arrived_by,
     simulate_imu,
     simulate_odometry,
     simulate_sensors,
@@ -296,12 +296,10 @@ class TestSampleLogs:
         np.testing.assert_array_equal(one.odometry.values, other.odometry.values)
         assert not np.array_equal(one.wheels.values, other.wheels.values)
 
-    def test_an_interval_excludes_its_start_and_includes_its_end(self) -> None:
+    def test_a_sample_has_arrived_with_the_image_of_the_same_stamp(self) -> None:
         log = simulate_sensors(driving((1.0, 0.0, 0.0), 1.0), SensorSettings(), np.random.default_rng(0))
-        taken = samples_between(log.wheels, 100_000_000, 200_000_000)
-        assert taken is not None
-        np.testing.assert_array_equal(taken.stamp_ns, np.arange(6, 11) * 20_000_000)
-        assert samples_between(log.wheels, 101_000_000, 102_000_000) is None
+        stamps = np.array([100_000_000, 100_000_001, 102_000_000, 200_000_000])
+        assert arrived_by(log.wheels, stamps) == [0, 6, 6, 6, 11]
 
     def test_arrays_of_another_shape_are_no_track(self) -> None:
         none: FloatArray = np.zeros((5, 3))

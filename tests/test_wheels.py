@@ -18,7 +18,7 @@ from touchline.api import prepare
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import Pose, wrap_angle
-from touchline.motion import OdometrySettings, WheelOdometry, WheelOdometrySettings
+from touchline.motion import WheelOdometry, WheelOdometrySettings
 from touchline.motion.wheel_pair import WheelPair
 from touchline.sources import open_source
 from touchline.sources.description import wheel_directions_rad
@@ -275,6 +275,24 @@ def test_without_the_gyro_for_a_second_the_turn_is_unknown_and_said_to_be() -> N
     assert odometry.update(given[3]).missing_s == 0.0
 
 
+@pytest.mark.parametrize(
+    ("no_wheels_s", "no_gyro_s", "missing_s"),
+    [((0.3, 0.6), (1.2, 1.7), 0.8), ((0.3, 0.8), (0.5, 1.0), 0.7), ((0.2, 1.4), (0.5, 1.0), 1.2)],
+)
+def test_gaps_of_wheels_and_gyro_add_up_and_count_once_where_they_overlap(
+    no_wheels_s: tuple[float, float], no_gyro_s: tuple[float, float], missing_s: float
+) -> None:
+    """Apart, overlapping, and one within the other. Counters say nothing of a gap after which they go on elsewhere."""
+    drive, mount = Drive(1.0, 0.0, 0.0), MOUNTS[0]
+    times = np.arange(0, 2001, 20.0)
+    known, felt = (times[(times <= 1000 * first) | (times >= 1000 * last)] for first, last in (no_wheels_s, no_gyro_s))
+    wheels = drive.wheels(known, mount)
+    wheels.values[known >= 1000 * no_wheels_s[1]] += 20.0
+    odometry = WheelOdometry(None, *mount[:2])
+    motion = [odometry.update(frame) for frame in frames([0.0, 2000.0], wheels, drive.gyro(felt))][-1]
+    assert motion.missing_s == pytest.approx(missing_s)
+
+
 @pytest.mark.parametrize("gone", ["wheels", "gyro", "both", "directions"])
 def test_the_odometry_takes_the_place_of_what_is_missing(gone: str) -> None:
     """A recording without wheels or gyro, or that doesn't say how its wheels are mounted."""
@@ -358,12 +376,29 @@ def test_a_long_wait_between_frames_loses_nothing() -> None:
     assert_same(odometry.pose, drive.pose(20.0), 1e-6)
 
 
-def test_the_covariance_is_that_of_many_noisy_runs() -> None:
+def test_an_error_of_the_turn_is_taken_for_travel_over_the_levers() -> None:
+    """Wheels along x and y with levers l: to a robot that turns by t on the spot a scale error e is a travel -l e t."""
+    turn_rad, levers, error = 0.3, (0.2, -0.1), 0.05
+    mount = (0.0, math.pi / 2, *levers)
+    drive, times = Drive(0.0, 0.0, 1.0), np.arange(0, 301, 20.0)
+    none = {"wheel_error": 0, "slip_m": 0, "gyro_bias_error_rad_s": 0, "gyro_noise_rad": 0, "drift_m": 0}
+    options = {"a_lever_m": levers[0], "b_lever_m": levers[1], "gyro_error": error, **none}
+    odometry = WheelOdometry(WheelOdometrySettings(**options), *mount[:2])  # type: ignore[arg-type]
+    motion = [odometry.update(f) for f in frames([0.0, 300.0], drive.wheels(times, mount), drive.gyro(times))][-1]
+    half = turn_rad / 2  # the step's displacement points along the heading in its middle
+    x_m = -(levers[0] * math.cos(half) - levers[1] * math.sin(half))
+    y_m = -(levers[0] * math.sin(half) + levers[1] * math.cos(half))
+    derivatives = np.array([x_m, y_m, 1.0])
+    np.testing.assert_allclose(motion.covariance, (error * turn_rad) ** 2 * np.outer(derivatives, derivatives))
+
+
+@pytest.mark.parametrize("mount", [MOUNTS[1], (*MOUNTS[1][:2], 0.25, -0.15)])
+def test_the_covariance_is_that_of_many_noisy_runs(mount: tuple[float, float, float, float]) -> None:
     """Circumference, slip, gyro scale, bias and noise drawn as the settings say, in an arc with unlike wheels."""
     rng = np.random.default_rng(4)
-    drive, mount = Drive(1.2, 0.4, 1.0), MOUNTS[1]
+    drive = Drive(1.2, 0.4, 1.0)
     times = np.arange(0, 301, 20.0)
-    s = WheelOdometrySettings(drift_m=0.0, gyro_bias_error_rad_s=0.05, fallback=OdometrySettings())
+    s = WheelOdometrySettings(drift_m=0.0, gyro_bias_error_rad_s=0.05, a_lever_m=mount[2], b_lever_m=mount[3])
     wheels, gyro, ends = drive.wheels(times, mount), drive.gyro(times), []
     steps = np.diff(wheels.values, axis=0)
     for _ in range(400):

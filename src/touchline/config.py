@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails
 
 from touchline.errors import InputError
@@ -18,6 +18,28 @@ class Settings(BaseModel):
     """Base of every settings tree: frozen, and an unknown key is refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _true_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """In YAML `yes`, `on` and `true` are truths; taken for the number 1 they would hide a mistake."""
+        kinds = set(_kinds(cls.model_fields[str(info.field_name)].annotation))
+        if _holds_bool(value) and kinds & {int, float} and bool not in kinds:
+            raise ValueError(f"a number is wanted, not true or false (got {value!r})")
+        return value
+
+
+def _kinds(annotation: Any) -> Iterator[Any]:
+    """All types that an annotation names, inside of tuples and unions, too."""
+    arguments = get_args(annotation)
+    if not arguments:
+        yield annotation
+    for argument in arguments:
+        yield from _kinds(argument)
+
+
+def _holds_bool(value: Any) -> bool:
+    return isinstance(value, bool) or (isinstance(value, list | tuple) and any(_holds_bool(part) for part in value))
 
 
 _SAID = 4  # mistakes told at once
@@ -35,41 +57,35 @@ def load_settings(
     """Settings from the defaults, then a YAML file (or one section of it), then `a.b=value` overrides.
 
     elsewhere: other settings by the name of what they belong to, for whoever mixes them up.
-    Raises InputError with the nearest known key for an unknown one, and for a value that does not fit.
+    Raises InputError with the nearest known key for an unknown one, and for a value that does not fit, each with its
+    line in the file.
     """
     tree = read_yaml_mapping(file) if file is not None else {}
     if section is not None:
         tree = tree[section]
+    changed = set()
     for item in overrides:
         key, separator, text = item.partition("=")
         if not separator or not key.strip():
-            known, default, _ = next(row for row in settings_rows(model) if isinstance(row[1], int | float))
-            raise InputError(f"--set {item}: expected KEY=VALUE, for example --set {known}={default}")
+            numbers = (f"{row[0]}={row[1]}" for row in settings_rows(model) if isinstance(row[1], int | float))
+            raise InputError(f"--set {item}: expected KEY=VALUE, for example --set {next(numbers, 'key=1')}")
         try:
             value = yaml.safe_load(text)
         except yaml.YAMLError as error:
             raise InputError(f"--set {item}: the value is not readable ({error})") from None
-        _put(tree, key.strip().split("."), value, item)
+        path = key.strip().split(".")
+        _put(tree, path, value, item)
+        changed.add(tuple(path))
     try:
         return model.model_validate(tree)
     except ValidationError as error:
-        given = [item.partition("=")[0].strip() for item in overrides]
-        in_file = file is not None and not all(_is_about(problem, given) for problem in error.errors())
-        raise InputError((f"{file}: " if in_file else "") + _explain(model, error, elsewhere or {})) from None
+        where = () if section is None else (section,)
+        raise InputError(_explain(model, error, file, where, changed, elsewhere or {})) from None
 
 
 def read_yaml_mapping(path: Path) -> dict[str, Any]:
     """A YAML file whose top level is a mapping; InputError names the file and line of what is wrong."""
-    try:
-        loaded = yaml.load(path.read_text(encoding="utf-8"), Loader=_YAML_LOADER)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f", line {mark.line + 1}" if mark is not None else ""
-        raise InputError(f"{path}{line}: is not valid YAML ({getattr(error, 'problem', error)})") from None
+    loaded = read_yaml(path)
     if loaded is None:
         return {}
     if not isinstance(loaded, dict):
@@ -77,7 +93,59 @@ def read_yaml_mapping(path: Path) -> dict[str, Any]:
     return loaded
 
 
-_YAML_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+def read_yaml(path: Path) -> Any:
+    """What a YAML file holds; InputError names the file and line of what is wrong, a key that stands twice as well."""
+    try:
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file") from None
+    except _TwiceError as error:
+        raise InputError(f"{path}, {error}") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        raise InputError(f"{path}{line}: is not valid YAML ({getattr(error, 'problem', error)})") from None
+
+
+def yaml_line(path: Path, keys: Sequence[str | int]) -> int | None:
+    """The line in a YAML file in which an entry begins, named by keys and, in lists, numbers from 0; of what is not
+    there the nearest entry around it. None without any.
+    """
+    try:
+        node = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return None
+    line = None
+    for key in keys:
+        if isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value):
+            node = node.value[key]
+            line = node.start_mark.line + 1
+            continue
+        inside = node.value if isinstance(node, yaml.MappingNode) else []
+        entries = [(name, value) for name, value in inside if name.value == str(key)]
+        if not entries:
+            break
+        line, node = entries[-1][0].start_mark.line + 1, entries[-1][1]
+    return line
+
+
+class _TwiceError(Exception):
+    """A key stands twice in one mapping: the later one would silently win."""
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """Plain values only, and no key twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            line = key.start_mark.line + 1
+            if isinstance(key, yaml.ScalarNode) and lines.setdefault(key.value, line) != line:
+                raise _TwiceError(f"line {line}: '{key.value}' stands in line {lines[key.value]} already; keep one")
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
 
 
 def settings_rows(model: type[Settings], prefix: str = "") -> Iterator[tuple[str, Any, str]]:
@@ -104,34 +172,42 @@ def _put(tree: dict[str, Any], path: list[str], value: Any, item: str) -> None:
     tree[path[-1]] = value
 
 
-def _explain(model: type[Settings], error: ValidationError, elsewhere: Mapping[str, type[Settings]]) -> str:
-    known = [key for key, _, _ in settings_rows(model)]
+def _explain(
+    model: type[Settings],
+    error: ValidationError,
+    file: Path | None,
+    section: tuple[str, ...],
+    changed: set[Any],
+    elsewhere: Mapping[str, type[Settings]],
+) -> str:
+    """What is wrong, each mistake with its line in the file unless it came from a change of the key on top of it."""
     sentences = []
     for problem in error.errors():
-        key = ".".join(str(part) for part in problem["loc"])
-        if problem["type"] == "extra_forbidden":
-            nearest = _nearest_key(key, [*known, *_keys_beside(model, problem)])
-            owners = [name for name, other in elsewhere.items() if _has_key(other, key)]
-            sentences.append(
-                f"setting '{key}' belongs to {' and '.join(owners)}, not to the chosen system"
-                if owners
-                else f"unknown setting '{key}': {nearest}"
-            )
-        elif problem["type"] == "value_error":  # from a check of our own, which says it all
-            sentences.append(f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"]))
-        elif problem["type"] == "model_type":
-            inside = sorted({other[len(key) + 1 :].split(".")[0] for other in known if other.startswith(f"{key}.")})
-            sentences.append(f"'{key}' is a group of settings, not a value{': ' * bool(inside)}{', '.join(inside)}")
-        else:
-            sentences.append(f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})")
+        location = problem["loc"]
+        ours = any(location[: len(path)] == path or location == path[: len(location)] != () for path in changed)
+        line = yaml_line(file, (*section, *location)) if file is not None and not ours else None
+        told = _sentence(model, problem, elsewhere)
+        sentences.append(told if line is None else f"line {line}: {told}")
+        if file is not None and not ours and len(sentences) == 1:
+            sentences[0] = f"{file}{': ' if line is None else ', '}{sentences[0]}"
     more = f"; and {len(sentences) - _SAID} more mistakes" if len(sentences) > _SAID else ""
     return "; ".join(sentences[:_SAID]) + more
 
 
-def _is_about(problem: ErrorDetails, given: Sequence[str]) -> bool:
-    """Whether a mistake is one of the overrides', not of the file's."""
+def _sentence(model: type[Settings], problem: ErrorDetails, elsewhere: Mapping[str, type[Settings]]) -> str:
+    known = [key for key, _, _ in settings_rows(model)]
     key = ".".join(str(part) for part in problem["loc"])
-    return any(f"{key}.".startswith(f"{other}.") or f"{other}.".startswith(f"{key}.") for other in given) and bool(key)
+    if problem["type"] == "extra_forbidden":
+        owners = [name for name, other in elsewhere.items() if _has_key(other, key)]
+        if owners:
+            return f"setting '{key}' belongs to {' and '.join(owners)}, not to the chosen system"
+        return f"unknown setting '{key}': {_nearest_key(key, [*known, *_keys_beside(model, problem)])}"
+    if problem["type"] == "value_error":  # from a check of our own, which says it all
+        return f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"])
+    if problem["type"] == "model_type":
+        inside = sorted({other[len(key) + 1 :].split(".")[0] for other in known if other.startswith(f"{key}.")})
+        return f"'{key}' is a group of settings, not a value{': ' * bool(inside)}{', '.join(inside)}"
+    return f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})"
 
 
 def _has_key(model: type[Settings], key: str) -> bool:

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from touchline.camera import OmniCamera
-from touchline.config import did_you_mean
+from touchline.config import did_you_mean, read_yaml
 from touchline.errors import InputError, TouchlineError
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import ColourModel
@@ -81,14 +80,7 @@ def calibrate_marked(folder: Path, regions_file: Path) -> ColourCalibration:
 
 def read_regions(path: Path) -> list[Region]:
     """regions.yaml: a list of {file, class, polygon: [[u, v], ...]} or {file, class, box: [u0, v0, u1, v1]}."""
-    try:
-        rows = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f", line {mark.line + 1}" if mark is not None else ""
-        raise InputError(f"{path}{line}: is not valid YAML") from None
+    rows = read_yaml(path)
     if not isinstance(rows, list) or not rows:
         raise InputError(f"{path}: expected a list of regions, each with file, class and polygon (or box)")
     return [_region(row, f"{path}: region {number}") for number, row in enumerate(rows, start=1)]

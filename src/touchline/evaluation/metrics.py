@@ -1,7 +1,9 @@
 """Error statistics of a trajectory against the truth, as the papers print them.
 
 Mean and median are of |error|; the standard deviation is given of the signed error and of |error|, because the papers
-differ: compare like with like. Black images and frames before the first estimate are left out and counted.
+differ: compare like with like. Frames count in which the robot is tracked; black images and frames before the first
+estimate are left out. While the robot is lost or searched for, the pose is a prediction that no image has confirmed:
+such frames have a row of their own.
 """
 
 from __future__ import annotations
@@ -49,7 +51,8 @@ class ErrorTable:
     """Errors of x, y, position (m, field frame) and heading (rad), and what was counted and what was left out.
 
     `frames` were counted. Left out: `skipped` first frames as asked, `black` images, frames `before_first` estimate,
-    frames `without_truth` nearer than half a frame.
+    frames `without_truth` nearer than half a frame, frames after the first estimate in which the robot was `lost` or
+    searched for, whose position errors are `lost_position` (None without any).
     """
 
     x: ErrorStatistics
@@ -61,27 +64,30 @@ class ErrorTable:
     black: int = 0
     before_first: int = 0
     without_truth: int = 0
+    lost: int = 0
+    lost_position: ErrorStatistics | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: metres and radians, as the keys say."""
         counts = asdict(self)
-        tables = {f"{name}_{unit}": counts.pop(name) for name, unit in _UNITS}
+        tables = {f"{name}_{unit}": counts.pop(name) for name, unit in (*_UNITS, _LOST)}
         return {**tables, **counts}
 
     def rows(self) -> list[tuple[str, list[str]]]:
         """Printable rows, cm and degrees: name, then mean, median, std of error, std of |error|, maximum."""
         table = []
-        for name, unit in _UNITS:
+        for name, unit in (*_UNITS, _LOST) if self.lost else _UNITS:
             statistics: ErrorStatistics = getattr(self, name)
             scale, decimals = (100.0, 2) if unit == "m" else (float(np.degrees(1.0)), 3)
             numbers = [f"{scale * value:.{decimals}f}" for value in asdict(statistics).values()]
-            table.append((f"{name} ({'cm' if unit == 'm' else '°'})", numbers))
+            table.append((f"{_TITLES.get(name, name)} ({'cm' if unit == 'm' else '°'})", numbers))
         return table
 
     def left_out(self) -> str:
         """A sentence about what was counted and left out."""
         parts = [
             (self.skipped, "first frames, as asked"),
+            (self.lost, "searching or lost"),
             (self.before_first, "before the first estimate"),
             (self.black, "black images"),
             (self.without_truth, "without truth"),
@@ -97,6 +103,8 @@ class ErrorTable:
 
 COLUMNS = ("mean |e|", "median |e|", "std e", "std |e|", "max |e|")
 _UNITS = (("x", "m"), ("y", "m"), ("position", "m"), ("heading", "rad"))
+_LOST = ("lost_position", "m")
+_TITLES = {"lost_position": "position, lost"}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -154,19 +162,21 @@ def error_table(
 ) -> ErrorTable:
     """Statistics of a trajectory (N, 3) against the truth (M, 3), both x, y, heading (m, m, rad).
 
-    located: (N,) whether the system was tracking; frames before the first of them are left out. None: all were.
+    located: (N,) whether the system was tracking; other frames are left out, those after the first of them with a row
+    of their own. None: all were.
     black_ns: first and last stamp of every stretch of black images. skip: leave out this many frames at the start.
 
     Raises NothingToCompareError if nothing is left to compare.
     """
     keep = np.arange(len(trajectory)) >= skip
-    first = 0 if located is None else int(np.argmax(located)) if located.any() else len(trajectory)
-    begun = np.arange(len(trajectory)) >= first
+    located = np.ones(len(trajectory), dtype=np.bool_) if located is None else located
+    begun = np.maximum.accumulate(located)
     black = within(trajectory.stamp_ns, black_ns)
     errors = signed_errors(trajectory, truth)
     known = np.zeros(len(trajectory), dtype=np.bool_)
     known[errors.rows] = True
-    counted = (keep & begun & ~black & known)[errors.rows]
+    usable = (keep & begun & ~black & known)[errors.rows]
+    counted, lost = usable & located[errors.rows], usable & ~located[errors.rows]
     if not counted.any():
         raise NothingToCompareError(_why_nothing_is_left(keep, begun, known))
     values = errors.values[counted]
@@ -180,6 +190,8 @@ def error_table(
         before_first=int(np.sum(keep & ~begun)),
         black=int(np.sum(keep & begun & black)),
         without_truth=int(np.sum(keep & begun & ~black & ~known)),
+        lost=int(np.sum(lost)),
+        lost_position=ErrorStatistics.of(errors.position_m()[lost]) if lost.any() else None,
     )
 
 
@@ -198,4 +210,4 @@ def _why_nothing_is_left(keep: BoolArray, begun: BoolArray, known: BoolArray) ->
         return "no estimate has a truth within half a frame: do both come from the same recording and clock?"
     if not (keep & begun).any():
         return "no frame is left to compare: all frames were left out"
-    return "no frame is left to compare: all images with a truth are black or come before the first estimate"
+    return "no frame is left to compare: in all images with a truth the robot isn't located, or they are black"

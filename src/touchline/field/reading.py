@@ -6,9 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from touchline.config import did_you_mean, read_yaml_mapping
+from touchline.config import did_you_mean, read_yaml_mapping, yaml_line
 from touchline.errors import InputError
 from touchline.field.model import FieldModel, Goal, Pole
 
@@ -142,12 +140,5 @@ def _pole(where: str, row: Any) -> Pole:
 def _line_of(path: Path, key: str) -> str:
     """', line N' of a top-level key, or of its row for 'key, row N'; nothing if the key is not there."""
     name, _, row = key.partition(", row ")
-    root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    if isinstance(root, yaml.MappingNode):
-        for key_node, value_node in root.value:
-            if key_node.value == name:
-                node = key_node
-                if row and isinstance(value_node, yaml.SequenceNode):
-                    node = value_node.value[int(row) - 1]
-                return f", line {node.start_mark.line + 1}"
-    return ""
+    line = yaml_line(path, [name, int(row) - 1] if row else [name])
+    return "" if line is None else f", line {line}"

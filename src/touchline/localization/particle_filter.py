@@ -50,11 +50,21 @@ class ParticleFilterSettings(Settings):
 
     particles: int = Field(600, ge=1, description="particles; the paper's 600")
     particles_all_headings: int = Field(
-        6000, ge=1, description="particles at the start while no compass tells the heading: ten for each of 600 places"
+        6000,
+        ge=1,
+        description="particles at a start with headings all around: ten for each of 600 places; between this and "
+        "`particles`, in proportion to how wide the headings are spread",
     )
     beyond_m: float = Field(1.0, ge=0, description="how far beyond the field particles start (m): the robot's margin")
     compass_rad: float = Field(
         0.15, ge=0, description="standard deviation of the first headings about the compass (rad): 5 degrees and more"
+    )
+    known_heading_rad: float = Field(
+        0.8,
+        ge=0,
+        description="standard deviation of the first headings about the one known before the robot was lost, without a "
+        "compass (rad), beside what odometry may have gone wrong: a robot may have been turned, hardly to the other "
+        "goal",
     )
     farthest_m: float = Field(
         1.0, gt=0, description="distance from a line at which the map's error is 255 (m): half way between most lines"
@@ -118,16 +128,28 @@ class ParticleFilter:
         self._squares = np.minimum(self.map.values.astype(np.float32), np.float32(s.worst_units)) ** 2
         self.restart(None)
 
-    def restart(self, compass_rad: float | None, region: Region | None = None, widening: float = 1.0) -> None:
-        """Spread the particles over the field or a region of it, headings about the compass's (rad), or everywhere.
+    def restart(
+        self, heading_rad: float | None, region: Region | None = None, deviation_rad: float | None = None
+    ) -> None:
+        """Spread the particles over the field or a region of it, their headings about one (rad), or everywhere.
 
-        On a symmetric field without compass and region half the circle does: it holds one of every two poses that
-        look the same. widening: factor of the compass's deviation.
+        On a symmetric field without a region half the circle does, about the heading or about 0: it holds one of every
+        two poses that look the same. deviation_rad: of the headings, by default the compass's; the wider, the more
+        particles.
         """
-        s = self.settings
-        count = s.particles if compass_rad is not None else s.particles_all_headings
-        heading = None if compass_rad is None else (compass_rad, min(s.compass_rad * widening, math.pi))
-        self.particles = spread_particles(self.rng, count, self._reach_m, region or Region(), heading, self.symmetric)
+        s, headings_rad = self.settings, None
+        count = most = max(s.particles, s.particles_all_headings)
+        if heading_rad is not None:
+            deviation_rad = min(s.compass_rad if deviation_rad is None else deviation_rad, math.pi)
+            headings_rad = heading_rad, deviation_rad
+            if deviation_rad <= s.compass_rad:
+                count = s.particles
+            elif s.compass_rad > 0.0:
+                count = min(round(s.particles * deviation_rad / s.compass_rad), most)
+        area = region or Region()
+        self.particles = spread_particles(self.rng, count, self._reach_m, area, headings_rad, self.symmetric)
+        if heading_rad is not None and self.symmetric and region is None:
+            self.particles[:, 2] -= math.pi * np.round((self.particles[:, 2] - heading_rad) / math.pi)
         self._roughness = np.zeros(3)
         self.exponent = 1.0
         self._estimate()
@@ -154,6 +176,20 @@ class ParticleFilter:
             deviations = np.array([s.nearby_m, s.nearby_m, s.nearby_rad])
             near = pose.as_array() + deviations * self.rng.standard_normal((count, 3))
             self.particles[:: len(self.particles) // count][:count] = near
+
+    def keep_within(self, region: Region, moved: Pose) -> None:
+        """Particles that were outside of a region before a motion take the places of others, unless all were.
+
+        moved: before_from_after.
+        """
+        headings = self.particles[:, 2] - moved.heading
+        cosine, sine = np.cos(headings), np.sin(headings)
+        x = self.particles[:, 0] - cosine * moved.x + sine * moved.y
+        y = self.particles[:, 1] - sine * moved.x - cosine * moved.y
+        inside = (x >= region.least_x) & (x <= region.most_x) & (y >= region.least_y) & (y <= region.most_y)
+        kept = self.particles[inside]
+        if 0 < len(kept) < len(inside):
+            self.particles[~inside] = kept[self.rng.integers(len(kept), size=len(inside) - len(kept))]
 
     def cycle(self, points: FloatArray) -> Pose:
         """Equations (7) to (14) for line points (M, 2) in the robot frame (m), M > 0; returns the mean."""

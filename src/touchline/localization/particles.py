@@ -24,25 +24,8 @@ from touchline.localization.particle_kernels import (
     resample,
 )
 from touchline.localization.particle_models import ParticleMotionSettings, motion_deviations, spread_particles
+from touchline.localization.particle_numbers import AdaptiveSettings, kld_number
 from touchline.motion.odometry import Motion
-
-
-class AdaptiveSettings(Settings):
-    """Particle numbers by Kullback-Leibler distance (Fox 2003): references 8, 9, 12 of the paper, which keeps 600."""
-
-    enabled: bool = Field(False, description="draw only as many particles as the spread asks for; the paper keeps all")
-    error: float = Field(0.05, gt=0, description="largest distance (nats) between the samples and the truth: Fox's")
-    quantile: float = Field(2.326, gt=0, description="standard normal quantile of keeping it: 99 %, as Fox")
-    bin_m: float = Field(0.5, gt=0, description="size of a bin in x and y (m): Fox's 50 cm")
-    bin_rad: float = Field(0.2618, gt=0, description="size of a bin in heading (rad): Fox's 15 degrees")
-    kept_share: float = Field(
-        0.5,
-        gt=0,
-        le=1,
-        description="share of the particles that every drawing keeps at least: one good draw may agree on a look-alike "
-        "place, five in a row don't. Near 0 is Fox's own, the number that is asked for at once",
-    )
-    least: int = Field(1, ge=1, description="fewest particles: one when certain (references 8 and 9)")
 
 
 class MonteCarloSettings(Settings):
@@ -59,12 +42,22 @@ class MonteCarloSettings(Settings):
         0.1, ge=0, description="standard deviation of the first headings about the compass (rad): 5 degrees indoors"
     )
     sigma_m: float = Field(
-        0.3, gt=0, description="σ of equation (2) (m): the next of 600 particles is some 0.35 m away from the robot"
-    )
-    farthest_m: float | None = Field(
-        1.0,
+        0.3,
         gt=0,
-        description="distance (m) from which a point counts no worse: stray points; none is the paper's equation (2)",
+        description="σ of equation (2) (m) until the particles have converged: the next of 600 is some 0.35 m away "
+        "from the robot",
+    )
+    converged_sigma_m: float | None = Field(
+        0.1,
+        gt=0,
+        description="σ (m) once they have converged and lie close: a far line point's own error; none is the paper's "
+        "one constant",
+    )
+    farthest_sigmas: float | None = Field(
+        3.3,
+        gt=0,
+        description="distance, in σ, from which a point counts no worse: points on goals, robots and beyond the field "
+        "lie on no line; an error is smaller in 99.9 % of all cases; none is the paper's equation (2)",
     )
     independent_points: float | None = Field(
         20.0,
@@ -116,6 +109,18 @@ class MonteCarloSettings(Settings):
     adaptive: AdaptiveSettings = AdaptiveSettings()
 
 
+# Equations (1) to (3) as they stand, and nothing but the drawing to come near.
+PAPER_FORM = MonteCarloSettings(
+    converged_sigma_m=None,
+    farthest_sigmas=None,
+    independent_points=None,
+    precise_points=False,
+    refined_clusters=0,
+    fresh_share=0.0,
+    kept_share=0.0,
+)
+
+
 class MonteCarlo:
     """Particles on one field. `particles` (N, 3): x, y (m), heading (rad); `weights` (N,) sum to 1.
 
@@ -138,7 +143,12 @@ class MonteCarlo:
         self.rng = rng
         self.size_m = np.array([length_m, width_m])
         self.symmetric = symmetric
-        self._squares, self._origin_m, self._resolution_m = self._table()
+        s, source = self.settings, matcher.distance_map
+        stride = max(round(s.table_m / source.resolution_m), 1)
+        self._distances_m = np.ascontiguousarray(source.values[::stride, ::stride, 0])
+        self._origin_m, self._resolution_m = source.origin_m, stride * source.resolution_m
+        self._wide = self._sensor_model(s.sigma_m)
+        self._narrow = self._wide if s.converged_sigma_m is None else self._sensor_model(s.converged_sigma_m)
         self.restart(None)
 
     def restart(
@@ -159,6 +169,7 @@ class MonteCarlo:
         s = self.settings
         spread = min(s.compass_rad * widening, math.pi)
         self._tolerance_rad = max(s.heading_tolerance_rad, 2.0 * spread)
+        self._model = self._wide
         count = s.particles if compass_rad is not None else s.particles_all_headings
         self._spread_rad = spread
         self._region = region or Region()
@@ -197,6 +208,7 @@ class MonteCarlo:
         """The sensor model, equations (1) to (3), then the mean; arguments as for `cycle`."""
         s = self.settings
         points, shares = checked_points(points, weights if s.precise_points else None)
+        self._model = self._narrow if self.converged else self._wide
         self._add_likelihoods(self.particles, points, shares, self._log_weights)
         if s.refined_clusters:
             self._refine(points, shares, compass_rad)
@@ -233,10 +245,10 @@ class MonteCarlo:
         return found
 
     def _add_likelihoods(self, poses: FloatArray, points: FloatArray, shares: FloatArray, out: FloatArray) -> None:
-        s = self.settings
-        factor = 0.5 * (s.independent_points or len(points)) / s.sigma_m**2  # shares sum to 1, so the count comes here
+        squares, factor = self._model
+        factor *= self.settings.independent_points or len(points)  # shares sum to 1, so the count comes here
         add_log_likelihoods(
-            poses, points, shares, self._squares, self._origin_m[0], self._origin_m[1], self._resolution_m, factor, out
+            poses, points, shares, squares, self._origin_m[0], self._origin_m[1], self._resolution_m, factor, out
         )
 
     def _refine(self, points: FloatArray, shares: FloatArray, compass_rad: float | None) -> None:
@@ -285,23 +297,9 @@ class MonteCarlo:
             self.covariance = np.diag([a.bin_m**2, a.bin_m**2, a.bin_rad**2]) / 12.0
         self.pose = as_pose(mean)
 
-    def _table(self) -> tuple[FloatArray, FloatArray, float]:
-        """Squared distances (ny, nx), float32, m²: the paper's two-dimensional look-up table, thinned for the cache."""
-        s, source = self.settings, self.matcher.distance_map
-        stride = max(round(s.table_m / source.resolution_m), 1)
-        distances = source.values[::stride, ::stride, 0]
-        if s.farthest_m is not None:
-            distances = np.minimum(distances, np.float32(s.farthest_m))
-        return np.ascontiguousarray(distances**2), source.origin_m, stride * source.resolution_m
-
-
-def kld_number(bins: int, settings: AdaptiveSettings) -> int:
-    """Particles that keep the Kullback-Leibler distance below its limit, for so many occupied bins (Fox 2003, eq. 7).
-
-    A single bin needs a single particle.
-    """
-    if bins <= 1:
-        return settings.least
-    a = 2.0 / (9.0 * (bins - 1))
-    number = (bins - 1) / (2.0 * settings.error) * (1.0 - a + math.sqrt(a) * settings.quantile) ** 3
-    return max(settings.least, math.ceil(number))
+    def _sensor_model(self, sigma_m: float) -> tuple[FloatArray, float]:
+        """Of equation (2) with this σ: squared distances (ny, nx), float32, m², and the factor 1 / (2 σ²)."""
+        distances_m, farthest = self._distances_m, self.settings.farthest_sigmas
+        if farthest is not None:
+            distances_m = np.minimum(distances_m, np.float32(farthest * sigma_m))
+        return distances_m**2, 0.5 / sigma_m**2

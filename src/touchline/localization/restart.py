@@ -1,4 +1,7 @@
-"""When the particles have lost the robot and must start anew over the field. Ismail et al. 2021 have no rule for it."""
+"""When the particles start anew over the field: the robot is lost, or a search for it has found nothing.
+
+Ismail et al. 2021 start them once; this rule is ours.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,12 @@ class RestartSettings(Settings):
     least_share: float = Field(
         0.6, ge=0, le=1, description="share of points on lines below which an image contradicts the particles"
     )
-    frames: int = Field(5, ge=1, description="such images in a row after which the particles start anew over the field")
+    frames: int = Field(
+        5,
+        ge=1,
+        description="such images in a row after which the particles start anew over the field, or images while the "
+        "pose is lost (fusion.lost_m)",
+    )
     blind_frames: int = Field(
         2,
         ge=1,
@@ -21,13 +29,19 @@ class RestartSettings(Settings):
         "may have been carried",
     )
     image_cycles: int = Field(
-        2, ge=1, description="cycles per image while searching: halves the time to find the robot; 1 as in the paper"
+        2,
+        ge=1,
+        description="cycles per image while searching, or with nothing known of the motion: halves the time to find "
+        "the robot; 1 as in the paper",
     )
     most_cycles: int = Field(
         16, ge=1, description="cycles after which a search that found nothing starts anew: it takes 4 to 9"
     )
     widening: float = Field(
-        1.5, ge=1, description="factor by which every new start widens the first headings about the compass"
+        1.5,
+        ge=1,
+        description="factor by which every new start widens the first headings about the compass, or about the heading "
+        "known before",
     )
     heading_rad: float | None = Field(
         1.6,
@@ -35,11 +49,16 @@ class RestartSettings(Settings):
         description="difference from the compass (rad) that shows the wrong end of a symmetric field, where the lines "
         "look the same; none as in the paper, whose compass serves at the start alone",
     )
-    heading_frames: int = Field(5, ge=1, description="images in a row with such a difference until the search starts")
+    heading_frames: int = Field(
+        5,
+        ge=1,
+        description="images in a row with such a difference until the search starts, or without it until a compass "
+        "that comes late has told at which end the robot is",
+    )
 
 
 class RestartRule:
-    """Counts what speaks against the particles while they follow the robot, and the cycles while they search for it."""
+    """Counts what speaks against the pose while the robot is followed, and the cycles of a search for it."""
 
     def __init__(self, settings: RestartSettings | None = None) -> None:
         self.settings = settings or RestartSettings()
@@ -47,44 +66,63 @@ class RestartRule:
 
     def reset(self) -> None:
         """Forget everything."""
-        self.starts = 0
-        self.cycles = 0
-        self.contradicted = 0
-        self.turned = 0
-        self.blind = 0
-
-    def found(self) -> None:
-        """The robot was found: the next search begins with the first start again."""
-        self.starts = 0
+        self._starts = 0
+        self._cycles = 0
+        self._contradicted = 0
+        self._turned = 0
+        self._straight = 0
+        self._blind = 0
 
     def see_nothing(self) -> None:
         """An image without usable points."""
-        self.blind += 1
+        self._blind += 1
 
-    def is_refuted(self, on_lines: float, heading_error_rad: float | None) -> bool:
-        """Judge one image; True if the particles must start anew.
+    def is_refuted(self, on_lines: float, heading_error_rad: float | None, lost: bool = False) -> bool:
+        """Judge one image with points while the robot is followed; True if the particles must start anew.
 
-        on_lines: share of points on lines; heading_error_rad: heading minus compass, None without one.
+        on_lines: share of points on lines; heading_error_rad: heading minus compass, None without one. lost: the pose
+        has become so unsure that images which don't bring it back contradict it, however well they fit elsewhere.
         """
         s = self.settings
-        enough = 1 if self.blind >= s.blind_frames else s.frames
-        self.blind = 0
-        self.contradicted = self.contradicted + 1 if on_lines < s.least_share else 0
-        strays = s.heading_rad is not None and heading_error_rad is not None and abs(heading_error_rad) > s.heading_rad
-        self.turned = self.turned + 1 if strays else 0
-        return self.contradicted >= enough or self.at_wrong_end
+        enough = 1 if self._blind >= s.blind_frames else s.frames
+        self._blind = 0
+        self._contradicted = self._contradicted + 1 if lost or on_lines < s.least_share else 0
+        if s.heading_rad is not None and heading_error_rad is not None:
+            strays = abs(heading_error_rad) > s.heading_rad
+            self._turned = self._turned + 1 if strays else 0
+            self._straight = 0 if strays else self._straight + 1
+        return self._contradicted >= enough or self.at_wrong_end
 
     @property
     def at_wrong_end(self) -> bool:
-        """Whether the compass says so."""
-        return self.turned >= self.settings.heading_frames
+        """Whether the compass says that the robot is followed at the wrong end of a symmetric field."""
+        return self._turned >= self.settings.heading_frames
+
+    @property
+    def at_right_end(self) -> bool:
+        """Whether the compass says that it is followed at the right end."""
+        return self._straight >= self.settings.heading_frames
 
     def start_is_due(self) -> bool:
-        """Whether a search has not begun yet, or has gone on for too long. To be asked before every cycle of it."""
-        return self.starts == 0 or self.cycles >= self.settings.most_cycles
+        """Whether a search has not begun yet, or has gone on for too long. To be asked before every image of it."""
+        return self._starts == 0 or self._cycles >= self.settings.most_cycles
+
+    def count_cycle(self) -> None:
+        """The particles have taken one more cycle."""
+        self._cycles += 1
+
+    @property
+    def failed(self) -> int:
+        """Searches since the robot was last found that ended without it; asked before the next `start`."""
+        return self._starts
 
     def start(self) -> float:
         """A search starts, or starts anew; returns how many times wider than at first the headings shall be."""
-        self.starts += 1
-        self.cycles = self.contradicted = self.turned = 0
-        return self.settings.widening ** (self.starts - 1)
+        self._starts += 1
+        self._cycles = self._contradicted = self._turned = self._straight = 0
+        return self.settings.widening ** (self._starts - 1)
+
+    def found(self) -> None:
+        """The robot is found, or still followed: the next search begins with the first start again."""
+        self._starts = 0
+        self._blind = 0

@@ -17,6 +17,8 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.motion.odometry import Motion
 from touchline.types import Mode
 
+_QUARTER_TURN = 0.5 * math.pi  # beyond it lines are mistaken for others
+
 
 class SensorFusionSettings(Settings):
     """The paper gives equations (15) to (19) and the three modes, no number.
@@ -83,9 +85,17 @@ class SensorFusionSettings(Settings):
         0.1,
         gt=0,
         description="distance of odometry and particles (m) within which they agree, beside three standard deviations "
-        "of the odometry since it was last corrected",
+        "of the odometry since it was last corrected; never more than lost_m, beside what may have been driven while "
+        "wheels and gyro said nothing",
     )
-    agreement_rad: float = Field(0.06, gt=0, description="the same of the heading (rad)")
+    agreement_rad: float = Field(0.06, gt=0, description="the same of the heading (rad); never more than turned_rad")
+    turned_rad: float = Field(
+        0.5,
+        gt=0,
+        lt=_QUARTER_TURN,
+        description="difference of the headings (rad) from which an image contradicts the odometry, however unsure it "
+        "is: far from the quarter turn at which lines can be mistaken",
+    )
     frames: int = Field(
         3,
         ge=1,
@@ -95,7 +105,8 @@ class SensorFusionSettings(Settings):
     lost_m: float = Field(
         0.6,
         gt=0,
-        description="standard deviation of the position (m) above which odometry alone is lost: a shove, twice",
+        description="standard deviation of the position (m) above which odometry alone is lost, and distance (m) from "
+        "which an image contradicts it, however unsure it is: a shove, twice",
     )
 
 
@@ -129,31 +140,43 @@ class SensorFusion:
         self.mode = Mode.ODOMETRY
         self.placed = False
         self.bias_rad_s = 0.0
-        self.searches = 0
-        """Searches over the field that ended without finding the robot."""
+        self._failed_searches = 0
         self._uncorrected_s = 0.0
-        self.interrupt()
+        self._turned_by_gyro = True
+        self._forget_images()
 
     def place(self, pose: Pose, covariance: FloatArray) -> None:
         """A pose that is told, with its covariance (3, 3)."""
         self.pose, self.covariance, self.placed = pose, covariance, True
 
-    def interrupt(self) -> None:
-        """Particles start anew: images must follow each other anew, too."""
+    def search_anew(self, failed: int, displaced: bool) -> None:
+        """The particles start anew over the field, after so many searches that failed.
+
+        displaced: the pose known so far is at the wrong end of the field.
+        """
+        self._failed_searches = failed
+        self.placed = self.placed and not displaced
+        self._forget_images()
+
+    def _forget_images(self) -> None:
+        """Images have to follow each other anew."""
         self.agreeing = 0
         self.contradicting = 0
         self._seen: Pose | None = None
 
-    def update(self, odometry: Pose, motion: Motion, vision: Vision | None, duration_s: float) -> Mode:
+    def update(
+        self, odometry: Pose, motion: Motion, vision: Vision | None, duration_s: float, by_gyro: bool = True
+    ) -> Mode:
         """Fuse one frame. odometry: [x_o y_o θ_o], corrected after the last frame; motion: since then, in duration_s.
 
-        vision: None without usable points.
+        vision: None without usable points. by_gyro: whether the turn is the gyro's, all of it.
         """
         self._spread_by(motion)
         self._uncorrected_s += duration_s
+        self._turned_by_gyro &= by_gyro
         good = vision is not None and self._is_good(vision)
         if vision is None or not good:
-            self.interrupt()
+            self._forget_images()
             self.mode, self.pose = Mode.ODOMETRY, odometry
             return self.mode
         self._compare(odometry, motion, vision)
@@ -164,13 +187,22 @@ class SensorFusion:
     @property
     def lost(self) -> bool:
         """Whether the odometry has been alone for too long."""
-        return math.sqrt(self.covariance[0, 0] + self.covariance[1, 1]) > self.settings.lost_m
+        return _spread_m(self.covariance) > self.settings.lost_m
+
+    @property
+    def heading_error_rad(self) -> float:
+        """Standard deviation of the pose's heading (rad)."""
+        return _spread_rad(self.covariance)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the last images agreed with the odometry, one after the other."""
+        return self.agreeing >= self.settings.frames
 
     def _is_good(self, vision: Vision) -> bool:
         """Whether an image may be used: enough points, most of them on lines, particles that agree."""
         s, used = self.settings, self.mode is not Mode.ODOMETRY
-        spread_m = math.sqrt(vision.covariance[0, 0] + vision.covariance[1, 1])
-        spread_rad = math.sqrt(vision.covariance[2, 2])
+        spread_m, spread_rad = _spread_m(vision.covariance), _spread_rad(vision.covariance)
         if used:
             limits = (s.least_points, s.least_share, s.widest_m, s.widest_rad)
         else:
@@ -181,13 +213,17 @@ class SensorFusion:
     def _compare(self, odometry: Pose, motion: Motion, vision: Vision) -> None:
         """Count the images in a row that agree with the odometry, and those that contradict it in one way."""
         s = self.settings
-        reach_m = s.agreement_m + 3.0 * math.sqrt(self.covariance[0, 0] + self.covariance[1, 1])
-        reach_rad = s.agreement_rad + 3.0 * math.sqrt(self.covariance[2, 2])
+        blind_m = 3.0 * _spread_m(motion.covariance) if motion.missing_s else 0.0  # what may have been driven unseen
+        blind_rad = 3.0 * _spread_rad(motion.covariance) if motion.missing_s else 0.0
+        reach_m = min(s.agreement_m + 3.0 * _spread_m(self.covariance), s.lost_m + blind_m)
+        reach_rad = min(s.agreement_rad + 3.0 * _spread_rad(self.covariance), s.turned_rad + blind_rad, _QUARTER_TURN)
         agrees = self.placed and _near(odometry, vision.pose, reach_m, reach_rad)
         expected = None if self._seen is None else self._seen.compose(motion.pose)
-        steady = expected is not None and _near(expected, vision.pose, s.agreement_m, s.agreement_rad)
+        steady = expected is not None and _near(
+            expected, vision.pose, s.agreement_m + blind_m, min(s.agreement_rad + blind_rad, _QUARTER_TURN)
+        )
         self.agreeing = self.agreeing + 1 if agrees else 0
-        if agrees or vision.on_lines < max(s.found_share - s.doubt * self.searches, s.accepted_share):
+        if agrees or vision.on_lines < max(s.found_share - s.doubt * self._failed_searches, s.accepted_share):
             self.contradicting = 0
         else:
             self.contradicting = self.contradicting + 1 if steady else 1
@@ -207,16 +243,16 @@ class SensorFusion:
         if self.mode is Mode.ODOMETRY:
             self.pose = odometry
             return
-        self.placed, self.searches = True, 0
+        self.placed, self._failed_searches = True, 0
         s = self.settings
-        if self.mode is Mode.BOTH:
+        if self.mode is Mode.BOTH and self._turned_by_gyro:
             self._learn_bias(odometry, vision.pose)
         beta = s.beta if self.mode is Mode.BOTH else 0.0
         if s.beta_period_s is not None:
             beta **= max(self._uncorrected_s / s.beta_period_s, 1.0)
         self.pose = blended(odometry, vision.pose, beta)
         self.covariance = beta * self.covariance + (1.0 - beta) * vision.covariance
-        self._uncorrected_s = 0.0
+        self._uncorrected_s, self._turned_by_gyro = 0.0, True
 
     def _learn_bias(self, odometry: Pose, particles: Pose) -> None:
         s = self.settings
@@ -255,6 +291,16 @@ def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:
         beta * odometry.y + (1.0 - beta) * particles.y,
         wrap_angle(math.atan2(sine, cosine)),
     )
+
+
+def _spread_m(covariance: FloatArray) -> float:
+    """Standard deviation of the position (m)."""
+    return math.sqrt(covariance[0, 0] + covariance[1, 1])
+
+
+def _spread_rad(covariance: FloatArray) -> float:
+    """Standard deviation of the heading (rad)."""
+    return math.sqrt(covariance[2, 2])
 
 
 def _near(one: Pose, other: Pose, reach_m: float, reach_rad: float) -> bool:

@@ -45,6 +45,11 @@ class UncertaintySettings(Settings):
         3.0, gt=0, description="standard deviation (rad) of a heading that no line observes: the full circle"
     )
 
+    @property
+    def unknown(self) -> FloatArray:
+        """Covariance (3, 3) of a pose of which nothing is known."""
+        return np.diag(np.array([self.unknown_position_m, self.unknown_position_m, self.unknown_heading_rad]) ** 2)
+
 
 def visual_covariance(
     points: FloatArray, weights: FloatArray, moments: Moments, c_m: float, settings: UncertaintySettings
@@ -66,10 +71,9 @@ def visual_covariance(
     u, curvature, slope_power, _ = moments
     s = settings
     n = len(points)
-    unknown = np.array([s.unknown_position_m, s.unknown_position_m, s.unknown_heading_rad]) ** 2
     mean_curvature = float(curvature.sum()) / n
     if n <= 3 or mean_curvature <= 0.0:
-        return np.diag(unknown)
+        return s.unknown
     # Three parameters were fitted to n residuals; a perfect fit still has the least residual.
     power = max(slope_power / (n - 3), (2.0 * s.least_residual_m / c_m**2) ** 2 * float(weights @ weights) / n)
     lever_m = max(math.sqrt(float(weights @ (points * points).sum(axis=1))), 0.1)
@@ -82,7 +86,7 @@ def visual_covariance(
     values = helps[:kept].sum(axis=0)
     values = np.maximum(values - s.clutter_share * values.mean(), 0.0) * (mean_curvature / power)
     information = (vectors * values) @ vectors.T * np.outer(scale, scale)
-    information[_DIAGONAL] += 1.0 / unknown
+    information[_DIAGONAL] += 1.0 / s.unknown[_DIAGONAL]
     covariance = np.linalg.inv(information)
     covariance[_DIAGONAL] += np.array([s.least_position_m, s.least_position_m, s.least_heading_rad]) ** 2
     return np.asarray(0.5 * (covariance + covariance.T))

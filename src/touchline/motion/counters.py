@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from touchline.motion.history import NANOSECONDS, History
 from touchline.types import Samples
@@ -23,13 +24,13 @@ class Sum(History):
         self._reach_ns = int(reach_s * NANOSECONDS)
         self._missing_ns: list[tuple[int, int]] = []
 
-    def missing_s(self, start_ns: int, end_ns: int) -> float:
-        """Time between two stamps (s) in which nothing is known of the sensor."""
+    def gaps_ns(self, start_ns: int, end_ns: int) -> list[tuple[int, int]]:
+        """Pieces between two stamps in which nothing is known of the sensor: first and last stamp of each."""
         if len(self) == 0:
-            return (end_ns - start_ns) / NANOSECONDS
+            return [(start_ns, end_ns)]
         outside = [(start_ns, self.first_ns), (self.last_ns + self._reach_ns, end_ns)]
-        pieces = (min(end, end_ns) - max(start, start_ns) for start, end in (*outside, *self._missing_ns))
-        return sum(max(piece, 0) for piece in pieces) / NANOSECONDS
+        pieces = ((max(first, start_ns), min(last, end_ns)) for first, last in (*outside, *self._missing_ns))
+        return [(first, last) for first, last in pieces if first < last]
 
     def forget_before(self, stamp_ns: int) -> None:
         """As History's; gaps that have passed are forgotten, too."""
@@ -45,6 +46,16 @@ class Sum(History):
         if missing:
             self._missing_ns.append((self.last_ns, stamp_ns))
         self.append(stamp_ns, row)
+
+
+def covered_s(pieces_ns: Iterable[tuple[int, int]]) -> float:
+    """Time (s) that pieces, each with first and last stamp, cover together; where they overlap it counts once."""
+    pieces_ns = sorted(pieces_ns)
+    total_ns, until_ns = 0, pieces_ns[0][0] if pieces_ns else 0
+    for first_ns, last_ns in pieces_ns:
+        total_ns += max(last_ns - max(first_ns, until_ns), 0)
+        until_ns = max(until_ns, last_ns)
+    return total_ns / NANOSECONDS
 
 
 class WheelCounters(Sum):

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.motion.counters import Turning, WheelCounters
+from touchline.motion.counters import Turning, WheelCounters, covered_s
 from touchline.motion.history import NANOSECONDS
 from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
 from touchline.motion.wheel_pair import WheelPair
@@ -159,9 +159,10 @@ class WheelOdometry:
         return Pose(x, y, wrap_angle(heading))
 
     def _missing_s(self, start_ns: int, end_ns: int) -> float:
+        """Time (s) in which wheels, gyro or both say nothing."""
         if self.pair is None:
             return (end_ns - start_ns) / NANOSECONDS
-        return max(self.wheels.missing_s(start_ns, end_ns), self.gyro.missing_s(start_ns, end_ns))
+        return covered_s([*self.wheels.gaps_ns(start_ns, end_ns), *self.gyro.gaps_ns(start_ns, end_ns)])
 
     def _replaced(self, start_ns: int, end_ns: int, missing_s: float) -> Motion | None:
         """The odometry's motion, if it knows more of the time in which wheels or gyro say nothing."""
@@ -229,19 +230,23 @@ class WheelOdometry:
         """(3, 3) of the motion in the robot frame before it.
 
         Wheels err by their circumference (in proportion to the travel) and by slip (with the root of the way); the
-        heading by the gyro's scale, bias and noise. Half of the heading's error turns the displacement, too.
+        heading by the gyro's scale, bias and noise. Half of the heading's error turns the displacement, too, and over
+        the levers all of it is taken for travel.
         """
         s, fallback = self.settings, self.settings.fallback
         position = s.drift_m**2 * duration_s + (fallback.unknown_speed_m_s * missing_s) ** 2
         heading = (s.gyro_error * rolled.turns_rad) ** 2 + (s.gyro_bias_error_rad_s * duration_s) ** 2
         heading += s.gyro_noise_rad**2 * duration_s + (fallback.unknown_turn_rad_s * missing_s) ** 2
         arm_x, arm_y = -0.5 * pose.y, 0.5 * pose.x
-        xx, xy, yy = position + heading * arm_x**2, heading * arm_x * arm_y, position + heading * arm_y**2
+        xx, xy, yy = position, 0.0, position
         if self.pair is not None:
             (ax, bx), (ay, by) = self.pair.gain(0.5 * pose.heading)
+            arm_x -= ax * s.a_lever_m + bx * s.b_lever_m
+            arm_y -= ay * s.a_lever_m + by * s.b_lever_m
             a = (s.wheel_error * rolled.a_m) ** 2 + s.slip_m**2 * rolled.a_way_m
             b = (s.wheel_error * rolled.b_m) ** 2 + s.slip_m**2 * rolled.b_way_m
             xx, xy, yy = xx + a * ax**2 + b * bx**2, xy + a * ax * ay + b * bx * by, yy + a * ay**2 + b * by**2
+        xx, xy, yy = xx + heading * arm_x**2, xy + heading * arm_x * arm_y, yy + heading * arm_y**2
         xt, yt = heading * arm_x, heading * arm_y
         return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, heading]])
 

@@ -13,7 +13,7 @@ from numba import njit
 
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
-from touchline.simulation.runs import BAR, MOST_PER_PATH, circle_runs, ray_runs
+from touchline.simulation.runs import BAR, MOST_PER_PATH, circle_runs, near_paint, ray_runs, turned
 
 # of a crossing: x, y (m, base frame), path, paint along the path (m), metres per pixel along it, what it is (LINE, BAR,
 # DISC), where it truly begins along the path (pixels; rays only), width of the paint (pixels, at right angles to it),
@@ -22,7 +22,7 @@ from touchline.simulation.runs import BAR, MOST_PER_PATH, circle_runs, ray_runs
 COLUMNS = 12
 PLAIN, GRAZED, MIXED = 0.0, 1.0, 2.0  # odd: an edge of a black sector runs along the ray; more than one line
 SCALE_STEP_M = 0.01
-_FLANK = 4  # samples of green wanted on each side, of which one may be another colour (`perception.profiles`)
+FLANK = 4  # samples of green wanted on each side, of which one may be another colour (`perception.profiles`)
 
 
 @njit(cache=True, error_model="numpy")
@@ -36,16 +36,15 @@ def scale_at(along, scales, column):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def range_at(radius, scales):  # type: ignore[no-untyped-def]
-    """Ground range (m) at a radius (pixels), from scales (T, 2): see `scale_table`."""
-    first, last = 0, len(scales) - 1
-    while last - first > 1:
-        middle = (first + last) // 2
-        if scales[middle, 1] <= radius:
-            first = middle
-        else:
-            last = middle
-    return SCALE_STEP_M * (first + (radius - scales[first, 1]) / (scales[last, 1] - scales[first, 1]))
+def range_at(radius, scales, guess):  # type: ignore[no-untyped-def]
+    """Ground range (m) at a radius (pixels), from scales (T, 2): see `scale_table`. guess: near which to look (m)."""
+    last = len(scales) - 2
+    k = min(max(int(guess / SCALE_STEP_M), 0), last) if guess > 0.0 else 0
+    while k > 0 and scales[k, 1] > radius:
+        k -= 1
+    while k < last and scales[k + 1, 1] <= radius:
+        k += 1
+    return SCALE_STEP_M * (k + (radius - scales[k, 1]) / (scales[k + 1, 1] - scales[k, 1]))
 
 
 @njit(cache=True, error_model="numpy")
@@ -57,27 +56,45 @@ def hidden(x, y, px, py, bodies):  # type: ignore[no-untyped-def]
     """
     dx, dy = px - x, py - y
     distance = math.sqrt(dx * dx + dy * dy)
+    shorter = 1.0 / max(distance, 1e-9)
+    covered = False
     for i in range(len(bodies)):
-        ox, oy, radius = bodies[i, 0] - x, bodies[i, 1] - y, bodies[i, 2]
-        along = (ox * dx + oy * dy) / max(distance, 1e-9)
-        if along <= 0.0:
-            continue
-        square = radius * radius - (ox * ox + oy * oy - along * along)
-        if square <= 0.0:
-            continue
-        half = math.sqrt(square)
-        if along - half < distance < (along + half) * bodies[i, 3]:
-            return True
-    return False
+        covered = covered or _hides(x, y, shorter * dx, shorter * dy, distance, bodies[i])
+    return covered
+
+
+@njit(cache=True, error_model="numpy")
+def _hides(x, y, cx, sx, distance, body):  # type: ignore[no-untyped-def]
+    """Whether a body (4,) of `hidden` hides the ground at a distance (m) from x, y along (cx, sx)."""
+    ox, oy = body[0] - x, body[1] - y
+    along = ox * cx + oy * sx
+    square = body[2] * body[2] - (ox * ox + oy * oy - along * along)
+    if along <= 0.0 or square <= 0.0:
+        return False
+    half = math.sqrt(square)
+    return along - half < distance < (along + half) * body[3]
+
+
+@njit(cache=True, error_model="numpy")
+def _hiding_at(x, y, reach, bodies, near):  # type: ignore[no-untyped-def]
+    """Those of the bodies (K, 4) that can hide anything at a distance (m) from x, y, into near (K, 4); how many."""
+    count = 0
+    for i in range(len(bodies)):
+        ox, oy = bodies[i, 0] - x, bodies[i, 1] - y
+        away = math.sqrt(ox * ox + oy * oy)
+        if away - bodies[i, 2] < reach < (away + bodies[i, 2]) * bodies[i, 3]:
+            near[count] = bodies[i]
+            count += 1
+    return count
 
 
 @njit(cache=True, error_model="numpy")
 def inside_sector(bearing, sectors):  # type: ignore[no-untyped-def]
     """Whether a direction (rad) lies in one of the sectors (B, 2) from, to, counter-clockwise."""
+    inside = False
     for i in range(len(sectors)):
-        if (bearing - sectors[i, 0]) % (2.0 * math.pi) <= (sectors[i, 1] - sectors[i, 0]) % (2.0 * math.pi):
-            return True
-    return False
+        inside = inside or turned(bearing - sectors[i, 0]) <= turned(sectors[i, 1] - sectors[i, 0])
+    return inside
 
 
 @njit(cache=True, error_model="numpy")
@@ -128,7 +145,7 @@ def _merged(runs, count, gap_px, turn, scales):  # type: ignore[no-untyped-def]
 def _ray_flank(edge, step, view, ray, shadows, carpet):  # type: ignore[no-untyped-def]
     """Whether the samples beyond an edge (m on the ray) are green; step: a pixel away from the paint (m, signed)."""
     missing = 0
-    for k in range(_FLANK):
+    for k in range(FLANK):
         place = edge + (k + 0.8) * step
         px, py = view[0] + place * ray[0], view[1] + place * ray[1]
         seen = abs(px) <= carpet[0] and abs(py) <= carpet[1]
@@ -143,16 +160,18 @@ def _ray_flank(edge, step, view, ray, shadows, carpet):  # type: ignore[no-untyp
 @njit(cache=True, error_model="numpy")
 def _circle_flank(edge, step, reach, view, heading, bodies, sectors, carpet):  # type: ignore[no-untyped-def]
     """The same on a circle of the radius `reach`; edge and step: directions (rad, field frame)."""
+    inside = abs(view[0]) + reach <= carpet[0] and abs(view[1]) + reach <= carpet[1]
+    if inside and len(bodies) == 0 and len(sectors) == 0:
+        return True
     missing = 0
-    for k in range(_FLANK):
+    for k in range(FLANK):
         angle = edge + (k + 0.8) * step
-        px, py = view[0] + reach * math.cos(angle), view[1] + reach * math.sin(angle)
-        if (
-            abs(px) > carpet[0]
-            or abs(py) > carpet[1]
-            or inside_sector(angle - heading, sectors)
-            or hidden(view[0], view[1], px, py, bodies)
-        ):
+        cx, sx = math.cos(angle), math.sin(angle)
+        seen = inside or (abs(view[0] + reach * cx) <= carpet[0] and abs(view[1] + reach * sx) <= carpet[1])
+        for i in range(len(bodies)):
+            if seen and _hides(view[0], view[1], cx, sx, reach, bodies[i]):
+                seen = False
+        if not seen or inside_sector(angle - heading, sectors):
             missing += 1
     return missing <= 1
 
@@ -197,7 +216,9 @@ def find_crossings(  # type: ignore[no-untyped-def]
     x, y, heading = pose
     view = (x, y)
     width, steepest, blur_px, bridged_px, apart_px = limits
-    runs, shadows = np.empty((MOST_PER_PATH, 4)), np.empty((len(bodies), 2))
+    runs, shadows, near = np.empty((MOST_PER_PATH, 4)), np.empty((len(bodies), 2)), np.empty((len(bodies), 4))
+    farthest = max(rays[:, 2].max() if len(rays) else 0.0, circles[:, 0].max() if len(circles) else 0.0)
+    paint = near_paint(x, y, paint, width, farthest)
     found = 0
     for p in range(len(rays)):
         first, last = rays[p, 1], rays[p, 2]
@@ -221,7 +242,7 @@ def find_crossings(  # type: ignore[no-untyped-def]
             scale = scale_at(along, scales, 0)
             if not chord <= steepest * width + blur_px * scale:  # or no scale known
                 continue
-            if runs[h, 0] - _FLANK * scale < first or runs[h, 1] + _FLANK * scale > last:
+            if runs[h, 0] - FLANK * scale < first or runs[h, 1] + FLANK * scale > last:
                 continue
             if h > 0 and runs[h, 0] - runs[h - 1, 1] < apart_px * scale:
                 continue
@@ -251,18 +272,19 @@ def find_crossings(  # type: ignore[no-untyped-def]
         _sorted_runs(runs, count)
         count = _merged(runs, count, bridged_px, 1.0 / circles[q, 1], scales)
         outwards, turn = scale_at(reach, scales, 0), 1.0 / circles[q, 1]
+        hiding = near[: _hiding_at(x, y, reach, bodies, near)]
         for h in range(count):
             angle, chord = 0.5 * (runs[h, 0] + runs[h, 1]), (runs[h, 1] - runs[h, 0]) * reach
             if chord > steepest * width + blur_px * scale or found >= len(out):
                 continue
             if count > 1:
-                before = (runs[h, 0] - runs[(h - 1) % count, 1]) % (2.0 * math.pi)
-                after = (runs[(h + 1) % count, 0] - runs[h, 1]) % (2.0 * math.pi)
+                before = turned(runs[h, 0] - runs[(h - 1) % count, 1])
+                after = turned(runs[(h + 1) % count, 0] - runs[h, 1])
                 if min(before, after) < apart_px * turn:
                     continue
             if inside_sector(angle - heading, sectors) or not (
-                _circle_flank(runs[h, 0], -turn, reach, view, heading, bodies, sectors, carpet)
-                and _circle_flank(runs[h, 1], turn, reach, view, heading, bodies, sectors, carpet)
+                _circle_flank(runs[h, 0], -turn, reach, view, heading, hiding, sectors, carpet)
+                and _circle_flank(runs[h, 1], turn, reach, view, heading, hiding, sectors, carpet)
             ):
                 continue
             place = x + reach * math.cos(angle), y + reach * math.sin(angle)
@@ -272,10 +294,7 @@ def find_crossings(  # type: ignore[no-untyped-def]
             row[0], row[1] = reach * math.cos(angle - heading), reach * math.sin(angle - heading)
             row[2], row[3], row[4], row[5], row[6] = len(rays) + q, chord, scale, runs[h, 3], 0.0
             _in_image(chord, runs[h, 2], width, scale, outwards, row)
-            row[9], row[11] = (
-                ((angle - heading) % (2.0 * math.pi)) * circles[q, 1],
-                (steepest * width - chord) / scale + blur_px,
-            )
+            row[9], row[11] = turned(angle - heading) * circles[q, 1], (steepest * width - chord) / scale + blur_px
             row[10] = PLAIN if runs[h, 2] > 0.0 else MIXED
             found += 1
     return found

@@ -10,24 +10,24 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointSettings
-from touchline.simulation.crossings import COLUMNS, find_crossings, hidden, scale_table, through_mouth
-from touchline.simulation.point_errors import ObservationNoise, mosaic_table, perturbed, phase_noise
+from touchline.simulation.crossings import COLUMNS, find_crossings, inside_sector, scale_table
+from touchline.simulation.fixed_noise import mosaic_table
+from touchline.simulation.goal_clutter import NET_PLACES, PLACES, place_strays, seen_thread, thread_table
+from touchline.simulation.point_errors import ObservationNoise, perturbed
 from touchline.simulation.runs import BAR, bar_table, round_table
 from touchline.types import LinePoints, empty_points
 
 _BAR_M = (0.12, 0.05)  # a goal's bar on the ground as seen from above, with its side: width, how far behind its middle
 _MARK_M = 0.06  # by so much blur lets a path pass beside a round mark and still meet it
 _STEP_PX = 4.0  # between the nodes of what a camera as built sees elsewhere
-_STRAY_PLACES, _NET_PLACES = 60, 24  # per goal; how many of them on the net behind
-_STRAY_TURN_RAD = 0.1  # after such a turn or
-_STRAY_WAY_M = 0.3  # such a way other false points are seen
+_MOST_ANYWHERE = 32  # false points of an image, elsewhere
+_NO_BODIES = np.zeros((0, 4))
 
 
 class ObservedLines:
@@ -57,31 +57,33 @@ class ObservedLines:
         s, n = self.detector, self.noise
         width = s.line_width_m or field.line_width
         self._limits = (width, s.steepest_crossing, s.blur_px, n.bridged_px, n.apart_px)
-        self._goals, bars = _goals(field)
+        goals, bars = _goals(field)
+        kinds = [n.white_goals if goal.color == "white" else n.coloured_goals for goal in field.goals]
+        self._goals = goals, np.array([kind.numbers() for kind in kinds]).reshape(-1, 6)
+        self._covered_goals = goals, np.array([n.covered_goals.numbers()] * len(goals)).reshape(-1, 6)
+        self._threads = thread_table(goals, [goal.color == "white" for goal in field.goals], seed)
         lines = np.concatenate((bar_table(field.segments, width), bars))
         marks = field.discs + np.array([0.0, 0.0, _MARK_M])
         self._paint = (lines, round_table(field.circles, field.arcs), marks)
         self._mouth = np.array([abs(field.goals[0].x), *sorted(field.goals[0].y_posts)] if field.goals else [0.0] * 3)
         self._carpet = (0.5 * field.length + field.border, 0.5 * field.width + field.border)
         self._lookup = (camera.lookup_constants, camera.bearings_rad, camera.lookup_table)
-        self._fixed = occluders([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts], n.height_m)
+        self._posts = np.array([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts]).reshape(-1, 4)
         self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
         self._numbers = n.numbers(s.noise_px, s.noise_m)
         self._askew = (_askew(camera, as_built), _STEP_PX)
         self._same = (seed, mosaic_table(seed))
         self._found = np.empty((2048, COLUMNS))
+        self._places = np.empty((PLACES * len(goals) + _MOST_ANYWHERE, 2))
 
     def crossings(
         self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
     ) -> FloatArray:
         """(M, COLUMNS) all that the detector might find from a pose, arguments as of `observe`: see `crossings`."""
-        hiding = self._fixed
-        if bodies is not None and len(bodies):
-            hiding = np.concatenate((hiding, occluders(bodies, self.noise.height_m)))
-        sectors = self._unseen if black_rad is None else np.concatenate((self._unseen, black_rad))
+        hiding = np.concatenate((self._posts, _NO_BODIES if bodies is None else bodies))
         count = find_crossings(
-            (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, self._mouth, hiding,
-            self._carpet, sectors, self._scales, self._found,
+            (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, self._mouth,
+            occluders(hiding, self.noise.height_m), self._carpet, self._sectors(black_rad), self._scales, self._found,
         )  # fmt: skip
         return self._found[:count]
 
@@ -97,40 +99,57 @@ class ObservedLines:
         bodies: (K, 4) x, y (field frame), radius, height (m) of what hides the ground behind it; posts do anyway.
         black_rad: (B, 2) directions from, to (base frame, counter-clockwise) in which nothing is seen.
         """
-        found = self.crossings(pose, bodies, black_rad)
-        strays = self._strays(pose, rng, bodies, black_rad is not None and len(black_rad) > 0)
-        total = len(found) + len(strays)
+        n, sectors = self.noise, self._sectors(black_rad)
+        covered = black_rad is not None and len(black_rad) > 0
+        anywhere = min(int(rng.poisson(n.false_points)), _MOST_ANYWHERE)
+        count, false_count = _seen(
+            (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, self._mouth,
+            self._posts, _NO_BODIES if bodies is None else bodies, n.height_m, self._carpet, sectors, self._scales,
+            self._found, rng.random((anywhere, 2)), self._covered_goals if covered else self._goals, self._threads,
+            self.seed, self._places,
+        )  # fmt: skip
+        total = count + false_count
         if total == 0:
             return empty_points()
-        sectors = self._unseen if black_rad is None else np.concatenate((self._unseen, black_rad))
         rows = np.empty((total, 9))
         kept = perturbed(
-            found, strays, len(self._rays), sectors, self._numbers, self._same, rng.standard_normal(3),
-            rng.standard_normal((total, 2)), self._lookup, self._scales, self._askew, rows,
+            self._found[:count], self._places[:false_count], len(self._rays), sectors, self._numbers, self._same,
+            rng.standard_normal(3), rng.standard_normal((total, 2)), self._lookup, self._scales, self._askew, rows,
         )  # fmt: skip
         rows = rows[:kept]
         return LinePoints(rows[:, :2], rows[:, 2:6].reshape(-1, 2, 2), rows[:, 6], rows[:, 7:9])
 
-    def _strays(self, pose: Pose, rng: np.random.Generator, bodies: FloatArray | None, covered: bool) -> FloatArray:
-        """(K, 2) places of false points, base frame (m): anywhere in view, and in the goals that are near enough."""
-        n = self.noise
-        hiding = occluders(np.zeros((0, 4)) if bodies is None else bodies, n.height_m)
-        places = np.empty((_STRAY_PLACES * len(self._goals) + 32, 2))
-        more = n.covered_factor if covered else 1.0
-        anywhere = min(int(rng.poisson(more * n.false_points)), 32)
-        count = _place_strays(
-            anywhere, rng.random((anywhere, 2)), self._rays, self._goals, (pose.x, pose.y, pose.heading), self.seed,
-            (more * n.goal_points, n.goal_m, more * n.net_points, min(more, 2.0) * n.net_m), self._mouth, hiding,
-            places,
-        )  # fmt: skip
-        return places[:count]
+    def goal_places(
+        self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
+    ) -> FloatArray:
+        """(G, 2) share of each goal's places for false points that a pose can see: on the net behind, at the sides."""
+        moving, sectors = (
+            occluders(_NO_BODIES if bodies is None else bodies, self.noise.height_m),
+            self._sectors(black_rad),
+        )
+        seen = np.zeros((len(self._goals[0]), 2))
+        for row, thread in enumerate(self._threads):
+            goal, net = row // PLACES, row % PLACES < NET_PLACES
+            x, y = seen_thread(
+                thread, net, pose.x, pose.y, self.noise.height_m, self._mouth, moving, self._carpet, self._scales
+            )
+            if not math.isnan(x) and not inside_sector(math.atan2(y - pose.y, x - pose.x) - pose.heading, sectors):
+                seen[goal, 0 if net else 1] += 1.0
+        shares: FloatArray = seen / (NET_PLACES, PLACES - NET_PLACES)
+        return shares
+
+    def _sectors(self, black_rad: FloatArray | None) -> FloatArray:
+        """(B, 2) directions in which nothing is seen."""
+        return self._unseen if black_rad is None or len(black_rad) == 0 else np.concatenate((self._unseen, black_rad))
 
 
-def occluders(bodies: npt.ArrayLike, view_m: float) -> FloatArray:
+@njit(cache=True, error_model="numpy")
+def occluders(bodies, view_m):  # type: ignore[no-untyped-def]
     """(K, 4) x, y, radius, reach for `crossings.hidden` of bodies (K, 4) x, y, radius, height (m) seen from view_m."""
-    table = np.array(bodies, dtype=np.float64).reshape(-1, 4)
-    above = view_m - table[:, 3]
-    table[:, 3] = np.where(above > 1e-3, view_m / np.maximum(above, 1e-3), np.inf)
+    table = bodies.copy()
+    for i in range(len(table)):
+        above = view_m - bodies[i, 3]
+        table[i, 3] = view_m / above if above > 1e-3 else np.inf
     return table
 
 
@@ -185,8 +204,9 @@ def _scan_geometry(camera: OmniCamera, s: LinePointSettings, view_rad: float) ->
     first = np.where(np.arange(len(angles)) % 2 == 0, inner, max(inner, 0.5 * outer))
     bearings = camera.mount_yaw_rad + camera.handedness * angles
     out = np.column_stack((np.cos(angles), np.sin(angles)))
+    last = min(outer, float(camera.radius_px[-1]) - 1e-6)  # so that no rounding leads out of the table
     near, far = (
-        camera.ground_from_image(np.asarray(camera.center) + radius * out) for radius in (first[:, np.newaxis], outer)
+        camera.ground_from_image(np.asarray(camera.center) + radius * out) for radius in (first[:, np.newaxis], last)
     )
     rays = np.column_stack((bearings, np.hypot(near[:, 0], near[:, 1]), np.hypot(far[:, 0], far[:, 1])))
     turned = np.abs(np.mod(bearings + np.pi, 2.0 * np.pi) - np.pi)
@@ -203,45 +223,21 @@ def _farthest_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _place_strays(anywhere, uniforms, rays, goals, pose, seed, means, mouth, bodies, places):  # type: ignore[no-untyped-def]
-    """Fill places (K, 2), base frame: some on rays (P, 3), then those seen in the goals (G, 4), field frame; how many.
+def _seen(  # type: ignore[no-untyped-def]
+    pose, rays, circles, limits, paint, mouth, posts, bodies, view_m, carpet, sectors, scales, found, uniforms, goals,
+    threads, seed, places,
+):  # fmt: skip
+    """What `find_crossings` finds, into found, and false points, into places (K, 2), base frame: how many of each.
 
-    A goal's first places lie on the net behind, the others on posts and side nets; which of them give a point depends
-    on the direction and distance from which they are seen. uniforms (anywhere, 2). means: mean number at posts and
-    sides seen from 1 m, the range (m) within which; mean number through the net, the range. mouth, bodies: see
-    `crossings`.
+    posts, bodies: (K, 4) as of `occluders`, seen from the height view_m (m). uniforms (N, 2): where on rays other false
+    points are. goals, threads, seed: see `place_strays`. The other arguments as of `find_crossings`.
     """
-    x, y, heading = pose
-    c, s = math.cos(heading), math.sin(heading)
-    for k in range(anywhere):
+    standing, moving = occluders(posts, view_m), occluders(bodies, view_m)
+    hiding = np.concatenate((standing, moving))
+    count = find_crossings(pose, rays, circles, limits, paint, mouth, hiding, carpet, sectors, scales, found)
+    for k in range(len(uniforms)):
         ray = rays[int(uniforms[k, 0] * len(rays))]
         reach = ray[1] + uniforms[k, 1] * (ray[2] - ray[1])
         places[k, 0], places[k, 1] = reach * math.cos(ray[0]), reach * math.sin(ray[0])
-    count = anywhere
-    for g in range(len(goals)):
-        depth, span = goals[g, 1] - goals[g, 0], goals[g, 3] - goals[g, 2]
-        away = math.sqrt((goals[g, 0] - x) ** 2 + (0.5 * (goals[g, 2] + goals[g, 3]) - y) ** 2)
-        sides = means[0] / max(away, 1.0) / (_STRAY_PLACES - _NET_PLACES) if away < means[1] else 0.0
-        net = means[2] / _NET_PLACES if away < means[3] else 0.0
-        for k in range(_STRAY_PLACES):
-            share = net if k < _NET_PLACES else sides
-            if share == 0.0:
-                continue
-            name = 4096 + _STRAY_PLACES * g + k
-            deep, aside = phase_noise(seed, name, 0.0), phase_noise(seed, name, 1.0)
-            if k < _NET_PLACES:
-                px, py = goals[g, 1], goals[g, 2] + span * (0.5 + 0.25 * aside)
-            else:
-                px = goals[g, 0] + depth * (0.5 + 0.25 * deep)
-                py = (goals[g, 2] if k % 2 else goals[g, 3]) + 0.05 * aside
-            if hidden(x, y, px, py, bodies) or (k < _NET_PLACES and not through_mouth(x, y, px, py, mouth)):
-                continue
-            stretch = 1.25 + 0.12 * phase_noise(seed, name, 2.0)  # threads are above the ground that they hide
-            px, py = x + stretch * (px - x), y + stretch * (py - y)
-            px, py = px - x, py - y
-            seen = 0.8 * phase_noise(seed, name, 10.0 + (heading + math.atan2(py, px)) / _STRAY_TURN_RAD)
-            seen += 0.6 * phase_noise(seed, name + 2048, 10.0 + math.sqrt(px * px + py * py) / _STRAY_WAY_M)
-            if 0.5 * math.erfc(seen / math.sqrt(2.0)) < share:
-                places[count, 0], places[count, 1] = c * px + s * py, c * py - s * px
-                count += 1
-    return count
+    view = view_m, mouth, moving, carpet, scales
+    return count, place_strays(pose, goals, threads, seed, view, places, len(uniforms))

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
@@ -26,15 +27,43 @@ class Others:
     robots: FloatArray
     balls: FloatArray
 
-    def at(self, time_s: float) -> tuple[FloatArray, FloatArray]:
-        """Robots (K, 3) x, y (m), heading (rad) and balls (B, 2) x, y (m) at a time; field frame."""
+    def rows_at(self, time_s: float) -> tuple[int, int, float]:
+        """The rows before and after a time, and the second one's share."""
         position = min(max(time_s / (STEP_S * _STRIDE), 0.0), len(self.robots) - 1.0)
         row = min(int(position), max(len(self.robots) - 2, 0))
-        share = position - row
-        after = min(row + 1, len(self.robots) - 1)
+        return row, min(row + 1, len(self.robots) - 1), position - row
+
+    def at(self, time_s: float) -> tuple[FloatArray, FloatArray]:
+        """Robots (K, 3) x, y (m), heading (rad) and balls (B, 2) x, y (m) at a time; field frame."""
+        row, after, share = self.rows_at(time_s)
         robots = (1.0 - share) * self.robots[row] + share * self.robots[after]
         balls = (1.0 - share) * self.balls[row] + share * self.balls[after]
         return robots.astype(np.float64), balls.astype(np.float64)
+
+
+def bodies_at(others: Others, time_s: float, sizes: FloatArray) -> FloatArray:
+    """(P K + B, 4) x, y (m, field frame), radius, height (m) of what the others hide lines with at a time.
+
+    sizes: (P + 1, 2) radius, height of the cylinders that stand for a robot, one on another, and of a ball.
+    """
+    bodies: FloatArray = _bodies(others.robots, others.balls, others.rows_at(time_s), sizes)
+    return bodies
+
+
+@njit(cache=True)
+def _bodies(robots, balls, rows, sizes):  # type: ignore[no-untyped-def]
+    """What `bodies_at` says, of the tables of `Others`; rows: of `Others.rows_at`."""
+    row, after, share = rows
+    near, far, parts = np.float32(1.0 - share), np.float32(share), len(sizes) - 1
+    count = robots.shape[1]
+    table = np.empty((parts * count + balls.shape[1], 4))
+    for i in range(len(table)):
+        places, k = (robots, i % count) if i < parts * count else (balls, i - parts * count)
+        size = sizes[i // count] if i < parts * count else sizes[parts]
+        for axis in range(2):
+            table[i, axis] = near * places[row, k, axis] + far * places[after, k, axis]
+        table[i, 2], table[i, 3] = size[0], size[1]
+    return table
 
 
 def make_others(scenario: Scenario, field: FieldModel, track: Track, rng: np.random.Generator) -> Others:

@@ -20,9 +20,9 @@ from touchline.camera.omni import ground_from_pixel, pixel_from_ground
 from touchline.config import Settings
 from touchline.geometry import FloatArray
 from touchline.simulation.crossings import GRAZED, MIXED, inside_sector, range_at, scale_at
+from touchline.simulation.fixed_noise import mosaic_noise, phase_noise
+from touchline.simulation.goal_clutter import GoalClutter
 from touchline.simulation.runs import BAR, DISC
-
-KNOTS, DIRECTIONS = 4, 24  # of the fixed random function: half a pixel, 15 degrees apart
 
 
 class ObservationNoise(Settings):
@@ -31,57 +31,51 @@ class ObservationNoise(Settings):
     Pixels are along the scan path that found the point, unless they are said to be at right angles to the line.
     """
 
-    noise_px: float = Field(0.086, ge=0, description="standard deviation of an error at right angles to the line")
+    noise_px: float = Field(0.087, ge=0, description="standard deviation of an error at right angles to the line")
     tail: float = Field(0.75, gt=0, description="how much heavier than normal its tails are: k of sinh(k z) / k")
     oblique_sine: float = Field(
         0.354, ge=0, description="sine of a crossing in the image at which the deviation has doubled once more"
     )
     thin_px: float = Field(
-        1.46, ge=0, description="width of a line in the image at which the deviation is 1.4 times that"
+        1.41, ge=0, description="width of a line in the image at which the deviation is 1.4 times that"
     )
     kept_share: float = Field(
         0.96, ge=0, le=1, description="share of an error's variance that the next image repeats from the same place"
     )
-    phase_px: float = Field(0.35, gt=0, description="way along the path after which the repeated part is another")
+    phase_px: float = Field(0.4, gt=0, description="way along the path after which the repeated part is another")
     frame_px: float = Field(0.01, ge=0, description="deviation that all points on rays of an image share")
-    found_share: float = Field(0.935, ge=0, le=1, description="share of easy crossings of rays that are found")
-    circle_share: float = Field(0.876, ge=0, le=1, description="share of easy crossings of circles that are found")
-    thin_half_px: float = Field(0.282, description="width of a line in the image of which half are found")
-    thin_slope_px: float = Field(0.076, gt=0, description="how fast that changes with the width (logistic)")
+    found_share: float = Field(0.939, ge=0, le=1, description="share of easy crossings of rays that are found")
+    circle_share: float = Field(0.878, ge=0, le=1, description="share of easy crossings of circles that are found")
+    thin_half_px: float = Field(0.29, description="width of a line in the image of which half are found")
+    thin_slope_px: float = Field(0.072, gt=0, description="how fast that changes with the width (logistic)")
     coarse_half_m: float = Field(0.178, gt=0, description="length of a pixel on the ground at which half is found")
     coarse_slope_m: float = Field(0.0016, gt=0, description="how fast that changes with the length (logistic)")
-    flat_half: float = Field(0.256, description="sine of a crossing in the image at which half is found")
-    flat_slope: float = Field(0.057, gt=0, description="how fast that changes with the sine (logistic)")
+    flat_half: float = Field(0.257, description="sine of a crossing in the image at which half is found")
+    flat_slope: float = Field(0.06, gt=0, description="how fast that changes with the sine (logistic)")
     blur_px: float = Field(2.9, ge=0, description="width (pixels) that blur gives the thinnest line")
     long_slope_px: float = Field(
-        0.66, gt=0, description="how sharp the detector's limit of a line's width is (logistic)"
+        0.65, gt=0, description="how sharp the detector's limit of a line's width is (logistic)"
     )
-    bar_share: float = Field(0.72, ge=0, le=1, description="share of near crossings of a goal's bar that are found")
-    bar_half_m: float = Field(2.6, gt=0, description="range at which half of these are")
-    bar_slope_m: float = Field(1, gt=0, description="how fast that changes with the range (logistic)")
-    mark_share: float = Field(0.816, ge=0, le=1, description="share of crossings of round marks that are found")
-    grazed_share: float = Field(0.724, ge=0, le=1, description="share found on rays along the edge of a black sector")
-    grazed_factor: float = Field(2.98, ge=1, description="how much larger errors are there")
+    bar_share: float = Field(0.93, ge=0, le=1, description="share of near crossings of a goal's bar that are found")
+    bar_half_m: float = Field(2.48, gt=0, description="range at which half of these are")
+    bar_slope_m: float = Field(1.13, gt=0, description="how fast that changes with the range (logistic)")
+    mark_share: float = Field(0.817, ge=0, le=1, description="share of crossings of round marks that are found")
+    grazed_share: float = Field(0.733, ge=0, le=1, description="share found on rays along the edge of a black sector")
+    grazed_factor: float = Field(3.09, ge=1, description="how much larger errors are there")
     mixed_share: float = Field(1, ge=0, le=1, description="share found where more than one line lies on the path")
-    mixed_factor: float = Field(1.48, ge=1, description="how much larger errors are there")
+    mixed_factor: float = Field(1.52, ge=1, description="how much larger errors are there")
     bridged_px: float = Field(1.5, ge=0, description="gap between two lines that the detector takes for paint")
     apart_px: float = Field(3.5, ge=0, description="gap between two lines that it needs to find either")
     contrast_px: float = Field(
-        0.98, gt=0, description="width at which blur leaves 63 % of the contrast: the confidence"
+        0.99, gt=0, description="width at which blur leaves 63 % of the contrast: the confidence"
     )
-    false_points: float = Field(0.3, ge=0, description="mean number of points on no line per image, anywhere in view")
-    goal_points: float = Field(
-        3.84,
-        ge=0,
-        description="mean number of those at the posts and sides of a goal 1 m away; falls with the distance",
+    false_points: float = Field(0.37, ge=0, description="mean number of points on no line per image, anywhere in view")
+    white_goals: GoalClutter = GoalClutter()
+    coloured_goals: GoalClutter = GoalClutter(
+        net_points=21.9, net_half_m=1.52, net_slope_m=0.43, side_points=22.6, side_half_m=1.0, side_slope_m=0.56
     )
-    goal_m: float = Field(5.5, gt=0, description="range within which a goal gives such points")
-    net_points: float = Field(10.8, ge=0, description="mean number of those seen through the net of a near goal")
-    net_m: float = Field(1.9, gt=0, description="range within which a net gives such points")
-    covered_factor: float = Field(
-        3.84,
-        ge=1,
-        description="how many more of them come with black sectors in view: colours are learned less sharply",
+    covered_goals: GoalClutter = GoalClutter(
+        net_points=182.0, net_half_m=1.0, net_slope_m=1.5, side_points=31.1, side_half_m=3.05, side_slope_m=1.37
     )
     lean_noise_rad: float = Field(0.0, ge=0, description="error of roll and of pitch that all points of an image share")
     height_m: float = Field(
@@ -102,61 +96,9 @@ class ObservationNoise(Settings):
         )  # fmt: skip
 
 
-@njit(cache=True)
-def _hashed(seed, path, knot):  # type: ignore[no-untyped-def]
-    """A number with nearly normal distribution, always the same for the same three integers (splitmix64)."""
-    z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(path) * np.uint64(0xD1B54A32D192ED03)
-    z += np.uint64(knot + 4096) * np.uint64(0x8CB92BA72F3D8DD7)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z ^= z >> np.uint64(31)
-    total = 0.0
-    for _ in range(4):  # the sum of four even numbers of 16 bits: variance 4 / 12
-        total += float(z & np.uint64(0xFFFF)) / 65535.0 - 0.5
-        z >>= np.uint64(16)
-    return total * math.sqrt(3.0)
-
-
-@njit(cache=True)
-def phase_noise(seed, path, place):  # type: ignore[no-untyped-def]
-    """A fixed random function of the place on a path, normal with deviation 1, independent one unit apart."""
-    knot = math.floor(place)
-    share = place - knot
-    mixed = (1.0 - share) * _hashed(seed, path, knot) + share * _hashed(seed, path, knot + 1)
-    return mixed / math.sqrt((1.0 - share) ** 2 + share**2)
-
-
-def mosaic_table(seed: int) -> FloatArray:
-    """(2, DIRECTIONS, KNOTS, KNOTS) standard normal numbers for `mosaic_noise`: of errors, of misses."""
-    return np.random.default_rng([seed, 17]).standard_normal((2, DIRECTIONS, KNOTS, KNOTS))
-
-
-@njit(cache=True, error_model="numpy")
-def mosaic_noise(table, u, v, direction):  # type: ignore[no-untyped-def]
-    """A fixed random function of a pixel's place on the 2 x 2 mosaic and of a direction (rad), normal with deviation 1.
-
-    table (DIRECTIONS, KNOTS, KNOTS): its values; in between it is linear.
-    """
-    places = (
-        (u % 2.0) * (0.5 * KNOTS),
-        (v % 2.0) * (0.5 * KNOTS),
-        (direction % (2.0 * math.pi)) * (DIRECTIONS / (2.0 * math.pi)),
-    )
-    i, j, k = int(places[0]), int(places[1]), int(places[2])
-    fi, fj, fk = places[0] - i, places[1] - j, places[2] - k
-    total, square = 0.0, 0.0
-    for di in range(2):
-        for dj in range(2):
-            for dk in range(2):
-                weight = (fi if di else 1.0 - fi) * (fj if dj else 1.0 - fj) * (fk if dk else 1.0 - fk)
-                total += weight * table[(k + dk) % DIRECTIONS, (j + dj) % KNOTS, (i + di) % KNOTS]
-                square += weight * weight
-    return total / math.sqrt(square)
-
-
 @njit(cache=True, error_model="numpy")
 def _logistic(value):  # type: ignore[no-untyped-def]
-    return 1.0 / (1.0 + math.exp(-value))
+    return 1.0 / (1.0 + math.exp(-value)) if value < 20.0 else 1.0  # from there on it is, to eight digits
 
 
 @njit(cache=True, error_model="numpy")
@@ -200,8 +142,10 @@ def edge_shift(row, reach, blur_px, scales):  # type: ignore[no-untyped-def]
     where the mirror's scale grows. row: of `find_crossings`; scales: of `scale_table`.
     """
     widened = 0.5 * (math.sqrt(row[7] ** 2 + blur_px**2) - row[7]) / row[8]
-    far = scale_at(reach + 0.5 * row[3], scales, 1)
-    near, far = range_at(row[6] - widened, scales), range_at(far + widened, scales)
+    half, wider = 0.5 * row[3], widened * row[4]
+    far = scale_at(reach + half, scales, 1) + widened
+    far = range_at(far, scales, reach + half + wider)
+    near = range_at(row[6] - widened, scales, reach - half - wider)
     return (0.5 * (near + far) - reach) / row[4]
 
 
@@ -235,7 +179,7 @@ def perturbed(found, strays, first_circle, sectors, numbers, fixed, shared, norm
             on_ray = row[2] < first_circle
             if on_ray:
                 direction = math.atan2(dv, du)
-                where, whether = mosaic_noise(mosaic[0], u, v, direction), mosaic_noise(mosaic[1], u, v, direction)
+                where, whether = mosaic_noise(mosaic, u, v, direction)
             else:
                 where = phase_noise(seed, 2 * int(row[2]), row[9] / phase)
                 whether = phase_noise(seed, 2 * int(row[2]) + 1, row[9] / phase)

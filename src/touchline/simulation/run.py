@@ -21,10 +21,10 @@ from touchline.simulation.cameras import SimulatedCamera, base_motion, open_simu
 from touchline.simulation.features import ObservedFeatures, SeenFeatures
 from touchline.simulation.motions import make_track
 from touchline.simulation.observation import ObservedLines, leaning_view
-from touchline.simulation.others import make_others
+from touchline.simulation.others import bodies_at, make_others
 from touchline.simulation.point_errors import ObservationNoise
 from touchline.simulation.scenario import Scenario
-from touchline.simulation.sensors import samples_between, simulate_sensors
+from touchline.simulation.sensors import arrived_by, simulate_sensors
 from touchline.simulation.sequence import describe
 from touchline.simulation.stage import make_world
 from touchline.simulation.track import STEP_S
@@ -125,8 +125,12 @@ class Simulation:
     @cached_property
     def truth(self) -> Truth:
         """The true poses at the images. For evaluation only."""
-        poses = np.array([self.track.pose_at(t) for t in self.image_times_s]).reshape(-1, 3)
-        return Truth(self._stamps, poses)
+        return Truth(self._stamps, self._poses)
+
+    @cached_property
+    def _poses(self) -> FloatArray:
+        """(N, 3) the true poses at the images."""
+        return self.track.poses_at(self.image_times_s)
 
     @property
     def problems(self) -> ProblemLog:
@@ -164,17 +168,18 @@ class Simulation:
 
     def frame(self, index: int) -> Frame:
         """One frame by its index, with all samples that arrived since the frame before."""
+        index = range(len(self))[index]  # from the end, too
         self._index, self._grabs = index, 0
-        after_ns = int(self._arrivals[index - 1]) if index else -1
-        until_ns = int(self._arrivals[index])
-        imu = samples_between(self.sensors.imu, after_ns, until_ns)
+        odometry, wheels, imu = (
+            _part(log, ends[index], ends[index + 1]) for log, ends in zip(self._logs, self._sample_ends, strict=True)
+        )
         images = self.level == "images"
         return Frame(
             stamp_ns=int(self._stamps[index]),
             image=self.image(index) if images else None,
             points=None if images else self.points(index),
-            odometry=samples_between(self.sensors.odometry, after_ns, until_ns),
-            wheels=samples_between(self.sensors.wheels, after_ns, until_ns),
+            odometry=odometry,
+            wheels=wheels,
             gyro=_columns(imu, 3, 6),
             compass=_columns(imu, 2, 3),
             tilt=_columns(imu, 0, 2),
@@ -182,6 +187,19 @@ class Simulation:
             gain=self.gain if images else None,
             name=image_name(index),
         )
+
+    @cached_property
+    def _covered(self) -> list[bool]:
+        return [self.track.covered_at(float(time_s)) for time_s in self.image_times_s]
+
+    @property
+    def _logs(self) -> tuple[Samples, Samples, Samples]:
+        return self.sensors.odometry, self.sensors.wheels, self.sensors.imu
+
+    @cached_property
+    def _sample_ends(self) -> tuple[list[int], ...]:
+        """Of odometry, wheels and IMU how many samples have arrived before the first image and with each."""
+        return tuple(arrived_by(log, self._arrivals) for log in self._logs)
 
     def image(self, index: int, again: int = 0) -> ImageArray:
         """The image of one frame, uint8 (H, W, 3) BGR, with the exposure set now. again: for another noise."""
@@ -217,10 +235,11 @@ class Simulation:
     def points(self, index: int) -> LinePoints:
         """The line points of one frame at the observation level, whatever the run's own level is."""
         time_s = float(self.image_times_s[index])
-        if self.track.covered_at(time_s):
+        if self._covered[index]:
             return empty_points()
         rng = np.random.default_rng([self.scenario.seed, 6, index])
-        return self._observed.observe(self.track.pose_at(time_s), rng, self._bodies(time_s), self._black_rad)
+        pose = Pose(*self._poses[index].tolist())
+        return self._observed.observe(pose, rng, self._bodies(time_s), self._black_rad)
 
     def features(self, index: int) -> SeenFeatures:
         """Lines, crossings and posts of one frame at the observation level."""
@@ -234,18 +253,11 @@ class Simulation:
 
     def _bodies(self, time_s: float) -> FloatArray:
         """(K, 4) x, y, radius, height of what hides lines: robots as cylinders one on another, and balls."""
-        robots, balls = self.others.at(time_s)
-        bodies = self._body_sizes.copy()
-        for part in range(len(_ROBOT_PARTS)):
-            bodies[part * len(robots) : (part + 1) * len(robots), :2] = robots[:, :2]
-        bodies[len(_ROBOT_PARTS) * len(robots) :, :2] = balls
-        return bodies
+        return bodies_at(self.others, time_s, self._body_sizes)
 
     @cached_property
     def _body_sizes(self) -> FloatArray:
-        others = self.scenario.others
-        rows = [(0.0, 0.0, *part) for part in _ROBOT_PARTS for _ in range(others.robots)]
-        return np.array(rows + [(0.0, 0.0, *_BALL)] * others.balls).reshape(-1, 4)
+        return np.array([*_ROBOT_PARTS, _BALL])
 
     @cached_property
     def _observed(self) -> ObservedLines:
@@ -297,6 +309,10 @@ def _middles_of_stands(poses: FloatArray) -> FloatArray:
     long_enough = (last - first) * STEP_S > 0.3
     middles: FloatArray = 0.5 * STEP_S * (first + last)[long_enough]
     return middles
+
+
+def _part(samples: Samples, first: int, end: int) -> Samples | None:
+    return Samples(samples.stamp_ns[first:end], samples.values[first:end]) if end > first else None
 
 
 def _columns(samples: Samples | None, start: int, stop: int) -> Samples | None:

@@ -23,15 +23,61 @@ def _add(runs, count, start, end, sine, kind):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def turned(angle):  # type: ignore[no-untyped-def]
+    """An angle (rad) in [0, 2 pi), as % gives it, which takes five times as long."""
+    while angle < 0.0:
+        angle += 2.0 * math.pi
+    while angle >= 2.0 * math.pi:
+        angle -= 2.0 * math.pi
+    return angle
+
+
+@njit(cache=True, error_model="numpy")
 def _on_arc(angle, start, sweep):  # type: ignore[no-untyped-def]
-    return (angle - start) % (2.0 * math.pi) <= sweep
+    return turned(angle - start) <= sweep
+
+
+@njit(cache=True, error_model="numpy")
+def _kept_rows(rows, gaps, farthest):  # type: ignore[no-untyped-def]
+    """The rows (K, C), in order, whose gap (K,) is not beyond `farthest`."""
+    kept = np.empty_like(rows)
+    count = 0
+    for i in range(len(rows)):
+        if gaps[i] <= farthest:
+            kept[count] = rows[i]
+            count += 1
+    return kept[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def near_paint(x, y, paint, width, farthest):  # type: ignore[no-untyped-def]
+    """The paint of `ray_runs` that a place x, y could see within `farthest` (m); the rest need not be looked at."""
+    bars, rounds, discs = paint
+    gaps = np.empty(len(bars) + len(rounds) + len(discs))
+    for i in range(len(bars)):
+        ax, ay = x - bars[i, 0], y - bars[i, 1]
+        beyond = abs(ax * bars[i, 2] + ay * bars[i, 3]) - bars[i, 4]
+        beside = abs(-ax * bars[i, 3] + ay * bars[i, 2]) - bars[i, 5]
+        gaps[i] = max(beyond, beside)
+    for i in range(len(rounds)):
+        ox, oy = rounds[i, 0] - x, rounds[i, 1] - y
+        gaps[len(bars) + i] = abs(math.sqrt(ox * ox + oy * oy) - rounds[i, 2]) - 0.5 * width
+    for i in range(len(discs)):
+        ox, oy = discs[i, 0] - x, discs[i, 1] - y
+        gaps[len(bars) + len(rounds) + i] = math.sqrt(ox * ox + oy * oy) - 0.5 * discs[i, 2]
+    first, second = len(bars), len(bars) + len(rounds)
+    return (
+        _kept_rows(bars, gaps[:first], farthest),
+        _kept_rows(rounds, gaps[first:second], farthest),
+        _kept_rows(discs, gaps[second:], farthest),
+    )
 
 
 @njit(cache=True, error_model="numpy")
 def ray_runs(x, y, cx, sx, paint, width, farthest, runs):  # type: ignore[no-untyped-def]
     """Paint on a ray from x, y along (cx, sx), as stretches (m) into runs (K, 4); returns how many.
 
-    paint: bars (S, 7) of `bar_table`; rounds (R, 5): cx, cy, radius, start, sweep (rad); discs (D, 3): cx, cy,
+    paint: bars (S, 8) of `bar_table`; rounds (R, 5): cx, cy, radius, start, sweep (rad); discs (D, 3): cx, cy,
     diameter; all m, field frame. width: of round lines (m). farthest: where the ray ends (m).
     """
     bars, rounds, discs = paint
@@ -40,8 +86,9 @@ def ray_runs(x, y, cx, sx, paint, width, farthest, runs):  # type: ignore[no-unt
         ax, ay = x - bars[i, 0], y - bars[i, 1]
         along, across = ax * bars[i, 2] + ay * bars[i, 3], -ax * bars[i, 3] + ay * bars[i, 2]
         fast, slow = cx * bars[i, 2] + sx * bars[i, 3], -cx * bars[i, 3] + sx * bars[i, 2]
-        if abs(slow) < 1e-6:
-            continue
+        aside = abs(across) - bars[i, 5]
+        if abs(slow) < 1e-6 or (aside > 0.0 and (across * slow > 0.0 or aside >= farthest * abs(slow))):
+            continue  # along the line, away from it, or too far from it
         first, last = (-bars[i, 5] - across) / slow, (bars[i, 5] - across) / slow
         if first > last:
             first, last = last, first
@@ -87,9 +134,9 @@ def ray_runs(x, y, cx, sx, paint, width, farthest, runs):  # type: ignore[no-unt
 @njit(cache=True, error_model="numpy")
 def _two(low, high, turn, flip, sine, kind, runs, count):  # type: ignore[no-untyped-def]
     """The stretches from low to high (rad) and, mirrored, from flip - high to flip - low, both turned by `turn`."""
-    start = (low + turn) % (2.0 * math.pi)
+    start = turned(low + turn)
     count = _add(runs, count, start, start + high - low, sine, kind)
-    start = (flip - high + turn) % (2.0 * math.pi)
+    start = turned(flip - high + turn)
     return _add(runs, count, start, start + high - low, sine, kind)
 
 
@@ -104,19 +151,19 @@ def circle_runs(x, y, reach, paint, width, runs):  # type: ignore[no-untyped-def
         low, high = (-bars[i, 5] - across) / reach, (bars[i, 5] - across) / reach
         if low >= 1.0 or high <= -1.0 or abs(along) > bars[i, 4] + reach:
             continue
-        turn = math.atan2(bars[i, 3], bars[i, 2])
-        middle = 0.5 * (low + high)
-        lean = math.asin(min(max(middle, -1.0), 1.0))
-        whole = low > -1.0 and high < 1.0
+        turn, middle = bars[i, 7], 0.5 * (low + high)
         before = count
-        if whole:
-            count = _two(math.asin(low), math.asin(high), turn, math.pi, math.cos(lean), bars[i, 6], runs, count)
+        if low > -1.0 and high < 1.0:
+            sine = math.sqrt(1.0 - middle * middle)
+            count = _two(math.asin(low), math.asin(high), turn, math.pi, sine, bars[i, 6], runs, count)
         elif high >= 1.0:
-            start = (math.asin(max(low, -1.0)) + turn) % (2.0 * math.pi)
+            start = turned(math.asin(max(low, -1.0)) + turn)
             count = _add(runs, count, start, start + math.pi - 2.0 * math.asin(max(low, -1.0)), 0.0, bars[i, 6])
         else:
-            start = (math.pi - math.asin(high) + turn) % (2.0 * math.pi)
+            start = turned(math.pi - math.asin(high) + turn)
             count = _add(runs, count, start, start + math.pi + 2.0 * math.asin(high), 0.0, bars[i, 6])
+        if abs(along) + reach <= bars[i, 4]:
+            continue
         kept = before
         for k in range(before, count):  # beyond the line's ends there is none
             place = along + reach * math.cos(0.5 * (runs[k, 0] + runs[k, 1]) - turn)
@@ -143,7 +190,7 @@ def circle_runs(x, y, reach, paint, width, runs):  # type: ignore[no-untyped-def
                 continue
         if near >= 1.0:
             if disc or rounds[i, 4] > 6.2831:
-                start = (turn - far) % (2.0 * math.pi)
+                start = turned(turn - far)
                 count = _add(runs, count, start, start + 2.0 * far, 1.0 if disc else 0.0, DISC if disc else LINE)
             continue
         near = math.acos(near)
@@ -163,14 +210,16 @@ def circle_runs(x, y, reach, paint, width, runs):  # type: ignore[no-untyped-def
 
 
 def bar_table(segments: FloatArray, width: float, kind: float = LINE) -> FloatArray:
-    """(S, 7) middle, direction, half length (half a width beyond the ends), half width, kind, of segments (S, 4)."""
+    """(S, 8) of segments (S, 4): middle, direction, half length (half a width beyond the ends), half width, kind,
+    direction as an angle (rad).
+    """
     rows = np.asarray(segments, dtype=np.float64).reshape(-1, 4)
     step = rows[:, 2:] - rows[:, :2]
     length = np.hypot(step[:, 0], step[:, 1])
     half = np.full(len(rows), 0.5 * width)
     table: FloatArray = np.column_stack(
         (0.5 * (rows[:, :2] + rows[:, 2:]), step / length[:, np.newaxis], 0.5 * length + half, half,
-         np.full(len(rows), kind))
+         np.full(len(rows), kind), np.arctan2(step[:, 1], step[:, 0]))
     )  # fmt: skip
     return table
 

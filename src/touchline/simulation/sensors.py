@@ -173,11 +173,9 @@ def simulate_imu(track: Track, noise: ImuNoise, rng: np.random.Generator) -> Flo
     return np.column_stack((tilt, wrap_angles(heading), rates))
 
 
-def samples_between(samples: Samples, after_ns: int, until_ns: int) -> Samples | None:
-    """The samples with a stamp in (after_ns, until_ns]; None if there are none."""
-    first = int(np.searchsorted(samples.stamp_ns, after_ns, side="right"))
-    last = int(np.searchsorted(samples.stamp_ns, until_ns, side="right"))
-    return Samples(samples.stamp_ns[first:last], samples.values[first:last]) if last > first else None
+def arrived_by(samples: Samples, stamps_ns: npt.NDArray[np.int64]) -> list[int]:
+    """How many of the samples have arrived by each of the stamps (N,), with 0 for the time before all in front."""
+    return [0, *np.searchsorted(samples.stamp_ns, stamps_ns, side="right").tolist()]
 
 
 def _late_heading(track: Track, times_s: FloatArray) -> FloatArray:

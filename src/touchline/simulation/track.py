@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, wrap_angles
 
 STEP_S = 0.01  # of all tracks: an even share of the sensors' 20 ms, short against any motion of a soccer robot
 
@@ -67,12 +67,17 @@ class Track:
 
     def pose_at(self, time_s: float) -> Pose:
         """Where the robot is at a time, interpolated; a carried robot is at the new place from that step on."""
-        x, y, heading = self._between(self.poses, time_s)
-        return Pose(float(x), float(y), wrap_angle(float(heading)))
+        return Pose(*self.poses_at(np.array([time_s]))[0].tolist())
+
+    def poses_at(self, times_s: FloatArray) -> FloatArray:
+        """(N, 3) x, y (m), wrapped heading (rad) at times (N,), as of `pose_at`."""
+        poses = self._between(self.poses, times_s)
+        poses[:, 2] = wrap_angles(poses[:, 2])
+        return poses
 
     def attitude_at(self, time_s: float) -> tuple[float, float]:
         """Roll, pitch (rad) at a time."""
-        roll, pitch = self._between(self.attitude, time_s)
+        roll, pitch = self._between(self.attitude, np.array([time_s]))[0]
         return float(roll), float(pitch)
 
     def leaning_at(self, time_s: float) -> tuple[float, float]:
@@ -91,12 +96,12 @@ class Track:
         """Whether the camera is covered at a time."""
         return bool(self.covered[min(max(round(time_s / STEP_S), 0), len(self.covered) - 1)])
 
-    def _between(self, rows: FloatArray, time_s: float) -> FloatArray:
-        position = min(max(time_s / STEP_S, 0.0), len(rows) - 1.0)
-        row = min(int(position), len(rows) - 2)
+    def _between(self, rows: FloatArray, times_s: FloatArray) -> FloatArray:
+        """(N, k) the rows (M, k) at times (N,), linear in between."""
+        position = np.clip(times_s / STEP_S, 0.0, len(rows) - 1.0)
+        row = np.minimum(position.astype(np.int64), len(rows) - 2)
         share = position - row
-        if self.carried[row + 1].any():
-            share = 1.0 if share >= 0.5 else 0.0
+        share = np.where(self.carried[row + 1].any(axis=1), np.where(share >= 0.5, 1.0, 0.0), share)[:, np.newaxis]
         between: FloatArray = (1.0 - share) * rows[row] + share * rows[row + 1]
         return between
 

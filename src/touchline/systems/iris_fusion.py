@@ -12,7 +12,9 @@ figures 1, 4, 8 and 11.
 
 from __future__ import annotations
 
+import math
 import time
+from dataclasses import replace
 
 import numpy as np
 from pydantic import Field
@@ -63,6 +65,9 @@ class IrisFusionSettings(Settings):
     start_heading_rad: float = Field(
         0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
     )
+    own_half_m: float = Field(
+        0.1, ge=0, description="how far beyond the centre line a robot may stand of which its own half is told (m)"
+    )
 
 
 class IrisFusion:
@@ -81,6 +86,8 @@ class IrisFusion:
         """
         self.settings = settings
         self.field = field
+        self.unknown = np.diag([0.5 * field.length, 0.5 * field.width, math.pi]) ** 2
+        """Covariance (3, 3) of a pose of a robot that may be anywhere (m, m, rad)."""
         self.detector = None if camera is None else HsvLineDetector(camera, settings.lines, field.line_width)
         self.odometry = WheelOdometry(settings.wheels, *(wheel_directions_rad or (None, None)))
         self.particles = ParticleFilter(field, rng, settings.particles)
@@ -92,7 +99,8 @@ class IrisFusion:
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
         s, prior = self.settings, prior or Prior()
-        self.region = OWN_HALF if prior.own_half else None
+        self.region = replace(OWN_HALF, most_x=OWN_HALF.most_x + s.own_half_m) if prior.own_half else None
+        self.moved = Pose(0.0, 0.0, 0.0)  # since the robot was told to be in the region
         self.odometry.reset(prior.pose)
         self.compass.reset()
         self.fusion.forget()
@@ -115,16 +123,16 @@ class IrisFusion:
         seen = time.perf_counter()
         self.compass.add(frame.compass, frame.gyro)
         compass_rad = self.compass.heading_at(frame.stamp_ns)
-        motion, duration_s = self._odometry(frame)  # figure 4, equations (1) to (6)
+        motion, duration_s, by_gyro = self._odometry(frame)  # figure 4, equations (1) to (6)
         vision, residual_m = self._particle_filter(points, motion, compass_rad)  # figure 8, equations (7) to (14)
-        self.fusion.update(self.odometry.pose, motion, vision, duration_s)  # figure 11, equations (15) to (19)
+        self.fusion.update(self.odometry.pose, motion, vision, duration_s, by_gyro)  # figure 11, (15) to (19)
         self._correct()
         done = time.perf_counter()
         twin = () if self.side_known else (Hypothesis(self.fusion.pose.mirrored(), residual_m),)
         return Estimate(
             frame.stamp_ns,
             self.fusion.pose,
-            self.fusion.covariance.copy(),
+            (self.unknown if self.searching else self.fusion.covariance).copy(),
             self.status,
             residual_m,
             len(points),
@@ -141,77 +149,115 @@ class IrisFusion:
             return self.detector.detect_frame(frame).finite()
         return empty_points() if frame.points is None else frame.points.finite()
 
-    def _odometry(self, frame: Frame) -> tuple[Motion, float]:
-        """Figure 4: the motion since the last frame, without what the fusion knows of the gyro's bias; its time (s)."""
+    def _odometry(self, frame: Frame) -> tuple[Motion, float, bool]:
+        """Figure 4: the motion since the last frame, its time (s), and whether the gyro told all of its turn.
+
+        What the fusion knows of the gyro's bias is taken off.
+        """
         before, started_ns, self.stamp_ns = self.odometry.pose, self.stamp_ns, frame.stamp_ns
+        replaced = self.odometry.fallbacks
         motion = self.odometry.update(frame)
         if started_ns is None:
-            return motion, 0.0
+            return motion, 0.0, False
         duration_s = (frame.stamp_ns - started_ns) / NANOSECONDS
-        motion = without_bias(motion, self.fusion.bias_rad_s, duration_s)
-        self.odometry.set_pose(before.compose(motion.pose))
-        return motion, duration_s
+        by_gyro = motion.missing_s == 0.0 and self.odometry.fallbacks == replaced
+        if by_gyro:
+            motion = without_bias(motion, self.fusion.bias_rad_s, duration_s)
+            self.odometry.set_pose(before.compose(motion.pose))
+        return motion, duration_s, by_gyro
 
     def _particle_filter(
         self, points: LinePoints, motion: Motion, compass_rad: float | None
     ) -> tuple[Vision | None, float]:
         """Figure 8: one cycle; what it says, and the mean error of the points (m, at most the map's largest)."""
-        self.particles.move(motion)
+        self._move(motion)
+        image_cycles = self.settings.restart.image_cycles
         if len(points) < self.settings.fusion.least_points:
             self.restart.see_nothing()
             return None, float("nan")
-        if self.searching and self.restart.start_is_due():
-            self._start(compass_rad)
-        vision, residual_m = self._search(points) if self.searching else self._cycle(points)
-        if not self.searching and self.restart.is_refuted(vision.on_lines, self._strays(compass_rad)):
+        if not self.searching:
+            vision, residual_m = self._cycles(points, 1 if motion.missing_s == 0.0 else image_cycles)
+            if self._holds(vision, compass_rad):
+                return vision, residual_m
             self.searching, self.status = True, Status.LOST
-            self.fusion.placed = not self.restart.at_wrong_end  # there the lines fit as well: nothing may stay about it
             self._start(compass_rad)
-            vision, residual_m = self._search(points)
-        return vision, residual_m
+        elif self.restart.start_is_due():
+            self._start(compass_rad)
+        vision, residual_m = self._cycles(points, image_cycles)
+        return vision if self._is_where_told(vision.pose) else None, residual_m
 
-    def _search(self, points: LinePoints) -> tuple[Vision, float]:
-        """Some cycles on one image."""
-        for _ in range(self.settings.restart.image_cycles - 1):
+    def _move(self, motion: Motion) -> None:
+        """The particles move; as long as a region was told, none of them may have begun outside."""
+        self.particles.move(motion)
+        self.moved = self.moved.compose(motion.pose)
+        if self.region is not None:
+            self.particles.keep_within(self.region, self.moved)
+
+    def _holds(self, vision: Vision, compass_rad: float | None) -> bool:
+        """Whether the robot is still followed; the compass may tell at which end of the field."""
+        heading_error_rad = None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
+        refuted = self.restart.is_refuted(vision.on_lines, heading_error_rad, self.status is Status.LOST)
+        self.side_known |= self.restart.at_right_end
+        return not refuted and self._is_where_told(vision.pose)
+
+    def _is_where_told(self, pose: Pose) -> bool:
+        """Whether a robot that is here now has begun in the region told, if any was."""
+        return self.region is None or self.region.contains(pose.compose(self.moved.inverse()))
+
+    def _cycles(self, points: LinePoints, count: int) -> tuple[Vision, float]:
+        """So many cycles on one image."""
+        for _ in range(count - 1):
             self._cycle(points)
-            self.particles.move(_STILL)
+            self._move(_STILL)
         return self._cycle(points)
 
     def _cycle(self, points: LinePoints) -> tuple[Vision, float]:
         """Equations (7) to (14)."""
-        self.restart.cycles += 1
-        chosen = self._chosen(points.positions_m)
+        self.restart.count_cycle()
+        chosen = evenly_chosen(points.positions_m, self.settings.most_points)
         pose = self.particles.cycle(chosen)
         errors_m = self.particles.errors_m(chosen, pose)
         on_lines = float(np.mean(errors_m <= self.settings.fusion.near_m))
         return Vision(pose, self.particles.covariance, len(points), on_lines), float(errors_m.mean())
 
-    def _chosen(self, positions_m: FloatArray) -> FloatArray:
-        """No more points than are wanted, evenly chosen."""
-        most = self.settings.most_points
-        if len(positions_m) > most:
-            positions_m = positions_m[np.arange(most) * len(positions_m) // most]
-        return np.ascontiguousarray(positions_m, dtype=np.float64)
-
     def _start(self, compass_rad: float | None) -> None:
-        """Spread the particles over the field; the compass helps with the first headings alone."""
-        self.particles.restart(compass_rad, self.region, self.restart.start())
+        """Spread the particles over the field, or the region told; the compass helps with the first headings alone."""
+        self.fusion.search_anew(self.restart.failed, displaced=self.restart.at_wrong_end)
+        heading_rad, deviation_rad = self._first_headings(compass_rad, self.restart.start())
+        if self.region is not None and heading_rad is not None:
+            heading_rad -= self.moved.heading
+        self.particles.restart(heading_rad, self.region, deviation_rad)
+        if self.region is not None:
+            self.particles.move(Motion(self.moved, np.zeros((3, 3)), 0.0))
         if self.fusion.placed:
             self.particles.put_nearby(self.odometry.pose)  # it may have been right
-        self.fusion.interrupt()
-        self.fusion.searches = self.restart.starts - 1
         self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
 
-    def _strays(self, compass_rad: float | None) -> float | None:
-        return None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
+    def _first_headings(self, compass_rad: float | None, widening: float) -> tuple[float | None, float]:
+        """Mean and standard deviation (rad) of the headings that a search starts with: the compass's, or the last."""
+        s = self.settings.particles
+        if compass_rad is not None:
+            return compass_rad, widening * s.compass_rad
+        if self.fusion.placed:
+            return self.odometry.pose.heading, widening * math.hypot(s.known_heading_rad, self.fusion.heading_error_rad)
+        return None, math.pi
 
     def _correct(self) -> None:
         """Figure 1: the offset of the odometry from the fused pose; some particles stay about it. And the status."""
         if self.fusion.mode is not Mode.ODOMETRY:
             self.odometry.set_pose(self.fusion.pose)
-            self.status, self.searching, self.region = Status.TRACKING, False, None
+            self.status, self.searching = Status.TRACKING, False
             self.restart.found()
+            if self.fusion.confirmed:
+                self.region = None
         elif self.fusion.lost and self.status is Status.TRACKING:
             self.status = Status.LOST
         if self.fusion.placed:
             self.particles.put_nearby(self.fusion.pose)
+
+
+def evenly_chosen(positions_m: FloatArray, most: int) -> FloatArray:
+    """No more than so many of some positions (M, 2), evenly over their order, as the particle filter takes them."""
+    if len(positions_m) > most:
+        positions_m = positions_m[np.arange(most) * len(positions_m) // most]
+    return np.ascontiguousarray(positions_m, dtype=np.float64)

@@ -127,7 +127,7 @@ class MatchingTracker(ABC):
         return Estimate(
             frame.stamp_ns,
             self.filter.pose,
-            self.filter.covariance.copy(),
+            self._covariance(),
             self.status,
             float("nan") if match is None else match.mean_distance_m,
             len(points),
@@ -136,6 +136,12 @@ class MatchingTracker(ABC):
             1e3 * (done - seen),
             Observation(frame.stamp_ns, points, None if self.detector is None else self.detector.problem),
         )
+
+    def _covariance(self) -> FloatArray:
+        """The estimate's (3, 3). A pose that is not believed is the best guess, but the robot may be anywhere."""
+        if self.status is Status.TRACKING:
+            return self.filter.covariance.copy()
+        return self.filter.covariance + self.shared.matching.uncertainty.unknown
 
     @abstractmethod
     def _localize(

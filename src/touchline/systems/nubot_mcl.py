@@ -20,7 +20,7 @@ from pydantic import Field
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.matching import Match
+from touchline.localization.matching import Match, as_pose
 from touchline.localization.particles import MonteCarlo, MonteCarloSettings
 from touchline.localization.tracking import PoseFilter
 from touchline.systems.matching_tracker import MatchingTracker, TrackerSettings
@@ -38,8 +38,9 @@ class NubotMclSettings(TrackerSettings):
         0.1,
         gt=0,
         le=1,
-        description="weighted mean error with matching's c below which the converged particles are believed, as "
-        "nubot-mti's global search; above it they start anew. 1 believes them always, as the paper does",
+        description="weighted mean error with matching's c, at the match that their mean leads to, below which the "
+        "converged particles are believed, as nubot-mti's global search; above it they start anew. 1 believes them "
+        "always, as the paper does",
     )
     most_cycles: int = Field(
         15,
@@ -52,7 +53,7 @@ class NubotMclSettings(TrackerSettings):
         description="starts in a row after which the same pose is believed though it was not accepted, as nubot-mti's "
         "global search: real calibrations may leave more than accepted_error everywhere",
     )
-    same_m: float = Field(0.5, gt=0, description="distance (m) within which that is the same pose: a frame's travel")
+    same_m: float = Field(0.5, gt=0, description="distance (m) within which two poses are the same: a frame's travel")
     keep_unless_better: bool = Field(
         True,
         description="start the particles after bad frames only if some other place explains the points far better: "
@@ -76,6 +77,7 @@ class NubotMcl(MatchingTracker):
         """camera: None if frames bring their points. rng: all chance comes from it."""
         super().__init__(field, camera, settings)
         self.settings = settings
+        self.alone = settings.followed_by == "particles"
         self.particles = MonteCarlo(
             self.matcher, field.length, field.width, rng, settings.particles, symmetric=field.is_symmetric
         )
@@ -97,7 +99,7 @@ class NubotMcl(MatchingTracker):
 
     def _match_from_prediction(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
         """Matching as both papers have it, or one more cycle of the particles."""
-        if self.settings.followed_by == "matching":
+        if not self.alone:
             return super()._match_from_prediction(points, weights, compass_rad)
         if not self.cycles:
             self._start(compass_rad, around=True)
@@ -105,16 +107,26 @@ class NubotMcl(MatchingTracker):
 
     def _fuse(self, points: LinePoints, weights: FloatArray, match: Match, compass_rad: float | None) -> None:
         """Kalman fusion; particles have the odometry in them already."""
-        if self.settings.followed_by == "matching":
+        if not self.alone:
             super()._fuse(points, weights, match, compass_rad)
 
     def _failed(self, match: Match | None, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> bool:
         """The paper's five bad cycles, and a better place."""
+        if match is not None and self.alone:
+            match = self._match_at_mean(points, weights)  # what the place has to offer, as any other place is judged
         failed = super()._failed(match, points, weights, compass_rad)
-        keeps = self.settings.keep_unless_better and self.settings.followed_by == "matching"
-        if failed and keeps and match is not None and self._may_face(self.filter.pose.heading, compass_rad):
-            return self._fits_elsewhere(points, weights, match, compass_rad)
+        if failed and self.settings.keep_unless_better and match is not None:
+            stays = self._may_face(self.filter.pose.heading, compass_rad)
+            return not stays or self._fits_elsewhere(points, weights, match, compass_rad)
         return failed
+
+    def _match_at_mean(self, points: LinePoints, weights: FloatArray) -> Match:
+        """The match that the mean of the particles leads to. It speaks for particles alone only if it is near."""
+        positions_m, mean = self.tilt.corrected(points.positions_m), self.particles.pose
+        pose, error, _ = self.matcher.descend(positions_m, weights, mean.as_array())
+        if self.alone and mean.distance_to(as_pose(pose)) > self.settings.same_m:
+            pose, error = mean.as_array(), self.matcher.error(positions_m, weights, mean.as_array())
+        return self.matcher.assess(positions_m, weights, pose, error)
 
     def _localize(
         self, points: LinePoints, weights: FloatArray, compass_rad: float | None, held: Match | None
@@ -130,17 +142,15 @@ class NubotMcl(MatchingTracker):
         match = self._cycle(points, weights, compass_rad)
         if not self.particles.converged:
             return match
-        alone = self.settings.followed_by == "particles"
-        if not alone:
-            positions_m = self.tilt.corrected(points.positions_m)
-            pose, error, _ = self.matcher.descend(positions_m, weights, self.particles.pose.as_array())
-            match = self._upright(points, weights, pose, error)
+        found = self._match_at_mean(points, weights)
+        if not self.alone:
+            match = found = self._upright(points, weights, found.pose.as_array(), found.error)
             self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
-        if alone or match.error < self.settings.accepted_error or self._confirmed(match.pose):
+        if found.error < self.settings.accepted_error or self._confirmed(found.pose):
             self.side_known = self._knows_the_side(compass_rad)
             self.placed = True
             self._believe()
-            self.cycles = self.cycles if alone else 0
+            self.cycles = self.cycles if self.alone else 0
         else:
             self.cycles = self.settings.most_cycles  # a wrong end: start anew with the next frame
         return match

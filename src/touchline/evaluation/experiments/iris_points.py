@@ -9,7 +9,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, drive
+from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, drive, missed_note
 from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, spread
 from touchline.evaluation.experiments.scenes import (
@@ -69,7 +69,7 @@ def standing(driven: IrisDrive) -> list[npt.NDArray[np.int64]]:
 def errors_at_places(driven: IrisDrive, system: str) -> FloatArray:
     """Mean error (P, 3) of the images at each place, m, m, rad."""
     errors = driven.errors(system)
-    return np.array([errors[images].mean(axis=0) for images in standing(driven)])
+    return np.array([errors[images].mean(axis=0) for images in standing(driven)]).reshape(-1, 3)
 
 
 def iris_points(seeds: int) -> ExperimentResult:
@@ -80,21 +80,23 @@ def iris_points(seeds: int) -> ExperimentResult:
     recorded = [driven for seed in seeds_of_recorded if (driven := recorded_tour(seed)) is not None]
     if recorded:
         rows += [row for system in SYSTEMS for row in _rows(f"{system}, recorded", recorded, system, with_paper=False)]
-    notes = [
+    notes = (
         f"{PLACES} random places per seed, two seconds at each, at the observation level; the error at a place is the "
         "mean over the images taken there. Jitter: root mean square change of the error from image to image, moving "
         "or not. Standard deviations are of |error|.",
-        "Odometry: measuring wheels and gyro alone since the robot was found. Particle filter: its own mean is "
-        "the pose, but for images that the fusion refuses (fusion.beta=0, fusion.bias_gain_per_s=0). The paper's gyro "
-        "hardly drifts; ours does, by 0.2 to 0.5 degrees per second.",
+        "Odometry and particle filter are alone from where the robot was found on: measuring wheels and gyro; the "
+        "particles' own mean, moved by the same wheels and gyro, with nothing of the fusion. The paper's gyro hardly "
+        "drifts; ours does, by 0.2 to 0.5 degrees per second.",
         f"Recorded: the images of {PUBLIC}, 8 places, six images at each; the seeds are those of the particles."
         if recorded
         else f"The recording {PUBLIC} was not found; TOUCHLINE_DATA names the folder of the recordings.",
-    ]
-    fused = [_statistics(driven, "sensor fusion") for driven in drives]
+        *missed_note([*drives, *recorded]),
+    )
+    fused = _statistics(drives, "sensor fusion")
     ours = [spread([100.0 * s[k].mean for s in fused]) for k in (0, 1)]
     turn = spread([float(np.degrees(s[2].mean)) for s in fused], 3)
     field = drives[0].field
+    shown = [("places", _places_figure(driven)) for driven in [each for each in drives if standing(each)][:1]]
     return ExperimentResult(
         "iris-points",
         "Table I of Ismail et al. 2021: errors of odometry, particle filter and fusion at 20 places",
@@ -103,20 +105,23 @@ def iris_points(seeds: int) -> ExperimentResult:
         tuple(rows),
         Headline("fusion, mean error at 20 places", "10.5 cm in x, 7.6 cm in y, 1.9°",
                  f"{ours[0]} cm in x, {ours[1]} cm in y, {turn}°"),
-        tuple(notes),
-        (("error-map", error_map_figure(field)), ("places", _places_figure(drives[0]))),
+        notes,
+        (("error-map", error_map_figure(field)), *shown),
     )  # fmt: skip
 
 
-def _statistics(driven: IrisDrive, system: str) -> tuple[ErrorStatistics, ErrorStatistics, ErrorStatistics]:
-    errors = errors_at_places(driven, system)
-    x, y, heading = (ErrorStatistics.of(errors[:, k]) for k in range(3))
-    return x, y, heading
+def _statistics(
+    drives: Sequence[IrisDrive], system: str
+) -> list[tuple[ErrorStatistics, ErrorStatistics, ErrorStatistics]]:
+    """Of x, y (m) and heading (rad) at the places of each drive, if the robot was found before the last of them."""
+    errors = [found for driven in drives if len(found := errors_at_places(driven, system))]
+    of = ErrorStatistics.of
+    return [(of(x), of(y), of(heading)) for x, y, heading in (each.T for each in errors)]
 
 
 def _rows(name: str, drives: Sequence[IrisDrive], system: str, with_paper: bool) -> list[tuple[str, ...]]:
-    statistics = [_statistics(driven, system) for driven in drives]
-    jitter = spread([100.0 * driven.jitter(system)[0] for driven in drives])
+    statistics = _statistics(drives, system)
+    jitter = spread([100.0 * driven.jitter(system)[0] for driven in drives if driven.found])
     rows: list[tuple[str, ...]] = []
     for k, (title, key) in enumerate(_FIGURES):
         paper = [f"{value:g}" for value in PAPER[system][k]] if with_paper else ["–"] * 3

@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from touchline.camera import OmniCamera
-from touchline.config import load_settings
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.localization.particle_filter import ParticleFilter
 from touchline.motion import WheelOdometry
 from touchline.systems import open_system
-from touchline.systems.iris_fusion import IrisFusionSettings
+from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
 from touchline.types import Estimate, Frame, Mode, Samples, Status, empty_points
 
 SYSTEMS = ("odometry", "particle filter", "sensor fusion")
-# The particle filter alone: its own mean is the pose, but for images that the fusion refuses, and nothing is learned of
-# the gyro.
-PARTICLES_ALONE = ("fusion.beta=0", "fusion.bias_gain_per_s=0")
 
 Disturb = Callable[[Frame], Frame]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class IrisDrive:
-    """One drive from the first located image on, N images.
+    """One drive from the first located image on, N images; none if the robot was never found.
 
     stamp_ns (N,); truth (N, 3) and tracks, by the names of SYSTEMS: x, y (m), heading (rad), field frame. seen (N,):
     whether the image showed anything. modes, statuses: of the fusion. found_after: images before the first.
@@ -44,10 +41,9 @@ class IrisDrive:
     found_after: int
 
     @property
-    def times_s(self) -> FloatArray:
-        """Time since the first located image (N,)."""
-        seconds: FloatArray = (self.stamp_ns - self.stamp_ns[0]) / 1e9
-        return seconds
+    def found(self) -> bool:
+        """Whether the robot was found, and followed for two images at least."""
+        return len(self.stamp_ns) > 1
 
     def errors(self, system: str) -> FloatArray:
         """Track minus truth (N, 3) in m, m, rad."""
@@ -78,42 +74,50 @@ def drive(
 ) -> IrisDrive:
     """Take every frame through the fusion, the particle filter alone and the odometry alone.
 
-    truth: values (N, 3), one for each frame. The odometry starts where the particle filter first found the robot
-    (figure 4) and is left alone from then on; the particle filter alone is the system with PARTICLES_ALONE.
+    truth: values (N, 3), one for each frame. Odometry and particles start where the fusion first found the robot and
+    are left alone from then on: the odometry's pose is what wheels and gyro say (figure 4), the particles' is their own
+    mean (figure 8), moved by the same wheels and gyro. Nothing comes to them from the fusion.
     """
-    fusion, particles = (
-        open_system(
-            "iris-fusion", field, camera, load_settings(IrisFusionSettings, None, sets), np.random.default_rng(seed),
-            wheel_directions_rad,
-        )
-        for sets in ((), PARTICLES_ALONE)
-    )  # fmt: skip
-    odometry = WheelOdometry(None, *(wheel_directions_rad or (None, None)))
-    estimates: list[Estimate] = []
-    others: list[tuple[Pose, Pose]] = []
-    first = None
-    for index, frame in enumerate(frames):
-        odometry.update(frame)
-        estimates.append(fusion.step(frame))
-        alone = particles.step(frame).pose
-        if first is None and estimates[-1].status is Status.TRACKING:
-            first = index
-            odometry.set_pose(estimates[-1].pose)
-        others.append((odometry.pose, alone))
-    first = len(estimates) - 1 if first is None else first
-    told = estimates[first:]
-    fused = np.array([e.pose for e in told])
-    dead, alone_poses = (np.array([pair[k] for pair in others[first:]]) for k in (0, 1))
+    settings = IrisFusionSettings()
+    system = open_system("iris-fusion", field, camera, settings, np.random.default_rng(seed), wheel_directions_rad)
+    odometry = WheelOdometry(settings.wheels, *(wheel_directions_rad or (None, None)))
+    particles = ParticleFilter(field, np.random.default_rng(seed), settings.particles)
+    told: list[Estimate] = []
+    poses: dict[str, list[Pose]] = {name: [] for name in SYSTEMS}
+    before = 0
+    for frame in frames:
+        motion = odometry.update(frame)
+        estimate = system.step(frame)
+        points = empty_points() if estimate.observation is None else estimate.observation.points
+        if told:
+            particles.move(motion)
+            if len(points) >= settings.fusion.least_points:
+                particles.cycle(evenly_chosen(points.positions_m, settings.most_points))
+        elif estimate.status is Status.TRACKING:
+            odometry.set_pose(estimate.pose)
+            particles.start_at(estimate.pose, estimate.covariance)
+        else:
+            before += 1
+            continue
+        told.append(estimate)
+        for name, pose in zip(SYSTEMS, (odometry.pose, particles.pose, estimate.pose), strict=True):
+            poses[name].append(pose)
     return IrisDrive(
         field,
         np.array([e.stamp_ns for e in told], dtype=np.int64),
-        np.asarray(truth.values[first:], dtype=np.float64),
-        dict(zip(SYSTEMS, (dead, alone_poses, fused), strict=True)),
-        np.array([e.points > 0 for e in told]),
+        np.asarray(truth.values[before:], dtype=np.float64),
+        {name: np.array(track, dtype=np.float64).reshape(-1, 3) for name, track in poses.items()},
+        np.array([e.points > 0 for e in told], dtype=np.bool_),
         tuple(e.mode for e in told),
         tuple(e.status for e in told),
-        first,
+        before,
     )
+
+
+def missed_note(drives: Sequence[IrisDrive]) -> tuple[str, ...]:
+    """A note on drives in which the robot was not found, if there are any."""
+    missed = sum(not driven.found for driven in drives)
+    return (f"The robot was not found in {missed} of {len(drives)} drives; they are left out.",) if missed else ()
 
 
 def covered(start_s: float, seconds: float) -> Disturb:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.evaluation.experiments.iris_points import tour
-from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, covered, drive
+from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, covered, drive, missed_note
 from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.evaluation.experiments.scenes import BLUE, MAGENTA, RED, field_axes, new_figure
@@ -27,7 +27,8 @@ SECONDS = 16.0
 
 def iris_tracks(seeds: int) -> ExperimentResult:
     """Figure 16: odometry, particle filter and fusion along the tour of iris-points."""
-    drives = [tour(seed) for seed in follow(range(seeds), "tours")]
+    every = [tour(seed) for seed in follow(range(seeds), "tours")]
+    drives = [driven for driven in every if driven.found]
     rows = []
     for system in SYSTEMS:
         distances = [driven.distances_m(system) for driven in drives]
@@ -37,7 +38,7 @@ def iris_tracks(seeds: int) -> ExperimentResult:
             (
                 system,
                 spread([100.0 * float(d.mean()) for d in distances]),
-                " / ".join(f"{np.mean([third[k] for third in thirds]):.2f}" for k in range(3)),
+                " / ".join(f"{np.mean([third[k] for third in thirds]):.2f}" for k in range(3)) if thirds else "–",
                 spread([100.0 * float(d.max()) for d in distances]),
                 spread([math.degrees(float(np.abs(d.errors(system)[:, 2]).mean())) for d in drives], 3),
                 spread([100.0 * position for position, _ in jitters], 3),
@@ -56,8 +57,9 @@ def iris_tracks(seeds: int) -> ExperimentResult:
         (
             "The drives of iris-points, all images, moving or standing. Jitter: root mean square change of the error "
             "from image to image. Blue the truth, red the track, as in the paper.",
+            *missed_note(every),
         ),
-        (("figure16", _three_tracks(drives[0])),),
+        tuple(("figure16", _three_tracks(driven)) for driven in drives[:1]),
     )  # fmt: skip
 
 
@@ -89,7 +91,8 @@ def from_a_to_b(seed: int) -> IrisDrive:
 
 def iris_track(seeds: int) -> ExperimentResult:
     """Figure 17: which mode the fusion is in along the way from A to B."""
-    drives = [from_a_to_b(seed) for seed in follow(range(seeds), "drives")]
+    every = [from_a_to_b(seed) for seed in follow(range(seeds), "drives")]
+    drives = [driven for driven in every if driven.found]
     counts = [Counter(driven.modes) for driven in drives]
     rows = [
         (
@@ -113,8 +116,9 @@ def iris_track(seeds: int) -> ExperimentResult:
             f"The camera is covered for {hidden}, so that the odometry has to do; the paper's image gave the "
             "particle filter so little that odometry was the mode most of the way.",
             "Cyan: omnivision, or omnivision and odometry; magenta: odometry alone; black: the truth.",
+            *missed_note(every),
         ),
-        (("figure17", _modes_figure(drives[0])),),
+        tuple(("figure17", _modes_figure(driven)) for driven in drives[:1]),
     )
 
 
@@ -124,8 +128,6 @@ def _errors(drives: Sequence[IrisDrive], mode: Mode) -> tuple[str, str]:
         100.0 * driven.distances_m("sensor fusion")[np.array([m is mode for m in driven.modes])] for driven in drives
     ]
     known = [d for d in distances if len(d)]
-    if not known:
-        return "–", "–"
     return spread([float(d.mean()) for d in known]), spread([float(d.max()) for d in known])
 
 
@@ -137,7 +139,7 @@ def _modes_figure(driven: IrisDrive) -> Figure:
     track = driven.tracks["sensor fusion"]
     for here, color, label in ((~alone, CYAN, "omnivision, or both"), (alone, MAGENTA, "odometry")):
         axes.plot(*track[here, :2].T, "o", color=color, markersize=4, zorder=3, label=label)
-    for letter, (x, y, _) in zip("AB", (driven.truth[0], driven.truth[-1]), strict=True):
+    for letter, (x, y, _) in zip("AB", driven.truth[[0, -1]], strict=True):
         axes.annotate(letter, (x, y), xytext=(8, 8), textcoords="offset points", fontsize=12, weight="bold")
     axes.legend(frameon=False, loc="upper left", fontsize=8)
     return figure

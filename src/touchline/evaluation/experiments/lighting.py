@@ -4,192 +4,37 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from touchline.camera.exposure import ExposureControl, ExposureSettings, mirror_masks
-from touchline.config import load_settings
-from touchline.errors import TouchlineError
+from touchline.evaluation.experiments.lighting_runs import (
+    CASES,
+    DARKER,
+    FIRST,
+    GLASS,
+    RATE_HZ,
+    SECOND,
+    SWITCH_S,
+    THIRD,
+    Case,
+    Drive,
+    drive,
+    learned_colours,
+    points_in_the_dark,
+)
 from touchline.evaluation.experiments.progress import follow
 from touchline.evaluation.experiments.result import ExperimentResult, Headline, spread
 from touchline.evaluation.experiments.scenes import BLUE, RED, field_axes, new_figure
-from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
-from touchline.perception import LinePointDetector
-from touchline.perception.colour_file import save_colours
+from touchline.geometry import FloatArray
 from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import LightSettings, open_scenario
-from touchline.systems import SYSTEMS, open_system
-from touchline.types import ImageArray, Samples, Status
+from touchline.simulation.scenario import open_scenario
 
-PaperRow = tuple[float, float, float]
-RATE_HZ = 2.5  # images per second: enough to follow a robot at 1.5 m/s, and each has to be rendered
-START_MS = 20.4  # exposure times gain before the first search: the simulated camera's own
-LEARN_FROM = 8  # images of the first case, evenly over its run
-DUSK = 0.02  # level: 10 lx
-SWITCH_S = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A lighting: what Table 2 says of it (mean, deviation, maximum of x, y in cm, heading in rad), and its levels."""
-
-    name: str
-    light: LightSettings
-    paper: tuple[PaperRow, PaperRow, PaperRow] | None = None
-
-
-def _light(scenario: str, **changed: object) -> LightSettings:
-    return open_scenario(scenario).light.model_copy(update=changed)
-
-
-def _switching() -> tuple[LightSettings.Change, ...]:
-    """Lamps off and on again every ten seconds; off, the dusk's daylight is left."""
-    on = open_scenario("lighting-1").light
-    states = ((0.0, DUSK), (on.lamps, on.ambient))
-    return tuple(
-        LightSettings.Change(time_s=SWITCH_S * (k + 1), lamps=states[k % 2][0], ambient=states[k % 2][1])
-        for k in range(5)
-    )
-
-
-FIRST = Case(
-    "first: lamps",
-    _light("lighting-1"),
-    ((5.907, 5.967, 0.044), (7.334, 7.117, 0.052), (30.724, 35.595, 0.286)),
-)
-SECOND = Case(
-    "second: lamps and sun",
-    _light("lighting-3"),
-    ((6.416, 5.544, 0.067), (12.431, 7.381, 0.093), (95.396, 33.063, 0.580)),
-)
-THIRD = Case(
-    "third: lamps off and on",
-    _light("lighting-1", changes=_switching()),
-    ((2.751, 5.867, 0.047), (3.593, 7.533, 0.061), (16.834, 35.173, 0.279)),
-)
-DULL = Case("lamps off, dull day", _light("lighting-2"))
-GLASS = Case("lamps and sun, clear glass", _light("lighting-3", sun=76.0, ambient=2.0))
-CASES = (FIRST, SECOND, THIRD, DULL, GLASS)
 COLUMNS = (
     "light", "exposure", "figure", "x paper", "x (cm)", "y paper", "y (cm)", "θ paper", "θ (rad)",
     "position (cm)", "of the first", "line points", "tracked",
 )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Drive:
-    """One run. errors: of the tracked images, None if there are none. points, tracked, shines (N,): of each image.
-
-    path, truth (N, 3). stops (N,): log2 of exposure (ms) times gain. searched (N,): whether the control searched.
-    """
-
-    errors: ErrorTable | None
-    points: npt.NDArray[np.int64]
-    tracked: npt.NDArray[np.bool_]
-    path: npt.NDArray[np.float64]
-    truth: npt.NDArray[np.float64]
-    stops: npt.NDArray[np.float64]
-    searched: npt.NDArray[np.bool_]
-
-    @property
-    def mean_m(self) -> float:
-        """Mean position error; infinite if nothing was tracked."""
-        return float("inf") if self.errors is None else self.errors.position.mean
-
-
-class _Camera:
-    """The simulated camera as the control wants it. `show`: the image that the next grab gives."""
-
-    def __init__(self, simulation: Simulation) -> None:
-        self._simulation = simulation
-        self._ready: ImageArray | None = None
-
-    def show(self, image: ImageArray | None) -> None:
-        self._ready = image
-
-    def set(self, exposure_ms: float, gain: float) -> None:
-        self._simulation.set(exposure_ms, gain)
-        self._ready = None  # it was taken with other settings
-
-    def grab(self) -> ImageArray:
-        image, self._ready = self._ready, None
-        return self._simulation.grab() if image is None else image
-
-
-class ControlledExposure:
-    """The closed loop: image after image of a simulation, its exposure kept right. The robot waits for a search."""
-
-    def __init__(self, simulation: Simulation) -> None:
-        self.camera = _Camera(simulation)
-        # at a few images per second each is looked at; the paper looks every few cycles of 25 per second
-        settings = ExposureSettings(check_every=1)
-        self.control = ExposureControl(self.camera, mirror_masks(simulation.camera), settings, START_MS)
-
-    def image(self, taken: ImageArray | None) -> tuple[ImageArray, bool]:
-        """The image to work with, where `taken` was taken with the settings of now; whether they were searched."""
-        self.camera.show(taken)
-        searching = self.control.waiting
-        image = self.control.step()
-        searching |= self.control.waiting
-        while self.control.waiting:
-            image = self.control.step()
-        return (self.control.step() if searching else image), searching
-
-
-def simulation(case: Case, seed: int, seconds: float | None = None) -> Simulation:
-    """A case's run: straight tracks through a rendered hall."""
-    scenario = open_scenario("lighting-1", seed, seconds)
-    camera = scenario.camera.model_copy(update={"rate_hz": RATE_HZ})
-    return Simulation(scenario.model_copy(update={"light": case.light, "camera": camera}))
-
-
-def learned_colours(seed: int, file: Path, seconds: float | None = None) -> tuple[float, float]:
-    """Write the colour table of the first case; returns exposure (ms) and gain that its light asks for."""
-    run = simulation(FIRST, seed, seconds)
-    run.frame(0)
-    ControlledExposure(run).image(None)
-    images = [run.frame(int(k)).image for k in np.linspace(0, len(run) - 1, LEARN_FROM)]
-    detector = LinePointDetector(run.camera, line_width_m=run.field.line_width)
-    try:
-        detector.learn([image for image in images if image is not None])
-    except TouchlineError as error:
-        raise type(error)(f"lu2013-lighting, first case: {error}") from None
-    assert detector.colours is not None
-    save_colours(detector.colours, file)
-    return run.exposure_ms, run.gain
-
-
-def drive(
-    case: Case, seed: int, colours: Path, fixed: tuple[float, float] | None, seconds: float | None = None
-) -> Drive:
-    """One run with frozen colours. fixed: exposure (ms) and gain all along; none: the control keeps them right."""
-    run = simulation(case, seed, seconds)
-    settings = load_settings(SYSTEMS["nubot-mcl"].settings, None, [f"learning.colour_file={colours}"])
-    system = open_system("nubot-mcl", run.field, run.camera, settings, np.random.default_rng(seed))
-    loop = ControlledExposure(run) if fixed is None else None
-    if fixed is not None:
-        run.set(*fixed)
-    estimates, stops, searched = [], [], []
-    for index in range(len(run)):
-        frame, sought = run.frame(index), False
-        if loop is not None:
-            image, sought = loop.image(frame.image)
-            frame = replace(frame, image=image, exposure_ms=run.exposure_ms, gain=run.gain)
-        estimates.append(system.step(frame))
-        stops.append(np.log2(run.exposure_ms * run.gain))
-        searched.append(sought)
-    path, truth = np.array([e.pose for e in estimates]), np.asarray(run.truth.poses, dtype=np.float64)
-    tracked = np.array([e.status is Status.TRACKING for e in estimates])
-    try:
-        errors = error_table(Samples(run.image_stamps, path), Samples(run.truth.stamp_ns, truth), located=tracked)
-    except NothingToCompareError:
-        errors = None
-    points = np.array([e.points for e in estimates])
-    return Drive(errors, points, tracked, path, truth, np.array(stops, dtype=np.float64), np.array(searched))
 
 
 def lu2013_lighting(seeds: int) -> ExperimentResult:
@@ -202,6 +47,10 @@ def lu2013_lighting(seeds: int) -> ExperimentResult:
             colours = Path(folder, f"{seed}.npz")
             controlled[case.name].append(drive(case, seed, colours, None))
             fixed[case.name].append(drive(case, seed, colours, best[seed]))
+        dark = [
+            points_in_the_dark(seed, Path(folder, f"{seed}.npz"), best[seed])
+            for seed in follow(range(seeds), "places in the dark")
+        ]
     firsts = controlled[FIRST.name]
     rows = [
         row
@@ -216,7 +65,7 @@ def lu2013_lighting(seeds: int) -> ExperimentResult:
         COLUMNS,
         tuple(rows),
         _headline(controlled, fixed),
-        (*_NOTES, _dark(fixed[THIRD.name]), _exposures(controlled)),
+        (*_NOTES, _switched_off(fixed[THIRD.name]), _darkness(dark), _exposures(controlled)),
         (
             ("tracks", _tracks_figure([(c.name, controlled[c.name][0]) for c in (FIRST, SECOND, THIRD)])),
             ("exposure", _exposure_figure(controlled, fixed)),
@@ -228,17 +77,20 @@ _NOTES = (
     f"The scenarios lighting-1 to 3 rendered, 60 s at {RATE_HZ:g} images per second and seed; straight tracks, three "
     "standing robots. Errors are those of tracked images; line points are means over all images. The robot waits while "
     "the control searches. Without control exposure and gain stay at what the control found at the first case's start.",
-    "Levels of light: 1 is the hall's lamps, 500 lx (EN 12193, class II). Second case: patches of sun 6 times as "
-    "bright, as in the recorded linear images (omni_exposure), 0.6 of daylight everywhere. Third case: lamps go off "
-    "and on every 10 s; off, 10 lx are left (0.02), what sunset's 500 lx outside leave inside at a daylight factor of "
-    "2 %. Dull day: 100 lx (0.2), 5000 lx outside. Clear glass: the sun at 35 degrees brings 50 klx to the ground, "
-    "38 klx behind two panes: 76 times the lamps, with 2.0 of daylight from sky and bounces. It is shown as the limit: "
-    "the entropy's peak exposes for the shade, patches are white all over, a robot within one sees no line, and "
-    "shadows of window bars draw false points. There the first case's settings, with shade overexposed too, do better.",
-    "Without control the second case and the dull day cost little: the detector compares a line with the green beside "
-    "it, not with absolute levels. Single tries with a ninth (omni_exposure) and a twentieth of the light lost nothing "
-    "either; the loss in the third case is that of its fiftieth. The paper's best settings fall "
-    "from 18 ms, 18 to 12 ms, 12 from the first case to the second, by a factor of 2.25.",
+    "Levels of light: 1 is the hall's lamps, 500 lx (EN 12193, class II; JGJ 153-2007, matches of amateurs). Second "
+    "case: patches of sun 6 times as bright, as in the recorded linear images (omni_exposure), 0.6 of daylight "
+    "everywhere. Third case: lamps go off and on every 10 s. The paper's first case knows no daylight, and its third "
+    "switches the lamps; what was left it doesn't say. Here it is what a sports hall's safety lighting has to give "
+    "then, 20 lx (0.04; JGJ 153-2007, the standard of the paper's country). Dull "
+    "day: 100 lx (0.2), 5000 lx outside at a daylight factor of 2 %. Clear glass: the sun at 35 degrees "
+    "brings 50 klx to the ground, 38 klx behind two panes: 76 times the lamps, with 2.0 of daylight from sky and "
+    "bounces. It is shown as the limit: the entropy's peak exposes for the shade, patches are white all over, a robot "
+    "within one sees no line, and shadows of window bars draw false points. There the first case's settings, with "
+    "shade overexposed too, do better.",
+    "Without control none of these lightings takes half of the line points or makes errors three times as large, as "
+    "it was for the paper, whose look-up table classes absolute colours: the detector here compares a line with the "
+    "green beside it. The paper's best settings fall from 18 ms, 18 to 12 ms, 12 from the first case to the second, by "
+    "a factor of 2.25.",
 )
 
 
@@ -282,13 +134,25 @@ def _headline(controlled: dict[str, list[Drive]], fixed: dict[str, list[Drive]])
     )
 
 
-def _dark(runs: Sequence[Drive]) -> str:
+def _switched_off(runs: Sequence[Drive]) -> str:
     """What the third case leaves of the line points while the lamps are off."""
     left = []
     for run in runs:
         off = (np.arange(len(run.points)) + 1) / RATE_HZ // SWITCH_S % 2 == 1
         left.append(100.0 * float(run.points[off].mean() / run.points[~off].mean()))
     return f"Third case without control: {spread(left, 0)} % of the line points are left while the lamps are off."
+
+
+def _darkness(dark: Sequence[FloatArray]) -> str:
+    """How far the first case's settings reach, from each seed's `points_in_the_dark`."""
+    parts = []
+    for k, level in enumerate(DARKER, start=1):
+        fixed, controlled = (spread([100.0 * float(each[k, c] / each[0, c]) for each in dark], 0) for c in (0, 1))
+        parts.append(f"{500.0 * level:g} lx ({level:g}) {fixed} % and {controlled} %")
+    return (
+        "Line points at eight places per seed in even light, as a share of those under lamps, without control and with "
+        f"it: {'; '.join(parts)}."
+    )
 
 
 def _exposures(controlled: dict[str, list[Drive]]) -> str:

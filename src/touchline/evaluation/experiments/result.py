@@ -39,8 +39,10 @@ class ExperimentResult:
 
 
 def spread(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:
-    """Mean ± standard deviation over the seeds (of N - 1); a lone value stands alone."""
+    """Mean ± standard deviation over the seeds (of N - 1); a lone value stands alone, a dash for none."""
     numbers = np.asarray(values, dtype=np.float64)
+    if len(numbers) == 0:
+        return "–"
     if len(numbers) == 1:
         return f"{numbers[0]:.{decimals}f}"
     return f"{numbers.mean():.{decimals}f} ± {numbers.std(ddof=1):.{decimals}f}"
@@ -48,4 +50,5 @@ def spread(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:
 
 def percent(values: Sequence[float] | FloatArray) -> str:
     """`spread` of shares, in per cent."""
-    return f"{spread(100.0 * np.asarray(values, dtype=np.float64), 1)} %"
+    shares = np.asarray(values, dtype=np.float64)
+    return f"{spread(100.0 * shares, 1)} %" if len(shares) else "–"

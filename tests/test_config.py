@@ -1,0 +1,105 @@
+"""Settings and the YAML files that hold them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from touchline.calibration.colour import read_regions
+from touchline.camera import open_camera
+from touchline.config import Settings, load_settings, read_yaml, yaml_line
+from touchline.errors import InputError
+from touchline.field import open_field
+from touchline.sources import open_source
+
+ROOT = Path(__file__).parents[1]
+
+
+class Wheel(Settings):
+    radius_m: float = 0.1
+    driven: bool = True
+    teeth: int | None = None
+    places: tuple[tuple[float, float], ...] = ()
+
+
+class Robot(Settings):
+    name: str = ""
+    wheel: Wheel = Wheel()
+    wheels: tuple[Wheel, ...] = ()
+
+
+def yaml_file(folder: Path, text: str, name: str = "robot.yaml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "wheel:\n  driven: no\n  radius_m: yes",
+            r"robot.yaml, line 3: wheel.radius_m: a number is wanted, not true or",
+        ),
+        (
+            "wheel: {teeth: off}",
+            r"robot.yaml, line 1: wheel.teeth: a number is wanted, not true or false \(got False\)",
+        ),
+        ("wheels:\n- teeth: 3\n- places:\n  - [1, 2]\n  - [1, on]", r"line 3: wheels.1.places: a number is wanted"),
+        ("wheel:\n\n  radius_m: wide", r"robot.yaml, line 3: setting 'wheel.radius_m': input should be a valid number"),
+        ("wheels:\n- teeth: 3\n- tooth: 3", r"robot.yaml, line 3: unknown setting 'wheels.1.tooth': did you mean"),
+        ("name: 1\nwheel:\n  radius_m: [", r"robot.yaml, line 4: is not valid YAML"),
+    ],
+)
+def test_what_does_not_fit_is_told_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_settings(Robot, yaml_file(tmp_path, text))
+
+
+def test_several_mistakes_have_a_line_each_and_those_of_a_change_have_none(tmp_path: Path) -> None:
+    path = yaml_file(tmp_path, "name: 3\nwheel:\n  teeth: 2.5")
+    with pytest.raises(InputError, match=r"robot.yaml, line 1: setting 'name': .*; line 3: setting 'wheel.teeth': "):
+        load_settings(Robot, path)
+    with pytest.raises(InputError, match=r"^setting 'wheel.teeth': "):
+        load_settings(Robot, yaml_file(tmp_path, "name: a\nwheel: {teeth: 2}"), ["wheel.teeth=2.5"])
+
+
+def test_truths_are_truths_where_a_truth_is_wanted(tmp_path: Path) -> None:
+    settings = load_settings(Robot, yaml_file(tmp_path, "wheel: {driven: no, teeth: 3, places: [[1, 2.5]]}"))
+    assert settings.wheel == Wheel(driven=False, teeth=3, places=((1.0, 2.5),))
+
+
+TWICE = "line 3: 'width' stands in line 1 already; keep one"
+
+
+def test_a_key_that_stands_twice_is_refused_in_every_kind_of_file(tmp_path: Path) -> None:
+    path = yaml_file(tmp_path, "width: 1\nheight: 2\nwidth: 3", "field.yaml")
+    for reader in (read_yaml, open_field, open_camera, read_regions, lambda file: load_settings(Robot, file)):
+        with pytest.raises(InputError, match=f"field.yaml, {TWICE}"):
+            reader(path)
+    recording = tmp_path / "recording"
+    recording.mkdir()
+    yaml_file(recording, "width: 1\nheight: 2\nwidth: 3", "sequence.yaml")
+    with pytest.raises(InputError, match=f"sequence.yaml, {TWICE}"):
+        open_source(recording)
+
+
+def test_keys_may_come_again_in_another_mapping_and_over_merged_ones(tmp_path: Path) -> None:
+    text = "base: &base {a: 1, b: 2}\none: {a: 1}\ntwo:\n  <<: *base\n  a: 3"
+    assert read_yaml(yaml_file(tmp_path, text))["two"] == {"a": 3, "b": 2}
+    assert read_yaml(yaml_file(tmp_path, text))["one"] == {"a": 1}
+
+
+def test_every_yaml_file_of_ours_is_read_as_before() -> None:
+    files = [*ROOT.glob("src/**/*.yaml"), *ROOT.glob("tests/data/**/*.yaml"), *ROOT.glob("examples/**/*.yaml")]
+    assert len(files) > 25
+    for path in files:
+        assert read_yaml(path) == yaml.safe_load(path.read_text(encoding="utf-8"))
+
+
+def test_the_line_of_an_entry_is_that_of_the_nearest_one_that_is_there(tmp_path: Path) -> None:
+    path = yaml_file(tmp_path, "a:\n  b:\n  - 1\n  - c: 2\n\nd: 3")
+    assert [yaml_line(path, keys) for keys in (["a", "b", 1, "c"], ["a", "b", 5], ["d", "e"], ["f"])] == [4, 2, 6, None]
+    assert yaml_line(tmp_path / "nowhere.yaml", ["a"]) is None
