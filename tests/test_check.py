@@ -112,7 +112,7 @@ def test_a_few_missing_images_are_a_warning_many_an_error(arc: Path) -> None:
     assert_found(arc, "images", Severity.WARNING, "images.csv", r"1 of 31 images: images\.csv, line 9 \(frame 7\)")
     for index in range(8, 16):
         (arc / f"images/{index:06d}.jpg").unlink()
-    assert_found(arc, "images", Severity.ERROR, "images.csv", r"9 of 31 images: .*000007\.jpg the file is missing")
+    assert_found(arc, "images", Severity.ERROR, "images.csv", r"9 of 31 images: .*000007\.jpg is missing")
 
 
 def test_late_images_and_another_rate_are_noted(arc: Path) -> None:
@@ -411,6 +411,15 @@ def test_another_field_than_the_named_one_is_found(real: Path) -> None:
     finding = found(real, "field")
     assert finding.severity is Severity.NOTE
     assert "'our lab', which is no preset" in finding.what
+
+
+def test_where_the_truth_has_ended_nothing_is_compared(real: Path) -> None:
+    truth = real / "ground_truth.tum"
+    truth.write_text("".join(truth.read_text().splitlines(keepends=True)[:3]))
+    findings = [finding for finding in check_recording(real) if finding.where == "ground_truth.tum"]
+    assert {finding.severity for finding in findings} == {Severity.WARNING, Severity.NOTE}
+    assert any("holds 3 usable poses" in finding.what for finding in findings)
+    assert any("not compared with the true poses" in finding.what for finding in findings)
 
 
 def test_a_broken_field_yaml_is_an_error(real: Path) -> None:

@@ -19,7 +19,7 @@ from touchline.cli import main
 from touchline.config import Settings
 from touchline.errors import NoFitError
 from touchline.evaluation import write_tum
-from touchline.systems import SYSTEMS, SystemInfo
+from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo
 from touchline.types import Estimate, Frame, Hypothesis
 
 HEAVY = ("numpy", "numba", "cv2", "matplotlib", "pydantic", "yaml")
@@ -352,11 +352,13 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
     [
         (["fly"], "fly"),
         (["--wings"], "--wings"),
-        (["run"], "'recording'"),
+        (["run"], "'RECORDING'"),
         (["run", "nowhere"], "nowhere: there is no such recording"),
         (["run", "tiny", "--wings"], "--wings"),
         (["run", "tiny", "--system", "fak"], "did you mean 'fake'?"),
         (["run", "tiny", "--system", "fake", "--set", "noise=1"], "did you mean 'noise_m'?"),
+        (["run", "tiny", "--set", "motion"], "--set motion: expected KEY=VALUE, for example --set line_points."),
+        (["experiment", "xiong-samples", "--output", "tiny/images.csv"], "cannot be written"),
         (["run", "tiny", "--system", "fake", "--set", "sigma=1"], "unknown setting 'sigma': known: noise_m"),
         (["run", "tiny", "--set", "fusion.beta=1"], "setting 'fusion.beta' belongs to iris-fusion, not to the chosen"),
         (["run", "tiny", "--set", "particles.motion=1"], "setting 'particles' belongs to nubot-mcl and iris-fusion"),
@@ -375,7 +377,7 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
         (["run", "tiny", "--system", "fake", "--output", "tiny"], "exists already"),
         (["demo", "--output", "tiny"], "exists already"),
         (["demo", "now"], "now"),
-        (["evaluate"], "'run'"),
+        (["evaluate"], "'RUN'"),
         (["evaluate", "nowhere"], "there is no such run"),
         (["evaluate", "tiny"], "summary.json: cannot be read"),
         (["evaluate", "tiny/ground_truth.tum"], "--truth FILE"),
@@ -421,3 +423,9 @@ def test_an_unexpected_error_is_told_in_one_line(
     assert main(["evaluate", "anything"]) == 1
     _, err = told(capsys)
     assert err == "error: unexpected RuntimeError: a defect (touchline --debug evaluate anything shows the traceback)\n"
+
+
+def test_the_help_names_the_default_system(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("run", "view"):
+        assert main([command, "--help"]) == 0
+        assert f"default: {DEFAULT_SYSTEM}" in " ".join(told(capsys)[0].replace("│", " ").split())

@@ -23,7 +23,7 @@ def test_a_good_recording_ends_with_0_and_a_line_for_each_finding(
     assert main(["check", str(good)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["severity", "where", "what", "what", "to", "do"]
-    assert lines[-1].startswith("omni_msl_track: 8 images, 0 error, 0 warning, ")
+    assert lines[-1].startswith("omni_msl_track: 8 images, 0 errors, 0 warnings, ")
     assert any(line.startswith("ok") and "all 8 images can be decoded" in line for line in lines)
 
 
@@ -33,7 +33,7 @@ def test_warnings_end_with_0(good: Path, capsys: pytest.CaptureFixture[str]) -> 
     out = capsys.readouterr().out
     assert "warning" in out.splitlines()[1]
     assert "imu.csv, line" in out.splitlines()[1]
-    assert "0 error, 1 warning" in out
+    assert "0 errors, 1 warning" in out
 
 
 def test_errors_end_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

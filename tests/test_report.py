@@ -283,5 +283,5 @@ def test_long_series_keep_their_peaks() -> None:
 
 
 def test_a_long_run_makes_no_longer_page(tmp_path: Path) -> None:
-    short, long = (len(write(tmp_path / name, frames=frames)[0]) for name, frames in (("b", 2000), ("c", 12000)))
+    short, long = (len(write(tmp_path / name, frames=frames)[0]) for name, frames in (("b", 1500), ("c", 7500)))
     assert long < 1.7 * short

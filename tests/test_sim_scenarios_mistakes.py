@@ -19,6 +19,14 @@ from touchline.types import Frame
 
 
 class TestMistakes:
+    def test_a_mistake_of_the_command_line_is_not_put_down_to_the_file(self) -> None:
+        with pytest.raises(InputError, match=r"^setting 'others.robots': input should be .* \(got -1\)"):
+            open_scenario("match", changes=["others.robots=-1"])
+        with pytest.raises(InputError, match=r"^setting 'seconds': input should be greater than 0"):
+            open_scenario("match", seconds=0.0)
+        with pytest.raises(InputError, match=r"^unknown setting 'other'"):  # the group is as wrong as what is in it
+            open_scenario("match", changes=["other.robots=1"])
+
     @pytest.mark.parametrize(
         ("text", "message"),
         [

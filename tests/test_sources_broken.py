@@ -233,15 +233,15 @@ IMAGE = "images/000003.jpg"
 NOISE = np.random.default_rng(3).integers(0, 256, 600, dtype=np.uint8).tobytes()
 PLACE = r"images\.csv, line 5 \(frame 3\): images/000003\.jpg "
 BROKEN_IMAGES: dict[str, tuple[Damage, ProblemKind, str]] = {
-    "missing": (remove(IMAGE), ProblemKind.MISSING_IMAGE, "the file is missing"),
+    "missing": (remove(IMAGE), ProblemKind.MISSING_IMAGE, "is missing"),
     "a folder": (
         lambda folder: ((folder / IMAGE).unlink(), (folder / IMAGE).mkdir()),
         ProblemKind.MISSING_IMAGE,
-        "the file cannot be read",
+        "cannot be read",
     ),
-    "empty": (cut(IMAGE, 0.0), ProblemKind.BROKEN_IMAGE, "the file is empty"),
-    "cut off": (cut(IMAGE, 0.7), ProblemKind.BROKEN_IMAGE, "the JPEG file ends early"),
-    "noise inside": (overwritten(IMAGE, NOISE), ProblemKind.BROKEN_IMAGE, "the JPEG file is damaged"),
+    "empty": (cut(IMAGE, 0.0), ProblemKind.BROKEN_IMAGE, "is empty"),
+    "cut off": (cut(IMAGE, 0.7), ProblemKind.BROKEN_IMAGE, "is a JPEG file that ends early"),
+    "noise inside": (overwritten(IMAGE, NOISE), ProblemKind.BROKEN_IMAGE, "is a damaged JPEG file"),
     "text": (write(IMAGE, "not an image"), ProblemKind.BROKEN_IMAGE, "is not an image that can be decoded"),
     "of another size": (image_of(IMAGE, (40, 48, 3), np.uint8), ProblemKind.IMAGE_SIZE, "is 48×40 .* expected 48×32"),
     "16-bit": (image_of(IMAGE, (32, 48, 3), np.uint16), ProblemKind.LINEAR_IMAGE, "holds 16-bit"),
@@ -266,7 +266,7 @@ def test_a_png_that_ends_early_is_broken(folder: Path) -> None:
     image_of(IMAGE, (32, 48, 3), np.uint8)(folder)
     cut(IMAGE, 0.8)(folder)
     source = open_source(folder)
-    assert "the PNG file ends early" in (list(source)[3].problem or "")
+    assert "is a PNG file that ends early" in (list(source)[3].problem or "")
 
 
 def test_a_jpeg_padded_with_zeros_is_whole(folder: Path) -> None:
@@ -283,7 +283,7 @@ def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, shared_data: Path
     middle = len(data) // 2
     (folder / IMAGE).write_bytes(data[:middle] + filling + data[middle + 4000 :])
     assert cv2.imread(str(folder / IMAGE)) is not None
-    assert "the JPEG file is damaged" in (list(open_source(folder))[3].problem or "")
+    assert "is a damaged JPEG file" in (list(open_source(folder))[3].problem or "")
 
 
 def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
@@ -295,7 +295,7 @@ def test_a_jpeg_with_a_thumbnail_and_a_trailer_is_whole(folder: Path) -> None:
     assert all(frame.image is not None for frame in open_source(folder))
     cut(IMAGE, 0.8)(folder)
     source = open_source(folder)
-    assert "the JPEG file ends early" in (list(source)[3].problem or "")
+    assert "is a JPEG file that ends early" in (list(source)[3].problem or "")
 
 
 def test_a_gray_card_is_no_damage(folder: Path) -> None:

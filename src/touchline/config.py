@@ -67,7 +67,8 @@ def load_settings(
     for item in overrides:
         key, separator, text = item.partition("=")
         if not separator or not key.strip():
-            raise InputError(f"--set {item}: expected KEY=VALUE, for example --set matching.c_m=0.25")
+            numbers = (f"{row[0]}={row[1]}" for row in settings_rows(model) if isinstance(row[1], int | float))
+            raise InputError(f"--set {item}: expected KEY=VALUE, for example --set {next(numbers, 'key=1')}")
         try:
             value = yaml.safe_load(text)
         except yaml.YAMLError as error:
@@ -183,7 +184,7 @@ def _explain(
     sentences = []
     for problem in error.errors():
         location = problem["loc"]
-        ours = any(location[: len(path)] == path for path in changed)
+        ours = any(location[: len(path)] == path or location == path[: len(location)] != () for path in changed)
         line = yaml_line(file, (*section, *location)) if file is not None and not ours else None
         told = _sentence(model, problem, elsewhere)
         sentences.append(told if line is None else f"line {line}: {told}")

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 calibrate_app = typer.Typer(help="Calibrate the mirror, its ranges or the colours.", no_args_is_help=True)
 
-calibrate_app.command("range")(calibrate_range)
-
 _OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The file to write; a new one.", show_default=False)
 _PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it (default: the output's name with .png).")
 
@@ -26,7 +24,10 @@ _PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it (defa
 @calibrate_app.command("mirror")
 def mirror(
     recording: Annotated[
-        Path, typer.Argument(help="A recording of the calibration strip in known directions.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="RECORDING", help="A recording of the calibration strip in known directions.", show_default=False
+        ),
     ],
     output: Annotated[Path, _OUTPUT],
     picture: Annotated[Path | None, _PICTURE] = None,
@@ -53,6 +54,9 @@ def mirror(
     write_new_file(output, camera_yaml(calibration.camera, _mirror_words(calibration, source.name)).encode())
     save_picture(picture, mirror_picture(calibration, image, sighting))
     print_lines(_mirror_words(calibration, source.name), output, picture)
+
+
+calibrate_app.command("range")(calibrate_range)
 
 
 @calibrate_app.command("colour")

@@ -36,10 +36,10 @@ def calibrate_range(
         typer.Option(min=1, max=12, help="Degree of the polynomial (default: the highest up to 6 that rises)."),
     ] = None,
     camera: Annotated[
-        Path | None, typer.Option(help="camera.yaml for MARKS.csv [default: the one beside it].", show_default=False)
+        Path | None, typer.Option(help="camera.yaml for MARKS.csv (default: the one beside it).", show_default=False)
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A picture of it [default: the output's name with .png].")
+        Path | None, typer.Option(metavar="FILE", help="A picture of it (default: the output's name with .png).")
     ] = None,
     skip_unusable: Annotated[
         bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")

@@ -18,7 +18,7 @@ _PIPE_WIDTH = 400
 
 
 def check(
-    recording: Annotated[Path, typer.Argument(help="A recording folder.", show_default=False)],
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording folder.", show_default=False)],
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """Read a whole recording and say what is odd about it, and what to do.
@@ -32,6 +32,7 @@ def check(
     source = open_source(recording)
     findings = _check_with_progress(source)
     counts = {severity.value: sum(finding.severity is severity for finding in findings) for severity in Severity}
+    worst_first = tuple(reversed(counts.items()))
     console = output()
     if json:
         typer.echo(_as_json(source.name, findings, counts))
@@ -39,7 +40,7 @@ def check(
         if not console.is_terminal:
             console.width = _PIPE_WIDTH  # one line for each finding, for grep
         console.print(_table(findings), soft_wrap=False)
-        words = ", ".join(f"{count} {severity}" for severity, count in reversed(counts.items()))
+        words = ", ".join(f"{count} ok" if name == "ok" else counted(count, name) for name, count in worst_first)
         console.print(f"{source.name}: {counted(len(source), 'image')}, {words}", markup=False)
     if counts["error"]:
         raise typer.Exit(1)

@@ -9,7 +9,9 @@ import typer
 
 
 def evaluate(
-    run: Annotated[Path, typer.Argument(help="The folder of a run, or a trajectory.tum.", show_default=False)],
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="The folder of a run, or a trajectory.tum.", show_default=False)
+    ],
     truth: Annotated[
         Path | None,
         typer.Option(help="True poses in TUM format (default: the recording's).", show_default=False),

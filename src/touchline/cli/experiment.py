@@ -22,7 +22,9 @@ def experiment(
         str | None, typer.Argument(metavar="NAME|all", help="Which experiment.", show_default=False)
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with other chance; the spread is of these.")] = 5,
-    output: Annotated[Path, typer.Option(metavar="DIR", help="Where pages and pictures go.")] = Path("results"),
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Where pages and pictures go.")] = Path(
+        "results"
+    ),
     listing: Annotated[bool, typer.Option("--list", help="List the experiments and stop.")] = False,
 ) -> None:
     """Rerun an experiment of the papers: our figures beside theirs, the picture, a row in DIR/results.md.
@@ -33,13 +35,16 @@ def experiment(
 
     from touchline.cli.console import output as console
     from touchline.evaluation.experiments import EXPERIMENTS, chosen_experiments
-    from touchline.evaluation.experiments.writing import write_result
+    from touchline.evaluation.experiments.writing import check_writable, write_result
 
     if listing or name is None:
         for known in EXPERIMENTS.values():
             console().print(f"{known.name:<18} {known.description}", markup=False)
+        console().print("touchline experiment NAME reruns one, touchline experiment all every one", style="dim")
         return
-    for chosen in chosen_experiments(name):
+    experiments = chosen_experiments(name)
+    check_writable(output)
+    for chosen in experiments:
         result = _run(chosen, seeds)
         files = write_result(result, output, list(EXPERIMENTS))
         console().print(f"[bold]{result.name}[/bold]: {result.title}; {result.seeds} seeds")

@@ -84,7 +84,7 @@ def show(
 
 @fields_app.command("new")
 def new(
-    name: Annotated[str, typer.Argument(help="Name of the new field.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the new field.")],
     letters: Annotated[
         list[str] | None,
         typer.Argument(
@@ -99,7 +99,8 @@ def new(
         str, typer.Option(metavar="edge|middle", help="What the sizes reach to: the lines' outer edge or middle.")
     ] = "edge",
     output: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The new file (default: NAME.yaml).", show_default=False)
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="The new file (default: NAME.yaml).", show_default=False),
     ] = None,
 ) -> None:
     """Write a field.yaml of your own field from a few rulebook letters."""

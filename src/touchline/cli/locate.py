@@ -45,6 +45,8 @@ def locate(
     output: Annotated[
         Path | None,
         typer.Option(
+            "--output",
+            "-o",
             metavar="PICTURE.png",
             help="New picture: the overlay of an image (without it overlay.png in runs/NAME-locate-N), or the points "
             "on the field.",

@@ -34,10 +34,16 @@ class InterruptedRun(TouchlineError):
 
 
 def run(
-    recording: Annotated[Path, typer.Argument(help="A recording: a folder in Touchline's format.", show_default=False)],
-    system: Annotated[str | None, typer.Option(help="The system to run; see touchline systems.")] = None,
+    recording: Annotated[
+        Path,
+        typer.Argument(metavar="RECORDING", help="A recording: a folder in Touchline's format.", show_default=False),
+    ],
+    system: Annotated[
+        str | None, typer.Option(help="The system to run (default: nubot-mti); see touchline systems.")
+    ] = None,
     output: Annotated[
-        Path | None, typer.Option(help="New folder for the results (default: runs/NAME-N).", show_default=False)
+        Path | None,
+        typer.Option("--output", "-o", help="New folder for the results (default: runs/NAME-N).", show_default=False),
     ] = None,
     start: Annotated[
         str | None, typer.Option(metavar="X,Y,HEADING", help="Where the robot starts (m, m, rad), field frame.")
@@ -65,7 +71,8 @@ def run(
 
 def demo(
     output: Annotated[
-        Path | None, typer.Option(help="New folder for the results (default: runs/demo-N).", show_default=False)
+        Path | None,
+        typer.Option("--output", "-o", help="New folder for the results (default: runs/demo-N).", show_default=False),
     ] = None,
 ) -> None:
     """Localise the bundled recording, print the error table, write a report."""

@@ -20,7 +20,10 @@ def simulate(
         typer.Argument(metavar="NAME|FILE", help="A scenario by name, or a file of your own.", show_default=False),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The new recording's folder (default: NAME).", show_default=False)
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="The new recording's folder (default: NAME).", show_default=False
+        ),
     ] = None,
     seed: Annotated[
         int | None,
@@ -40,8 +43,9 @@ def simulate(
     touchline simulate match --output runs/match --seconds 10   writes one; touchline run runs/match localises it.
     touchline simulate match --set others.robots=3 --set camera.motion_blur=true   changes what the scenario says.
 
-    The same seed gives the same bytes. Without a name, the scenarios are listed. A recording in place of the name makes
-    it again.
+    The same seed gives the same bytes. Without a name, the scenarios are listed.
+
+    A recording that was simulated, in place of the name, is made again.
     """
     if listing or scenario is None:
         _list_scenarios()
@@ -63,7 +67,7 @@ def simulate(
     rate = len(simulation) / (time.perf_counter() - started)
     console().print(
         f"{folder}: {len(simulation)} images, {chosen.seconds:g} s of {chosen.name}, seed {chosen.seed} "
-        f"({rate:.0f} images per second)",
+        f"({rate:.{0 if rate >= 10 else 1}f} images per second)",
         markup=False,
     )
     beside = [name for name in ("marks.csv", "regions.yaml") if (folder / name).is_file()]

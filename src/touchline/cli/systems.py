@@ -10,7 +10,9 @@ from touchline.errors import InputError
 
 
 def systems(
-    name: Annotated[str | None, typer.Argument(help="Show this system's settings.", show_default=False)] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Show this system's settings.", show_default=False)
+    ] = None,
     markdown: Annotated[
         bool, typer.Option("--markdown", help="Print every setting of all systems as the page docs/settings.md.")
     ] = False,
@@ -35,7 +37,9 @@ def systems(
         for info in SYSTEMS.values():
             mark = " (default)" if info.name == DEFAULT_SYSTEM else ""
             table.add_row(f"{info.name}{mark}", info.description)
-        output().print(table, soft_wrap=False)
+        out = output()
+        out.print(table, soft_wrap=False)
+        out.print("touchline systems NAME shows the settings of one, touchline run --system NAME runs it", style="dim")
         return
     from touchline.config import settings_rows
 

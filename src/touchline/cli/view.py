@@ -31,9 +31,14 @@ def view(
     field: Annotated[
         str | None, typer.Option(metavar="NAME|FILE", help="The field an image was taken on.", show_default=False)
     ] = None,
-    system: Annotated[str | None, typer.Option(help="Whose stages to draw; see touchline systems.")] = None,
+    system: Annotated[
+        str | None, typer.Option(help="Whose stages to draw (default: nubot-mti); see touchline systems.")
+    ] = None,
     output: Annotated[
-        Path | None, typer.Option(help="New folder for the pictures (default: runs/NAME-view-N).", show_default=False)
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="New folder for the pictures (default: runs/NAME-view-N).", show_default=False
+        ),
     ] = None,
 ) -> None:
     """Draw points and field lines over one image; with --stages, every step on the way there."""

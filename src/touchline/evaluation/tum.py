@@ -10,6 +10,7 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.geometry import Pose
+from touchline.sources.findings import counted
 from touchline.sources.truth import heading_of
 from touchline.types import Samples
 
@@ -93,7 +94,7 @@ def read_tum(path: Path) -> Samples:
 def _parse(line: str, where: str) -> tuple[int, Pose]:
     fields = line.split()
     if len(fields) != 8:
-        raise InputError(f"{where}: expected 't x y z qx qy qz qw', found {len(fields)} values")
+        raise InputError(f"{where}: expected 't x y z qx qy qz qw', found {counted(len(fields), 'value')}")
     try:
         stamp_ns = stamp_from_text(fields[0])
         x, y, _, qx, qy, qz, qw = (float(text) for text in fields[1:])

@@ -142,7 +142,7 @@ def check_gyro_bias(survey: Survey) -> Iterator[Finding]:
         return
     if seconds < _LEAST_STILL_S:
         what, advice = (
-            "not measured: the robot hardly ever stands still",
+            "the gyro's bias is not measured: the robot hardly ever stands still",
             "Record two seconds at rest to have it measured.",
         )
         yield Finding("gyro bias", Severity.NOTE, "imu.csv", what, advice)

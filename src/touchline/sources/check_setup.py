@@ -62,7 +62,7 @@ def check_mirror(survey: Survey) -> Iterator[Finding]:
     if camera is None or not survey.rims:
         return
     if len(rims) < 0.5 * len(survey.rims):
-        yield Finding("mirror", Severity.NOTE, CAMERA, "not measured: the edge of the mirror is hard to see")
+        yield Finding("mirror", Severity.NOTE, CAMERA, "the mirror's place is not measured: its edge is hard to see")
         return
     u, v, radius = np.median(rims[:, :3], axis=0)
     off = math.hypot(u - camera.center[0], v - camera.center[1])
@@ -146,9 +146,13 @@ def check_truth(survey: Survey) -> Iterator[Finding]:
     if outside:
         what = f"poses more than {_HALL_M:g} m outside the lines: {frames_in_words(outside)}"
         yield Finding("truth", Severity.ERROR, TRUTH, what, "Metres, from the centre mark?")
-    nearest = [truth.nearest_index(int(stamp)) for stamp in survey.recording.image_stamps]
+    stamps_ns = survey.recording.image_stamps
+    nearest = [truth.nearest_index(int(stamp)) for stamp in stamps_ns]
+    poses = truth.poses[nearest]
+    if len(stamps_ns) > 1:  # where the truth has begun too late, or ended, nothing is known
+        poses[np.abs(truth.stamp_ns[nearest] - stamps_ns) > np.median(np.diff(stamps_ns))] = np.nan
     subject = ("truth", TRUTH, "the true poses", "Check frames and units of both.")
-    yield from compare_travel(survey, subject, _true_steps(truth.poses[nearest], survey.stamps_s))
+    yield from compare_travel(survey, subject, _true_steps(poses, survey.stamps_s))
 
 
 def _told(error: InputError, file: Path) -> str:

@@ -37,11 +37,11 @@ def decode_image(path: Path) -> Decoded:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        return Decoded(None, ProblemKind.MISSING_IMAGE, "the file is missing")
+        return Decoded(None, ProblemKind.MISSING_IMAGE, "is missing")
     except (OSError, ValueError) as error:
-        return Decoded(None, ProblemKind.MISSING_IMAGE, f"the file cannot be read ({error})")
+        return Decoded(None, ProblemKind.MISSING_IMAGE, f"cannot be read ({error})")
     if not data:
-        return Decoded(None, ProblemKind.BROKEN_IMAGE, "the file is empty")
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, "is empty")
     if (damage := _damage(data)) is not None:
         return Decoded(None, ProblemKind.BROKEN_IMAGE, damage)
     try:
@@ -51,7 +51,7 @@ def decode_image(path: Path) -> Decoded:
     if pixels is None:
         return Decoded(None, ProblemKind.BROKEN_IMAGE, "is not an image that can be decoded")
     if data.startswith(_JPEG_START) and bool((pixels[-8:, -8:] == _FILL).all()) and bool((pixels != _FILL).any()):
-        return Decoded(None, ProblemKind.BROKEN_IMAGE, "the JPEG file is damaged: its lower part is lost")
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, "is a damaged JPEG file: its lower part is lost")
     return Decoded(pixels)  # type: ignore[arg-type]
 
 
@@ -73,7 +73,7 @@ def usable_image(decoded: Decoded, size: tuple[int, int] | None) -> tuple[ImageA
 def _damage(data: bytes) -> str | None:
     """What is wrong with the bytes of a JPEG or PNG file; None if nothing can be seen, or for another format."""
     if data.startswith(_PNG_START):
-        return None if _PNG_END in data[-4096:] else "the PNG file ends early"
+        return None if _PNG_END in data[-4096:] else "is a PNG file that ends early"
     if not data.startswith(_JPEG_START):
         return None
     start = _first_scan(data)
@@ -81,8 +81,8 @@ def _damage(data: bytes) -> str | None:
         return None  # the decoder will tell
     end = data.find(_JPEG_END, start)
     if end < 0:
-        return "the JPEG file ends early"
-    return "the JPEG file is damaged" if _JPEG_STRAY.search(data, start, end) else None
+        return "is a JPEG file that ends early"
+    return "is a damaged JPEG file" if _JPEG_STRAY.search(data, start, end) else None
 
 
 def _first_scan(data: bytes) -> int | None:

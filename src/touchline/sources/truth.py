@@ -10,6 +10,7 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.geometry import wrap_angles
+from touchline.sources.findings import counted
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.source import Truth
@@ -43,7 +44,8 @@ def read_truth(path: Path, image_stamps: StampArray, log: ProblemLog) -> Truth |
         log.add(ProblemKind.TIME_ORDER, path.name, what, line=lines[row_index])
     stamps, poses = stamps[keep], table[keep, 1:]
     if len(stamps) != len(image_stamps):
-        what = f"holds {len(stamps)} usable poses for {len(image_stamps)} images; the nearest in time is used"
+        what = f"holds {counted(len(stamps), 'usable pose')} for {counted(len(image_stamps), 'image')}"
+        what += "; the nearest in time is used" if len(stamps) else ""
         log.add(ProblemKind.TRUTH, path.name, what)
     elif not np.array_equal(stamps, image_stamps):
         index = int(np.flatnonzero(stamps != image_stamps)[0])

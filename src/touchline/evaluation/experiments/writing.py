@@ -19,13 +19,21 @@ _HEAD = (
 )
 
 
+def check_writable(folder: Path) -> None:
+    """Make the folder, before an experiment takes its time. Raises InputError if it can't be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); choose another with --output") from None
+
+
 def write_result(result: ExperimentResult, folder: Path, order: Sequence[str] = ()) -> list[Path]:
     """Write NAME.md, its pictures (PNG) and the experiment's row of results.md into a folder; returns the files.
 
     order: names in the order that the rows of the page shall have. Raises InputError if the folder can't be written.
     """
+    check_writable(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         pictures = [folder / f"{result.name}-{name}.png" for name, _ in result.pictures]
         for path, (_, figure) in zip(pictures, result.pictures, strict=True):
             figure.savefig(path, dpi=130, metadata={"Software": None})
