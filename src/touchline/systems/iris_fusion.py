@@ -113,6 +113,8 @@ class IrisFusion:
             self.fusion.place(prior.pose, np.diag(deviations**2))
             self.particles.start_at(prior.pose, np.diag(deviations**2))
             self.status = Status.TRACKING
+        else:
+            self.particles.restart(None, self.region)
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
