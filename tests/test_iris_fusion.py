@@ -328,10 +328,10 @@ def test_a_reset_forgets_everything(prior: Prior | None) -> None:
     """After another drive, which ends searching, the same chance gives the same estimates as at first."""
     run, other = simulation("indoor-9x6", 0), simulation("indoor-9x6", 1)
     made = system(run)
-    state = made.particles.rng.bit_generator.state
+    state = made.rng.bit_generator.state
 
     def told() -> list[tuple[object, ...]]:
-        made.particles.rng.bit_generator.state = state
+        made.rng.bit_generator.state = state
         made.reset(prior)
         estimates = [made.step(frame) for frame in run]
         return [(e.pose, e.covariance.tolist(), e.status, e.mode, e.rivals, e.residual_m) for e in estimates]

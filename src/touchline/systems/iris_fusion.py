@@ -90,7 +90,7 @@ class IrisFusion:
         """Covariance (3, 3) of a pose of a robot that may be anywhere (m, m, rad)."""
         self.detector = None if camera is None else HsvLineDetector(camera, settings.lines, field.line_width)
         self.odometry = WheelOdometry(settings.wheels, *(wheel_directions_rad or (None, None)))
-        self.particles = ParticleFilter(field, rng, settings.particles)
+        self.rng = rng
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)
         self.compass = CompassTrack(settings.compass_track)
@@ -108,13 +108,12 @@ class IrisFusion:
         self.stamp_ns: int | None = None
         self.searching = prior.pose is None
         self.restart.reset()
+        self.particles = ParticleFilter(self.field, self.rng, s.particles)
         if prior.pose is not None:
             deviations = np.array([s.start_position_m, s.start_position_m, s.start_heading_rad])
             self.fusion.place(prior.pose, np.diag(deviations**2))
             self.particles.start_at(prior.pose, np.diag(deviations**2))
             self.status = Status.TRACKING
-        else:
-            self.particles.restart(None, self.region)
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
