@@ -176,7 +176,7 @@ def unsure(frames: int = 60) -> SensorFusion:
     for _ in range(frames):
         step(fusion, HERE, None, Motion(Pose(0.0, 0.0, 0.0), np.diag([0.02, 0.02, 0.02]) ** 2, 0.0))
     assert math.sqrt(fusion.covariance[0, 0]) > 1.0
-    assert fusion.heading_error_rad > 1.0
+    assert fusion.heading_deviation_rad > 1.0
     return fusion
 
 

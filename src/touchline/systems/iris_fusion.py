@@ -196,8 +196,8 @@ class IrisFusion:
 
     def _holds(self, vision: Vision, compass_rad: float | None) -> bool:
         """Whether the robot is still followed; the compass may tell at which end of the field."""
-        heading_error_rad = None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
-        refuted = self.restart.is_refuted(vision.on_lines, heading_error_rad, self.status is Status.LOST)
+        off_compass_rad = None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
+        refuted = self.restart.is_refuted(vision.on_lines, off_compass_rad, self.status is Status.LOST)
         self.side_known |= self.restart.at_right_end
         return not refuted and self._is_where_told(vision.pose)
 
@@ -240,7 +240,9 @@ class IrisFusion:
         if compass_rad is not None:
             return compass_rad, widening * s.compass_rad
         if self.fusion.placed:
-            return self.odometry.pose.heading, widening * math.hypot(s.known_heading_rad, self.fusion.heading_error_rad)
+            return self.odometry.pose.heading, widening * math.hypot(
+                s.known_heading_rad, self.fusion.heading_deviation_rad
+            )
         return None, math.pi
 
     def _correct(self) -> None:
