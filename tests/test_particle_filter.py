@@ -167,6 +167,32 @@ def test_the_wider_the_first_headings_the_more_particles_there_are() -> None:
     assert np.abs(made.particles[:, 0]).max() == pytest.approx(5.5, abs=0.01)
 
 
+def test_a_heading_that_is_hardly_known_is_searched_in_its_half_of_the_circle() -> None:
+    """On a symmetric field the other half looks the same; where a region was told, it does not."""
+    for region, farthest_rad in ((None, math.pi / 2), (OWN_HALF, math.pi)):
+        made = particle_filter()
+        made.restart(2.0, region, deviation_rad=5.0)
+        assert len(made.particles) == 6000
+        turned = np.abs(wrap_angles(made.particles[:, 2] - 2.0))
+        assert turned.max() == pytest.approx(farthest_rad, rel=0.01)
+
+
+def test_particles_that_began_outside_of_a_region_take_the_places_of_others() -> None:
+    made, moved = particle_filter(), Pose(1.5, 0.4, 2.0)
+    made.restart(None)
+    began = np.array([Pose(*p).compose(moved.inverse()).x for p in made.particles.tolist()])
+    before = made.particles.copy()
+    made.keep_within(OWN_HALF, moved)
+    assert 0.3 < np.mean(began > 0.0) < 0.7
+    assert np.array_equal(made.particles[began <= 0.0], before[began <= 0.0])
+    after = np.array([Pose(*p).compose(moved.inverse()).x for p in made.particles.tolist()])
+    assert after.max() <= 1e-9
+    made.start_at(Pose(4.0, 0.0, 0.0), np.eye(3) * 1e-6)
+    before = made.particles.copy()
+    made.keep_within(OWN_HALF, Pose(0.0, 0.0, 0.0))  # all of them are: nobody to follow
+    assert np.array_equal(made.particles, before)
+
+
 def test_without_a_compass_half_the_circle_is_searched_with_ten_times_the_particles_until_the_first_drawing() -> None:
     made = particle_filter()
     made.restart(None)

@@ -170,6 +170,48 @@ def test_without_odometry_omnivision_goes_on_alone() -> None:
     assert fusion.pose == at(1.1)
 
 
+def unsure(frames: int = 60) -> SensorFusion:
+    """A fusion that has seen nothing for some time, in which its odometry may have gone wrong by metres."""
+    fusion = placed()
+    for _ in range(frames):
+        step(fusion, HERE, None, Motion(Pose(0.0, 0.0, 0.0), np.diag([0.02, 0.02, 0.02]) ** 2, 0.0))
+    assert math.sqrt(fusion.covariance[0, 0]) > 1.0
+    assert fusion.heading_deviation_rad > 1.0
+    return fusion
+
+
+def test_however_unsure_the_odometry_is_an_image_far_from_it_contradicts_it() -> None:
+    still = Motion(Pose(0.0, 0.0, 0.0), STEP.covariance, 0.0)
+    near_m, near_rad = 0.9 * SETTINGS.lost_m, 0.9 * SETTINGS.turned_rad
+    assert step(unsure(), HERE, seen(at(1.0 + near_m)), still) is Mode.BOTH
+    assert step(unsure(), HERE, seen(at(1.0, heading=0.3 + near_rad)), still) is Mode.BOTH
+    for away in (at(1.0 + 1.1 * SETTINGS.lost_m), at(1.0, heading=0.3 + 1.1 * SETTINGS.turned_rad), HERE.mirrored()):
+        fusion = unsure()
+        modes = [step(fusion, HERE, seen(away), still) for _ in range(SETTINGS.frames)]
+        assert modes == [Mode.ODOMETRY] * (SETTINGS.frames - 1) + [Mode.OMNIVISION]
+
+
+def test_without_odometry_an_image_agrees_as_far_as_a_robot_gets_between_two_images() -> None:
+    """1 m/s and 1.5 rad/s may have been driven unseen; three standard deviations of it in 0.1 s are 0.3 m."""
+    for x_m, heading, mode in ((1.6, 0.3, Mode.OMNIVISION), (2.2, 0.3, Mode.ODOMETRY), (1.0, 1.2, Mode.OMNIVISION)):
+        assert step(unsure(), HERE, seen(at(x_m, heading=heading)), blind(0.1)) is mode
+    for seconds in (0.1, 1.0, 10.0):  # but never from one end of the field to the other, nor another line for the one
+        for turned in (2.0, math.pi):
+            assert step(unsure(), HERE, seen(at(1.0, heading=0.3 + turned)), blind(seconds)) is Mode.ODOMETRY
+
+
+def test_without_odometry_a_moving_robot_is_found() -> None:
+    """Images that lie apart by what a robot drives contradict the old pose in one and the same way."""
+    fusion = placed()
+    modes = [step(fusion, HERE, seen(at(4.0 + 0.2 * k)), blind(0.1)) for k in range(SETTINGS.frames)]
+    assert modes == [Mode.ODOMETRY] * (SETTINGS.frames - 1) + [Mode.OMNIVISION]
+
+
+def blind(seconds: float) -> Motion:
+    """Nothing known of the motion: the robot may have driven at 1 m/s and turned at 1.5 rad/s."""
+    return Motion(Pose(0.0, 0.0, 0.0), np.diag([seconds, seconds, 1.5 * seconds]) ** 2, seconds)
+
+
 # --- odometry -------------------------------------------------------------------------------------------------------
 
 
@@ -214,6 +256,18 @@ def test_the_gyro_s_bias_is_learned_from_the_particles() -> None:
     assert paper.bias_rad_s == 0.0
 
 
+def test_nothing_is_learned_of_the_gyro_from_a_turn_that_it_did_not_tell() -> None:
+    still, turned = Motion(Pose(0.0, 0.0, 0.0), STEP.covariance, 0.0), at(1.0, heading=0.32)
+    fusion = placed()
+    assert fusion.update(turned, still, seen(HERE), 0.1, by_gyro=False) is Mode.BOTH
+    assert fusion.bias_rad_s == 0.0
+    fusion.update(turned, still, None, 0.1, by_gyro=False)
+    assert fusion.update(turned, still, seen(HERE), 0.1) is Mode.BOTH  # the frame before is in this difference, too
+    assert fusion.bias_rad_s == 0.0
+    assert fusion.update(turned, still, seen(HERE), 0.1) is Mode.BOTH
+    assert fusion.bias_rad_s == pytest.approx(SETTINGS.bias_gain_per_s * 0.02)
+
+
 def test_a_motion_without_its_bias_is_the_one_that_was_driven() -> None:
     """Half of a constant turn's error is in the direction of the way."""
     turned = Pose(0.0, 0.0, 0.0)
@@ -238,10 +292,16 @@ def test_particles_start_anew_after_several_images_that_contradict_them_or_after
         rule.is_refuted(poor, None)
     assert not rule.is_refuted(0.9, None)
     assert not rule.is_refuted(poor, None)
+    for found_since in (False, True):
+        rule.reset()
+        for _ in range(settings.blind_frames):
+            rule.see_nothing()
+        if found_since:
+            rule.found()
+        assert rule.is_refuted(poor, None) is not found_since
     rule.reset()
-    for _ in range(settings.blind_frames):
-        rule.see_nothing()
-    assert rule.is_refuted(poor, None)
+    lost = [rule.is_refuted(0.95, None, lost=True) for _ in range(settings.frames)]  # fits well, but elsewhere
+    assert lost == [False] * (settings.frames - 1) + [True]
 
 
 def test_the_wrong_end_of_the_field_is_left_when_the_compass_says_so() -> None:
@@ -250,6 +310,14 @@ def test_the_wrong_end_of_the_field_is_left_when_the_compass_says_so() -> None:
     answers = [rule.is_refuted(0.95, math.pi) for _ in range(settings.heading_frames)]
     assert answers == [False] * (settings.heading_frames - 1) + [True]
     assert rule.at_wrong_end
+    rule.start()
+    assert not rule.at_wrong_end
+    ends = []
+    for _ in range(settings.heading_frames):
+        ends.append(rule.at_right_end)
+        assert not rule.is_refuted(0.95, 0.1)
+    assert ends == [False] * settings.heading_frames
+    assert rule.at_right_end
     paper = RestartRule(RestartSettings(heading_rad=None))
     assert not any(paper.is_refuted(0.95, math.pi) for _ in range(50))
 

@@ -159,6 +159,7 @@ class ParticleFilter:
         drawn = self.rng.multivariate_normal(pose.as_array(), covariance, self.settings.particles, method="cholesky")
         self.particles = np.ascontiguousarray(drawn)
         self._roughness = np.zeros(3)
+        self.exponent = 1.0
         self._estimate()
 
     def move(self, motion: Motion) -> None:

@@ -77,18 +77,18 @@ class RestartRule:
         """An image without usable points."""
         self._blind += 1
 
-    def is_refuted(self, on_lines: float, heading_error_rad: float | None, lost: bool = False) -> bool:
+    def is_refuted(self, on_lines: float, off_compass_rad: float | None, lost: bool = False) -> bool:
         """Judge one image with points while the robot is followed; True if the particles must start anew.
 
-        on_lines: share of points on lines; heading_error_rad: heading minus compass, None without one. lost: the pose
+        on_lines: share of points on lines; off_compass_rad: heading minus compass, None without one. lost: the pose
         has become so unsure that images which don't bring it back contradict it, however well they fit elsewhere.
         """
         s = self.settings
         enough = 1 if self._blind >= s.blind_frames else s.frames
         self._blind = 0
         self._contradicted = self._contradicted + 1 if lost or on_lines < s.least_share else 0
-        if s.heading_rad is not None and heading_error_rad is not None:
-            strays = abs(heading_error_rad) > s.heading_rad
+        if s.heading_rad is not None and off_compass_rad is not None:
+            strays = abs(off_compass_rad) > s.heading_rad
             self._turned = self._turned + 1 if strays else 0
             self._straight = 0 if strays else self._straight + 1
         return self._contradicted >= enough or self.at_wrong_end

@@ -190,7 +190,7 @@ class SensorFusion:
         return _spread_m(self.covariance) > self.settings.lost_m
 
     @property
-    def heading_error_rad(self) -> float:
+    def heading_deviation_rad(self) -> float:
         """Standard deviation of the pose's heading (rad)."""
         return _spread_rad(self.covariance)
 

@@ -90,7 +90,7 @@ class IrisFusion:
         """Covariance (3, 3) of a pose of a robot that may be anywhere (m, m, rad)."""
         self.detector = None if camera is None else HsvLineDetector(camera, settings.lines, field.line_width)
         self.odometry = WheelOdometry(settings.wheels, *(wheel_directions_rad or (None, None)))
-        self.particles = ParticleFilter(field, rng, settings.particles)
+        self.rng = rng
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)
         self.compass = CompassTrack(settings.compass_track)
@@ -108,6 +108,7 @@ class IrisFusion:
         self.stamp_ns: int | None = None
         self.searching = prior.pose is None
         self.restart.reset()
+        self.particles = ParticleFilter(self.field, self.rng, s.particles)
         if prior.pose is not None:
             deviations = np.array([s.start_position_m, s.start_position_m, s.start_heading_rad])
             self.fusion.place(prior.pose, np.diag(deviations**2))
@@ -195,8 +196,8 @@ class IrisFusion:
 
     def _holds(self, vision: Vision, compass_rad: float | None) -> bool:
         """Whether the robot is still followed; the compass may tell at which end of the field."""
-        heading_error_rad = None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
-        refuted = self.restart.is_refuted(vision.on_lines, heading_error_rad, self.status is Status.LOST)
+        off_compass_rad = None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
+        refuted = self.restart.is_refuted(vision.on_lines, off_compass_rad, self.status is Status.LOST)
         self.side_known |= self.restart.at_right_end
         return not refuted and self._is_where_told(vision.pose)
 
@@ -239,7 +240,9 @@ class IrisFusion:
         if compass_rad is not None:
             return compass_rad, widening * s.compass_rad
         if self.fusion.placed:
-            return self.odometry.pose.heading, widening * math.hypot(s.known_heading_rad, self.fusion.heading_error_rad)
+            return self.odometry.pose.heading, widening * math.hypot(
+                s.known_heading_rad, self.fusion.heading_deviation_rad
+            )
         return None, math.pi
 
     def _correct(self) -> None:
