@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -230,6 +232,34 @@ class TestObservedLines:
             3, rel=0.1
         )
 
+    def test_false_points_at_goals_come_nearer_to_it_and_lie_on_the_carpet_behind_its_threads(self) -> None:
+        """The mean number is what the settings say of the places in view, and falls with the distance."""
+        clutter = GoalClutter(net_points=20.0, net_half_m=2.0, net_slope_m=0.4, side_points=0.0)
+        field, camera = open_field("msl-18x12"), leaning_view(0.8, 190.0, 9.0)
+        nothing = {"found_share": 0.0, "circle_share": 0.0, "mark_share": 0.0, "white_goals": clutter}
+        counts, shares = {}, {}
+        for away in (1.2, 2.0, 4.5):
+            pose, found = Pose(9.0 - away, 0.2, 0.3), []
+            for seed in range(60):
+                observer = ObservedLines(camera, field, SILENT.model_copy(update=nothing), seed=seed)
+                found.append(observer.observe(pose, np.random.default_rng(seed)).positions_m)
+                shares.setdefault(away, []).append(observer.goal_places(pose)[0 if field.goals[0].x > 0 else 1, 0])
+            counts[away] = len(np.concatenate(found)) / len(found)
+            placed = pose.transform(np.concatenate(found))
+            assert np.all(np.abs(placed[:, 0]) > 9.0 + field.goals[0].depth - 1e-6)
+            assert np.all(np.abs(placed[:, 0]) < 9.0 + field.border)
+        for away, count in counts.items():
+            mean = 20.0 * np.mean(shares[away]) / (1.0 + math.exp((away - 2.0) / 0.4))
+            assert count == pytest.approx(mean, rel=0.15, abs=0.3)
+        assert counts[1.2] > 2.0 * counts[2.0] > 20.0 * counts[4.5]
+
+    def test_a_forward_camera_finds_points_on_rays_and_on_circles(self) -> None:
+        observer = Simulation(open_scenario("humanoid-walk", seconds=2.0), "points")._observed
+        assert np.isfinite(observer._rays).all()
+        paths = observer.crossings(Pose(-2.0, 0.5, 0.0))[:, 2]
+        assert np.sum(paths < len(observer._rays)) > 10
+        assert np.sum(paths >= len(observer._rays)) > 10
+
     def test_the_same_generator_gives_the_same_points(self) -> None:
         observer = ObservedLines(leaning_view(0.8, 190.0, 9.0), open_field("msl-18x12"))
         one, same, other = (observer.observe(POSE, np.random.default_rng(s)).positions_m for s in (1, 1, 2))
@@ -270,14 +300,38 @@ def tracking_errors(scenario: Scenario, level: str) -> FloatArray:
     return np.array(errors)
 
 
-@pytest.mark.parametrize(("name", "mirror", "rate_hz", "seconds"), LEVELS)
+@pytest.fixture(scope="module")
+def both_levels() -> Callable[[int], tuple[FloatArray, FloatArray]]:
+    """Errors of one of LEVELS, rendered and observed, worked out once for all tests."""
+
+    @lru_cache
+    def errors(index: int) -> tuple[FloatArray, FloatArray]:
+        scenario = reduced(*LEVELS[index])
+        return tracking_errors(scenario, "images"), tracking_errors(scenario, "points")
+
+    return errors
+
+
+@pytest.mark.parametrize(
+    "index", range(len(LEVELS)), ids=[f"{name}-{'askew' if m else 'true'}" for name, m, *_ in LEVELS]
+)
 def test_both_levels_give_a_system_the_same_error_statistics(
-    name: str, mirror: dict[str, tuple[float, float]], rate_hz: float, seconds: float
+    index: int, both_levels: Callable[[int], tuple[FloatArray, FloatArray]]
 ) -> None:
     """Mean and root mean square of position and heading errors agree within 20 %: same path, bodies and sensors."""
-    scenario = reduced(name, mirror, rate_hz, seconds)
-    rendered, observed = tracking_errors(scenario, "images"), tracking_errors(scenario, "points")
+    rendered, observed = both_levels(index)
     means = observed.mean(axis=0) / rendered.mean(axis=0)
     squares = np.sqrt((observed**2).mean(axis=0) / (rendered**2).mean(axis=0))
     assert np.abs(means - 1.0).max() <= 0.2, means
     assert np.abs(squares - 1.0).max() <= 0.2, squares
+
+
+def test_errors_scatter_alike_at_both_levels(both_levels: Callable[[int], tuple[FloatArray, FloatArray]]) -> None:
+    """Standard deviations about the mean, over all scenarios in units of each one's mean: one alone is too short."""
+    pairs = [both_levels(index) for index in range(len(LEVELS))]
+    units = [rendered.mean(axis=0) for rendered, _ in pairs]
+    rendered, observed = (
+        np.sqrt(np.mean([(pair[level] / unit).var(axis=0) for pair, unit in zip(pairs, units, strict=True)], axis=0))
+        for level in (0, 1)
+    )
+    assert np.abs(observed / rendered - 1.0).max() <= 0.2, observed / rendered

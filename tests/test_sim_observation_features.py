@@ -15,7 +15,10 @@ from touchline.simulation.observation import leaning_view
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 
-SILENT = FeatureNoise(noise_px=0.0, orientation_deg=0.0, found_share=1.0, wrong_kind_share=0.0)
+SILENT = FeatureNoise(
+    outwards_px=0.0, across_px=0.0, orientation_deg=0.0, found_share=1.0, found_half_m=99.0, line_share=1.0,
+    post_share=1.0, wrong_kind_share=0.0, farthest_m=5.5,
+)  # fmt: skip
 POSE = Pose(-2.0, 0.8, 0.6)
 
 
@@ -68,7 +71,7 @@ def test_what_stands_behind_a_robot_or_in_a_black_sector_is_not_seen() -> None:
 
 
 def test_errors_are_as_large_as_their_covariances_say() -> None:
-    noisy = observer(SILENT.model_copy(update={"noise_px": 0.8}))
+    noisy = observer(SILENT.model_copy(update={"outwards_px": 0.8, "across_px": 0.5, "tail": 0.5}))
     exact = observer().observe(POSE, np.random.default_rng(0)).crossings
     squares = []
     for seed in range(150):
@@ -76,6 +79,46 @@ def test_errors_are_as_large_as_their_covariances_say() -> None:
             error = seen.position_m - truth.position_m
             squares.append(error @ np.linalg.solve(seen.covariance_m2, error))
     assert np.mean(squares) == pytest.approx(2.0, rel=0.1)
+
+
+def test_errors_are_larger_across_than_outwards_and_have_heavy_tails() -> None:
+    noisy, exact = observer(FeatureNoise(farthest_m=5.5)), observer().observe(POSE, np.random.default_rng(0)).crossings
+    every = np.array([crossing.position_m for crossing in exact])
+    errors = []
+    for seed in range(300):
+        for seen in noisy.observe(POSE, np.random.default_rng(seed)).crossings:
+            truth = every[np.argmin(np.hypot(*(every - seen.position_m).T))]
+            ends = noisy.camera.image_from_ground(np.array([truth, seen.position_m]))
+            out = (ends[0] - noisy.camera.center) / math.hypot(*(ends[0] - noisy.camera.center))
+            errors.append(((ends[1] - ends[0]) @ out, (ends[1] - ends[0]) @ (-out[1], out[0])))
+    outwards, across = (np.diff(np.percentile(e, (15.87, 84.13)))[0] / 2.0 for e in np.array(errors).T)
+    assert outwards == pytest.approx(0.137 * math.sinh(1.4) / 1.4, rel=0.12)
+    assert across == pytest.approx(0.283 * math.sinh(1.4) / 1.4, rel=0.12)
+
+
+def test_a_lean_moves_all_features_of_an_image_together_and_their_covariances_know_it() -> None:
+    leaning = observer(SILENT.model_copy(update={"lean_deg": 0.25, "height_m": 1.1}))
+    exact = observer().observe(POSE, np.random.default_rng(0))
+    squares, sides = [], []
+    for seed in range(200):
+        seen = leaning.observe(POSE, np.random.default_rng(seed))
+        for truth, crossing in zip(exact.crossings, seen.crossings, strict=True):
+            error = crossing.position_m - truth.position_m
+            squares.append(error @ np.linalg.solve(crossing.covariance_m2, error))
+        ahead = [c.position_m[0] - t.position_m[0] for c, t in zip(seen.crossings, exact.crossings, strict=True)]
+        ahead += [c.position_m[0] - t.position_m[0] for c, t in zip(seen.posts, exact.posts, strict=True)]
+        sides.append(abs(np.mean(np.sign(ahead))))
+    assert np.mean(squares) == pytest.approx(2.0, rel=0.15)
+    assert np.mean(sides) > 0.5
+
+
+def test_fewer_crossings_are_found_far_away() -> None:
+    far = observer(SILENT.model_copy(update={"found_half_m": 3.0, "found_slope_m": 0.3}))
+    seen = [far.observe(POSE, np.random.default_rng(seed)).crossings for seed in range(100)]
+    ranges = np.array([math.hypot(*crossing.position_m) for crossings in seen for crossing in crossings])
+    every = np.array([math.hypot(*c.position_m) for c in observer().observe(POSE, np.random.default_rng(0)).crossings])
+    assert np.sum(ranges < 2.4) == pytest.approx(100 * np.sum(every < 2.4), rel=0.1)
+    assert np.sum(ranges > 4.0) < 5 * np.sum(every > 4.0)
 
 
 def test_misses_and_wrong_kinds_come_as_often_as_documented() -> None:

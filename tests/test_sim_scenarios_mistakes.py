@@ -197,3 +197,26 @@ class TestCommand:
         message = capsys.readouterr().err
         assert "mine.yaml: motion: the robot can't go to 40, 0: that is outside the carpet" in " ".join(message.split())
         assert not (tmp_path / "new").exists()
+
+    @pytest.mark.parametrize(
+        ("name", "seconds", "advised"),
+        [
+            ("match", "0.2", ["run"]),
+            ("walk-in-place", "0.2", ["check"]),
+            ("marked-points", "1.5", ["calibrate colour", "calibrate range", "run"]),
+            ("calibration-strip", "3.5", ["run"]),  # too few directions for a calibration
+        ],
+    )
+    def test_what_it_advises_works_with_the_recording(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, seconds: str, advised: list[str]
+    ) -> None:
+        folder = tmp_path / "new"
+        assert main(["simulate", name, "--seconds", seconds, "--output", str(folder)]) == 0
+        told = " ".join(capsys.readouterr().out.split()).split("touchline ")[1:]
+        assert [sentence.split(f" {folder}")[0] for sentence in told] == advised
+        suffixes = {"run": "", "calibrate colour": ".npz", "calibrate range": ".yaml"}
+        for command in advised:
+            new = tmp_path / f"{command.split()[-1]}{suffixes.get(command, '')}"
+            output = [] if command == "check" else ["--output", str(new)]
+            status = main([*command.split(), str(folder), *output])
+            assert status == (1 if command == "check" else 0)  # check says as an error that no system takes it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,11 +71,26 @@ def simulate(
         f"({rate:.{0 if rate >= 10 else 1}f} images per second)",
         markup=False,
     )
+    for line in _advice(simulation, folder):
+        console().print(line, markup=False, style="dim")
+
+
+def _advice(simulation: Simulation, folder: Path) -> Iterator[str]:
+    """What to do with a recording, as commands that work with it."""
     beside = [name for name in ("marks.csv", "regions.yaml") if (folder / name).is_file()]
     if beside:
-        console().print(f"for calibration: {', '.join(beside)}", markup=False, style="dim")
-    if simulation.camera_kind == "omni":
-        console().print(f"touchline run {folder} localises it", markup=False, style="dim")
+        yield f"for calibration: {', '.join(beside)}"
+    if simulation.camera_kind != "omni":
+        yield f"touchline check {folder} tells what it holds; no system uses a pinhole camera yet"
+        return
+    if "regions.yaml" in beside:
+        yield f"touchline calibrate colour {folder} --output colours.npz learns the colours from the marked regions"
+    if "marks.csv" in beside:
+        yield f"touchline calibrate range {folder} --output camera.yaml fits the ranges to the marks"
+    whole_turn = len(simulation) >= simulation.scenario.motion.points
+    if simulation.scenario.calibration.kind == "strip" and whole_turn:
+        yield f"touchline calibrate mirror {folder} --output camera.yaml measures the mirror as it is built"
+    yield f"touchline run {folder} localises it"
 
 
 def _write_with_progress(simulation: Simulation, folder: Path) -> None:

@@ -18,7 +18,7 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.simulation.calibration_layout import make_layout
 from touchline.simulation.cameras import SimulatedCamera, base_motion, open_simulated_camera, project_ground
-from touchline.simulation.features import ObservedFeatures, SeenFeatures
+from touchline.simulation.features import FeatureNoise, ObservedFeatures, SeenFeatures
 from touchline.simulation.motions import make_track
 from touchline.simulation.observation import ObservedLines, leaning_view
 from touchline.simulation.others import bodies_at, make_others
@@ -35,7 +35,9 @@ from touchline.types import Frame, ImageArray, LinePoints, Samples, empty_points
 LEVELS = ("images", "points")
 _BALL = (0.11, 0.22)
 _PINHOLE_REACH_M = 6.5
-_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=0.004, height_m=1.1)
+_LEAN_DEG = 0.25  # what the IMU tells of a walking body less the truth: `benchmarks/fit_features.py`
+_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=math.radians(_LEAN_DEG), height_m=1.1)
+_PINHOLE_FEATURES = FeatureNoise(lean_deg=_LEAN_DEG, height_m=1.1)
 
 
 class Simulation:
@@ -244,10 +246,14 @@ class Simulation:
         time_s = float(self.image_times_s[index])
         if self.track.covered_at(time_s):
             return SeenFeatures((), (), ())
-        lines = self._observed
-        observer = ObservedFeatures(lines.camera, self.field, None, lines.view_rad)
         rng = np.random.default_rng([self.scenario.seed, 9, index])
-        return observer.observe(self.track.pose_at(time_s), rng, self._bodies(time_s), self._black_rad)
+        return self._features.observe(Pose(*self._poses[index].tolist()), rng, self._bodies(time_s), self._black_rad)
+
+    @cached_property
+    def _features(self) -> ObservedFeatures:
+        lines = self._observed
+        leaning = None if self.camera_kind == "omni" else _PINHOLE_FEATURES
+        return ObservedFeatures(lines.camera, self.field, leaning, lines.view_rad)
 
     def _bodies(self, time_s: float) -> FloatArray:
         """(K, 4) x, y, radius, height of what hides lines: robots as cylinders one on another, and balls."""

@@ -25,6 +25,8 @@ def _add(runs, count, start, end, sine, kind):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def turned(angle):  # type: ignore[no-untyped-def]
     """An angle (rad) in [0, 2 pi), as % gives it, which takes five times as long."""
+    if not -12.0 < angle < 12.0:
+        return angle % (2.0 * math.pi)
     while angle < 0.0:
         angle += 2.0 * math.pi
     while angle >= 2.0 * math.pi:
