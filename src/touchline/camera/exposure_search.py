@@ -90,13 +90,20 @@ class SearchSettings(Settings):
         True,
         description="whether the first step is as long as the brightness says; the paper takes only its direction",
     )
+    same_nats: float = Field(
+        0.01, ge=0, description="difference in entropy (nats) of two images of the same, at the most: noise"
+    )
+    elsewhere_nats: float | None = Field(
+        0.4,
+        ge=0,
+        description="entropy (nats) above the best place's that a gap elsewhere must promise to be looked into, for sun "
+        "beside shade may make a second peak: much, since such promises are generous. none: the paper's single climb",
+    )
 
 
-_SAME = 0.01  # nats: noise changes the difference of two images of the same by less
 # Half the light leaves 2^(1/2.2) times fewer grey levels in each of three channels, so entropy rises by 3 ln 2 / 2.2
 # nats a stop at the most. Where the image is overexposed it falls about three times as steeply.
 _RISE, _FALL = 3.0 * math.log(2.0) / 2.2, 3.0
-_WORTH = 0.4  # nats above the best place that a gap elsewhere must promise: the bounds are generous
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +173,10 @@ class EntropySearch:
         Sun and shade may make a peak each. The steepest rise and fall bound what lies between two places (Shubert
         1972: A sequential method seeking the global maximum of a function).
         """
-        highest, found = self.tried[self.best] + _WORTH, None
+        worth, found = self.settings.elsewhere_nats, None
+        if worth is None:
+            return None
+        highest = self.tried[self.best] + worth
         for low, high in itertools.pairwise(places):
             if self.best in (low, high) or high - low <= self.settings.tolerance_stops:
                 continue
@@ -187,7 +197,7 @@ class EntropySearch:
         """
         for place in outwards[:-1]:
             near = abs(place - self.best) <= self.settings.tolerance_stops
-            if not (near and self.tried[self.best] - self.tried[place] < _SAME):
+            if not (near and self.tried[self.best] - self.tried[place] < self.settings.same_nats):
                 return place
         return outwards[-1]
 
