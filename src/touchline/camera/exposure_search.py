@@ -96,7 +96,7 @@ class SearchSettings(Settings):
     elsewhere_nats: float | None = Field(
         0.4,
         ge=0,
-        description="entropy (nats) above the best place's that a gap elsewhere must promise to be looked into, for sun "
+        description="entropy (nats) above the best place's that a gap elsewhere must promise to be looked into: sun "
         "beside shade may make a second peak: much, since such promises are generous. none: the paper's single climb",
     )
 
