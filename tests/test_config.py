@@ -49,7 +49,7 @@ def yaml_file(folder: Path, text: str, name: str = "robot.yaml") -> Path:
         ),
         ("wheels:\n- teeth: 3\n- places:\n  - [1, 2]\n  - [1, on]", r"line 3: wheels.1.places: a number is wanted"),
         ("wheel:\n\n  radius_m: wide", r"robot.yaml, line 3: setting 'wheel.radius_m': input should be a valid number"),
-        ("wheels:\n- teeth: 3\n- tooth: 3", r"robot.yaml, line 3: unknown setting 'wheels.1.tooth': did you mean"),
+        ("wheels:\n- teeth: 3\n- teath: 3", r"robot.yaml, line 3: unknown setting 'wheels.1.teath': did you mean"),
         ("name: 1\nwheel:\n  radius_m: [", r"robot.yaml, line 4: is not valid YAML"),
     ],
 )
@@ -90,6 +90,21 @@ def test_keys_may_come_again_in_another_mapping_and_over_merged_ones(tmp_path: P
     text = "base: &base {a: 1, b: 2}\none: {a: 1}\ntwo:\n  <<: *base\n  a: 3"
     assert read_yaml(yaml_file(tmp_path, text))["two"] == {"a": 3, "b": 2}
     assert read_yaml(yaml_file(tmp_path, text))["one"] == {"a": 1}
+    inside = "base: &base {a: 1}\nover:\n  two: &two\n    <<: *base\n    a: 3\nthree: {<<: *two}"
+    assert read_yaml(yaml_file(tmp_path, inside))["three"] == {"a": 3}
+
+
+def test_a_key_that_stands_twice_in_one_line_is_refused_too(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="line 2: 'b' stands there already"):
+        read_yaml(yaml_file(tmp_path, "a:\n  - {b: 1, b: 2}"))
+
+
+@pytest.mark.parametrize("text", ["2026-13-45", "!!float x", "0b_"])
+def test_what_only_looks_like_a_date_or_a_number_is_told(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match=r"robot\.yaml: holds a value that cannot be read"):
+        read_yaml(yaml_file(tmp_path, f"name: {text}"))
+    with pytest.raises(InputError, match=r"--set name=.*not readable"):
+        load_settings(Robot, None, [f"name={text}"])
 
 
 def test_every_yaml_file_of_ours_is_read_as_before() -> None:

@@ -329,6 +329,20 @@ def test_particles_that_do_not_converge_start_anew_with_wider_headings(monkeypat
     assert all(estimate.status is Status.SEARCHING for estimate in estimates)
 
 
+@pytest.mark.parametrize("step_m", [0.0, 0.25, 0.6])
+def test_a_poor_calibration_is_believed_after_some_starts_however_fast_the_robot_is(step_m: float) -> None:
+    """Points 10 % too far: no pose is accepted, but the particles come to the same one again and again."""
+    made, step = system(), Pose(step_m, 0.0, 0.0)
+    pose, driven = Pose(-6.0, 2.0, 0.3), Pose(0.0, 0.0, 0.0)
+    for k in range(8):
+        points = seen_from(pose, k)
+        far = replace(points, positions_m=1.1 * points.positions_m)
+        estimate = made.step(frame(k, far, driven, pose.heading))
+        assert estimate.status is (Status.SEARCHING if k < made.settings.confirmations else Status.TRACKING)
+        assert error_m(estimate, pose) < 0.6
+        pose, driven = pose.compose(step), driven.compose(step)
+
+
 def test_particles_alone_are_not_started_anew_while_they_follow() -> None:
     made = system("followed_by=particles", "most_cycles=4")
     stand(made, Pose(2.0, 1.0, 0.3), range(12), 0.3)

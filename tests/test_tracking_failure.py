@@ -40,6 +40,12 @@ def test_frames_without_usable_points_mean_failure_by_themselves() -> None:
     assert judged(FailureDetector(), (3, math.nan, None), (0, math.nan, STRAIGHT)) == [False, True]
 
 
+def test_a_second_without_odometry_means_failure_by_itself() -> None:
+    assert FailureDetector().update(60, GOOD, STRAIGHT, missing_s=1.1)
+    assert not FailureDetector().update(60, GOOD, STRAIGHT, missing_s=0.9)
+    assert not FailureDetector(FailureSettings(lone_rules=False)).update(60, GOOD, STRAIGHT, missing_s=9.0)
+
+
 def test_a_covered_frame_counts_among_the_bad_ones() -> None:
     settings = FailureSettings(blind_frames=5)
     frames = [(60, POOR, ASTRAY)] * 2 + [(0, math.nan, STRAIGHT)] + [(60, AWFUL, STRAIGHT)] * 2

@@ -358,6 +358,7 @@ def test_time_does_not_run_backwards() -> None:
     odometry.update(Frame(100 * MS))
     with pytest.raises(ValueError, match="forward"):
         odometry.update(Frame(50 * MS))
+    assert odometry.stamp_ns == 100 * MS  # as if it had not been
 
 
 def test_a_long_run_keeps_a_short_memory() -> None:

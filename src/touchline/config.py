@@ -71,7 +71,7 @@ def load_settings(
             raise InputError(f"--set {item}: expected KEY=VALUE, for example --set {next(numbers, 'key=1')}")
         try:
             value = yaml.safe_load(text)
-        except yaml.YAMLError as error:
+        except (yaml.YAMLError, ValueError) as error:
             raise InputError(f"--set {item}: the value is not readable ({error})") from None
         path = key.strip().split(".")
         _put(tree, path, value, item)
@@ -107,6 +107,8 @@ def read_yaml(path: Path) -> Any:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark is not None else ""
         raise InputError(f"{path}{line}: is not valid YAML ({getattr(error, 'problem', error)})") from None
+    except ValueError as error:  # from a value that only looks like a date or a number
+        raise InputError(f"{path}: holds a value that cannot be read ({error})") from None
 
 
 def yaml_line(path: Path, keys: Sequence[str | int]) -> int | None:
@@ -138,14 +140,29 @@ class _TwiceError(Exception):
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
     """Plain values only, and no key twice."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+    def construct_document(self, node: yaml.Node) -> Any:
+        _refuse_twice(node)  # before merged keys (<<) are put among the others: these may come again
+        return super().construct_document(node)
+
+
+def _refuse_twice(root: yaml.Node) -> None:
+    """Raises _TwiceError for a key that stands twice in a mapping anywhere below a node."""
+    seen, waiting = {id(root)}, [root]  # an alias may lead back to where it stands
+    while waiting:
+        node = waiting.pop()
+        parts = list(node.value) if isinstance(node, yaml.SequenceNode) else []
         lines: dict[str, int] = {}
-        for key, _ in node.value:
+        for key, value in node.value if isinstance(node, yaml.MappingNode) else []:
+            parts += [key, value]
             line = key.start_mark.line + 1
-            if isinstance(key, yaml.ScalarNode) and lines.setdefault(key.value, line) != line:
-                raise _TwiceError(f"line {line}: '{key.value}' stands in line {lines[key.value]} already; keep one")
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
-        return mapping
+            if isinstance(key, yaml.ScalarNode) and key.value in lines:
+                before = "" if lines[key.value] == line else f" in line {lines[key.value]}"
+                raise _TwiceError(f"line {line}: '{key.value}' stands{before or ' there'} already; keep one")
+            if isinstance(key, yaml.ScalarNode):
+                lines[key.value] = line
+        new = [part for part in parts if id(part) not in seen]
+        seen.update(map(id, new))
+        waiting += reversed(new)
 
 
 def settings_rows(model: type[Settings], prefix: str = "") -> Iterator[tuple[str, Any, str]]:

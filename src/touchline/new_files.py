@@ -15,9 +15,13 @@ def check_new_file(path: Path, endings: tuple[str, ...], what: str = "the file")
     """
     if path.suffix.lower() not in endings:
         raise InputError(f"{path}: {what} is written as {' or '.join(endings[:2])}")
-    if path.exists():
+    try:
+        exists = path.exists()
+        nearest = next(folder for folder in path.absolute().parents if folder.exists())
+    except (OSError, ValueError) as error:  # a name too long, a folder that may not be looked into
+        raise InputError(f"{path}: cannot be written ({getattr(error, 'strerror', None) or error})") from None
+    if exists:
         raise InputError(f"{path}: exists already and is not overwritten; choose another name")
-    nearest = next(folder for folder in path.absolute().parents if folder.exists())
     if not nearest.is_dir():
         raise InputError(f"{path}: cannot be written ({nearest} is no folder)")
 

@@ -165,7 +165,10 @@ class System(Protocol):
     """What sources and sinks know of a localization system."""
 
     def step(self, frame: Frame) -> Estimate:
-        """Take one frame, return where the robot stands at its time stamp."""
+        """Take one frame, return where the robot stands at its time stamp.
+
+        Raises ValueError for a frame that is older than the last one; the next one may follow as if it had not been.
+        """
         ...
 
     def reset(self, prior: Prior | None = None) -> None:

@@ -55,6 +55,12 @@ class FailureSettings(Settings):
         description="frames without usable points in a row that mean failure by themselves (with lone_rules): whoever "
         "was covered may have been carried, and looking once over the whole field costs a millisecond",
     )
+    most_missing_s: float = Field(
+        1.0,
+        gt=0,
+        description="time without odometry between two frames (s) beyond which they mean failure by themselves (with "
+        "lone_rules): a robot may be a metre from where it was by then, where matching settles anywhere",
+    )
     least_points: int = Field(10, ge=1, description="points without which a frame is not usable: fewer fit anywhere")
 
 
@@ -65,18 +71,22 @@ class FailureDetector:
         self.settings = settings or FailureSettings()
         self.bad_frames = self.blind_frames = self.suspect_frames = 0
 
-    def update(self, points: int, mean_distance_m: float, heading_error_rad: float | None) -> bool:
+    def update(
+        self, points: int, mean_distance_m: float, heading_error_rad: float | None, missing_s: float = 0.0
+    ) -> bool:
         """Judge one frame; True once the localization has failed.
 
         points: number of line points; mean_distance_m: of the match (ignored without usable points);
-        heading_error_rad: heading minus corrected compass, None without a compass.
+        heading_error_rad: heading minus corrected compass, None without a compass; missing_s: time since the frame
+        before that no odometry covers (s).
         """
         s = self.settings
         self.bad_frames = self.bad_frames + 1 if self.is_bad(points, mean_distance_m, heading_error_rad) else 0
         blind = points < s.least_points
         self.blind_frames = self.blind_frames + 1 if blind else 0
         self.suspect_frames = self.suspect_frames + 1 if not blind and mean_distance_m > s.suspect_m else 0
-        return (s.lone_rules and self.blind_frames >= s.blind_frames) or self.bad_frames >= s.frames
+        away = self.blind_frames >= s.blind_frames or missing_s > s.most_missing_s
+        return (s.lone_rules and away) or self.bad_frames >= s.frames
 
     @property
     def suspicious(self) -> bool:

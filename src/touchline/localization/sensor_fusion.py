@@ -174,9 +174,11 @@ class SensorFusion:
         self._spread_by(motion)
         self._uncorrected_s += duration_s
         self._turned_by_gyro &= by_gyro
-        good = vision is not None and self._is_good(vision)
-        if vision is None or not good:
-            self._forget_images()
+        if vision is None or not self._is_good(vision):
+            if vision is not None:
+                self._forget_images()
+            elif self._seen is not None:  # nothing was seen that speaks against the images before
+                self._seen = self._seen.compose(motion.pose)
             self.mode, self.pose = Mode.ODOMETRY, odometry
             return self.mode
         self._compare(odometry, motion, vision)

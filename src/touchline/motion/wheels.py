@@ -139,17 +139,19 @@ class WheelOdometry:
         self.offset = [value - total for value, total in zip(summed, self.sums, strict=True)]
 
     def update(self, frame: Frame) -> Motion:
-        """The motion since the last frame; none at the first one. Raises ValueError if frames run backwards."""
+        """The motion since the last frame; none at the first one. Raises ValueError, and changes nothing, if frames run
+        backwards.
+        """
+        start_ns, end_ns = self.stamp_ns, frame.stamp_ns
+        if start_ns is not None and end_ns < start_ns:
+            raise ValueError(f"motion runs forward in time, got {start_ns} to {end_ns} ns")
         self.wheels.add_counts(frame.wheels)
         self.gyro.add_rates(frame.gyro)
         self.odometry.add(frame.odometry)
-        start_ns, end_ns = self.stamp_ns, frame.stamp_ns
         self.stamp_ns = end_ns
         if start_ns is None or self._summed_ns is None:
             self._summed_ns = end_ns
             return Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
-        if end_ns < start_ns:
-            raise ValueError(f"motion runs forward in time, got {start_ns} to {end_ns} ns")
         missing_s = self._missing_s(start_ns, end_ns)
         motion = None if missing_s == 0.0 else self._replaced(start_ns, end_ns, missing_s)
         return self._reckoned(start_ns, end_ns, missing_s) if motion is None else motion

@@ -155,9 +155,10 @@ class IrisFusion:
 
         What the fusion knows of the gyro's bias is taken off.
         """
-        before, started_ns, self.stamp_ns = self.odometry.pose, self.stamp_ns, frame.stamp_ns
+        before, started_ns = self.odometry.pose, self.stamp_ns
         replaced = self.odometry.fallbacks
         motion = self.odometry.update(frame)
+        self.stamp_ns = frame.stamp_ns
         if started_ns is None:
             return motion, 0.0, False
         duration_s = (frame.stamp_ns - started_ns) / NANOSECONDS

@@ -251,14 +251,15 @@ class MatchingTracker(ABC):
 
     def _failed(self, match: Match | None, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> bool:
         """Section 4.2: mean deviation and heading against the compass, for several frames in a row."""
+        missing_s = 0.0 if self.motion is None else self.motion.missing_s
         if match is None:
             self.correction.interrupt()
-            return self.failure.update(len(points), float("inf"), None)
+            return self.failure.update(len(points), float("inf"), None, missing_s)
         strays = None
         if compass_rad is not None:
             # the fused heading: a match that was turned to the compass but not believed would hide the contradiction
             strays = wrap_angle(self.filter.pose.heading - self.correction.heading(compass_rad))
-        failed = self.failure.update(len(points), match.mean_distance_m, strays)
+        failed = self.failure.update(len(points), match.mean_distance_m, strays, missing_s)
         return failed or (self.failure.suspicious and self._fits_elsewhere(points, weights, match, compass_rad))
 
     def _fits_elsewhere(self, points: LinePoints, weights: FloatArray, match: Match, compass_rad: float | None) -> bool:

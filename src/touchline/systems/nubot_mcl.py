@@ -53,7 +53,12 @@ class NubotMclSettings(TrackerSettings):
         description="times in a row that a new start must come back to a pose until it is believed though it was "
         "not accepted, as nubot-mti's global search: real calibrations may leave more than accepted_error everywhere",
     )
-    same_m: float = Field(0.5, gt=0, description="distance (m) within which two poses are the same: a frame's travel")
+    same_m: float = Field(
+        0.5,
+        gt=0,
+        description="distance (m) within which two poses are the same, the odometry's motion between them taken off: "
+        "less than that of two clusters",
+    )
     keep_unless_better: bool = Field(
         True,
         description="start the particles after bad frames only if some other place explains the points far better: "
@@ -92,10 +97,14 @@ class NubotMcl(MatchingTracker):
         self.confirmations = 0
 
     def _predict(self, frame: Frame) -> None:
-        """The odometry carries every particle on, too, while they are in use."""
+        """The odometry carries every particle on, too, while they are in use, and the pose that is to be confirmed."""
         super()._predict(frame)
-        if self.cycles and self.motion is not None:
+        if self.motion is None:
+            return
+        if self.cycles:
             self.particles.move(self.motion)
+        if self.doubtful is not None:
+            self.doubtful = self.doubtful.compose(self.motion.pose)
 
     def _match_from_prediction(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
         """Matching as both papers have it, or one more cycle of the particles."""
