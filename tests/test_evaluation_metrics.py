@@ -68,26 +68,25 @@ def test_frames_before_the_first_estimate_are_left_out_and_counted() -> None:
     truth = samples([(0.0, 0.0, 0.0)] * 5)
     estimate = shifted(truth, [(9.0, 9.0, 1.0)] * 2 + [(0.01, 0.0, 0.0)] * 3)
     table = error_table(estimate, truth, located=np.array([False, False, True, True, True]))
-    assert (table.frames, table.before_first, table.lost, table.lost_position) == (3, 2, 0, None)
+    assert (table.frames, table.before_first, table.lost, table.tracked_position) == (3, 2, 0, None)
     assert table.x.max == pytest.approx(0.01)
     assert [name for name, _ in table.rows()] == ["x (cm)", "y (cm)", "position (cm)", "heading (°)"]
 
 
-def test_frames_in_which_the_robot_is_lost_have_a_row_of_their_own() -> None:
+def test_frames_in_which_the_robot_is_lost_count_and_a_row_is_without_them() -> None:
     truth = samples([(0.0, 0.0, 0.0)] * 6)
     estimate = shifted(
         truth, [(9.0, 0.0, 0.0), *[(0.01, 0.0, 0.0)] * 2, (3.0, 4.0, 2.0), (0.6, 0.8, 2.0), (0.0, 0.0, 0.0)]
     )
     table = error_table(estimate, truth, located=np.array([False, True, True, False, False, True]))
-    assert (table.frames, table.before_first, table.lost) == (3, 1, 2)
-    assert table.position.max == pytest.approx(0.01)
-    assert table.heading.max == 0.0
-    assert table.lost_position is not None
-    assert (table.lost_position.mean, table.lost_position.max) == pytest.approx((3.0, 5.0))
-    assert table.rows()[-1][0] == "position, lost (cm)"
-    assert table.rows()[-1][1][0] == "300.00"
-    assert "3 frames counted; left out: 2 searching or lost, 1 before the first estimate" in str(table)
-    assert table.as_dict()["lost_position_m"]["max"] == pytest.approx(5.0)
+    assert (table.frames, table.before_first, table.lost) == (5, 1, 2)
+    assert (table.position.max, table.heading.max) == pytest.approx((5.0, 2.0))
+    assert table.tracked_position is not None
+    assert (table.tracked_position.mean, table.tracked_position.max) == pytest.approx((0.02 / 3.0, 0.01))
+    assert table.rows()[-1][0] == "tracked (cm)"
+    assert table.rows()[-1][1][-1] == "1.00"
+    assert "5 frames counted (in 2 the robot was lost or searched for); left out: 1 before the first" in str(table)
+    assert table.as_dict()["tracked_position_m"]["max"] == pytest.approx(0.01)
     assert table.as_dict()["lost"] == 2
 
 
@@ -110,9 +109,9 @@ def test_every_frame_is_counted_once() -> None:
     estimate = samples([(0.0, 0.0, 0.0)] * 9)
     located = np.isin(np.arange(9), [3, 4, 5, 7, 8])
     table = error_table(estimate, truth, located=located, black_ns=[(0, 0), (5 * STEP_NS, 5 * STEP_NS)], skip=1)
-    assert table.skipped + table.before_first + table.black + table.without_truth + table.lost + table.frames == 9
+    assert table.skipped + table.before_first + table.black + table.without_truth + table.frames == 9
     assert (table.skipped, table.before_first, table.black, table.without_truth) == (1, 2, 1, 1)
-    assert (table.lost, table.frames) == (1, 3)
+    assert (table.lost, table.frames) == (1, 4)
 
 
 def test_estimates_take_the_nearest_truth_within_half_a_frame() -> None:
@@ -150,7 +149,7 @@ def test_nothing_to_compare_is_refused_with_the_reason() -> None:
         error_table(truth, truth, located=np.zeros(3, dtype=np.bool_))
     with pytest.raises(InputError, match="all frames were left out"):
         error_table(truth, truth, skip=3)
-    with pytest.raises(InputError, match="isn't located, or they are black"):
+    with pytest.raises(InputError, match="are black"):
         error_table(truth, truth, black_ns=[(0, 10 * STEP_NS)])
 
 

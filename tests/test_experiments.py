@@ -225,7 +225,15 @@ def test_lamps_off_start_a_search_for_more_light_and_cost_nothing(
     assert run.points[dark].mean() > 0.8 * run.points[~dark].mean()
     assert np.flatnonzero(run.searched).tolist() == [0, np.flatnonzero(dark)[0]]
     assert run.stops[dark].min() > run.stops[~dark].max() + 2.0
-    assert "while the lamps are off" in lighting._switched_off([run])
+
+
+def test_points_left_without_lamps_are_told_for_each_level() -> None:
+    """150 images: dark from image 24 on for 25 images at 20 lx, then lamps, then 10 lx, then lamps, then 20 lx."""
+    points = np.full(150, 100)
+    points[24:49], points[74:99], points[124:149] = 90, 10, 70
+    blank = np.zeros(150)
+    run = lighting_runs.Drive(None, points, blank > 0, np.zeros((150, 3)), np.zeros((150, 3)), blank, blank > 0)
+    assert "off: 80 % at 20 lx, 10 % at 10 lx." in lighting._switched_off([run])
 
 
 def test_control_keeps_the_line_points_in_a_dark_that_takes_them_without(
@@ -257,8 +265,9 @@ def test_every_lighting_states_its_levels() -> None:
         assert str(case.light.sun or case.light.ambient).removesuffix(".0") in level
     changed = lighting_runs.THIRD.light.changes
     assert [change.lamps for change in changed[:2]] == [0.0, 1.0]
-    assert changed[0].ambient == lighting_runs.SAFETY == 20 / 500
-    assert "20 lx (0.04;" in said
+    assert [change.ambient for change in changed[::2]] == [20 / 500, 10 / 500, 20 / 500]
+    assert "20 lx of safety lighting" in said
+    assert "10 lx, the least among spectators (0.02;" in said
 
 
 # --- the page of the last results -------------------------------------------------------------------------------------

@@ -1,9 +1,9 @@
 """Error statistics of a trajectory against the truth, as the papers print them.
 
 Mean and median are of |error|; the standard deviation is given of the signed error and of |error|, because the papers
-differ: compare like with like. Frames count in which the robot is tracked; black images and frames before the first
-estimate are left out. While the robot is lost or searched for, the pose is a prediction that no image has confirmed:
-such frames have a row of their own.
+differ: compare like with like. Black images and frames before the first estimate are left out and counted. While the
+robot is lost or searched for later on, the pose is a prediction that no image has confirmed: such frames count, and the
+position without them has a row of its own.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class ErrorTable:
     """Errors of x, y, position (m, field frame) and heading (rad), and what was counted and what was left out.
 
     `frames` were counted. Left out: `skipped` first frames as asked, `black` images, frames `before_first` estimate,
-    frames `without_truth` nearer than half a frame, frames after the first estimate in which the robot was `lost` or
-    searched for, whose position errors are `lost_position` (None without any).
+    frames `without_truth` nearer than half a frame. In `lost` of the counted frames the robot was lost or searched for;
+    `tracked_position` is of the others (None where these are all or none).
     """
 
     x: ErrorStatistics
@@ -65,18 +65,18 @@ class ErrorTable:
     before_first: int = 0
     without_truth: int = 0
     lost: int = 0
-    lost_position: ErrorStatistics | None = None
+    tracked_position: ErrorStatistics | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: metres and radians, as the keys say."""
         counts = asdict(self)
-        tables = {f"{name}_{unit}": counts.pop(name) for name, unit in (*_UNITS, _LOST)}
+        tables = {f"{name}_{unit}": counts.pop(name) for name, unit in (*_UNITS, _TRACKED)}
         return {**tables, **counts}
 
     def rows(self) -> list[tuple[str, list[str]]]:
         """Printable rows, cm and degrees: name, then mean, median, std of error, std of |error|, maximum."""
         table = []
-        for name, unit in (*_UNITS, _LOST) if self.lost else _UNITS:
+        for name, unit in (*_UNITS, _TRACKED) if self.tracked_position else _UNITS:
             statistics: ErrorStatistics = getattr(self, name)
             scale, decimals = (100.0, 2) if unit == "m" else (float(np.degrees(1.0)), 3)
             numbers = [f"{scale * value:.{decimals}f}" for value in asdict(statistics).values()]
@@ -87,13 +87,13 @@ class ErrorTable:
         """A sentence about what was counted and left out."""
         parts = [
             (self.skipped, "first frames, as asked"),
-            (self.lost, "searching or lost"),
             (self.before_first, "before the first estimate"),
             (self.black, "black images"),
             (self.without_truth, "without truth"),
         ]
         said = ", ".join(f"{count} {what}" for count, what in parts if count)
-        return f"{self.frames} frames counted; left out: {said or 'none'}"
+        lost = f" (in {self.lost} the robot was lost or searched for)" if self.lost else ""
+        return f"{self.frames} frame{'s' * (self.frames != 1)} counted{lost}; left out: {said or 'none'}"
 
     def __str__(self) -> str:
         head = f"{'':<16}" + "".join(f"{title:>13}" for title in COLUMNS)
@@ -103,8 +103,8 @@ class ErrorTable:
 
 COLUMNS = ("mean |e|", "median |e|", "std e", "std |e|", "max |e|")
 _UNITS = (("x", "m"), ("y", "m"), ("position", "m"), ("heading", "rad"))
-_LOST = ("lost_position", "m")
-_TITLES = {"lost_position": "position, lost"}
+_TRACKED = ("tracked_position", "m")
+_TITLES = {"tracked_position": "tracked"}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -162,8 +162,7 @@ def error_table(
 ) -> ErrorTable:
     """Statistics of a trajectory (N, 3) against the truth (M, 3), both x, y, heading (m, m, rad).
 
-    located: (N,) whether the system was tracking; other frames are left out, those after the first of them with a row
-    of their own. None: all were.
+    located: (N,) whether the system was tracking; frames before the first of them are left out. None: all were.
     black_ns: first and last stamp of every stretch of black images. skip: leave out this many frames at the start.
 
     Raises NothingToCompareError if nothing is left to compare.
@@ -175,8 +174,8 @@ def error_table(
     errors = signed_errors(trajectory, truth)
     known = np.zeros(len(trajectory), dtype=np.bool_)
     known[errors.rows] = True
-    usable = (keep & begun & ~black & known)[errors.rows]
-    counted, lost = usable & located[errors.rows], usable & ~located[errors.rows]
+    counted = (keep & begun & ~black & known)[errors.rows]
+    tracked = counted & located[errors.rows]
     if not counted.any():
         raise NothingToCompareError(_why_nothing_is_left(keep, begun, known))
     values = errors.values[counted]
@@ -190,8 +189,10 @@ def error_table(
         before_first=int(np.sum(keep & ~begun)),
         black=int(np.sum(keep & begun & black)),
         without_truth=int(np.sum(keep & begun & ~black & ~known)),
-        lost=int(np.sum(lost)),
-        lost_position=ErrorStatistics.of(errors.position_m()[lost]) if lost.any() else None,
+        lost=int(np.sum(counted & ~tracked)),
+        tracked_position=ErrorStatistics.of(errors.position_m()[tracked])
+        if 0 < tracked.sum() < counted.sum()
+        else None,
     )
 
 
@@ -210,4 +211,4 @@ def _why_nothing_is_left(keep: BoolArray, begun: BoolArray, known: BoolArray) ->
         return "no estimate has a truth within half a frame: do both come from the same recording and clock?"
     if not (keep & begun).any():
         return "no frame is left to compare: all frames were left out"
-    return "no frame is left to compare: in all images with a truth the robot isn't located, or they are black"
+    return "no frame is left to compare: all images with a truth are black or come before the first estimate"

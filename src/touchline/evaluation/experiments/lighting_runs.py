@@ -25,8 +25,8 @@ PaperRow = tuple[float, float, float]
 RATE_HZ = 2.5  # images per second: enough to follow a robot at 1.5 m/s, and each has to be rendered
 START_MS = 20.4  # exposure times gain before the first search: the simulated camera's own
 PLACES = 8  # images that colours are learned from, and at which darkness is tried
-SAFETY = 0.04  # level of a hall's safety lighting, 20 of 500 lx
-DARKER = (0.2, 0.1, SAFETY, 0.02, 0.01)  # levels of light, for how far the first case's settings reach
+LEFT_ON = (0.04, 0.02)  # levels of what stays on without the lamps: 20 and 10 of 500 lx
+DARKER = (0.2, 0.1, *LEFT_ON, 0.01)  # levels of light, for how far the first case's settings reach
 SWITCH_S = 10.0
 
 
@@ -47,14 +47,14 @@ def _switching() -> tuple[LightSettings.Change, ...]:
     """Lamps off and on again every ten seconds.
 
     The paper's hall has no daylight in the first case, and nothing but its lamps are switched in the third; it doesn't
-    say what was left. A sports hall's safety lighting is: 20 lx on the ground where 500 lx are asked for matches of
-    amateurs (both JGJ 153-2007, sections 4.2 and 4.4, the standard of the paper's country in its time).
+    say what was left. Two standards do, in turn: a sports hall's safety lighting gives 20 lx on the ground (JGJ
+    153-2007, of the paper's country), and 10 lx are the least among its spectators (EN 12193).
     """
     on = open_scenario("lighting-1").light
-    states = ((0.0, SAFETY), (on.lamps, on.ambient))
+    states = [state for level in LEFT_ON for state in ((0.0, level), (on.lamps, on.ambient))]
     return tuple(
-        LightSettings.Change(time_s=SWITCH_S * (k + 1), lamps=states[k % 2][0], ambient=states[k % 2][1])
-        for k in range(5)
+        LightSettings.Change(time_s=SWITCH_S * (k + 1), lamps=lamps, ambient=ambient)
+        for k, (lamps, ambient) in enumerate((*states, states[0]))
     )
 
 
@@ -80,9 +80,10 @@ CASES = (FIRST, SECOND, THIRD, DULL, GLASS)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Drive:
-    """One run. errors: of the tracked images, None if there are none. points, tracked, shines (N,): of each image.
+    """One run. errors: since the first tracked image, None if there is none.
 
-    path, truth (N, 3). stops (N,): log2 of exposure (ms) times gain. searched (N,): whether the control searched.
+    points, tracked (N,): of each image. path, truth (N, 3). stops (N,): log2 of exposure (ms) times gain. searched
+    (N,): whether the control searched.
     """
 
     errors: ErrorTable | None

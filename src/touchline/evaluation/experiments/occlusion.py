@@ -76,8 +76,8 @@ class Drive:
 
 
 _SIMULATED = (
-    "The scenario straight-tracks at the observation level, 60 s at 10 Hz per seed; errors of the tracked "
-    "frames. One black sector of 45 degrees, two opposite, four alternating; a half in one piece."
+    "The scenario straight-tracks at the observation level, 60 s at 10 Hz per seed; errors from the first tracked "
+    "frame on. One black sector of 45 degrees, two opposite, four alternating; a half in one piece."
 )
 _ALONE = (
     "MCL alone: the mean of the particles is the pose in every image (followed_by=particles, all else as by default). "
