@@ -224,7 +224,8 @@ def _sentence(model: type[Settings], problem: ErrorDetails, elsewhere: Mapping[s
     if problem["type"] == "model_type":
         inside = sorted({other[len(key) + 1 :].split(".")[0] for other in known if other.startswith(f"{key}.")})
         return f"'{key}' is a group of settings, not a value{': ' * bool(inside)}{', '.join(inside)}"
-    return f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r})"
+    hint = "; none is written null" if str(problem["input"]).lower() == "none" else ""
+    return f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r}){hint}"
 
 
 def _has_key(model: type[Settings], key: str) -> bool:

@@ -12,7 +12,7 @@ _INTRODUCTION = """\
 
 Every constant that the papers leave open, and those that they fix, with the value that is used here and why.
 A value is changed with `--set KEY=VALUE` or in a YAML file given with `--config`; the file holds the same keys as a
-tree, so `matching.c_m` is `c_m` below `matching`. What a run used is in its `summary.json`.
+tree, so `matching.c_m` is `c_m` below `matching`. None is written `null`. What a run used is in its `summary.json`.
 
 This page is written by `touchline systems --markdown > docs/settings.md`; a test compares it with the code.
 """

@@ -52,7 +52,10 @@ def systems(
     console = output()
     console.print(f"{info.name}: {info.description}")
     console.print(table, soft_wrap=False)
+    console.print("touchline run --set KEY=VALUE changes one; none is written null", style="dim", markup=False)
 
 
 def _short(value: object) -> str:
+    if value is None:
+        return "none"
     return f"{value:g}" if isinstance(value, float) else str(value)
