@@ -167,7 +167,7 @@ class System(Protocol):
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp.
 
-        Raises ValueError for a frame that is older than the last one; the next one may follow as if it had not been.
+        Raises ValueError for a frame that is older than the last one; pose and motion stay as they were.
         """
         ...
 
