@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.compiled import uncounted
 from touchline.simulation.illumination import (
     FLAGS_PER_M,
     HAS_PAINT,
@@ -30,7 +30,7 @@ from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M
 from touchline.simulation.pile import FIRST_TEXEL_M, PILE, TONE_M, grain_at, past_seam, seam_share, two_levels
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def sort_rays(
     cast: npt.NDArray[np.float32],
     landing: npt.NDArray[np.float32],
@@ -58,7 +58,7 @@ def sort_rays(
     return count, ground_count
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def shade_ground(
     ground: npt.NDArray[np.int32],
     landing: npt.NDArray[np.float32],

@@ -7,6 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.compiled import uncounted
 
 TILE_TEXELS, LEVELS = 512, 9  # of the pile's pyramid, see `carpet.pile_pyramid`
 FIRST_TEXEL_M = 0.006  # its finest level: a tile of 3 m
@@ -81,7 +82,7 @@ def past_seam(carpet: FloatArray, x: float) -> float:
     return float((strip - np.round(strip)) * carpet[3])
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def seam_share(carpet: FloatArray, x: float, width: float, p: float, q: float) -> float:
     """Share of light from a thin dark seam between strips of carpet across the field's length.
 
