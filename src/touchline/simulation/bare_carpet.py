@@ -25,7 +25,16 @@ from touchline.simulation.illumination import (
     contact_shadow,
 )
 from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M
-from touchline.simulation.pile import FIRST_TEXEL_M, PILE, TILE_TEXELS, TONE_M, past_seam, reaches_texels, two_levels
+from touchline.simulation.pile import (
+    FIRST_TEXEL_M,
+    PILE,
+    TILE_TEXELS,
+    TONE_M,
+    past_seam,
+    reaches_texels,
+    samples_apart,
+    two_levels,
+)
 
 Float32Array = npt.NDArray[np.float32]
 POINT_ROWS, PLACE_ROWS = 7, 8  # of the work space of `shade_bare`
@@ -111,11 +120,9 @@ def sift_ground(
         points[0, dots], points[1, dots], points[2, dots] = x, y, square
         if square <= first:
             ux, uy, stretch = float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
-            across = np.sqrt(stretch * cast[2, i])
-            p, aside, q, off = (
-                texture[0, i] * stretch, texture[1, i] * across, texture[2, i] * stretch, texture[3, i] * across
-            )  # fmt: skip
-            px, py, qx, qy = p * ux - aside * uy, p * uy + aside * ux, q * ux - off * uy, q * uy + off * ux
+            px, py, qx, qy = samples_apart(
+                texture[0, i], texture[1, i], texture[2, i], texture[3, i], stretch, cast[2, i], ux, uy
+            )
             if reaches_texels(px, py, qx, qy):
                 points[0, dots], points[1, dots] = x + px + qx, y + py + qy
                 points[0, dots + 1], points[1, dots + 1] = x + px - qx, y + py - qy
