@@ -14,7 +14,7 @@ def uncounted(loop: _Loop) -> _Loop:
     """Compile a loop over rays that makes no arrays but hands some on to functions, ray by ray.
 
     Numba would count the references to each of them before and after, atomically, which takes as long as a contact
-    shadow and 5 to 8 % of a frame.
+    shadow and 2 to 5 % of a frame.
     """
     options: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}
     compiled: _Loop = njit(**options)(loop)
