@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.compiled import uncounted
 from touchline.simulation.illumination import (
     FLAGS_PER_M,
     HAS_PAINT,
@@ -25,13 +25,22 @@ from touchline.simulation.illumination import (
     contact_shadow,
 )
 from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M
-from touchline.simulation.pile import FIRST_TEXEL_M, PILE, TILE_TEXELS, TONE_M, past_seam, reaches_texels, two_levels
+from touchline.simulation.pile import (
+    FIRST_TEXEL_M,
+    PILE,
+    TILE_TEXELS,
+    TONE_M,
+    past_seam,
+    reaches_texels,
+    samples_apart,
+    two_levels,
+)
 
 Float32Array = npt.NDArray[np.float32]
 POINT_ROWS, PLACE_ROWS = 7, 8  # of the work space of `shade_bare`
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def meet_ground(
     cast: Float32Array, extents: Float32Array, shift: float, texture: Float32Array, count: int, landing: Float32Array
 ) -> None:
@@ -52,13 +61,13 @@ def meet_ground(
         long[n] = np.float32(1.5) * long[n] * long[n]
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _along(start: Float32Array, length: Float32Array, direction: Float32Array, out: Float32Array) -> None:
     for n in range(len(out)):
         out[n] = start[n] + length[n] * direction[n]
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def sift_ground(
     ground: npt.NDArray[np.int32],
     landing: Float32Array,
@@ -111,11 +120,9 @@ def sift_ground(
         points[0, dots], points[1, dots], points[2, dots] = x, y, square
         if square <= first:
             ux, uy, stretch = float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
-            across = np.sqrt(stretch * cast[2, i])
-            p, aside, q, off = (
-                texture[0, i] * stretch, texture[1, i] * across, texture[2, i] * stretch, texture[3, i] * across
-            )  # fmt: skip
-            px, py, qx, qy = p * ux - aside * uy, p * uy + aside * ux, q * ux - off * uy, q * uy + off * ux
+            px, py, qx, qy = samples_apart(
+                texture[0, i], texture[1, i], texture[2, i], texture[3, i], stretch, cast[2, i], ux, uy
+            )
             if reaches_texels(px, py, qx, qy):
                 points[0, dots], points[1, dots] = x + px + qx, y + py + qy
                 points[0, dots + 1], points[1, dots + 1] = x + px - qx, y + py - qy
@@ -129,7 +136,7 @@ def sift_ground(
     return left, count, dots
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def shade_bare(
     bare: npt.NDArray[np.int32],
     places: Float32Array,
@@ -158,7 +165,7 @@ def shade_bare(
         radiance[i, 0], radiance[i, 1], radiance[i, 2] = red * level, green * level, blue * level
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def look_up_pile(points: Float32Array, count: int, pyramid: Float32Array) -> None:
     """`pile.pile_at` for points (7, >= N): x, y and footprint become the brightness in the first row; 4 rows of space.
 
@@ -182,7 +189,7 @@ def look_up_pile(points: Float32Array, count: int, pyramid: Float32Array) -> Non
         x[n] = top + (bottom - top) * y[n]
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _level_size(square: Float32Array, size: Float32Array) -> None:
     """Texels along the level of the pyramid whose texel is the next larger than each footprint (m^2)."""
     per_square = np.float32(1.0 / FIRST_TEXEL_M**2)
@@ -198,7 +205,7 @@ def _level_size(square: Float32Array, size: Float32Array) -> None:
         size[n] = texel if texels <= np.float32(16384.0) else np.float32(TILE_TEXELS >> 8)
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _texel(position: Float32Array, size: Float32Array, texel: Float32Array) -> None:
     """Column or row of the texel that lies before a position (m), in a tile that repeats itself."""
     per_tile = np.float32(1.0 / (FIRST_TEXEL_M * TILE_TEXELS))
@@ -207,7 +214,7 @@ def _texel(position: Float32Array, size: Float32Array, texel: Float32Array) -> N
         texel[n] = tiles - size[n] * np.floor(tiles / size[n])
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _part(position: Float32Array, size: Float32Array) -> None:
     """Replace a position (m) by its smooth weight between two texels."""
     per_tile, two, three = np.float32(1.0 / (FIRST_TEXEL_M * TILE_TEXELS)), np.float32(2.0), np.float32(3.0)
@@ -217,14 +224,14 @@ def _part(position: Float32Array, size: Float32Array) -> None:
         position[n] = part * part * (three - two * part)
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _next_row(row: Float32Array, size: Float32Array, after: Float32Array) -> None:
     one, none = np.float32(1.0), np.float32(0.0)
     for n in range(len(after)):
         after[n] = row[n] + one if row[n] + one < size[n] else none
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _first_in_row(row: Float32Array, size: Float32Array) -> None:
     """Replace a row by where it starts in the pyramid."""
     finest, third, half = np.float32(TILE_TEXELS * TILE_TEXELS), np.float32(4.0 / 3.0), np.float32(0.5)
@@ -232,7 +239,7 @@ def _first_in_row(row: Float32Array, size: Float32Array) -> None:
         row[n] = np.floor((finest - size[n] * size[n]) * third + half) + row[n] * size[n]
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def look_up_light(places: Float32Array, count: int, light: Float32Array, light_frame: FloatArray, sun: float) -> None:
     """Light on bare carpet at places (8, >= N) of x, y (m), 1 in the sun, of level `sun`: into the first row.
 
@@ -257,7 +264,7 @@ def look_up_light(places: Float32Array, count: int, light: Float32Array, light_f
         x[n] = level * part
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _cell_before(
     position: Float32Array, origin: np.float32, per_m: np.float32, last: np.float32, cell: Float32Array
 ) -> None:

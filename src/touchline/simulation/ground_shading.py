@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.compiled import uncounted
 from touchline.simulation.illumination import (
     FLAGS_PER_M,
     HAS_PAINT,
@@ -27,10 +27,19 @@ from touchline.simulation.illumination import (
     sun_at,
 )
 from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M, paint_at
-from touchline.simulation.pile import FIRST_TEXEL_M, PILE, TONE_M, grain_at, past_seam, seam_share, two_levels
+from touchline.simulation.pile import (
+    FIRST_TEXEL_M,
+    PILE,
+    TONE_M,
+    grain_at,
+    past_seam,
+    samples_apart,
+    seam_share,
+    two_levels,
+)
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def sort_rays(
     cast: npt.NDArray[np.float32],
     landing: npt.NDArray[np.float32],
@@ -58,7 +67,7 @@ def sort_rays(
     return count, ground_count
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def shade_ground(
     ground: npt.NDArray[np.int32],
     landing: npt.NDArray[np.float32],
@@ -121,14 +130,9 @@ def shade_ground(
             continue
         px, py, qx, qy = 0.0, 0.0, 0.0, 0.0
         if long < FIRST_TEXEL_M or flag & HAS_SEAM:
-            across = np.sqrt(stretch * cast[2, i])
-            p, aside, q, across = (
-                texture[0, i] * stretch,
-                texture[1, i] * across,
-                texture[2, i] * stretch,
-                texture[3, i] * across,
+            px, py, qx, qy = samples_apart(
+                texture[0, i], texture[1, i], texture[2, i], texture[3, i], stretch, cast[2, i], ux, uy
             )
-            px, py, qx, qy = p * ux - aside * uy, p * uy + aside * ux, q * ux - across * uy, q * uy + across * ux
         grain = carpet[4] * PILE * grain_at(pyramid, x, y, square, px, py, qx, qy)
         if paint >= 0:
             level = light_at(light, light_frame, 0, x, y) * share + (sun[0] if sunlit else 0.0)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.compiled import uncounted
 
 # what a flag cell of the ground (1/32 m) holds
 HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, PAINT_NEAR, PAINT_AROUND, SUN_AROUND = 1, 2, 4, 8, 16, 32, 64, 128
@@ -33,7 +34,7 @@ def light_at(light: npt.NDArray[np.float32], frame: FloatArray, channel: int, x:
     return float(top * (1.0 - b) + bottom * b)
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def sun_at(
     sun: FloatArray, windows: FloatArray, casters: FloatArray, x: float, y: float, z: float, reach: float
 ) -> tuple[bool, bool]:
@@ -99,7 +100,7 @@ def _light_past(position: float, size: float, bars: float, width: float) -> floa
     return float(min(clear, abs(position - nearest * pane) - 0.5 * width) if bars > 0.0 else clear)
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def contact_shadow(
     casters: FloatArray, cells: npt.NDArray[np.int16], frame: FloatArray, x: float, y: float, reach: float
 ) -> tuple[float, bool]:
@@ -134,7 +135,7 @@ def place_casters(
     cells = np.full((flags.shape[0] // 8, flags.shape[1] // 8, 6), -1, dtype=np.int16)
     for m in range(len(casters)):
         x, y, radius = casters[m, 0], casters[m, 1], casters[m, 2]
-        _mark_square(x, y, 3.0 * radius, frame, flags, NEAR_BODY)
+        _mark_square(x, y, 3.0 * radius, frame, flags, NEAR_BODY, 0)
         low_j, high_j, low_i, high_i = _cells_around(x, y, 3.0 * radius, frame, 4.0, cells.shape[:2])
         for cell in range((high_j - low_j) * (high_i - low_i)):
             j, i = low_j + cell // (high_i - low_i), low_i + cell % (high_i - low_i)
@@ -146,7 +147,8 @@ def place_casters(
             continue
         length, run = casters[m, 3] / sun[3] + radius, 0.0
         while run < length + SUN_MARGIN_M + 0.25:
-            _mark_square(x - run * sun[1], y - run * sun[2], radius + SUN_MARGIN_M, frame, flags, SUN_EDGE)
+            shade_x, shade_y = x - run * sun[1], y - run * sun[2]
+            _mark_square(shade_x, shade_y, radius + SUN_MARGIN_M, frame, flags, SUN_EDGE, SUNLIT | SUN_AROUND)
             run += 0.2
     return cells
 
@@ -167,11 +169,15 @@ def _cells_around(
 
 
 @njit(cache=True, error_model="numpy")
-def _mark_square(x: float, y: float, reach: float, frame: FloatArray, flags: npt.NDArray[np.uint8], bit: int) -> None:
+def _mark_square(
+    x: float, y: float, reach: float, frame: FloatArray, flags: npt.NDArray[np.uint8], bit: int, only: int
+) -> None:
+    """Set a bit in the flags (ny, nx) of the cells that a square touches, of those that hold one of `only`, if any."""
     low_j, high_j, low_i, high_i = _cells_around(x, y, reach, frame, FLAGS_PER_M, flags.shape)
     for j in range(low_j, high_j):
         for i in range(low_i, high_i):
-            flags[j, i] |= bit
+            if only == 0 or flags[j, i] & only:
+                flags[j, i] |= bit
 
 
 @njit(cache=True, error_model="numpy")

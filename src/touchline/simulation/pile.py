@@ -7,6 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.compiled import uncounted
 
 TILE_TEXELS, LEVELS = 512, 9  # of the pile's pyramid, see `carpet.pile_pyramid`
 FIRST_TEXEL_M = 0.006  # its finest level: a tile of 3 m
@@ -59,6 +60,20 @@ def grain_at(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
+def samples_apart(
+    p_along: float, p_across: float, q_along: float, q_across: float, stretch: float, oz: float, ux: float, uy: float
+) -> tuple[float, float, float, float]:
+    """px, py, qx, qy (m): a pixel's samples lie on the ground at (+-px +-qx, +-py +-qy) from its middle.
+
+    p, q: the same as angles (rad), see `SampleRays`. The ray starts at a height oz (m), runs along (ux, uy) and ends
+    stretch (m) further per radian of elevation.
+    """
+    across = np.sqrt(stretch * oz)
+    p, aside, q, off = p_along * stretch, p_across * across, q_along * stretch, q_across * across
+    return p * ux - aside * uy, p * uy + aside * ux, q * ux - off * uy, q * uy + off * ux
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def reaches_texels(px: float, py: float, qx: float, qy: float) -> bool:
     """Whether samples at (+-px +-qx, +-py +-qy) lie so far apart (m) that the finest texels differ between them."""
     return bool(max(abs(px) + abs(qx), abs(py) + abs(qy)) >= 0.2 * FIRST_TEXEL_M)
@@ -81,7 +96,7 @@ def past_seam(carpet: FloatArray, x: float) -> float:
     return float((strip - np.round(strip)) * carpet[3])
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def seam_share(carpet: FloatArray, x: float, width: float, p: float, q: float) -> float:
     """Share of light from a thin dark seam between strips of carpet across the field's length.
 

@@ -17,6 +17,7 @@ from numba import njit
 from touchline.geometry import FloatArray
 from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, meet_ground, shade_bare, sift_ground
 from touchline.simulation.casting import cast_rays, spread_rays
+from touchline.simulation.compiled import uncounted
 from touchline.simulation.ground_shading import shade_ground, sort_rays
 from touchline.simulation.nets import average_nets
 from touchline.simulation.sampling import SampleRays, fill_samples, sample_rays
@@ -120,7 +121,7 @@ def _fill_unseen(pixels: npt.NDArray[np.int64], still: Float32Array, level: floa
             image[pixels[n], c] = still[pixels[n], c] * level
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _meet(
     scene: SceneArrays,
     total: int,
@@ -154,7 +155,7 @@ def _meet(
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _shade(
     scene: SceneArrays,
     count: int,

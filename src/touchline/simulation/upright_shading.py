@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.compiled import uncounted
 from touchline.simulation.illumination import light_at, sun_at
 from touchline.simulation.tracing import BOARD, CARPET, CEILING, FLOOR
 
@@ -16,7 +16,7 @@ _BLOTCH = 0.10  # contrast of blotches on walls and bodies, where `grain` is 1
 _BLOTCHES = 512 * 512 + 256 * 256 + 128 * 128  # where the level of 64 x 64 texels starts in the pyramid
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def shade_upright(
     rest: npt.NDArray[np.int32],
     hits: npt.NDArray[np.float32],
@@ -85,7 +85,7 @@ def shade_upright(
                 radiance[i, c] = gaps * radiance[i, c] + (1.0 - gaps) * _NET_REFLECTANCE * level
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _room_row(code: int) -> int:
     if code == FLOOR:
         return 0
@@ -94,7 +94,7 @@ def _room_row(code: int) -> int:
     return 3 if code == CEILING else 2
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def _face(solids: FloatArray, k: int, x: float, y: float, z: float) -> tuple[float, float, int]:
     """Horizontal normal (0, 0 on top) and colour number of a point on solid k."""
     ex, ey = x - solids[k, 1], y - solids[k, 2]
