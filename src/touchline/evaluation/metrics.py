@@ -96,15 +96,17 @@ class ErrorTable:
         return f"{self.frames} frame{'s' * (self.frames != 1)} counted{lost}; left out: {said or 'none'}"
 
     def __str__(self) -> str:
-        head = f"{'':<16}" + "".join(f"{title:>13}" for title in COLUMNS)
-        body = [f"{name:<16}" + "".join(f"{value:>13}" for value in values) for name, values in self.rows()]
+        rows = self.rows()
+        width = max(len(name) for name, _ in rows) + 2
+        head = " " * width + "".join(f"{title:>12}" for title in COLUMNS)
+        body = [f"{name:<{width}}" + "".join(f"{value:>12}" for value in values) for name, values in rows]
         return "\n".join([head, *body, self.left_out()])
 
 
 COLUMNS = ("mean |e|", "median |e|", "std e", "std |e|", "max |e|")
 _UNITS = (("x", "m"), ("y", "m"), ("position", "m"), ("heading", "rad"))
 _TRACKED = ("tracked_position", "m")
-_TITLES = {"tracked_position": "tracked"}
+_TITLES = {"tracked_position": "position, tracked"}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
