@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.simulation.image_sensor import ImageSensor, expose
+from touchline.simulation.image_sensor import ImageSensor, noise_numbers
 from touchline.simulation.omni import SimulatedOmniCamera
 from touchline.simulation.pinhole import SimulatedPinholeCamera
 from touchline.simulation.world import PAINTS, RobotActor, WorldState, default_world
@@ -48,18 +49,48 @@ def test_neighbouring_pixels_of_the_mosaic_and_following_images_have_noise_of_th
         assert abs(float(np.mean(first * other))) < 0.02 * power
 
 
-def test_a_mosaic_is_exposed_as_by_plain_arithmetic() -> None:
-    rng = np.random.default_rng(6)
-    radiance = rng.uniform(0.0, 0.5, (6, 8, 3)).astype(np.float32)
-    noise = rng.standard_normal(48).astype(np.float32)
-    scale, shot, read = np.array([3.0, 3.2, 3.6]), 1e-4, 1e-6
-    mosaic = np.empty((6, 8), dtype=np.uint16)
-    expose(radiance, noise, scale, shot, read, mosaic)
-    rows, columns = np.indices((6, 8))
-    channel = rows % 2 + columns % 2  # RGGB
-    value = np.take_along_axis(radiance * scale, channel[..., np.newaxis], axis=2)[..., 0]
-    value = value + noise.reshape(6, 8) * np.sqrt(value * shot + read)
-    assert np.max(np.abs(mosaic - np.clip(value, 0.0, 1.0) * 65535.0)) < 0.51
+def plain_picture(
+    sensor: ImageSensor, radiance: npt.NDArray[np.float32], exposure_ms: float, gain: float, seed: int | None
+) -> npt.NDArray[np.uint8]:
+    """The picture by OpenCV's own blur and demosaicing and by the formula as it is written."""
+    height, width, sigma = *radiance.shape[:2], sensor.optics_blur_sigma_px
+    size = 2 * math.ceil(2.5 * sigma) + 1
+    blurred = np.asarray(cv2.GaussianBlur(radiance, (size, size), sigma) if sigma > 0.0 else radiance, dtype=float)
+    rows, columns = np.indices((height, width))
+    channel = (rows % 2 + columns % 2)[..., np.newaxis]  # RGGB
+    value = np.take_along_axis(blurred * sensor.white_balance_rgb, channel, axis=2)[..., 0]
+    value *= exposure_ms * gain * sensor.k
+    if seed is not None:
+        shot = gain / sensor.full_well_electrons
+        variance = value * shot + (sensor.read_noise_electrons * shot) ** 2
+        value += noise_numbers(np.random.default_rng(seed), height * width).reshape(height, width) * np.sqrt(variance)
+    mosaic = (np.clip(value, 0.0, 1.0) * 65535.0 + 0.5).astype(np.uint16)
+    colour = cv2.cvtColor(mosaic, cv2.COLOR_BayerRGGB2BGR)
+    return np.round(255.0 * (colour / 65535.0) ** (1.0 / sensor.gamma)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("seed", [None, 8])
+@pytest.mark.parametrize("sigma", [0.0, 0.3, 0.6, 1.3, 3.0])
+def test_pictures_of_all_sizes_are_those_of_plain_arithmetic(sigma: float, seed: int | None) -> None:
+    sensor = ImageSensor(optics_blur_sigma_px=sigma)
+    content = np.random.default_rng(6)
+    small = [(h, w) for h in range(1, 10) for w in range(1, 10)]
+    for height, width in (*small, (64, 33), (61, 80), (3, 200), (201, 2), (480, 480), (480, 752)):
+        radiance = (content.uniform(0.0, 0.7, (height, width, 3)) ** 2).astype(np.float32)  # up to some that clip
+        before = radiance.copy()
+        rng = None if seed is None else np.random.default_rng(seed)
+        picture = sensor.develop(radiance, 12.0, 1.7, rng)
+        apart = np.abs(picture.astype(int) - plain_picture(sensor, radiance, 12.0, 1.7, seed)).max(axis=2)
+        assert apart.max() <= 1
+        assert np.count_nonzero(apart) <= math.ceil(1e-4 * apart.size)  # what rounding of sums does
+        assert np.array_equal(radiance, before)
+
+
+def test_a_part_of_an_image_is_developed_as_its_copy() -> None:
+    whole = np.random.default_rng(7).uniform(0.0, 0.4, (60, 70, 3)).astype(np.float32)
+    part = whole[5:50, 10:61]
+    pictures = [ImageSensor().develop(image, 12.0, 2.0, np.random.default_rng(1)) for image in (part, part.copy())]
+    assert np.array_equal(*pictures)
 
 
 def test_exposure_times_gain_counts_and_bright_things_clip() -> None:

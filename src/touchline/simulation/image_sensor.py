@@ -12,7 +12,6 @@ pixel to pixel, and at one pixel from image to image but for one pair of images 
 from __future__ import annotations
 
 import math
-import threading
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
@@ -20,9 +19,9 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from touchline.errors import InputError
+from touchline.simulation.sensor_rows import develop_rows
 from touchline.types import ImageArray
 
 
@@ -55,20 +54,16 @@ class ImageSensor:
         rng None leaves the noise out. Raises InputError for an exposure or gain that is not positive.
         """
         check_exposure(exposure_ms, gain)
-        shape = radiance.shape[:2]
-        blurred, mosaic, colour = _space(shape[0], shape[1])
-        if self.optics_blur_sigma_px > 0.0:
-            size = 2 * math.ceil(2.5 * self.optics_blur_sigma_px) + 1
-            radiance = cv2.GaussianBlur(  # type: ignore[assignment]
-                radiance, (size, size), self.optics_blur_sigma_px, dst=blurred
-            )
+        height, width = radiance.shape[:2]
         scale = np.array(self.white_balance_rgb) * exposure_ms * gain * self.k
-        noise = np.zeros(1, dtype=np.float32) if rng is None else _noise(rng, shape[0] * shape[1])
+        noise = np.zeros(0, dtype=np.float32) if rng is None else noise_numbers(rng, height * width)
         shot = gain / self.full_well_electrons
-        expose(radiance, noise, scale, shot, (self.read_noise_electrons * shot) ** 2, mosaic)
-        cv2.cvtColor(mosaic, cv2.COLOR_BayerRGGB2BGR, dst=colour)
-        picture = np.empty((*shape, 3), dtype=np.uint8)
-        respond(colour, _response(self.gamma), picture)
+        picture = np.empty((height, width, 3), dtype=np.uint8)
+        develop_rows(
+            np.ascontiguousarray(radiance, dtype=np.float32), _blur_weights(self.optics_blur_sigma_px), noise,
+            scale.astype(np.float32), np.float32(shot), np.float32((self.read_noise_electrons * shot) ** 2),
+            _response(self.gamma), picture,
+        )  # fmt: skip
         return picture
 
     def sequence_constants(self) -> dict[str, Any]:
@@ -85,22 +80,6 @@ def check_exposure(exposure_ms: float, gain: float) -> None:
         raise InputError(f"camera: exposure and gain are positive, found {exposure_ms} ms and {gain}")
 
 
-_kept = threading.local()
-
-
-def _space(height: int, width: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint16], npt.NDArray[np.uint16]]:
-    """Arrays (H, W, 3), (H, W), (H, W, 3) for what comes between radiance and picture, kept for images of one size."""
-    if getattr(_kept, "size", None) != (height, width):
-        _kept.size = height, width
-        _kept.arrays = (
-            np.empty((height, width, 3), dtype=np.float32),
-            np.empty((height, width), dtype=np.uint16),
-            np.empty((height, width, 3), dtype=np.uint16),
-        )
-    arrays: tuple[npt.NDArray[np.float32], npt.NDArray[np.uint16], npt.NDArray[np.uint16]] = _kept.arrays
-    return arrays
-
-
 _NOISE_COUNT = 1 << 22
 
 
@@ -109,8 +88,8 @@ def _noise_table() -> npt.NDArray[np.float32]:
     return np.random.default_rng(20130701).standard_normal(_NOISE_COUNT, dtype=np.float32)
 
 
-def _noise(rng: np.random.Generator, count: int) -> npt.NDArray[np.float32]:
-    """Normal numbers (count,) of variance 1: a part of one fixed table."""
+def noise_numbers(rng: np.random.Generator, count: int) -> npt.NDArray[np.float32]:
+    """Normal numbers (count,) of variance 1, the noise of an image of so many pixels: a part of one fixed table."""
     table = _noise_table()
     if count > len(table) // 4:
         return rng.standard_normal(count, dtype=np.float32)
@@ -124,53 +103,12 @@ def _response(gamma: float) -> npt.NDArray[np.uint8]:
     return np.round(255.0 * (np.arange(65536) / 65535.0) ** (1.0 / gamma)).astype(np.uint8)
 
 
-@njit(cache=True, error_model="numpy")
-def expose(
-    radiance: npt.NDArray[np.float32],
-    noise: npt.NDArray[np.float32],
-    scale: npt.NDArray[np.float64],
-    shot: float,
-    read_variance: float,
-    mosaic: npt.NDArray[np.uint16],
-) -> None:
-    """Fill an RGGB mosaic (H, W) of 16-bit values. scale (3,): value per radiance; noise (H W,) of variance 1, or
-    (1,)."""
-    width = mosaic.shape[1]
-    for v in range(mosaic.shape[0]):
-        for first in range(2):
-            channel = (v & 1) + first
-            values = radiance[v, first::2, channel]
-            parts = noise[v * width + first : (v + 1) * width : 2] if len(noise) > 1 else noise[:0]
-            _expose_row(
-                values, parts, np.float32(scale[channel]), np.float32(shot), np.float32(read_variance),
-                mosaic[v, first::2],
-            )  # fmt: skip
-
-
-@njit(cache=True, error_model="numpy")
-def _expose_row(
-    radiance: npt.NDArray[np.float32],
-    noise: npt.NDArray[np.float32],
-    scale: np.float32,
-    shot: np.float32,
-    read_variance: np.float32,
-    mosaic: npt.NDArray[np.uint16],
-) -> None:
-    """The pixels of one colour in one row, all (N,); noise may be empty."""
-    none, one, top, half = np.float32(0.0), np.float32(1.0), np.float32(65535.0), np.float32(0.5)
-    if len(noise) > 0:
-        for u in range(len(mosaic)):
-            value = radiance[u] * scale
-            value += noise[u] * np.sqrt(max(value * shot + read_variance, none))
-            mosaic[u] = np.uint16(min(max(value, none), one) * top + half)
-    else:
-        for u in range(len(mosaic)):
-            mosaic[u] = np.uint16(min(max(radiance[u] * scale, none), one) * top + half)
-
-
-@njit(cache=True, error_model="numpy")
-def respond(colour: npt.NDArray[np.uint16], response: npt.NDArray[np.uint8], picture: npt.NDArray[np.uint8]) -> None:
-    """The response curve, value by value: colour and picture (H, W, 3), response (65536,)."""
-    flat, out = colour.reshape(-1), picture.reshape(-1)
-    for i in range(len(flat)):
-        out[i] = response[flat[i]]
+@lru_cache(maxsize=8)
+def _blur_weights(sigma_px: float) -> npt.NDArray[np.float32]:
+    """OpenCV's Gaussian of 2 ceil(2.5 sigma) + 1 numbers from its middle on: (1,) for no blur, else (3,) or more."""
+    if sigma_px == 0.0:
+        return np.ones(1, dtype=np.float32)
+    radius = math.ceil(2.5 * sigma_px)
+    weights = np.zeros(max(radius, 2) + 1, dtype=np.float32)
+    weights[: radius + 1] = cv2.getGaussianKernel(2 * radius + 1, sigma_px, cv2.CV_32F)[radius:, 0]
+    return weights
