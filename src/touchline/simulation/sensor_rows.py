@@ -47,11 +47,8 @@ def develop_rows(
         if v < 0:
             continue
         _blur_across(ring, v, weights, height, half, values)
-        for odd in range(2):
-            _expose(
-                values, odd * half, noise, v * width + odd, scale[(v & 1) + odd], shot, read_variance,
-                codes, (v % 3 * 2 + odd) * pitch + 1, (width + 1 - odd) // 2,
-            )  # fmt: skip
+        even, odd = scale[v & 1], scale[(v & 1) + 1]
+        _expose(values, noise, v * width, even, odd, shot, read_variance, codes, v % 3 * 2 * pitch + 1, width)
         if v > 1:
             _demosaic(codes, v - 1, pitch, response, out, width)
     row = 3 * width
@@ -153,28 +150,48 @@ def _blur_across(
 @njit(cache=True, error_model="numpy")
 def _expose(
     values: npt.NDArray[np.float32],
-    at: int,
     noise: npt.NDArray[np.float32],
     start: int,
-    scale: np.float32,
+    even: np.float32,
+    odd: np.float32,
     shot: np.float32,
     read_variance: np.float32,
     codes: npt.NDArray[np.uint16],
     to: int,
-    count: int,
+    width: int,
 ) -> None:
-    """16-bit values of a half row, to codes[to : to + count], from radiance at values[at] on and every second number
-    of the noise from start on."""
-    none, one, top, rounding = np.float32(0.0), np.float32(1.0), np.float32(65535.0), np.float32(0.5)
+    """A row of the mosaic, from radiance (2, half) and noise[start : start + W], to codes from `to` on: (2, half + 2).
+    even and odd: value per radiance of the two halves."""
+    half = len(values) // 2
+    pitch = half + 2
     if len(noise) > 0:
-        for i in range(np.uint32(count)):
-            value = values[np.uint32(at) + i] * scale
-            value += noise[np.uint32(start) + np.uint32(2) * i] * np.sqrt(max(value * shot + read_variance, none))
-            codes[np.uint32(to) + i] = np.uint16(np.int32(min(max(value, none), one) * top + rounding))
+        for i in range(np.uint32(width // 2)):
+            pair = np.uint32(start) + np.uint32(2) * i
+            first, second = values[i] * even, values[np.uint32(half) + i] * odd
+            codes[np.uint32(to) + i] = _code(_noisy(first, noise[pair], shot, read_variance))
+            second = _noisy(second, noise[pair + np.uint32(1)], shot, read_variance)
+            codes[np.uint32(to + pitch) + i] = _code(second)
+        if width & 1:
+            last = _noisy(values[half - 1] * even, noise[start + width - 1], shot, read_variance)
+            codes[to + half - 1] = _code(last)
     else:
-        for i in range(np.uint32(count)):
-            value = values[np.uint32(at) + i] * scale
-            codes[np.uint32(to) + i] = np.uint16(np.int32(min(max(value, none), one) * top + rounding))
+        for i in range(np.uint32(half)):
+            codes[np.uint32(to) + i] = _code(values[i] * even)
+            codes[np.uint32(to + pitch) + i] = _code(values[np.uint32(half) + i] * odd)
+
+
+@njit(cache=True, error_model="numpy")
+def _noisy(value: np.float32, normal: np.float32, shot: np.float32, read_variance: np.float32) -> np.float32:
+    """A value with its noise, of which a normal number of variance 1 is given."""
+    deviation: np.float32 = np.sqrt(max(value * shot + read_variance, np.float32(0.0)))
+    return value + normal * deviation
+
+
+@njit(cache=True, error_model="numpy")
+def _code(value: np.float32) -> np.uint16:
+    """The 16-bit code of a value; 1 and above are clipped."""
+    clipped = min(max(value, np.float32(0.0)), np.float32(1.0))
+    return np.uint16(np.int32(clipped * np.float32(65535.0) + np.float32(0.5)))
 
 
 @njit(cache=True, error_model="numpy")
