@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, look_up_light, look_up_pile
+from touchline.field import open_field
+from touchline.geometry import FloatArray
+from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, find_plain, look_up_light, look_up_pile
 from touchline.simulation.carpet import pile_pyramid
-from touchline.simulation.illumination import light_at
+from touchline.simulation.illumination import FLAGS_PER_M, SUN_TIGHT_M, light_at, sun_at, sunward
 from touchline.simulation.nets import net_share
-from touchline.simulation.pile import FIRST_TEXEL_M, LEVELS, TILE_TEXELS, pile_at
+from touchline.simulation.paint import build_paint, mark_paint, paint_at
+from touchline.simulation.pile import FIRST_TEXEL_M, LEVELS, TILE_TEXELS, pile_at, samples_within
 from touchline.simulation.sampling import fill_samples
 
 
@@ -32,6 +35,88 @@ def test_the_pile_repeats_with_its_tile() -> None:
     points[1] = 1.2345
     look_up_pile(points, 2, pyramid)
     assert points[0, 0] == pytest.approx(points[0, 1], abs=0.02)
+
+
+def test_carpet_is_plain_only_where_a_pixel_reaches_no_paint_and_no_edge_of_sunlight() -> None:
+    rng, count = np.random.default_rng(4), 4000
+    grid = build_paint(open_field("indoor-9x6"), (), (12.0, 9.0, 3.0))
+    shape = (round(grid.frame[3] * 0.25 * FLAGS_PER_M), round(grid.frame[2] * 0.25 * FLAGS_PER_M))
+    flags = np.zeros(shape, dtype=np.uint8)
+    mark_paint(grid, FLAGS_PER_M, flags, (1, 32, 64))
+    flags[:, : shape[1] // 8] |= 128  # sunlight ends within 0.1 m
+    flags[:, : shape[1] // 16] |= 16  # and here within 0.03 m
+    cast, landing = np.ones((9, count), dtype=np.float32), np.empty((4, count), dtype=np.float32)
+    landing[:2] = rng.uniform(((-5.9,), (-4.4,)), ((5.9,), (4.4,)), (2, count))
+    landing[2], landing[3] = 10.0 ** rng.uniform(-2.5, -0.3, count), 1.0  # far above the pile's finest levels
+    extents = np.stack((np.zeros(count), np.zeros(count), 0.5 * landing[2])).astype(np.float32)
+    flag, plain = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+    frame = np.array([*grid.frame[:2], shape[1], shape[0]])
+    words = flags.reshape(-1).view(np.uint32)
+    find_plain(cast, extents, landing, count, words, frame, np.zeros(5), False, flag, plain)
+    cells = ((landing[1] - frame[1]) * FLAGS_PER_M).astype(int), ((landing[0] - frame[0]) * FLAGS_PER_M).astype(int)
+    assert np.array_equal(flag, flags[cells])
+    assert 0.3 < plain.mean() < 0.8
+    for x, y, reach in landing[:3, plain == 1].T.astype(float):
+        around = reach * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 12)) + complex(x, y)
+        assert all(paint_at(*grid, float(place.real), float(place.imag))[0] < 0 for place in around)
+    assert not plain[flag & 16 > 0].any()
+    assert not plain[(flag & 128 > 0) & (landing[2] > SUN_TIGHT_M)].any()
+    find_plain(cast, extents, landing, count, words, frame, np.array([0.1, 0.3, 0.1, 2.0, 1.0]), False, flag, plain)
+    wide = landing[2] > 0.2
+    over_seam = np.abs((landing[0] / 2.0 + 0.37) - np.round(landing[0] / 2.0 + 0.37)) * 2.0 < landing[2] - 0.1
+    assert not plain[wide & over_seam].any()
+
+
+def test_the_pile_at_two_levels_is_not_plain() -> None:
+    texels = np.array([0.5, 0.97, 1.02, 2.0, 3.9, 4.1, 8.0, 16.3, 25.0])
+    landing = np.zeros((4, len(texels)), dtype=np.float32)
+    landing[2], landing[3] = 0.01, texels * FIRST_TEXEL_M**2
+    cast, extents = np.ones((9, len(texels)), dtype=np.float32), np.full((3, len(texels)), 0.01, dtype=np.float32)
+    flag, plain = np.empty(len(texels), dtype=np.int32), np.empty(len(texels), dtype=np.int32)
+    words, frame = np.zeros(4, dtype=np.uint32), np.array([-2.0, -2.0, 4.0, 4.0])
+    find_plain(cast, extents, landing, len(texels), words, frame, np.zeros(5), False, flag, plain)
+    assert plain.tolist() == [0, 0, 0, 1, 0, 0, 1, 0, 1], "below one texel its four samples are looked up"
+
+
+def corners(px: float, py: float, qx: float, qy: float) -> FloatArray:
+    """A grid of 9 x 9 points (81, 2) over the parallelogram with corners at +-p +-q."""
+    a, b = np.meshgrid(np.linspace(-1.0, 1.0, 9), np.linspace(-1.0, 1.0, 9))
+    return np.stack((a * px + b * qx, a * py + b * qy), axis=-1).reshape(-1, 2)
+
+
+def test_edges_of_paint_are_told_wherever_a_pixels_samples_see_them() -> None:
+    rng = np.random.default_rng(5)
+    grid = build_paint(open_field("indoor-9x6"), (), (12.0, 9.0, 3.0))
+    told, seen = 0, 0
+    for _ in range(3000):
+        x, y = rng.uniform((-4.8, -3.3), (4.8, 3.3))
+        deep, wide, angle, turn = rng.uniform((0.01, 0.005, 0.0, 0.0), (0.1, 0.05, np.pi, np.pi))
+        p = samples_within(
+            0.25 * np.cos(turn), 0.25 * np.sin(turn), -0.25 * np.sin(turn), 0.25 * np.cos(turn), deep, wide,
+            np.cos(angle), np.sin(angle),
+        )  # fmt: skip
+        paint, near = paint_at(*grid, x, y, *p)
+        others = {paint_at(*grid, x + dx, y + dy)[0] for dx, dy in corners(*p)}
+        assert near or others == {paint}
+        told, seen = told + near, seen + (len(others) > 1)
+    assert told < 1.2 * seen, "and hardly anywhere else"
+
+
+def test_edges_of_sunlight_are_told_wherever_a_pixels_samples_see_them() -> None:
+    rng = np.random.default_rng(6)
+    windows = sunward(np.array([[1.0, 4.5, -2.0, 1.5, 1.0, 3.0, 2.0, 1.0, 0.1]]), np.radians(70.0), np.radians(35.0))
+    sun = np.array([2.0, np.cos(np.radians(70.0)), np.sin(np.radians(70.0)), np.tan(np.radians(35.0))])
+    casters = np.array([[-1.0, 1.0, 0.25, 0.8], [-1.6, 0.4, 0.1, 0.3]])
+    told, seen = 0, 0
+    for _ in range(4000):
+        x, y = rng.uniform((-5.0, -1.5), (3.0, 3.5))
+        deep, wide, angle = rng.uniform((0.01, 0.005, 0.0), (0.1, 0.05, np.pi))
+        p = samples_within(0.25, 0.1, -0.1, 0.25, deep, wide, np.cos(angle), np.sin(angle))
+        lit, near = sun_at(sun, windows, casters, x, y, 0.0, 0.0, *p)
+        others = {sun_at(sun, windows, casters, x + dx, y + dy, 0.0, 0.0)[0] for dx, dy in corners(*p)}
+        assert near or others == {lit}
+        told, seen = told + near, seen + (len(others) > 1)
+    assert told < 1.5 * seen, "and not in many other places"
 
 
 def test_light_on_bare_carpet_is_the_share_of_the_map_and_the_sun() -> None:

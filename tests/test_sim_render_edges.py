@@ -11,6 +11,7 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import Pose
+from touchline.simulation import rendering
 from touchline.simulation.camera_base import field_from_body
 from touchline.simulation.casting import cast_rays, spread_rays
 from touchline.simulation.pinhole import SimulatedPinholeCamera
@@ -18,7 +19,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.sampling import fill_samples, sample_rays
 from touchline.simulation.scenario import open_scenario
 from touchline.simulation.solids import CYLINDER, sort_into_cells
-from touchline.simulation.world import RobotActor, WorldState, default_world
+from touchline.simulation.world import PAINTS, Block, RobotActor, WorldState, default_world
 
 GREY_LEVELS = 2  # the bound, for the largest difference of any pixel and colour
 
@@ -49,6 +50,13 @@ def test_no_pixel_differs_by_more_than_two_grey_levels_from_full_supersampling(n
         assert np.abs(adaptive - full).max() <= GREY_LEVELS
 
 
+def test_where_a_post_bends_away_most_its_foot_is_supersampled() -> None:
+    """At the very side of a post neighbouring rays meet it much farther behind: at its foot, so do they miss it."""
+    simulation = Simulation(open_scenario("humanoid-walk", seed=23, seconds=30.0))
+    adaptive, full = pictures(simulation, float(simulation.image_times_s[len(simulation) // 2 - 1]))
+    assert np.abs(adaptive - full).max() <= GREY_LEVELS
+
+
 def test_only_a_small_part_of_the_pixels_is_supersampled_and_it_matters() -> None:
     camera = SimulatedPinholeCamera()
     robots = (RobotActor(1.0, 0.6, 0.5), RobotActor(3.0, -1.0, 1.5, shape="humanoid", height=1.2))
@@ -58,6 +66,25 @@ def test_only_a_small_part_of_the_pixels_is_supersampled_and_it_matters() -> Non
     adaptive = camera.radiance(world, WorldState(), pose)
     changed = np.any(np.abs(adaptive - one) > 0.05 * one, axis=2)
     assert 0.003 < changed.mean() < 0.12
+
+
+def test_the_outline_of_a_hidden_body_is_not_supersampled(monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen, render_middles = [], rendering._render_middles
+    monkeypatch.setattr(rendering, "_render_middles", lambda *args: chosen.append(render_middles(*args)) or chosen[-1])
+    camera, pose = SimulatedPinholeCamera(), Pose(-1.3, 0.8, -0.1)
+    world = dataclasses.replace(default_world(open_field("indoor-9x6"), 3), clutter=())
+    tower = Block("cylinder", 1.0, 0.6, 0.0, 0.4, 0.4, 0.2, 0.9, (PAINTS["red"],))
+    base = Block("box", 1.0, 0.6, 0.3, 0.6, 0.6, 0.0, 0.2, (PAINTS["white"],))
+    behind = Block("box", 2.0, 0.5, 0.3, 0.1, 0.1, 0.3, 0.6, (PAINTS["black"],))
+    images = [
+        camera.radiance(dataclasses.replace(world, clutter=clutter), WorldState(), pose).copy()
+        for clutter in ((), (tower,), (base, behind), (tower, base, behind))
+    ]
+    tower_alone, others, together = (set(pixels.tolist()) for pixels in chosen[1:])
+    covered = np.flatnonzero(np.any(images[1] != images[0], axis=2)).tolist()
+    inside = set(covered) - tower_alone
+    assert len(inside & others) > 100, "in plain sight they are"
+    assert len(inside & together) < 0.1 * len(inside & others), "but where the tower stands on the base"
 
 
 def test_a_pixels_samples_stay_within_its_extents() -> None:

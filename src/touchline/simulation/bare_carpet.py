@@ -1,6 +1,6 @@
 """Bare carpet, most of every image: rays that no paint, seam, body or edge of the light is near.
 
-They are set apart (`sift_ground`) and shaded in short loops of float32 without branches, which the compiler makes wide.
+They are found and shaded in short loops of float32 without branches, which the compiler makes wide.
 """
 
 from __future__ import annotations
@@ -22,21 +22,12 @@ from touchline.simulation.illumination import (
     SUN_MARGIN_M,
     SUN_TIGHT_M,
     SUNLIT,
-    contact_shadow,
 )
 from touchline.simulation.paint import MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M
-from touchline.simulation.pile import (
-    FIRST_TEXEL_M,
-    PILE,
-    TILE_TEXELS,
-    TONE_M,
-    past_seam,
-    reaches_texels,
-    samples_apart,
-    two_levels,
-)
+from touchline.simulation.pile import FIRST_TEXEL_M, LEVEL_CHANGES, PILE, SEAM_OFFSET, TILE_TEXELS, TONE_M
 
 Float32Array = npt.NDArray[np.float32]
+Int32Array = npt.NDArray[np.int32]
 POINT_ROWS, PLACE_ROWS = 7, 8  # of the work space of `shade_bare`
 
 
@@ -62,78 +53,140 @@ def meet_ground(
 
 
 @uncounted
-def _along(start: Float32Array, length: Float32Array, direction: Float32Array, out: Float32Array) -> None:
-    for n in range(len(out)):
-        out[n] = start[n] + length[n] * direction[n]
+def find_plain(
+    cast: Float32Array,
+    extents: Float32Array,
+    landing: Float32Array,
+    count: int,
+    words: npt.NDArray[np.uint32],
+    flag_frame: FloatArray,
+    carpet: FloatArray,
+    sunny: bool,
+    flag: Int32Array,
+    plain: Int32Array,
+) -> None:
+    """Fill flag (N,) with the flags of the ground where the first `count` rays meet it, and plain (N,) with 1 where all
+    of a pixel surely sees nothing but the pile of one strip of carpet, evenly lit, and else 0.
+
+    words: the flags of the ground's cells, four to a word; flag_frame (4,): x, y (m) of the first, columns, rows.
+    """
+    x, y, reach, square = landing[0, :count], landing[1, :count], landing[2, :count], landing[3, :count]
+    ux, uy, deep = cast[3, :count], cast[4, :count], extents[2, :count]
+    columns, rows = np.float32(flag_frame[2]), np.float32(flag_frame[3])
+    _cell_at(x, y, np.float32(flag_frame[0]), np.float32(flag_frame[1]), columns, rows, flag[:count])
+    _flag_of_cell(words, flag[:count])
+    farthest = np.float32(min(MARGIN_M, SUN_MARGIN_M) if sunny else MARGIN_M)
+    _nothing_flagged(flag[:count], reach, square, farthest, plain[:count])
+    _one_level(square, cast[6, :count], deep, cast[8, :count], cast[2, :count], plain[:count])
+    if carpet[3] > 0.0:
+        _one_strip(x, ux, uy, deep, reach, np.float32(carpet[3]), plain[:count])
 
 
 @uncounted
-def sift_ground(
-    ground: npt.NDArray[np.int32],
-    landing: Float32Array,
-    cast: Float32Array,
-    extents: Float32Array,
-    texture: Float32Array,
-    flags: npt.NDArray[np.uint8],
-    paint_frame: FloatArray,
-    carpet: FloatArray,
-    sun: FloatArray,
-    casters: FloatArray,
-    caster_cells: npt.NDArray[np.int16],
-    bare: npt.NDArray[np.int32],
-    places: Float32Array,
-    points: Float32Array,
-) -> tuple[int, int, int]:
-    """Move those of the rays on the carpet (N,) that see nothing but carpet to `bare`; count the others, these, points.
+def _cell_at(
+    x: Float32Array,
+    y: Float32Array,
+    x0: np.float32,
+    y0: np.float32,
+    columns: np.float32,
+    rows: np.float32,
+    cell: Int32Array,
+) -> None:
+    """Number of the cell, row by row, that a point lies in or nearest to: a whole number below 2^24, exact here."""
+    per_m, none, one = np.float32(FLAGS_PER_M), np.float32(0.0), np.float32(1.0)
+    for n in range(len(cell)):
+        i = np.floor(min(max((x[n] - x0) * per_m, none), columns - one))
+        j = np.floor(min(max((y[n] - y0) * per_m, none), rows - one))
+        cell[n] = np.int32(j * columns + i)
 
-    Rays through the middles of pixels: see `shade_ground` and `meet_ground`. places (8, N): x, y of each (m), 1 in the
-    sun, its first point and how many, share of the lamps' light beside bodies. points (7, 4 N): x, y of points on the
-    pile and the square (m^2) it is smoothed over there: one for each ray, or its pixel's four samples.
-    """
-    left, count, dots = 0, 0, 0
-    x0, y0, sunny, first = paint_frame[0], paint_frame[1], sun[0] > 0.0, FIRST_TEXEL_M * FIRST_TEXEL_M
-    for n in range(len(ground)):
-        i = np.uint32(ground[n])
-        x, y, reach, square = float(landing[0, i]), float(landing[1, i]), float(landing[2, i]), float(landing[3, i])
-        flag = flags[np.uint32((y - y0) * FLAGS_PER_M), np.uint32((x - x0) * FLAGS_PER_M)] & 0xFF
-        watched = HAS_PAINT | HAS_SEAM | (SUN_EDGE if reach < SUN_TIGHT_M else SUN_EDGE | SUN_AROUND)
-        if reach >= TIGHT_MARGIN_M:
-            watched |= PAINT_NEAR if reach < MIDDLE_MARGIN_M else PAINT_NEAR | PAINT_AROUND
-        other = flag & watched != 0 or reach >= MARGIN_M or (sunny and reach >= SUN_MARGIN_M)
-        if not other and square < 32.0 * first:
-            part = 4.0 * cast[6, i] * extents[2, i] / (cast[8, i] * cast[2, i])
-            other = two_levels(square / first, part)
-        if not other and carpet[3] > 0.0 and reach > TONE_M:
-            deep = extents[2, i]
-            aside = abs(cast[3, i]) * deep + abs(cast[4, i]) * (reach - deep)
-            other = aside > TONE_M and abs(past_seam(carpet, x)) < aside + TONE_M
-        share = 1.0
-        if not other and flag & NEAR_BODY:
-            share, other = contact_shadow(casters, caster_cells, paint_frame, x, y, reach)
-        if other:
-            ground[left] = i
-            left += 1
-            continue
-        bare[count] = i
-        places[0, count], places[1, count], places[2, count] = x, y, 1.0 if flag & SUNLIT else 0.0
-        places[3, count], places[4, count], places[5, count] = dots, 1.0, share
-        points[0, dots], points[1, dots], points[2, dots] = x, y, square
-        if square <= first:
-            ux, uy, stretch = float(cast[3, i]), float(cast[4, i]), float(cast[8, i])
-            px, py, qx, qy = samples_apart(
-                texture[0, i], texture[1, i], texture[2, i], texture[3, i], stretch, cast[2, i], ux, uy
-            )
-            if reaches_texels(px, py, qx, qy):
-                points[0, dots], points[1, dots] = x + px + qx, y + py + qy
-                points[0, dots + 1], points[1, dots + 1] = x + px - qx, y + py - qy
-                points[0, dots + 2], points[1, dots + 2] = x - px + qx, y - py + qy
-                points[0, dots + 3], points[1, dots + 3] = x - px - qx, y - py - qy
-                points[2, dots : dots + 4] = 0.0
-                places[4, count] = 4.0
-                dots += 3
-        dots += 1
-        count += 1
-    return left, count, dots
+
+@uncounted
+def _flag_of_cell(words: npt.NDArray[np.uint32], cell: Int32Array) -> None:
+    """Replace numbers of cells by their flags."""
+    for n in range(len(cell)):
+        k = np.uint32(cell[n])
+        word = words[k >> np.uint32(2)]
+        cell[n] = np.int32((word >> ((k & np.uint32(3)) << np.uint32(3))) & np.uint32(255))
+
+
+@uncounted
+def _nothing_flagged(
+    flag: Int32Array, reach: Float32Array, square: Float32Array, farthest: np.float32, plain: Int32Array
+) -> None:
+    always, none = np.int32(HAS_PAINT | HAS_SEAM | NEAR_BODY | SUN_EDGE), np.int32(0)
+    paint_near, paint_around, sun_around = np.int32(PAINT_NEAR), np.int32(PAINT_AROUND), np.int32(SUN_AROUND)
+    tight, middle, sun_tight = np.float32(TIGHT_MARGIN_M), np.float32(MIDDLE_MARGIN_M), np.float32(SUN_TIGHT_M)
+    first = np.float32(FIRST_TEXEL_M * FIRST_TEXEL_M)
+    for n in range(len(plain)):
+        watched = always | (paint_near if reach[n] >= tight else none)
+        watched |= (paint_around if reach[n] >= middle else none) | (sun_around if reach[n] >= sun_tight else none)
+        clear = ((flag[n] & watched) == none) & (reach[n] < farthest) & (square[n] > first)
+        plain[n] = np.int32(1) if clear else none
+
+
+@uncounted
+def _one_level(
+    square: Float32Array, s: Float32Array, deep: Float32Array, stretch: Float32Array, z: Float32Array, plain: Int32Array
+) -> None:
+    """Not plain is where the pile is seen at two levels: see `pile.two_levels`."""
+    per_first, four = np.float32(1.0 / (FIRST_TEXEL_M * FIRST_TEXEL_M)), np.float32(4.0)
+    first, second, third = np.float32(LEVEL_CHANGES[0]), np.float32(LEVEL_CHANGES[1]), np.float32(LEVEL_CHANGES[2])
+    for n in range(len(plain)):
+        texels = square[n] * per_first
+        change = four * s[n] * deep[n] / (stretch[n] * z[n]) * texels
+        two = (abs(texels - first) < change) | (abs(texels - second) < change) | (abs(texels - third) < change)
+        plain[n] = np.int32(0) if two else plain[n]
+
+
+@uncounted
+def _one_strip(
+    x: Float32Array,
+    ux: Float32Array,
+    uy: Float32Array,
+    deep: Float32Array,
+    reach: Float32Array,
+    spacing: np.float32,
+    plain: Int32Array,
+) -> None:
+    """Not plain is where a wide pixel sees two strips: see `pile.past_seam`."""
+    tone, offset, half = np.float32(TONE_M), np.float32(SEAM_OFFSET), np.float32(0.5)
+    for n in range(len(plain)):
+        aside = abs(ux[n]) * deep[n] + abs(uy[n]) * (reach[n] - deep[n])
+        strip = x[n] / spacing + offset
+        past = abs(strip - np.floor(strip + half)) * spacing
+        plain[n] = np.int32(0) if (aside > tone) & (past < aside + tone) else plain[n]
+
+
+@uncounted
+def lay_out_bare(
+    bare: Int32Array, landing: Float32Array, flag: Int32Array, places: Float32Array, points: Float32Array
+) -> None:
+    """Fill places (8, >= M) and points (7, >= M) of the plain rays that `bare` (M,) lists, see `sift_ground`."""
+    count = len(bare)
+    _gather(landing[0], bare, places[0, :count])
+    _gather(landing[1], bare, places[1, :count])
+    _gather(landing[0], bare, points[0, :count])
+    _gather(landing[1], bare, points[1, :count])
+    _gather(landing[3], bare, points[2, :count])
+    sunlit, first = places[2, :count], places[3, :count]
+    for n in range(count):
+        sunlit[n] = np.float32(1.0) if flag[np.uint32(bare[n])] & np.int32(SUNLIT) else np.float32(0.0)
+    for n in range(count):
+        first[n] = np.float32(n)
+    places[4, :count] = np.float32(1.0)
+    places[5, :count] = np.float32(1.0)
+
+
+@uncounted
+def _gather(values: Float32Array, places: Int32Array, out: Float32Array) -> None:
+    for n in range(len(out)):
+        out[n] = values[np.uint32(places[n])]
+
+
+@uncounted
+def _along(start: Float32Array, length: Float32Array, direction: Float32Array, out: Float32Array) -> None:
+    for n in range(len(out)):
+        out[n] = start[n] + length[n] * direction[n]
 
 
 @uncounted

@@ -14,7 +14,7 @@ from touchline.simulation.compiled import uncounted
 # what a flag cell of the ground (1/32 m) holds
 HAS_PAINT, NEAR_BODY, HAS_SEAM, SUNLIT, SUN_EDGE, PAINT_NEAR, PAINT_AROUND, SUN_AROUND = 1, 2, 4, 8, 16, 32, 64, 128
 FLAGS_PER_M = 32.0
-SUN_MARGIN_M, SUN_TIGHT_M = 0.1, 0.02  # so close to a cell with SUN_AROUND or SUN_EDGE a shadow's edge may lie
+SUN_MARGIN_M, SUN_TIGHT_M = 0.1, 0.03  # so close to a cell with SUN_AROUND or SUN_EDGE a shadow's edge may lie
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -36,66 +36,83 @@ def light_at(light: npt.NDArray[np.float32], frame: FloatArray, channel: int, x:
 
 @uncounted
 def sun_at(
-    sun: FloatArray, windows: FloatArray, casters: FloatArray, x: float, y: float, z: float, reach: float
+    sun: FloatArray,
+    windows: FloatArray,
+    casters: FloatArray,
+    x: float,
+    y: float,
+    z: float,
+    reach: float,
+    px: float = 0.0,
+    py: float = 0.0,
+    qx: float = 0.0,
+    qy: float = 0.0,
 ) -> tuple[bool, bool]:
-    """Whether the sun shines on a point (m, field frame) through a window and past all casters; whether that may change
-    within reach (m) of it.
+    """Whether the sun shines on a point (m, field frame) through a window and past all casters, and whether that may
+    change within reach (m) of the parallelogram around it with corners at (+-px +-qx, +-py +-qy).
 
-    sun (4,): level, horizontal direction towards it, tangent of its elevation. windows (W, 12): axis (0: wall across x,
+    sun (4,): level, horizontal direction towards it, tangent of its elevation. windows (W, 16): axis (0: wall across x,
     1: across y), signed distance of the wall, start, end, bottom, top, bars along, bars up, width of a bar; then what
     follows from the sun's direction, see `sunward`. casters (M, 4): x, y, radius, height.
     """
     lit, edge = False, False
     for k in range(len(windows)):
-        run = (windows[k, 1] - (x if windows[k, 0] == 0.0 else y)) * windows[k, 9]
+        across_x = windows[k, 0] == 0.0
+        run = (windows[k, 1] - (x if across_x else y)) * windows[k, 9]
         if run <= 0.0:
             continue
-        over, up = reach * windows[k, 10], reach * windows[k, 11]
+        p_to, q_to, p_off, q_off = (px, qx, py, qy) if across_x else (py, qy, px, qx)
+        slant = windows[k, 9] * (sun[2] if across_x else sun[1])
+        over = reach * windows[k, 10] + abs(p_off - p_to * slant) + abs(q_off - q_to * slant)
+        up = reach * windows[k, 11] + (abs(p_to) + abs(q_to)) * abs(windows[k, 9]) * sun[3]
         height, tall = z + run * sun[3] - windows[k, 4], windows[k, 5] - windows[k, 4]
         if not -up < height < tall + up:
             continue
-        along = (y + run * sun[2] if windows[k, 0] == 0.0 else x + run * sun[1]) - windows[k, 2]
+        along = (y + run * sun[2] if across_x else x + run * sun[1]) - windows[k, 2]
         broad = windows[k, 3] - windows[k, 2]
         if not -over < along < broad + over:
             continue
-        across = _light_past(along, broad, windows[k, 6], windows[k, 8])
-        upright = _light_past(height, tall, windows[k, 7], windows[k, 8])
+        across = _light_past(along, broad, windows[k, 6], windows[k, 12], windows[k, 13], windows[k, 8])
+        upright = _light_past(height, tall, windows[k, 7], windows[k, 14], windows[k, 15], windows[k, 8])
         lit = lit or (across > 0.0 and upright > 0.0)
         edge = edge or (min(across + over, upright + up) > 0.0 and (across < over or upright < up))
     if not (lit or edge) or len(casters) == 0:
-        return lit, edge and reach > 0.0
+        return lit, edge
+    towards = reach + abs(px * sun[1] + py * sun[2]) + abs(qx * sun[1] + qy * sun[2])
+    beside = reach + abs(px * sun[2] - py * sun[1]) + abs(qx * sun[2] - qy * sun[1])
+    above = reach + towards * sun[3]
     for m in range(len(casters)):
         ex, ey = casters[m, 0] - x, casters[m, 1] - y
         run = ex * sun[1] + ey * sun[2]
         off = abs(ex * sun[2] - ey * sun[1]) - casters[m, 2]
         over = z + (run - casters[m, 2]) * sun[3] - casters[m, 3]
-        if run > -reach and off < reach and over < reach * (1.0 + sun[3]):
+        if run > -towards and off < beside and over < above:
             lit = lit and not (run > 0.0 and off < 0.0 and over < 0.0)
-            edge = edge or run < reach or off > -reach or over > -reach * (1.0 + sun[3])
-    return lit, edge and reach > 0.0
+            edge = edge or run < towards or off > -beside or over > -above
+    return lit, edge
 
 
 def sunward(windows: FloatArray, azimuth_rad: float, elevation_rad: float) -> FloatArray:
-    """Windows (W, 9) with three more columns for `sun_at`, (W, 12).
+    """Windows (W, 9) with seven more columns for `sun_at`, (W, 16).
 
-    Metres along the sun's direction per metre towards the wall (signed), and by how much a reach grows on the way to
-    the wall, along and up it.
+    Metres along the sun's direction per metre towards the wall (signed); by how much a reach grows on the way to the
+    wall, along and up it; size of a pane and panes per metre along the wall, then up it.
     """
     x, y = math.cos(azimuth_rad), math.sin(azimuth_rad)
     across_x = windows[:, 0] == 0.0
     towards, aside = np.where(across_x, x, y), np.where(across_x, y, x)
     per = 1.0 / np.where(towards != 0.0, towards, 1e-9)
-    rows: FloatArray = np.column_stack(
-        (windows, per, np.hypot(1.0, aside * per), np.hypot(1.0, np.tan(elevation_rad) * per))
-    )
+    along = (windows[:, 6] + 1.0) / (windows[:, 3] - windows[:, 2])
+    up = (windows[:, 7] + 1.0) / (windows[:, 5] - windows[:, 4])
+    grown_along, grown_up = np.hypot(1.0, aside * per), np.hypot(1.0, np.tan(elevation_rad) * per)
+    rows: FloatArray = np.column_stack((windows, per, grown_along, grown_up, 1.0 / along, along, 1.0 / up, up))
     return rows
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _light_past(position: float, size: float, bars: float, width: float) -> float:
+def _light_past(position: float, size: float, bars: float, pane: float, per_m: float, width: float) -> float:
     """How far (m) a position in a window's opening is from the frame and the nearest bar; negative: in their shade."""
-    pane = size / (bars + 1.0)
-    nearest = min(max(np.round(position / pane), 1.0), bars)
+    nearest = min(max(np.round(position * per_m), 1.0), bars)
     clear = min(position, size - position)
     return float(min(clear, abs(position - nearest * pane) - 0.5 * width) if bars > 0.0 else clear)
 

@@ -14,6 +14,7 @@ from numba import njit
 Body = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float]
 _NOWHERE_M = 1e6  # beyond every hall
 _GRAZING = 1e-3
+CREASE = 1.3  # distances of a slanting face vary by so much more within a pixel than along its middle
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -29,61 +30,81 @@ def meet_upright(
     rise: float,
     aside: float,
     lift: float,
+    across: float,
     steep: float,
+    shift: float,
     limit: float,
-) -> tuple[float, bool, float]:
+) -> tuple[float, bool, float, float]:
     """Distance s (m) at which a ray enters a cylinder or box, 1e6 where it misses it, and whether an edge is near.
 
-    Third is how much (m) that distance varies within the pixel.
+    Third is how much (m) that distance varies within the pixel; fourth, where this ray misses the body, from where on
+    (m) others of the pixel may meet it.
 
     body: its row. ex, ey: from the ray's origin to the middle, which lies `along` the ray and `lateral` to its left.
-    steep: change of the rise within the pixel. Edges that begin beyond `limit` (m) are hidden.
+    aside, lift: at the far end of the body; across, steep: the same per metre, shift (m): what they begin with. Edges
+    that begin beyond `limit` (m) are hidden.
     """  # fmt: skip
     bottom, top = body[7], body[8]
     if body[0] == 0.0:
         outer, inner = body[9] + aside, body[9] * body[9] - lateral * lateral
         half = np.sqrt(max(outer * outer - lateral * lateral, 0.0))
-        if not _within(along - half, along + half, limit, oz, rise, bottom - lift, top + lift):
-            return _NOWHERE_M, False, 0.0
+        begin = along - half
+        if not _within(begin, along + half, limit, oz, rise, bottom - lift, top + lift):
+            return _NOWHERE_M, False, 0.0, 0.0
         half = np.sqrt(max(inner, 0.0))
         found, side = _into_prism(along - half, along + half, oz, rise, bottom, top)
         if aside == 0.0 or found == _NOWHERE_M:
-            return found, True, 0.0
+            return found, True, 0.0, _enter_level(begin, oz, rise, bottom - lift, top + lift, steep)
         if side:
-            vary = aside * abs(lateral) / max(half, _GRAZING)
-            near = _near_level(body, oz + found * rise, lift + abs(rise) * vary)
-            return found, near or abs(lateral) > body[9] - aside, vary
-        deep = lift / max(abs(rise) - steep, 1e-6)
-        return found, bool((found - along) ** 2 + lateral * lateral > max(body[9] - max(deep, aside), 0.0) ** 2), deep
+            beside = abs(lateral) + across * along + shift
+            vary = half - np.sqrt(max(body[9] * body[9] - beside * beside, 0.0))
+            near = _near_level(body, oz + found * rise, steep * along + shift + abs(rise) * vary)
+            return found, near or beside > body[9], vary + aside, 0.0
+        deep = (steep * found + shift) / max(abs(rise) - steep, 1e-6)
+        near = (found - along) ** 2 + lateral * lateral > max(body[9] - max(deep, aside), 0.0) ** 2
+        return found, near, deep, 0.0
     c, s = body[3], body[4]
     lx, ly, vx, vy = ex * c + ey * s, ey * c - ex * s, ux * c + uy * s, uy * c - ux * s
     per_x, per_y = 1.0 / (vx if vx != 0.0 else 1e-12), 1.0 / (vy if vy != 0.0 else 1e-12)
     middle_x, middle_y = lx * per_x, ly * per_y
     half_x, half_y = (body[5] + aside) * abs(per_x), (body[6] + aside) * abs(per_y)
-    enter, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
-    if not _within(enter, leave, limit, oz, rise, bottom - lift, top + lift):
-        return _NOWHERE_M, False, 0.0
+    begin, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
+    if not _within(begin, leave, limit, oz, rise, bottom - lift, top + lift):
+        return _NOWHERE_M, False, 0.0, 0.0
     half_x, half_y = body[5] * abs(per_x), body[6] * abs(per_y)
     enter, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
     found, side = _into_prism(enter, leave, oz, rise, bottom, top)
     if aside == 0.0 or found == _NOWHERE_M:
-        return found, True, 0.0
+        return found, True, 0.0, _enter_level(begin, oz, rise, bottom - lift, top + lift, steep)
     if side:
         on_broad_side = middle_y - half_y > middle_x - half_x
-        across, over = (abs(vy), abs(vx)) if on_broad_side else (abs(vx), abs(vy))
-        wide = aside / max(across, _GRAZING)
-        x, y, up = abs(found * vx - lx), abs(found * vy - ly), lift + abs(rise) * wide * over
-        return found, _near_edge_of_box(body, x, y, on_broad_side, oz + found * rise, wide, up), wide * over
-    deep = lift / max(abs(rise) - steep, 1e-6)
+        facing, over = (abs(vy), abs(vx)) if on_broad_side else (abs(vx), abs(vy))
+        per = 1.0 / max(facing, _GRAZING)
+        farthest = found + (across * found + shift) * per * over
+        wide = min(across * farthest + shift, aside) * per
+        vary, up = wide * over, min(steep * farthest + shift, lift) + abs(rise) * wide * over
+        x, y = abs(found * vx - lx), abs(found * vy - ly)
+        near = _near_edge_of_box(body, x, y, on_broad_side, oz + found * rise, wide, up)
+        return found, near, CREASE * vary + aside, 0.0
+    deep = (steep * found + shift) / max(abs(rise) - steep, 1e-6)
     over_x = body[5] - abs(found * vx - lx) < abs(vx) * deep + abs(vy) * aside
-    return found, bool(over_x or body[6] - abs(found * vy - ly) < abs(vy) * deep + abs(vx) * aside), deep
+    near = over_x or body[6] - abs(found * vy - ly) < abs(vy) * deep + abs(vx) * aside
+    return found, near, deep, 0.0
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _within(enter: float, leave: float, limit: float, oz: float, rise: float, bottom: float, top: float) -> bool:
     """Whether a ray that is inside an outline over [enter, leave] is between two heights there, before the limit."""
-    low, high = oz + max(enter, 0.0) * rise, oz + leave * rise
+    low, high = oz + max(enter, 0.0) * rise, oz + min(leave, limit) * rise
     return enter < leave and leave > 0.0 and enter <= limit and max(low, high) >= bottom and min(low, high) <= top
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _enter_level(enter: float, oz: float, rise: float, bottom: float, top: float, steep: float) -> float:
+    """Where rays whose rise is up to `steep` off this one's are first past `enter` and between two heights."""
+    if oz > top:
+        return max(enter, (oz - top) / max(steep - rise, 1e-9))
+    return max(enter, (bottom - oz) / max(steep + rise, 1e-9)) if oz < bottom else enter
 
 
 @njit(cache=True, error_model="numpy", inline="always")

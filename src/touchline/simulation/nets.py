@@ -33,10 +33,9 @@ def beside_net(
     limit: float,
     behind: float,
 ) -> tuple[bool, bool]:
-    """Whether a pixel holds threads of a net, and whether it holds the net's own outline.
+    """Whether a pixel holds threads of a net or its outline, and whether the net is as near as what the ray meets.
 
-    Threads are box-filtered over net_angle (rad). What the ray meets is at `limit`, and reaches `behind` (m) further;
-    a net as near to that as the pixel's samples reach counts as an outline too.
+    Threads are box-filtered over net_angle (rad). What the ray meets is at `limit`, and reaches `behind` (m) further.
     """
     ex, ey, c, s, half = net[0], net[1], net[2], net[3], net[4]
     lx, ly, vx, vy = ex * c + ey * s, ey * c - ex * s, ux * c + uy * s, uy * c - ux * s
@@ -52,14 +51,15 @@ def beside_net(
         return False, False
     up = far * steep + shift + abs(rise * vx) * wide
     along, height = far * vx - lx, oz + far * rise
-    inside = min(half - abs(along) + wide, height - net[5] + up, net[6] - height + up)
-    if inside < 0.0:
+    past, level = half - abs(along), min(height - net[5], net[6] - height)
+    if past < -wide or level < -up:
         return False, False
-    if inside < 2.0 * max(wide, up) or far > limit - wide - behind:
+    if far > limit - wide - behind:
         return False, True
     width = far * net_angle
-    wide, up = wide + 0.5 * width / max(abs(vy), 0.1), up + 0.5 * width
-    return _off_thread(along, net[7], net[8]) < wide or _off_thread(height, net[7], net[8]) < up, False
+    over_side, over_level = wide + 0.5 * width / max(abs(vy), 0.1), up + 0.5 * width
+    threads = _off_thread(along, net[7], net[8]) < over_side or _off_thread(height, net[7], net[8]) < over_level
+    return threads or past < wide or level < up, False
 
 
 @njit(cache=True, error_model="numpy", inline="always")

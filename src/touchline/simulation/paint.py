@@ -17,7 +17,7 @@ from touchline.geometry import FloatArray
 from touchline.simulation.world import GroundMark
 
 CELL_M = 0.25
-MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M = 0.3, 0.1, 0.02
+MARGIN_M, MIDDLE_MARGIN_M, TIGHT_MARGIN_M = 0.3, 0.1, 0.03
 Shape = tuple[float, float, float, float, float, float, float]
 _BAR, _RING, _DISC = 0.0, 1.0, 2.0
 
@@ -66,7 +66,7 @@ def build_paint(field: FieldModel, marks: Sequence[GroundMark], hall: tuple[floa
 
 @njit(cache=True, error_model="numpy")
 def mark_paint(grid: PaintGrid, per_m: float, flags: npt.NDArray[np.uint8], bits: tuple[int, int, int]) -> None:
-    """Set bits in the flags (ny, nx) of cells with paint within 0.02 m, 0.1 m and 0.3 m of them."""
+    """Set bits in the flags (ny, nx) of cells with paint within 0.03 m, 0.1 m and 0.3 m of them."""
     half = np.sqrt(0.5) / per_m
     for j in range(flags.shape[0]):
         for i in range(flags.shape[1]):
@@ -129,21 +129,21 @@ def paint_at(
     frame: FloatArray,
     x: float,
     y: float,
-    ux: float = 1.0,
-    uy: float = 0.0,
-    deep: float = 0.0,
-    wide: float = 0.0,
+    px: float = 0.0,
+    py: float = 0.0,
+    qx: float = 0.0,
+    qy: float = 0.0,
 ) -> tuple[int, bool]:
     """The paint's index at a ground point (m, field frame), -1 for none, and whether an edge of paint is near.
 
-    Near: within a rectangle that reaches deep (m) to both sides along (ux, uy) and wide (m) across it. The last shape
-    that covers the point counts. Only shapes of this cell are looked at.
+    Near: within the parallelogram with corners at (+-px +-qx, +-py +-qy) (m). The last shape that covers the point
+    counts. Only shapes of this cell are looked at.
     """
     column, row = int((x - frame[0]) * 4.0), int((y - frame[1]) * 4.0)
     paint, edge = -1, False
     if 0 <= column < frame[2] and 0 <= row < frame[3]:
         cell = row * int(frame[2]) + column
-        reach = 1.2 * (deep + wide)
+        reach = 1.2 * (abs(px) + abs(py) + abs(qx) + abs(qy))
         for entry in range(starts[cell], starts[cell + 1]):
             k = np.uint32(items[entry])
             shape = shape_row(shapes, k)
@@ -151,23 +151,23 @@ def paint_at(
             if depth >= 0.0:
                 paint = int(shapes[k, 7])
             if abs(depth) < reach and not edge:
-                edge = _near_edge(shape, x, y, ux, uy, deep, wide)
+                edge = _near_edge(shape, x, y, px, py, qx, qy)
     return paint, edge
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _near_edge(shape: Shape, x: float, y: float, ux: float, uy: float, deep: float, wide: float) -> bool:
-    """Whether an edge of a shape passes through the rectangle around a point; see `paint_at`."""
+def _near_edge(shape: Shape, x: float, y: float, px: float, py: float, qx: float, qy: float) -> bool:
+    """Whether an edge of a shape passes through the parallelogram around a point; see `paint_at`."""
     ex, ey = x - shape[1], y - shape[2]
     if shape[0] == 0.0:
         c, s = shape[3], shape[4]
-        over = abs(ux * c + uy * s) * deep + abs(ux * s - uy * c) * wide
-        up = abs(ux * c + uy * s) * wide + abs(ux * s - uy * c) * deep
+        over = abs(px * c + py * s) + abs(qx * c + qy * s)
+        up = abs(px * s - py * c) + abs(qx * s - qy * c)
         along, across = abs(ex * c + ey * s) - shape[5], abs(ey * c - ex * s) - shape[6]
         return bool(along < over and across < up and (along > -over or across > -up))
-    distance, reach = np.sqrt(ex * ex + ey * ey), np.sqrt(deep * deep + wide * wide)
-    towards, past = abs(ex * ux + ey * uy), abs(ex * uy - ey * ux)
-    radial = (towards * deep + past * wide + reach * reach) / max(distance, reach)
+    square = (abs(px) + abs(qx)) ** 2 + (abs(py) + abs(qy)) ** 2
+    distance, reach = np.sqrt(ex * ex + ey * ey), np.sqrt(square)
+    radial = (abs(ex * px + ey * py) + abs(ex * qx + ey * qy) + square) / max(distance, reach)
     if shape[0] == 2.0:
         return bool(abs(distance - shape[3]) < radial)
     off = abs(distance - shape[3]) - shape[4]

@@ -13,6 +13,8 @@ TILE_TEXELS, LEVELS = 512, 9  # of the pile's pyramid, see `carpet.pile_pyramid`
 FIRST_TEXEL_M = 0.006  # its finest level: a tile of 3 m
 SEAM_M = 0.012  # width of a seam between two strips of carpet
 TONE_M = 0.06  # half the width over which the tone of one strip goes over into the next (the light map's step)
+SEAM_OFFSET = 0.37  # of the strips from the middle of the field, in strips
+LEVEL_CHANGES = (1.0, 4.0, 16.0)  # squares of texels, in finest ones, between which the pile's look changes notably
 PILE = 0.10  # standard deviation of the pile's brightness at its finest texel
 _SMALLEST = np.uint32(TILE_TEXELS >> (LEVELS - 1))
 
@@ -74,6 +76,22 @@ def samples_apart(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
+def samples_within(
+    p_along: float, p_across: float, q_along: float, q_across: float, deep: float, wide: float, ux: float, uy: float
+) -> tuple[float, float, float, float]:
+    """`samples_apart`, stretched so that the samples reach deep (m) along (ux, uy) and wide (m) across it.
+
+    Without samples at +-p +-q the corners of that rectangle.
+    """
+    along, across = abs(p_along) + abs(q_along), abs(p_across) + abs(q_across)
+    if along == 0.0 or across == 0.0:
+        return deep * ux, deep * uy, -wide * uy, wide * ux
+    per_along, per_across = deep / along, wide / across
+    p, aside, q, off = p_along * per_along, p_across * per_across, q_along * per_along, q_across * per_across
+    return p * ux - aside * uy, p * uy + aside * ux, q * ux - off * uy, q * uy + off * ux
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def reaches_texels(px: float, py: float, qx: float, qy: float) -> bool:
     """Whether samples at (+-px +-qx, +-py +-qy) lie so far apart (m) that the finest texels differ between them."""
     return bool(max(abs(px) + abs(qx), abs(py) + abs(qy)) >= 0.2 * FIRST_TEXEL_M)
@@ -86,13 +104,14 @@ def two_levels(texels: float, part: float) -> bool:
     texels: square of its length in finest texels, on which the level depends; part: by which that varies within it.
     """
     change = part * texels
-    return bool(abs(texels - 1.0) < change or abs(texels - 4.0) < change or abs(texels - 16.0) < change)
+    first, second, third = LEVEL_CHANGES
+    return bool(abs(texels - first) < change or abs(texels - second) < change or abs(texels - third) < change)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def past_seam(carpet: FloatArray, x: float) -> float:
     """How far (m) x lies past the nearest seam."""
-    strip = x / carpet[3] + 0.37
+    strip = x / carpet[3] + SEAM_OFFSET
     return float((strip - np.round(strip)) * carpet[3])
 
 

@@ -15,10 +15,17 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, meet_ground, shade_bare, sift_ground
+from touchline.simulation.bare_carpet import (
+    PLACE_ROWS,
+    POINT_ROWS,
+    find_plain,
+    lay_out_bare,
+    meet_ground,
+    shade_bare,
+)
 from touchline.simulation.casting import cast_rays, spread_rays
 from touchline.simulation.compiled import uncounted
-from touchline.simulation.ground_shading import shade_ground, sort_rays
+from touchline.simulation.ground_shading import shade_marked, sift_ground, sort_rays
 from touchline.simulation.nets import average_nets
 from touchline.simulation.sampling import SampleRays, fill_samples, sample_rays
 from touchline.simulation.scene import Scene, SceneArrays
@@ -28,7 +35,10 @@ from touchline.simulation.upright_shading import shade_upright
 
 Float32Array = npt.NDArray[np.float32]
 Int32Array = npt.NDArray[np.int32]
-Work = tuple[Float32Array, Int32Array, Int32Array, Int32Array, Int32Array, Float32Array, Float32Array, Float32Array]
+Work = tuple[
+    Float32Array, Int32Array, Int32Array, Int32Array, Int32Array, Float32Array, Float32Array, Float32Array,
+    Float32Array, Int32Array, Int32Array,
+]  # fmt: skip
 SECTORS, BINS = 512, 128  # of the directions in which bodies are looked for
 _PORTION = 2048
 
@@ -64,8 +74,13 @@ class Renderer:
         self._pixels = np.flatnonzero(seen).astype(np.int32)
         self._rays = np.ascontiguousarray(grid.rays.reshape(-1, 6)[self._pixels].T)
         self._samples: dict[int, SampleRays] = {}
-        self._still = np.ascontiguousarray(grid.still.reshape(-1, 4))
-        self._unseen = np.flatnonzero(~seen.reshape(-1) & (self._still[:, :3] > 0.0).any(axis=1))  # no ray fills them
+        layer = grid.still.reshape(-1, 4)
+        colours, alpha = layer[:, :3], layer[:, 3]
+        grey = (colours == alpha[:, np.newaxis]).all(axis=1)
+        self._veil = np.where(grey & seen.reshape(-1), alpha, 0.0).astype(np.float32)
+        laid = np.flatnonzero((self._veil == 0.0) & (colours > 0.0).any(axis=1) | (~grey & seen.reshape(-1)))
+        self._laid, self._layer = laid.astype(np.int32), np.ascontiguousarray(layer[laid])
+        self._layer[~seen.reshape(-1)[laid], 3] = 1.0  # no ray fills these
         self._image = np.zeros((*grid.shape, 3), dtype=np.float32)
 
     def render(self, scene: Scene, poses: FloatArray, side: int = 2, everywhere: bool = False) -> Float32Array:
@@ -78,17 +93,17 @@ class Renderer:
         level = float(scene.light[::8, ::8, 0].mean())
         lean = float(np.hypot(poses[:, 6], poses[:, 7]).max())
         arrays = self._arrays(scene, poses, lean, samples.widest)
-        _fill_unseen(self._unseen, self._still, level, self._image.reshape(-1, 3))
         if not everywhere:
             chosen = _render_middles(
                 arrays, self._pixels, self._rays, samples.spread, samples.shift_m, lean, poses, self.grid.pixel_angle,
-                samples.texture, self.grid.rays, side, self._still, level, self._image,
+                samples.texture, self.grid.rays, side, self._veil, level, self._image,
             )  # fmt: skip
         if side > 1 or everywhere:
             _render_samples(
-                arrays, chosen, self.grid.rays, poses, self.grid.pixel_angle, samples.angles, side, self._still, level,
+                arrays, chosen, self.grid.rays, poses, self.grid.pixel_angle, samples.angles, side, self._veil, level,
                 self._image,
             )  # fmt: skip
+        _lay_over(self._laid, self._layer, level, self._image.reshape(-1, 3))
         return self._image
 
     def _arrays(self, scene: Scene, poses: FloatArray, lean: float, widest: float) -> SceneArrays:
@@ -114,11 +129,13 @@ class Renderer:
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_unseen(pixels: npt.NDArray[np.int64], still: Float32Array, level: float, image: Float32Array) -> None:
-    """The layer fixed to the robot, still (H W, 4), into pixels (N,), flat indices, of the image (H W, 3)."""
-    for n in range(len(pixels)):
+def _lay_over(pixels: Int32Array, layer: Float32Array, level: float, image: Float32Array) -> None:
+    """Lay reflectances (N, 4), premultiplied, and shares of pixels (N,), flat indices, over the image (H W, 3)."""
+    light = np.float32(level)
+    for i in range(len(pixels)):
+        n, rest = np.uint32(pixels[i]), np.float32(1.0) - layer[i, 3]
         for c in range(3):
-            image[pixels[n], c] = still[pixels[n], c] * level
+            image[n, c] = (rest * image[n, c] if rest > np.float32(0.0) else np.float32(0.0)) + layer[i, c] * light
 
 
 @uncounted
@@ -132,34 +149,35 @@ def _meet(
     net_angle: float,
     work: Work,
     edges: npt.NDArray[np.bool_],
-) -> tuple[int, int]:
-    """What the first `total` cast rays (9, N) meet, and edges (N,); counts of upright hits and of rays on the carpet.
+) -> tuple[int, int, int]:
+    """What the first `total` cast rays (9, N) meet, and edges (N,); counts of upright hits, of rays on the carpet, and
+    of those where it is plain.
 
     extents (3, N), shift: how far a pixel's samples reach, see `spread_rays`; zero: these are samples. texture (5, N):
     how textures are smoothed, see `SampleRays`. net_angle: width of a sample (rad), over which nets are smoothed.
     """
     s = scene
-    hits, codes, rest, ground, _, landing, _, _ = work
+    hits, codes, rest, ground, bare, landing, _, _, _, flag, plain = work
     edges[:total] = False
     meet_ground(cast, extents, shift, texture, total, landing)
-    count, ground_count = sort_rays(cast, landing, total, s.starts, s.room, rest, ground)
+    find_plain(cast, extents, landing, total, s.flag_words, s.flag_frame, s.carpet, s.sun[0] > 0.0, flag, plain)
+    count, ground_count, bare_count = sort_rays(cast, landing, total, s.starts, s.room, plain, rest, ground, bare)
     walls = (s.room[0], s.room[1], s.room[2], s.room[3], s.room[4], s.room[5])
     if shift > 0.0:  # a loop for middles, and one for samples, which need no margins
         return trace_rays(
             cast, extents, shift, rest[:count], s.solids, s.starts, s.items, s.near, walls, net_angle, hits, codes,
-            ground, ground_count, edges, True,
+            plain, ground, ground_count, bare, bare_count, edges, True,
         )  # fmt: skip
     return trace_rays(
-        cast, extents, 0.0, rest[:count], s.solids, s.starts, s.items, s.near, walls, net_angle, hits, codes, ground,
-        ground_count, edges, False,
+        cast, extents, 0.0, rest[:count], s.solids, s.starts, s.items, s.near, walls, net_angle, hits, codes, plain,
+        ground, ground_count, bare, bare_count, edges, False,
     )  # fmt: skip
 
 
 @uncounted
 def _shade(
     scene: SceneArrays,
-    count: int,
-    ground_count: int,
+    counts: tuple[int, int, int],
     cast: Float32Array,
     extents: Float32Array,
     shift: float,
@@ -169,20 +187,18 @@ def _shade(
     edges: npt.NDArray[np.bool_],
 ) -> None:
     """Radiance (N, 3) of what `_meet` counted; where edges (N,) is set instead, it is left as it was."""
-    s = scene
-    hits, codes, rest, ground, bare, landing, places, points = work
-    if shift > 0.0:  # samples lie where something else than carpet is near
-        ground_count, bare_count, dots = sift_ground(
-            ground[:ground_count], landing, cast, extents, texture, s.flags, s.paint_frame, s.carpet, s.sun, s.casters,
-            s.caster_cells, bare, places, points,
-        )  # fmt: skip
-        shade_bare(
-            bare[:bare_count], places, points, dots, s.light, s.light_frame, s.carpet, s.pyramid, s.sun, radiance
-        )
-    shade_ground(
-        ground[:ground_count], landing, cast, extents, texture, s.flags, s.light, s.light_frame, s.shapes,
-        s.cell_starts, s.cell_items, s.paint_frame, s.paints, s.carpet, s.pyramid, s.casters, s.caster_cells, s.sun,
-        s.windows, radiance, edges,
+    s, (count, ground_count, bare_count) = scene, counts
+    hits, codes, rest, ground, bare, landing, places, points, marks, flag, _ = work
+    lay_out_bare(bare[:bare_count], landing, flag, places, points)
+    ground_count, bare_count, dots = sift_ground(
+        ground[:ground_count], landing, cast, extents, texture, flag, s.shapes, s.cell_starts, s.cell_items,
+        s.paint_frame, s.carpet, s.casters, s.caster_cells, s.sun, s.windows, marks, bare, places, points, bare_count,
+        edges,
+    )  # fmt: skip
+    shade_bare(bare[:bare_count], places, points, dots, s.light, s.light_frame, s.carpet, s.pyramid, s.sun, radiance)
+    shade_marked(
+        ground[:ground_count], marks, landing, cast, texture, flag, s.light, s.light_frame, s.paints, s.carpet,
+        s.pyramid, float(s.sun[0]), radiance,
     )  # fmt: skip
     shade_upright(
         rest[:count], hits, codes, s.solids, s.palette, s.room, s.room_colours, s.light, s.light_frame, s.pyramid,
@@ -201,6 +217,9 @@ def _work_space(size: int) -> Work:
         np.empty((4, size), dtype=np.float32),
         np.empty((PLACE_ROWS, size), dtype=np.float32),
         np.empty((POINT_ROWS, 4 * size), dtype=np.float32),
+        np.empty((4, size), dtype=np.float32),
+        np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32),
     )
 
 
@@ -217,21 +236,21 @@ def _render_middles(
     texture: Float32Array,
     grid: Float32Array,
     side: int,
-    still: Float32Array,
+    veil: Float32Array,
     level: float,
     image: Float32Array,
 ) -> npt.NDArray[np.int32]:
     """One sample in the middle of each of pixels (N,), flat indices, with rays (6, N), into the image.
 
-    grid (H, W, 6): rays of all pixels, for the side x side samples of nets. Over the image lies the layer fixed to the
-    robot, still (H W, 4), under a light of some level.
+    grid (H, W, 6): rays of all pixels, for the side x side samples of nets. Over the image lies a white veil, of these
+    shares (H W,) of the pixels, under a light of some level.
     Returns the pixels that hold an edge; they are left as they were.
     """
     work, rows = _work_space(_PORTION), np.zeros(_PORTION, dtype=np.int32)
     radiance, edges = np.empty((_PORTION, 3), dtype=np.float32), np.empty(_PORTION, dtype=np.bool_)
     cast, extents = np.empty((9, _PORTION), dtype=np.float32), np.empty((3, _PORTION), dtype=np.float32)
     flat, chosen, edged = image.reshape(-1, 3), np.empty(len(pixels), dtype=np.int32), 0
-    net_angle = pixel_angle / side
+    net_angle, light = pixel_angle / side, np.float32(level)
     for start in range(0, len(pixels), _PORTION):
         some = pixels[start : start + _PORTION]
         stop = start + len(some)
@@ -241,20 +260,21 @@ def _render_middles(
         cast_rays(rays, rows, poses, SECTORS, BINS, cast, start, len(some))
         here = texture[:, start:stop]
         spread_rays(spread, cast, lean, shift, extents, start, len(some))
-        count, ground_count = _meet(scene, len(some), cast, extents, shift, here, net_angle, work, edges)
+        counts = _meet(scene, len(some), cast, extents, shift, here, net_angle, work, edges)
         average_nets(
-            work[2][:count], work[0], cast, some, grid, side, rows, poses, scene.solids, scene.starts, scene.items,
+            work[2][: counts[0]], work[0], cast, some, grid, side, rows, poses, scene.solids, scene.starts, scene.items,
             net_angle,
         )  # fmt: skip
-        _shade(scene, count, ground_count, cast, extents, shift, here, work, radiance, edges)
+        _shade(scene, counts, cast, extents, shift, here, work, radiance, edges)
         for i in range(len(some)):
-            n = some[i]
             if edges[i]:
-                chosen[edged] = n
+                chosen[edged] = some[i]
                 edged += 1
                 continue
+            n = np.uint32(some[i])
+            rest, over = np.float32(1.0) - veil[n], veil[n] * light
             for c in range(3):
-                flat[n, c] = (1.0 - still[n, 3]) * radiance[i, c] + still[n, c] * level
+                flat[n, c] = rest * radiance[i, c] + over
     return chosen[:edged].copy()
 
 
@@ -267,7 +287,7 @@ def _render_samples(
     pixel_angle: float,
     angles: Float32Array,
     side: int,
-    still: Float32Array,
+    veil: Float32Array,
     level: float,
     image: Float32Array,
 ) -> None:
@@ -281,7 +301,7 @@ def _render_samples(
     radiance, edges = np.empty((portion * each, 3), dtype=np.float32), np.empty(portion * each, dtype=np.bool_)
     samples, cast = np.empty((6, portion * each), dtype=np.float32), np.empty((9, portion * each), dtype=np.float32)
     extents, texture = np.zeros((3, portion * each), dtype=np.float32), np.zeros((5, portion * each), dtype=np.float32)
-    flat = image.reshape(-1, 3)
+    flat, light = image.reshape(-1, 3), np.float32(level)
     for start in range(0, len(pixels), portion):
         some = pixels[start : start + portion]
         total = len(some) * each
@@ -293,11 +313,13 @@ def _render_samples(
             for i in range(total):
                 rows[i] = some[i // each] // image.shape[1]
         cast_rays(samples, rows, poses, SECTORS, BINS, cast, 0, total)
-        count, ground_count = _meet(scene, total, cast, extents, 0.0, texture, pixel_angle / side, work, edges)
-        _shade(scene, count, ground_count, cast, extents, 0.0, texture, work, radiance, edges)
+        counts = _meet(scene, total, cast, extents, 0.0, texture, pixel_angle / side, work, edges)
+        _shade(scene, counts, cast, extents, 0.0, texture, work, radiance, edges)
         for i in range(len(some)):
+            pixel = np.uint32(some[i])
+            rest, over = np.float32(1.0) - veil[pixel], veil[pixel] * light
             for c in range(3):
-                mean = 0.0
-                for n in range(each):
-                    mean += radiance[i * each + n, c]
-                flat[some[i], c] = (1.0 - still[some[i], 3]) * (mean / each) + still[some[i], c] * level
+                mean = np.float32(0.0)
+                for k in range(i * each, (i + 1) * each):
+                    mean += radiance[np.uint32(k), c]
+                flat[pixel, c] = rest * (mean / each) + over

@@ -22,7 +22,7 @@ from touchline.simulation.illumination import (
 )
 from touchline.simulation.lights import lamps_on_ground
 from touchline.simulation.paint import CELL_M, build_paint, mark_paint
-from touchline.simulation.pile import SEAM_M
+from touchline.simulation.pile import SEAM_M, SEAM_OFFSET
 from touchline.simulation.solids import (
     Palette,
     ball_row,
@@ -51,7 +51,8 @@ class SceneArrays(NamedTuple):
     palette: FloatArray
     room: FloatArray
     room_colours: FloatArray
-    flags: npt.NDArray[np.uint8]
+    flag_words: npt.NDArray[np.uint32]
+    flag_frame: FloatArray
     shapes: FloatArray
     cell_starts: npt.NDArray[np.int32]
     cell_items: npt.NDArray[np.int16]
@@ -121,7 +122,8 @@ class Scene:
     def arrays(self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray) -> SceneArrays:
         """Everything for the loops, with the solids sorted into cells around a camera."""
         return SceneArrays(
-            self.solids, starts, items, near, self.palette, self.room, self.room_colours, self.flags,
+            self.solids, starts, items, near, self.palette, self.room, self.room_colours,
+            self.flags.reshape(-1).view(np.uint32), self._flag_frame,
             *self.paint, self.paints, self.carpet, self.pyramid, self.light, self.light_frame, self.casters,
             self.caster_cells, self.sun, self.windows,
         )  # fmt: skip
@@ -158,7 +160,7 @@ class Scene:
         self.light = np.empty((rows, columns, 2), dtype=np.float32)
         self._carpet_brightness = 1.0 + _WEAR * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
         if world.seam_spacing > 0.0:  # no two strips are of quite the same tone
-            strips = np.floor(x / world.seam_spacing + 0.37).astype(int)
+            strips = np.floor(x / world.seam_spacing + SEAM_OFFSET).astype(int)
             tones = _STRIP_TONE * rng.standard_normal(int(strips[-1] - strips[0]) + 1)
             self._carpet_brightness *= 1.0 + world.carpet_contrast * tones[strips - strips[0]]
         self._levels: npt.NDArray[np.float64] | None = None
@@ -203,8 +205,9 @@ class Scene:
         mark_paint(self.paint, FLAGS_PER_M, self._still_flags, (HAS_PAINT, PAINT_NEAR, PAINT_AROUND))
         spacing = self.world.seam_spacing
         if spacing > 0.0 and self.world.carpet_contrast > 0.0:
-            strip = (x0 + (np.arange(shape[1]) + 0.5) / FLAGS_PER_M) / spacing + 0.37
+            strip = (x0 + (np.arange(shape[1]) + 0.5) / FLAGS_PER_M) / spacing + SEAM_OFFSET
             near = np.abs(strip - np.round(strip)) * spacing < 0.5 / FLAGS_PER_M + 0.5 * SEAM_M + 0.05
             self._still_flags[:, near] |= HAS_SEAM
         self._lit_flags = self._still_flags
+        self._flag_frame = np.array([*self.paint.frame[:2], shape[1], shape[0]])
         self.flags = self._still_flags.copy()

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.simulation.meeting import meet_ball, meet_upright
+from touchline.simulation.meeting import CREASE, meet_ball, meet_upright
 from touchline.simulation.nets import OVER_SAMPLES, beside_net, net_share
 
 _NOWHERE_M = 1e6  # beyond every hall
-_CREASE = 1.3  # distances vary by so much more within a pixel than along its middle
+_SLANT = 0.05  # by this share of their distance, at most, walls are nearer or farther within a pixel
 Room = tuple[float, float, float, float, float, float]
 CARPET, FLOOR, BOARD, WALL, CEILING = -1, -2, -3, -4, -8  # walls: east -4, west -5, north -6, south -7
 
@@ -34,20 +34,23 @@ def trace_rays(
     net_angle: float,
     hits: npt.NDArray[np.float32],
     codes: npt.NDArray[np.int32],
+    plain: npt.NDArray[np.int32],
     ground: npt.NDArray[np.int32],
     ground_count: int,
+    bare: npt.NDArray[np.int32],
+    bare_count: int,
     edges: npt.NDArray[np.bool_],
     marking: bool,
-) -> tuple[int, int]:
+) -> tuple[int, int, int]:
     """Find what those of the cast rays (9, N) meet that `rest` (M,) lists; count the upright hits and the ground's.
 
     extents (3, N), shift: see `casting.spread_rays`. marking: edges are looked for; without it the rays are samples,
     and extents are not read. edges (N,) is set where the rays of a pixel may meet different things; nothing else is
     told of these. room (6,): half length and width of carpet and of hall, ceiling, height of the board around the
-    carpet (m). net_angle (rad): over which nets are smoothed. The rays that end on the carpet are appended to `ground`.
-    The others stay in `rest`, and so do those that pass nets, with codes (M,) and hits (M, 8): x, y, z of the point (m,
-    field frame), s, horizontal direction x and y, across (m per m), share of light that nets let by (`OVER_SAMPLES`: it
-    varies within the pixel).
+    carpet (m). net_angle (rad): over which nets are smoothed. The rays that end on the carpet are appended to `bare`
+    where it is plain (N,), else to `ground`. The others stay in `rest`, and so do those that pass nets, with codes (M,)
+    and hits (M, 8): x, y, z of the point (m, field frame), s, horizontal direction x and y, across (m per m), share of
+    light that nets let by (`OVER_SAMPLES`: it varies within the pixel).
     """
     count = 0
     for n in range(len(rest)):
@@ -57,13 +60,13 @@ def trace_rays(
         across, steep, deep = 0.0, 0.0, 0.0
         if marking:
             across, steep, deep = float(extents[0, i]), float(extents[1, i]), float(extents[2, i])
-        fall, code, edge = float(cast[6, i]), CARPET, False
+        fall, code, edge_s = float(cast[6, i]), CARPET, np.inf
         s, behind = fall, deep if marking and rise < 0.0 else 0.0
         nets, open_share, cell = False, 1.0, np.uint32(cast[7, i])
         first, last = starts[cell], starts[cell + np.uint32(1)]
         for entry in range(first, last):
             k = np.uint32(items[entry])
-            if near[k] > s + behind or (marking and edge):
+            if near[k] > min(s + behind, edge_s):
                 break
             ex, ey, radius, kind = solids[k, 1] - ox, solids[k, 2] - oy, solids[k, 9], solids[k, 0]
             lateral, along = ux * ey - uy * ex, ux * ex + uy * ey
@@ -74,7 +77,7 @@ def trace_rays(
             if kind == 3.0:
                 nets = True
                 continue
-            vary = 0.0
+            vary, begin = aside, along - radius - aside
             if kind == 2.0:
                 width = max(aside, lift / np.sqrt(1.0 + rise * rise)) * 1.5
                 found, near_outline = meet_ball(along, lateral, oz - radius, rise, radius, width, s + behind)
@@ -83,23 +86,28 @@ def trace_rays(
                     kind, solids[k, 1], solids[k, 2], solids[k, 3], solids[k, 4], solids[k, 5], solids[k, 6],
                     solids[k, 7], solids[k, 8], radius, solids[k, 10], solids[k, 11], solids[k, 12],
                 )  # fmt: skip
-                found, near_outline, vary = meet_upright(
-                    body, along, lateral, ex, ey, oz, ux, uy, rise, aside, lift, steep, s + behind + 2.0 * aside
-                )
-            vary = _CREASE * vary + aside
-            edge = marking and near_outline
+                found, near_outline, vary, begin = meet_upright(
+                    body, along, lateral, ex, ey, oz, ux, uy, rise, aside, lift, across, steep, shift,
+                    s + behind + 2.0 * aside,
+                )  # fmt: skip
+            if marking and near_outline:
+                edge_s = min(edge_s, found - vary if found < _NOWHERE_M else begin)
             if 0.0 < found < s + behind + vary:
-                edge = edge or (marking and code >= 0 and abs(s - found) < behind + vary)
+                if marking and code >= 0 and abs(s - found) < behind + vary:
+                    edge_s = min(edge_s, min(s - behind, found - vary))
                 if found < s:
                     s, code, behind = found, int(k), vary
-        if not edge and (
-            code < 0 or _may_be_hidden(ox + s * ux, oy + s * uy, oz + s * rise - s * steep, room, behind + 0.1)
-        ):
-            met, found, edge = _background(
+        edge = marking and edge_s < s + behind
+        if code < 0 or _may_be_hidden(ox + s * ux, oy + s * uy, oz + s * rise - s * steep, room, behind + 0.1):
+            met, found, border = _background(
                 ox, oy, oz, ux, uy, rise, fall, across, steep, deep, shift, room, s if code >= 0 else _NOWHERE_M, behind
             )
+            if met == BOARD and edge:
+                slant = 2.0 * (across * found + shift) * (1.0 / (abs(ux) + 1e-12) + 1.0 / (abs(uy) + 1e-12))
+                edge = edge_s < found + slant
+            edge = edge or border
             if met < 0:
-                s, code = found, met
+                s, code, behind = found, met, behind if met == CARPET else _SLANT * found
         if nets and not edge:
             for entry in range(first, last):
                 k = np.uint32(items[entry])
@@ -119,8 +127,12 @@ def trace_rays(
             edges[i] = True
             continue
         if code == CARPET:
-            ground[ground_count] = i
-            ground_count += 1
+            if plain[i] != 0:
+                bare[bare_count] = i
+                bare_count += 1
+            else:
+                ground[ground_count] = i
+                ground_count += 1
             if open_share == 1.0:
                 continue
         rest[count] = i
@@ -129,7 +141,7 @@ def trace_rays(
         hits[count, 6], hits[count, 7] = across * s + shift, open_share
         codes[count] = code
         count += 1
-    return count, ground_count
+    return count, ground_count, bare_count
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -194,7 +206,7 @@ def _background(
         board = min(board_x, board_y)
         per = per_x if board_x < board_y else per_y
         height, up = oz + board * rise, _lift_on_wall(board, rise, across, steep, shift, per)
-        crossed = height < room[5] + up and abs(board - limit) < behind + _CREASE * (across * board + shift) * per
+        crossed = height < room[5] + up and abs(board - limit) < behind + CREASE * (across * board + shift) * per
         if board < s and abs(height) >= up and height < room[5] - up:
             s, code, edge = board, BOARD, crossed
         else:
