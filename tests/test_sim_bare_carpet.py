@@ -11,7 +11,7 @@ from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, find_plain,
 from touchline.simulation.carpet import pile_pyramid
 from touchline.simulation.illumination import FLAGS_PER_M, SUN_TIGHT_M, light_at, sun_at, sunward
 from touchline.simulation.nets import net_share
-from touchline.simulation.paint import build_paint, mark_paint, paint_at
+from touchline.simulation.paint import build_paint, mark_paint, paint_at, shape_depth, shape_row
 from touchline.simulation.pile import FIRST_TEXEL_M, LEVELS, TILE_TEXELS, pile_at, samples_within
 from touchline.simulation.sampling import fill_samples
 
@@ -57,8 +57,7 @@ def test_carpet_is_plain_only_where_a_pixel_reaches_no_paint_and_no_edge_of_sunl
     assert np.array_equal(flag, flags[cells])
     assert 0.3 < plain.mean() < 0.8
     for x, y, reach in landing[:3, plain == 1].T.astype(float):
-        around = reach * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 12)) + complex(x, y)
-        assert all(paint_at(*grid, float(place.real), float(place.imag))[0] < 0 for place in around)
+        assert max(shape_depth(shape_row(grid.shapes, k), x, y, 1.0) for k in range(len(grid.shapes))) < -reach
     assert not plain[flag & 16 > 0].any()
     assert not plain[(flag & 128 > 0) & (landing[2] > SUN_TIGHT_M)].any()
     find_plain(cast, extents, landing, count, words, frame, np.array([0.1, 0.3, 0.1, 2.0, 1.0]), False, flag, plain)
@@ -93,7 +92,7 @@ def test_edges_of_paint_are_told_wherever_a_pixels_samples_see_them() -> None:
         deep, wide, angle, turn = rng.uniform((0.01, 0.005, 0.0, 0.0), (0.1, 0.05, np.pi, np.pi))
         p = samples_within(
             0.25 * np.cos(turn), 0.25 * np.sin(turn), -0.25 * np.sin(turn), 0.25 * np.cos(turn), deep, wide,
-            np.cos(angle), np.sin(angle),
+            np.cos(angle), np.sin(angle), True,
         )  # fmt: skip
         paint, near = paint_at(*grid, x, y, *p)
         others = {paint_at(*grid, x + dx, y + dy)[0] for dx, dy in corners(*p)}
@@ -111,7 +110,7 @@ def test_edges_of_sunlight_are_told_wherever_a_pixels_samples_see_them() -> None
     for _ in range(4000):
         x, y = rng.uniform((-5.0, -1.5), (3.0, 3.5))
         deep, wide, angle = rng.uniform((0.01, 0.005, 0.0), (0.1, 0.05, np.pi))
-        p = samples_within(0.25, 0.1, -0.1, 0.25, deep, wide, np.cos(angle), np.sin(angle))
+        p = samples_within(0.25, 0.1, -0.1, 0.25, deep, wide, np.cos(angle), np.sin(angle), True)
         lit, near = sun_at(sun, windows, casters, x, y, 0.0, 0.0, *p)
         others = {sun_at(sun, windows, casters, x + dx, y + dy, 0.0, 0.0)[0] for dx, dy in corners(*p)}
         assert near or others == {lit}

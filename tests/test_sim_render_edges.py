@@ -14,6 +14,9 @@ from touchline.geometry import Pose
 from touchline.simulation import rendering
 from touchline.simulation.camera_base import field_from_body
 from touchline.simulation.casting import cast_rays, spread_rays
+from touchline.simulation.mirror import combined, solve_mirror
+from touchline.simulation.mirror_rays import MirrorMount
+from touchline.simulation.omni import SimulatedOmniCamera
 from touchline.simulation.pinhole import SimulatedPinholeCamera
 from touchline.simulation.run import Simulation
 from touchline.simulation.sampling import fill_samples, sample_rays
@@ -68,6 +71,38 @@ def test_only_a_small_part_of_the_pixels_is_supersampled_and_it_matters() -> Non
     assert 0.003 < changed.mean() < 0.12
 
 
+@pytest.mark.parametrize(
+    ("mirror", "lean_rad", "seeds"),
+    [(False, 0.15, (7, 21, 93)), (False, 0.0, (4, 13, 129)), (True, 0.1, (12, 60, 80)), (True, 0.0, (1, 2, 3))],
+)
+def test_bodies_anywhere_through_one_another_and_a_leaning_camera(
+    mirror: bool, lean_rad: float, seeds: tuple[int, ...]
+) -> None:
+    camera = (
+        SimulatedOmniCamera.from_mirror(solve_mirror(combined()), MirrorMount()) if mirror else SimulatedPinholeCamera()
+    )
+    colours = list(PAINTS.values())
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        pose = Pose(*rng.uniform((-2.0, -1.5, -3.0), (2.0, 1.5, 3.0)))
+        clutter = []
+        for _ in range(8 if mirror else 5):
+            away, turn = rng.uniform(0.5, 4.0), pose.heading + rng.uniform(-1.0, 1.0) * (3.0 if mirror else 0.6)
+            x, y, bottom = pose.x + away * math.cos(turn), pose.y + away * math.sin(turn), rng.choice([0.0, 0.0, 0.4])
+            length, width, height = rng.uniform((0.05, 0.05, 0.03), (0.6, 0.6, 0.9))
+            kind, colour = ("box", "cylinder")[rng.integers(2)], colours[rng.integers(len(colours))]
+            clutter.append(Block(kind, x, y, rng.uniform(-3.0, 3.0), length, width, bottom, bottom + height, (colour,)))
+        world = dataclasses.replace(default_world(open_field("indoor-9x6"), 3), clutter=tuple(clutter))
+        attitude = rng.uniform(-lean_rad, lean_rad), rng.uniform(-lean_rad, lean_rad)
+        adaptive, full = (
+            camera.sensor.develop(
+                camera.radiance(world, WorldState(), pose, attitude, everywhere=everywhere), 12.0, 1.7, None
+            )
+            for everywhere in (False, True)
+        )
+        assert np.abs(adaptive.astype(np.int64) - full).max() <= GREY_LEVELS
+
+
 def test_the_outline_of_a_hidden_body_is_not_supersampled(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen, render_middles = [], rendering._render_middles
     monkeypatch.setattr(rendering, "_render_middles", lambda *args: chosen.append(render_middles(*args)) or chosen[-1])
@@ -76,10 +111,14 @@ def test_the_outline_of_a_hidden_body_is_not_supersampled(monkeypatch: pytest.Mo
     tower = Block("cylinder", 1.0, 0.6, 0.0, 0.4, 0.4, 0.2, 0.9, (PAINTS["red"],))
     base = Block("box", 1.0, 0.6, 0.3, 0.6, 0.6, 0.0, 0.2, (PAINTS["white"],))
     behind = Block("box", 2.0, 0.5, 0.3, 0.1, 0.1, 0.3, 0.6, (PAINTS["black"],))
-    images = [
-        camera.radiance(dataclasses.replace(world, clutter=clutter), WorldState(), pose).copy()
-        for clutter in ((), (tower,), (base, behind), (tower, base, behind))
-    ]
+    clutters = (), (tower,), (base, behind), (tower, base, behind)
+    worlds = [dataclasses.replace(world, clutter=clutter) for clutter in clutters]
+    images = [camera.radiance(one, WorldState(), pose).copy() for one in worlds]
+    adaptive, full = (
+        camera.sensor.develop(image, 12.0, 1.7, None).astype(np.int64)
+        for image in (images[-1], camera.radiance(worlds[-1], WorldState(), pose, everywhere=True))
+    )
+    assert np.abs(adaptive - full).max() <= GREY_LEVELS
     tower_alone, others, together = (set(pixels.tolist()) for pixels in chosen[1:])
     covered = np.flatnonzero(np.any(images[1] != images[0], axis=2)).tolist()
     inside = set(covered) - tower_alone

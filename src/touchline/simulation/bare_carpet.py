@@ -72,7 +72,7 @@ def find_plain(
     """
     x, y, reach, square = landing[0, :count], landing[1, :count], landing[2, :count], landing[3, :count]
     ux, uy, deep = cast[3, :count], cast[4, :count], extents[2, :count]
-    columns, rows = np.float32(flag_frame[2]), np.float32(flag_frame[3])
+    columns, rows = np.int32(flag_frame[2]), np.int32(flag_frame[3])
     _cell_at(x, y, np.float32(flag_frame[0]), np.float32(flag_frame[1]), columns, rows, flag[:count])
     _flag_of_cell(words, flag[:count])
     farthest = np.float32(min(MARGIN_M, SUN_MARGIN_M) if sunny else MARGIN_M)
@@ -88,16 +88,17 @@ def _cell_at(
     y: Float32Array,
     x0: np.float32,
     y0: np.float32,
-    columns: np.float32,
-    rows: np.float32,
+    columns: np.int32,
+    rows: np.int32,
     cell: Int32Array,
 ) -> None:
-    """Number of the cell, row by row, that a point lies in or nearest to: a whole number below 2^24, exact here."""
-    per_m, none, one = np.float32(FLAGS_PER_M), np.float32(0.0), np.float32(1.0)
+    """Number of the cell, row by row, that a point lies in or nearest to."""
+    per_m, none = np.float32(FLAGS_PER_M), np.float32(0.0)
+    last_i, last_j = np.float32(columns - 1), np.float32(rows - 1)
     for n in range(len(cell)):
-        i = np.floor(min(max((x[n] - x0) * per_m, none), columns - one))
-        j = np.floor(min(max((y[n] - y0) * per_m, none), rows - one))
-        cell[n] = np.int32(j * columns + i)
+        i = np.int32(min(max((x[n] - x0) * per_m, none), last_i))
+        j = np.int32(min(max((y[n] - y0) * per_m, none), last_j))
+        cell[n] = j * columns + i
 
 
 @uncounted

@@ -82,6 +82,7 @@ def sift_ground(
     cast: npt.NDArray[np.float32],
     extents: npt.NDArray[np.float32],
     texture: npt.NDArray[np.float32],
+    upright: bool,
     flags: npt.NDArray[np.int32],
     shapes: FloatArray,
     starts: npt.NDArray[np.int32],
@@ -104,9 +105,10 @@ def sift_ground(
     Counts those that stay, the bare ones and their points.
 
     landing (4, >= N), flags (N,), cast (9, >= N), extents (3, >= N), texture (5, >= N): the rays, see `bare_carpet`,
-    `casting` and `sampling`; shapes, ... windows: see the functions that read them. marks (4, N), of those that
-    stay: number of the paint or -1, share of the lamps' light beside bodies, 1 in the sun, 1 where strips meet.
-    places (8, N): x, y of each bare one (m), 1 in the sun, its first point and how many, share of the lamps' light.
+    `casting` and `sampling`; upright: whether the camera stands so; shapes, ... windows: see the functions that read
+    them. marks (4, N), of those that stay: number of the paint or -1, share of the lamps' light beside bodies, 1 in the
+    sun, 1 where strips meet. places (8, N): x, y of each bare one (m), 1 in the sun, its first point and how many,
+    share of the lamps' light.
     points (7, 4 N): x, y of points on the pile and the square (m^2) it is smoothed over there: one for each ray, or its
     pixel's four samples.
     """
@@ -121,6 +123,7 @@ def sift_ground(
         if carpet[3] > 0.0 and reach > TONE_M:
             aside = abs(cast[3, i]) * deep + abs(cast[4, i]) * (reach - deep)
             tone = aside > TONE_M and abs(past_seam(carpet, x)) < aside + TONE_M
+            edge = edge or (tone and texture[0, i] == 0.0 and texture[1, i] == 0.0)  # no samples at +-p +-q
         if flag & NEAR_BODY:
             share, near = contact_shadow(casters, caster_cells, paint_frame, x, y, reach)
             edge = edge or near
@@ -133,7 +136,7 @@ def sift_ground(
             if deep > 0.0:
                 px, py, qx, qy = samples_within(
                     texture[0, i], texture[1, i], texture[2, i], texture[3, i], deep, reach - deep, cast[3, i],
-                    cast[4, i],
+                    cast[4, i], upright,
                 )  # fmt: skip
             if painted:
                 paint, edge = paint_at(shapes, starts, items, paint_frame, x, y, px, py, qx, qy)

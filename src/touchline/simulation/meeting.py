@@ -14,6 +14,7 @@ from numba import njit
 Body = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float]
 _NOWHERE_M = 1e6  # beyond every hall
 _GRAZING = 1e-3
+RIM_M = 1e-4  # so near to its upper or lower end a side is shaded as the end is
 CREASE = 1.3  # distances of a slanting face vary by so much more within a pixel than along its middle
 
 
@@ -57,11 +58,13 @@ def meet_upright(
             return found, True, 0.0, _enter_level(begin, oz, rise, bottom - lift, top + lift, steep)
         if side:
             beside = abs(lateral) + across * along + shift
-            vary = half - np.sqrt(max(body[9] * body[9] - beside * beside, 0.0))
+            if beside > body[9]:  # rays further in meet it much nearer
+                return found, True, found - begin, 0.0
+            vary = half - np.sqrt(body[9] * body[9] - beside * beside)
             near = _near_level(body, oz + found * rise, steep * along + shift + abs(rise) * vary)
-            return found, near or beside > body[9], vary + aside, 0.0
+            return found, near, vary + aside, 0.0
         deep = (steep * found + shift) / max(abs(rise) - steep, 1e-6)
-        near = (found - along) ** 2 + lateral * lateral > max(body[9] - max(deep, aside), 0.0) ** 2
+        near = (found - along) ** 2 + lateral * lateral > max(body[9] - np.sqrt(deep * deep + aside * aside), 0.0) ** 2
         return found, near, deep, 0.0
     c, s = body[3], body[4]
     lx, ly, vx, vy = ex * c + ey * s, ey * c - ex * s, ux * c + uy * s, uy * c - ux * s
@@ -80,7 +83,7 @@ def meet_upright(
         on_broad_side = middle_y - half_y > middle_x - half_x
         facing, over = (abs(vy), abs(vx)) if on_broad_side else (abs(vx), abs(vy))
         per = 1.0 / max(facing, _GRAZING)
-        farthest = found + (across * found + shift) * per * over
+        farthest = (found + shift * per * over) / max(1.0 - across * per * over, 0.05)
         wide = min(across * farthest + shift, aside) * per
         vary, up = wide * over, min(steep * farthest + shift, lift) + abs(rise) * wide * over
         x, y = abs(found * vx - lx), abs(found * vy - ly)
@@ -157,7 +160,7 @@ def _near_edge_of_box(
 def _near_level(body: Body, height: float, up: float) -> bool:
     """Whether the lower or upper end or an edge between bands is within `up` (m) of a height."""
     bottom, top = height - body[7], body[8] - height
-    if bottom < up or top < up:
+    if min(bottom, top) < up + RIM_M:
         return True
     if body[11] == 1.0:
         return False

@@ -77,14 +77,23 @@ def samples_apart(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def samples_within(
-    p_along: float, p_across: float, q_along: float, q_across: float, deep: float, wide: float, ux: float, uy: float
+    p_along: float,
+    p_across: float,
+    q_along: float,
+    q_across: float,
+    deep: float,
+    wide: float,
+    ux: float,
+    uy: float,
+    upright: bool,
 ) -> tuple[float, float, float, float]:
     """`samples_apart`, stretched so that the samples reach deep (m) along (ux, uy) and wide (m) across it.
 
-    Without samples at +-p +-q the corners of that rectangle.
+    Of a camera that leans, whose pixels are turned against their p and q, and without samples at +-p +-q: the corners
+    of that rectangle.
     """
     along, across = abs(p_along) + abs(q_along), abs(p_across) + abs(q_across)
-    if along == 0.0 or across == 0.0:
+    if not upright or along == 0.0 or across == 0.0:
         return deep * ux, deep * uy, -wide * uy, wide * ux
     per_along, per_across = deep / along, wide / across
     p, aside, q, off = p_along * per_along, p_across * per_across, q_along * per_along, q_across * per_across

@@ -19,6 +19,7 @@ from pydantic import Field
 from touchline.camera.omni import ground_from_pixel, pixel_from_ground
 from touchline.config import Settings
 from touchline.geometry import FloatArray
+from touchline.simulation.compiled import uncounted
 from touchline.simulation.crossings import GRAZED, MIXED, inside_sector, range_at, scale_at
 from touchline.simulation.fixed_noise import mosaic_noise, phase_noise
 from touchline.simulation.goal_clutter import GoalClutter
@@ -149,7 +150,7 @@ def edge_shift(row, reach, blur_px, scales):  # type: ignore[no-untyped-def]
     return (0.5 * (near + far) - reach) / row[4]
 
 
-@njit(cache=True, error_model="numpy")
+@uncounted
 def perturbed(found, strays, first_circle, sectors, numbers, fixed, shared, normals, camera, scales, askew, out):  # type: ignore[no-untyped-def]
     """Points that are found, shifted, into out (N, 9): x, y, covariance (4), confidence, u, v; returns how many.
 
@@ -224,7 +225,8 @@ def _nudged(u, v, shifts, step):  # type: ignore[no-untyped-def]
     column, row = u / step, v / step
     i, j = min(max(int(row), 0), shifts.shape[0] - 2), min(max(int(column), 0), shifts.shape[1] - 2)
     fv, fu = row - i, column - j
-    near = (1.0 - fu) * shifts[i, j] + fu * shifts[i, j + 1]
-    far = (1.0 - fu) * shifts[i + 1, j] + fu * shifts[i + 1, j + 1]
-    mixed = (1.0 - fv) * near + fv * far
-    return mixed[0], mixed[1]
+    near_u = (1.0 - fu) * shifts[i, j, 0] + fu * shifts[i, j + 1, 0]
+    near_v = (1.0 - fu) * shifts[i, j, 1] + fu * shifts[i, j + 1, 1]
+    far_u = (1.0 - fu) * shifts[i + 1, j, 0] + fu * shifts[i + 1, j + 1, 0]
+    far_v = (1.0 - fu) * shifts[i + 1, j, 1] + fu * shifts[i + 1, j + 1, 1]
+    return (1.0 - fv) * near_u + fv * far_u, (1.0 - fv) * near_v + fv * far_v

@@ -1,9 +1,10 @@
 """Body rays of a camera + a scene -> linear radiance of each pixel, with supersampling where a pixel holds an edge.
 
 Whether a pixel holds an edge is worked out from the world, not from neighbouring pixels: the ray through its middle is
-compared with outlines, paint, shadows and threads, and wherever one comes as close as the pixel's samples reach, the
-pixel is averaged over its regular grid of samples. All others keep the one in their middle. Rays go through the loops
-in portions that stay in the processor's cache.
+compared with outlines, paint and shadows, and wherever one that nothing hides comes as close as the pixel's samples
+reach, the pixel is averaged over its regular grid of samples. All others keep the one in their middle; what nets let by
+and the tones of strips of carpet are averaged in place. Rays go through the loops in portions that stay in the
+processor's cache.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ Work = tuple[
 ]  # fmt: skip
 SECTORS, BINS = 512, 128  # of the directions in which bodies are looked for
 _PORTION = 2048
+_UPRIGHT = 1e-4  # sine of the lean from which on pixels are turned notably
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,7 @@ class Renderer:
         self._pixels = np.flatnonzero(seen).astype(np.int32)
         self._rays = np.ascontiguousarray(grid.rays.reshape(-1, 6)[self._pixels].T)
         self._samples: dict[int, SampleRays] = {}
-        layer = grid.still.reshape(-1, 4)
+        layer = grid.still.reshape(-1, 4)  # mostly a grey veil, laid with each ray; the rest is laid over in the end
         colours, alpha = layer[:, :3], layer[:, 3]
         grey = (colours == alpha[:, np.newaxis]).all(axis=1)
         self._veil = np.where(grey & seen.reshape(-1), alpha, 0.0).astype(np.float32)
@@ -130,7 +132,10 @@ class Renderer:
 
 @njit(cache=True, error_model="numpy")
 def _lay_over(pixels: Int32Array, layer: Float32Array, level: float, image: Float32Array) -> None:
-    """Lay reflectances (N, 4), premultiplied, and shares of pixels (N,), flat indices, over the image (H W, 3)."""
+    """Lay reflectances, premultiplied, and shares (N, 4) of pixels (N,), flat indices, over the image (H W, 3).
+
+    Where the share is 1, nothing else was put into the image.
+    """
     light = np.float32(level)
     for i in range(len(pixels)):
         n, rest = np.uint32(pixels[i]), np.float32(1.0) - layer[i, 3]
@@ -181,6 +186,7 @@ def _shade(
     cast: Float32Array,
     extents: Float32Array,
     shift: float,
+    upright: bool,
     texture: Float32Array,
     work: Work,
     radiance: Float32Array,
@@ -191,7 +197,7 @@ def _shade(
     hits, codes, rest, ground, bare, landing, places, points, marks, flag, _ = work
     lay_out_bare(bare[:bare_count], landing, flag, places, points)
     ground_count, bare_count, dots = sift_ground(
-        ground[:ground_count], landing, cast, extents, texture, flag, s.shapes, s.cell_starts, s.cell_items,
+        ground[:ground_count], landing, cast, extents, texture, upright, flag, s.shapes, s.cell_starts, s.cell_items,
         s.paint_frame, s.carpet, s.casters, s.caster_cells, s.sun, s.windows, marks, bare, places, points, bare_count,
         edges,
     )  # fmt: skip
@@ -265,7 +271,7 @@ def _render_middles(
             work[2][: counts[0]], work[0], cast, some, grid, side, rows, poses, scene.solids, scene.starts, scene.items,
             net_angle,
         )  # fmt: skip
-        _shade(scene, counts, cast, extents, shift, here, work, radiance, edges)
+        _shade(scene, counts, cast, extents, shift, lean < _UPRIGHT, here, work, radiance, edges)
         for i in range(len(some)):
             if edges[i]:
                 chosen[edged] = some[i]
@@ -291,7 +297,7 @@ def _render_samples(
     level: float,
     image: Float32Array,
 ) -> None:
-    """Means of side x side samples of pixels (N,), flat indices, and the layer over it, into the image.
+    """Means of side x side samples of pixels (N,), flat indices, and the veil over them, into the image.
 
     rays (H, W, 6): of all pixels.
     """
@@ -314,7 +320,7 @@ def _render_samples(
                 rows[i] = some[i // each] // image.shape[1]
         cast_rays(samples, rows, poses, SECTORS, BINS, cast, 0, total)
         counts = _meet(scene, total, cast, extents, 0.0, texture, pixel_angle / side, work, edges)
-        _shade(scene, counts, cast, extents, 0.0, texture, work, radiance, edges)
+        _shade(scene, counts, cast, extents, 0.0, True, texture, work, radiance, edges)
         for i in range(len(some)):
             pixel = np.uint32(some[i])
             rest, over = np.float32(1.0) - veil[pixel], veil[pixel] * light

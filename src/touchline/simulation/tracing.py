@@ -15,7 +15,7 @@ from touchline.simulation.meeting import CREASE, meet_ball, meet_upright
 from touchline.simulation.nets import OVER_SAMPLES, beside_net, net_share
 
 _NOWHERE_M = 1e6  # beyond every hall
-_SLANT = 0.05  # by this share of their distance, at most, walls are nearer or farther within a pixel
+_SLANT = 0.05  # nets before a wall or the board by less than this share of its distance count as touching it
 Room = tuple[float, float, float, float, float, float]
 CARPET, FLOOR, BOARD, WALL, CEILING = -1, -2, -3, -4, -8  # walls: east -4, west -5, north -6, south -7
 
@@ -42,7 +42,8 @@ def trace_rays(
     edges: npt.NDArray[np.bool_],
     marking: bool,
 ) -> tuple[int, int, int]:
-    """Find what those of the cast rays (9, N) meet that `rest` (M,) lists; count the upright hits and the ground's.
+    """Find what those of the cast rays (9, N) meet that `rest` (M,) lists; count the upright hits, and what
+    `ground` and `bare` hold then.
 
     extents (3, N), shift: see `casting.spread_rays`. marking: edges are looked for; without it the rays are samples,
     and extents are not read. edges (N,) is set where the rays of a pixel may meet different things; nothing else is
@@ -91,7 +92,7 @@ def trace_rays(
                     s + behind + 2.0 * aside,
                 )  # fmt: skip
             if marking and near_outline:
-                edge_s = min(edge_s, found - vary if found < _NOWHERE_M else begin)
+                edge_s = min(edge_s, begin if kind == 2.0 or found == _NOWHERE_M else found - vary)
             if 0.0 < found < s + behind + vary:
                 if marking and code >= 0 and abs(s - found) < behind + vary:
                     edge_s = min(edge_s, min(s - behind, found - vary))
@@ -107,7 +108,7 @@ def trace_rays(
                 edge = edge_s < found + slant
             edge = edge or border
             if met < 0:
-                s, code, behind = found, met, behind if met == CARPET else _SLANT * found
+                s, code, behind = found, met, behind if met >= FLOOR else _SLANT * found
         if nets and not edge:
             for entry in range(first, last):
                 k = np.uint32(items[entry])

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from touchline.geometry import FloatArray
 from touchline.simulation.compiled import uncounted
 from touchline.simulation.illumination import light_at, sun_at
+from touchline.simulation.meeting import RIM_M
 from touchline.simulation.tracing import BOARD, CARPET, CEILING, FLOOR
 
 _WALL_NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])  # east, west, north, south
@@ -107,7 +108,7 @@ def _face(solids: FloatArray, k: int, x: float, y: float, z: float) -> tuple[flo
     if kind == 2.0:
         radius = solids[k, 9]
         return ex / radius, ey / radius, colour
-    if z > top - 1e-4 or (bottom > 0.0 and z < bottom + 1e-4):
+    if z > top - RIM_M or (bottom > 0.0 and z < bottom + RIM_M):
         return 0.0, 0.0, colour
     if kind == 0.0:
         return ex / solids[k, 9], ey / solids[k, 9], colour
