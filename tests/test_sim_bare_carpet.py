@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray
 from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, find_plain, look_up_light, look_up_pile
 from touchline.simulation.carpet import pile_pyramid
+from touchline.simulation.ground_shading import sift_ground
 from touchline.simulation.illumination import FLAGS_PER_M, SUN_TIGHT_M, light_at, sun_at, sunward
+from touchline.simulation.lights import Lights, Window
 from touchline.simulation.nets import net_share
 from touchline.simulation.paint import build_paint, mark_paint, paint_at, shape_depth, shape_row
 from touchline.simulation.pile import FIRST_TEXEL_M, LEVELS, TILE_TEXELS, pile_at, samples_within
 from touchline.simulation.sampling import fill_samples
+from touchline.simulation.scene import Scene
+from touchline.simulation.world import RobotActor, WorldState, default_world
 
 
 def test_the_pile_is_looked_up_as_point_by_point_at_every_level_and_on_both_sides_of_the_middle() -> None:
@@ -64,6 +71,49 @@ def test_carpet_is_plain_only_where_a_pixel_reaches_no_paint_and_no_edge_of_sunl
     wide = landing[2] > 0.2
     over_seam = np.abs((landing[0] / 2.0 + 0.37) - np.round(landing[0] / 2.0 + 0.37)) * 2.0 < landing[2] - 0.1
     assert not plain[wide & over_seam].any()
+
+
+def test_what_is_plain_is_bare_to_a_close_look_too() -> None:
+    rng, count = np.random.default_rng(7), 20000
+    window = Window("north", -2.0, 1.5, 1.0, 3.0)
+    lights = Lights(ambient=0.5, sun=2.0, sun_azimuth_rad=1.4, sun_elevation_rad=0.6, windows=(window,))
+    field = open_field("indoor-9x6")
+    world = dataclasses.replace(default_world(field, 3), lights=lights, robots=(RobotActor(1.0, 0.6, 0.5),))
+    scene = Scene(world)
+    scene.update(WorldState())
+    s = scene.arrays(np.zeros(1, dtype=np.int32), np.zeros(0, dtype=np.int16), np.zeros(0))
+    turn, rise = rng.uniform(-np.pi, np.pi, count), -(10.0 ** rng.uniform(-0.9, 0.5, count))
+    cast, extents, landing = (np.zeros((rows, count), dtype=np.float32) for rows in (9, 3, 4))
+    cast[2:6] = np.full(count, 0.8), np.cos(turn), np.sin(turn), rise
+    cast[6] = 0.8 / -rise
+    cast[8] = (cast[6] ** 2 + 0.64) / 0.8
+    extents[2] = rng.uniform(0.2, 0.4, count) * 0.006 * cast[8]
+    landing[:2] = rng.uniform(((-4.8,), (-3.3,)), ((4.8,), (3.3,)), (2, count))
+    landing[2] = extents[2] * rng.uniform(1.1, 2.0, count)
+    landing[3] = 1.5 * (0.006 * cast[8]) ** 2
+    texture = np.tile(np.float32([[0.0015], [0.0005], [-0.0005], [0.0015], [0.006]]), count)
+    flag, plain = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+    find_plain(cast, extents, landing, count, s.flag_words, s.flag_frame, s.carpet, True, flag, plain)
+    marks, places = np.empty((4, count), dtype=np.float32), np.empty((PLACE_ROWS, count), dtype=np.float32)
+    points, edges = np.empty((POINT_ROWS, 4 * count), dtype=np.float32), np.zeros(count, dtype=np.bool_)
+
+    def sifted(rays: npt.NDArray[np.int32]) -> tuple[int, int, int]:
+        found: tuple[int, int, int] = sift_ground(
+            rays, landing, cast, extents, texture, True, flag, s.shapes, s.cell_starts, s.cell_items, s.paint_frame,
+            s.carpet, s.casters, s.caster_cells, s.sun, s.windows, marks, np.empty(count, dtype=np.int32), places,
+            points, 0, edges,
+        )  # fmt: skip
+        return found
+
+    rays = np.flatnonzero(plain).astype(np.int32)
+    assert 2000 < len(rays) < 15000
+    assert sifted(rays.copy()) == (0, len(rays), len(rays))
+    assert np.all(places[5, : len(rays)] == 1.0), "in nobody's shadow"
+    assert not edges.any()
+    left, bare, _ = sifted(np.flatnonzero(plain == 0).astype(np.int32))
+    assert left > 500
+    assert bare > 500
+    assert edges.sum() > 500
 
 
 def test_the_pile_at_two_levels_is_not_plain() -> None:
