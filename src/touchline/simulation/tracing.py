@@ -91,7 +91,7 @@ def trace_rays(
                     body, along, lateral, ex, ey, oz, ux, uy, rise, aside, lift, across, steep, shift,
                     s + behind + 2.0 * aside,
                 )  # fmt: skip
-            if marking and near_outline:
+            if marking and near_outline:  # edge_s: where the nearest edge begins; what is met before it hides it
                 edge_s = min(edge_s, begin if kind == 2.0 or found == _NOWHERE_M else found - vary)
             if 0.0 < found < s + behind + vary:
                 if marking and code >= 0 and abs(s - found) < behind + vary:
@@ -103,7 +103,7 @@ def trace_rays(
             met, found, border = _background(
                 ox, oy, oz, ux, uy, rise, fall, across, steep, deep, shift, room, s if code >= 0 else _NOWHERE_M, behind
             )
-            if met == BOARD and edge:
+            if met == BOARD and edge:  # the feet of what stands behind the board are hidden
                 slant = 2.0 * (across * found + shift) * (1.0 / (abs(ux) + 1e-12) + 1.0 / (abs(uy) + 1e-12))
                 edge = edge_s < found + slant
             edge = edge or border
