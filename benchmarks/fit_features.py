@@ -20,8 +20,8 @@ from fit_observation_level import detected, minimised
 
 from touchline.field import Crossing, FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.features import FeatureNoise, ObservedFeatures
-from touchline.simulation.observation import occluders
+from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures
+from touchline.simulation.observation.observed_lines import occluders
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.types import LinePoints

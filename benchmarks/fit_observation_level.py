@@ -23,12 +23,12 @@ from touchline.config import settings_rows
 from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import SelfLearningDetector
-from touchline.simulation.crossings import COLUMNS, GRAZED, MIXED, PLAIN
-from touchline.simulation.goal_clutter import GoalClutter
-from touchline.simulation.observation import ObservedLines
-from touchline.simulation.point_errors import ObservationNoise, edge_shift, found_share
+from touchline.simulation.observation.crossings import COLUMNS, GRAZED, MIXED, PLAIN
+from touchline.simulation.observation.goal_clutter import GoalClutter
+from touchline.simulation.observation.observed_lines import ObservedLines
+from touchline.simulation.observation.point_errors import ObservationNoise, edge_shift, found_share
+from touchline.simulation.observation.runs import BAR, DISC, LINE
 from touchline.simulation.run import Simulation
-from touchline.simulation.runs import BAR, DISC, LINE
 from touchline.simulation.scenario import open_scenario
 from touchline.types import LinePoints
 

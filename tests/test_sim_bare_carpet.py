@@ -10,17 +10,18 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray
-from touchline.simulation.bare_carpet import PLACE_ROWS, POINT_ROWS, find_plain, look_up_light, look_up_pile
-from touchline.simulation.carpet import pile_pyramid
-from touchline.simulation.ground_shading import sift_ground
-from touchline.simulation.illumination import FLAGS_PER_M, SUN_TIGHT_M, light_at, sun_at, sunward
-from touchline.simulation.lights import Lights, Window
-from touchline.simulation.nets import net_share
-from touchline.simulation.paint import build_paint, mark_paint, paint_at, shape_depth, shape_row
-from touchline.simulation.pile import FIRST_TEXEL_M, LEVELS, TILE_TEXELS, pile_at, samples_within
-from touchline.simulation.sampling import fill_samples
-from touchline.simulation.scene import Scene
-from touchline.simulation.world import RobotActor, WorldState, default_world
+from touchline.simulation.rendering.bare_carpet import PLACE_ROWS, POINT_ROWS, find_plain, look_up_light, look_up_pile
+from touchline.simulation.rendering.carpet import pile_pyramid
+from touchline.simulation.rendering.ground_shading import sift_ground
+from touchline.simulation.rendering.illumination import FLAGS_PER_M, SUN_TIGHT_M, light_at, sun_at, sunward
+from touchline.simulation.rendering.nets import net_share
+from touchline.simulation.rendering.paint import build_paint, mark_paint, paint_at, shape_depth, shape_row
+from touchline.simulation.rendering.pile import FIRST_TEXEL_M, LEVELS, TILE_TEXELS, pile_at, samples_within
+from touchline.simulation.rendering.sampling import fill_samples
+from touchline.simulation.rendering.scene import Scene
+from touchline.simulation.world.hall import default_world
+from touchline.simulation.world.lights import Lights, Window
+from touchline.simulation.world.world import RobotActor, WorldState
 
 
 def test_the_pile_is_looked_up_as_point_by_point_at_every_level_and_on_both_sides_of_the_middle() -> None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from touchline.errors import InputError
-from touchline.simulation.mirror import (
+from touchline.simulation.cameras.mirror import (
     MirrorHead,
     MirrorProfile,
     Target,
@@ -22,8 +22,8 @@ from touchline.simulation.mirror import (
     tangent_range,
     vertically_isometric,
 )
-from touchline.simulation.mirror_rays import MirrorMount, mirror_rays
-from touchline.simulation.omni import SimulatedOmniCamera
+from touchline.simulation.cameras.mirror_rays import MirrorMount, mirror_rays
+from touchline.simulation.cameras.omni import SimulatedOmniCamera
 
 READY: dict[str, Callable[[], Target]] = {
     "hyperbolic": lambda: hyperbolic()[0],

@@ -11,13 +11,14 @@ from line_profiles import line_offsets, projected_lines
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.camera_base import Motion
-from touchline.simulation.lights import Lights
-from touchline.simulation.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.base import Motion
+from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.robot.track import STEP_S
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.simulation.track import STEP_S
-from touchline.simulation.world import PAINTS, GroundMark, World, WorldState, default_world
+from touchline.simulation.world.hall import default_world
+from touchline.simulation.world.lights import Lights
+from touchline.simulation.world.world import PAINTS, GroundMark, World, WorldState
 
 READOUT_S = 0.03
 ROWS = (100, 240, 330, 420)

@@ -10,10 +10,10 @@ import pytest
 from test_sim_sensors import SILENT_IMU, SILENT_ODOMETRY, SILENT_WHEELS, driving
 
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.bases import omni_base
-from touchline.simulation.noise import drift, random_walk
-from touchline.simulation.sensors import SENSOR_PERIOD_S, simulate_imu, simulate_odometry, simulate_wheels
-from touchline.simulation.track import standing_track
+from touchline.simulation.robot.bases import omni_base
+from touchline.simulation.robot.noise import drift, random_walk
+from touchline.simulation.robot.sensors import SENSOR_PERIOD_S, simulate_imu, simulate_odometry, simulate_wheels
+from touchline.simulation.robot.track import standing_track
 
 STANDING = standing_track(Pose(0.0, 0.0, 0.0), 60.0)
 ROLL, PITCH, YAW, GX, GY, GZ = range(6)

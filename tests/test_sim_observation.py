@@ -11,13 +11,13 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
-from touchline.simulation.crossings import PLAIN, hidden
-from touchline.simulation.fixed_noise import mosaic_noise, mosaic_table, phase_noise
-from touchline.simulation.goal_clutter import GoalClutter
-from touchline.simulation.observation import ObservedLines, leaning_view, occluders
-from touchline.simulation.point_errors import ObservationNoise
+from touchline.simulation.observation.crossings import PLAIN, hidden
+from touchline.simulation.observation.fixed_noise import mosaic_noise, mosaic_table, phase_noise
+from touchline.simulation.observation.goal_clutter import GoalClutter
+from touchline.simulation.observation.observed_lines import ObservedLines, leaning_view, occluders
+from touchline.simulation.observation.point_errors import ObservationNoise
+from touchline.simulation.observation.runs import BAR, bar_table, circle_runs, ray_runs, round_table
 from touchline.simulation.run import Simulation
-from touchline.simulation.runs import BAR, bar_table, circle_runs, ray_runs, round_table
 from touchline.simulation.scenario import Scenario, open_scenario
 from touchline.systems import open_system
 from touchline.types import Status

@@ -10,8 +10,8 @@ import pytest
 from touchline.field import open_field
 from touchline.field.crossings import CrossingKind
 from touchline.geometry import Pose, wrap_angle
-from touchline.simulation.features import FeatureNoise, ObservedFeatures
-from touchline.simulation.observation import leaning_view
+from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures
+from touchline.simulation.observation.observed_lines import leaning_view
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 

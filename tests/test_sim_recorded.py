@@ -13,11 +13,12 @@ from line_profiles import line_offsets, projected_lines
 from touchline.camera import OmniCamera, open_camera
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointDetector
-from touchline.simulation.linear_camera import LinearImageCamera
-from touchline.simulation.omni import SimulatedOmniCamera
-from touchline.simulation.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.linear_camera import LinearImageCamera
+from touchline.simulation.cameras.omni import SimulatedOmniCamera
+from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
 from touchline.simulation.recording import encoded
-from touchline.simulation.world import World, WorldState, default_world
+from touchline.simulation.world.hall import default_world
+from touchline.simulation.world.world import World, WorldState
 from touchline.sources import Recording, open_source
 from touchline.types import ImageArray
 

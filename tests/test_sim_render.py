@@ -12,14 +12,15 @@ import pytest
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
-from touchline.simulation.camera_base import Motion, field_from_body
-from touchline.simulation.casting import cast_rays
-from touchline.simulation.lights import Lamp, LightChange, Lights, Window
-from touchline.simulation.mirror import solve_mirror, tangent_range
-from touchline.simulation.omni import SimulatedOmniCamera, omni_mapping
-from touchline.simulation.paint import build_paint, paint_at
-from touchline.simulation.pinhole import Mount, SimulatedPinholeCamera
-from touchline.simulation.world import PAINTS, BallActor, GroundMark, RobotActor, World, WorldState, default_world
+from touchline.simulation.cameras.base import Motion, field_from_body
+from touchline.simulation.cameras.mirror import solve_mirror, tangent_range
+from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
+from touchline.simulation.cameras.pinhole import Mount, SimulatedPinholeCamera
+from touchline.simulation.rendering.casting import cast_rays
+from touchline.simulation.rendering.paint import build_paint, paint_at
+from touchline.simulation.world.hall import default_world
+from touchline.simulation.world.lights import Lamp, LightChange, Lights, Window
+from touchline.simulation.world.world import PAINTS, BallActor, GroundMark, RobotActor, World, WorldState
 
 Camera = SimulatedOmniCamera | SimulatedPinholeCamera
 POSE = Pose(-1.3, 0.8, 0.4)

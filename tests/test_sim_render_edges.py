@@ -11,18 +11,19 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.simulation import rendering
-from touchline.simulation.camera_base import field_from_body
-from touchline.simulation.casting import cast_rays, spread_rays
-from touchline.simulation.mirror import combined, solve_mirror
-from touchline.simulation.mirror_rays import MirrorMount
-from touchline.simulation.omni import SimulatedOmniCamera
-from touchline.simulation.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.base import field_from_body
+from touchline.simulation.cameras.mirror import combined, solve_mirror
+from touchline.simulation.cameras.mirror_rays import MirrorMount
+from touchline.simulation.cameras.omni import SimulatedOmniCamera
+from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.rendering import rendering
+from touchline.simulation.rendering.casting import cast_rays, spread_rays
+from touchline.simulation.rendering.sampling import fill_samples, sample_rays
+from touchline.simulation.rendering.solids import CYLINDER, sort_into_cells
 from touchline.simulation.run import Simulation
-from touchline.simulation.sampling import fill_samples, sample_rays
 from touchline.simulation.scenario import open_scenario
-from touchline.simulation.solids import CYLINDER, sort_into_cells
-from touchline.simulation.world import PAINTS, Block, RobotActor, WorldState, default_world
+from touchline.simulation.world.hall import default_world
+from touchline.simulation.world.world import PAINTS, Block, RobotActor, WorldState
 
 GREY_LEVELS = 2  # the bound, for the largest difference of any pixel and colour
 

@@ -13,10 +13,11 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.simulation.image_sensor import ImageSensor, noise_numbers
-from touchline.simulation.omni import SimulatedOmniCamera
-from touchline.simulation.pinhole import SimulatedPinholeCamera
-from touchline.simulation.world import PAINTS, RobotActor, WorldState, default_world
+from touchline.simulation.cameras.image_sensor import ImageSensor, noise_numbers
+from touchline.simulation.cameras.omni import SimulatedOmniCamera
+from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.world.hall import default_world
+from touchline.simulation.world.world import PAINTS, RobotActor, WorldState
 
 FLAT = ImageSensor(optics_blur_sigma_px=0.0, white_balance_rgb=(1.0, 1.0, 1.0))
 

@@ -11,12 +11,12 @@ from line_profiles import line_offsets, projected_lines
 from simulated import NAMES, content, errors_of, shortened
 
 from touchline.geometry import Pose
-from touchline.simulation.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
 from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario, scenario_names
 from touchline.simulation.stage import body_parts, body_size
-from touchline.simulation.world import RobotActor, robot_blocks
+from touchline.simulation.world.world import RobotActor, robot_blocks
 from touchline.sources import open_source
 from touchline.systems import open_system
 from touchline.types import Prior

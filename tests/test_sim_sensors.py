@@ -9,9 +9,9 @@ import pytest
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.bases import OmniBase, named_base, omni_base
-from touchline.simulation.noise import PlaceDisturbance
-from touchline.simulation.sensors import (
+from touchline.simulation.robot.bases import OmniBase, named_base, omni_base
+from touchline.simulation.robot.noise import PlaceDisturbance
+from touchline.simulation.robot.sensors import (
     SENSOR_PERIOD_S,
     ImuNoise,
     OdometryNoise,
@@ -23,7 +23,7 @@ from touchline.simulation.sensors import (
     simulate_sensors,
     simulate_wheels,
 )
-from touchline.simulation.track import STEP_S, Track, poses_from_twists, standing_track, twists_between
+from touchline.simulation.robot.track import STEP_S, Track, poses_from_twists, standing_track, twists_between
 
 SILENT_ODOMETRY = OdometryNoise(
     scale_error=0.0, scale_spread=0.0, wheel_scale=0.0, travel_noise_m=0.0, travel_noise_rad=0.0, turn_noise_rad=0.0

@@ -14,7 +14,7 @@ import yaml
 
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray, wrap_angle
-from touchline.simulation.cameras import project_ground
+from touchline.simulation.cameras.factory import project_ground
 from touchline.simulation.run import Simulation, image_name, robot_frame
 from touchline.simulation.sequence import JPEG_QUALITY
 from touchline.types import Frame, ImageArray, Samples

@@ -16,19 +16,19 @@ from touchline.camera.omni import omni_from_mapping
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.calibration_layout import make_layout
-from touchline.simulation.cameras import SimulatedCamera, base_motion, open_simulated_camera, project_ground
-from touchline.simulation.features import FeatureNoise, ObservedFeatures, SeenFeatures
-from touchline.simulation.motions import make_track
-from touchline.simulation.observation import ObservedLines, leaning_view
-from touchline.simulation.others import bodies_at, make_others
-from touchline.simulation.point_errors import ObservationNoise
+from touchline.simulation.cameras.factory import SimulatedCamera, base_motion, open_simulated_camera, project_ground
+from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures, SeenFeatures
+from touchline.simulation.observation.observed_lines import ObservedLines, leaning_view
+from touchline.simulation.observation.point_errors import ObservationNoise
+from touchline.simulation.robot.motions import make_track
+from touchline.simulation.robot.others import bodies_at, make_others
+from touchline.simulation.robot.sensors import arrived_by, simulate_sensors
+from touchline.simulation.robot.track import STEP_S
 from touchline.simulation.scenario import Scenario
-from touchline.simulation.sensors import arrived_by, simulate_sensors
 from touchline.simulation.sequence import describe
 from touchline.simulation.stage import body_parts, make_world
-from touchline.simulation.track import STEP_S
-from touchline.simulation.world import World, WorldState
+from touchline.simulation.world.calibration_layout import make_layout
+from touchline.simulation.world.world import World, WorldState
 from touchline.sources import ProblemLog, Truth
 from touchline.types import Frame, ImageArray, LinePoints, Samples, empty_points
 

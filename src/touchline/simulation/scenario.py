@@ -12,7 +12,7 @@ from pydantic import Field, field_validator, model_validator
 
 from touchline.config import Settings, load_settings, read_yaml_mapping
 from touchline.errors import InputError
-from touchline.simulation.sensors import Range, SensorSettings
+from touchline.simulation.robot.sensors import Range, SensorSettings
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
 Place = tuple[float, float, float]
@@ -79,7 +79,7 @@ class CameraSettings(Settings):
 
 
 class LightSettings(Settings):
-    """What lights the hall, as levels of `touchline.simulation.lights`; changes add rows {time_s, lamps, sun, ...}."""
+    """What lights the hall, as levels of `world.lights`; changes add rows {time_s, lamps, sun, ...}."""
 
     class Change(Settings):
         """From time_s on, within fade_s, these levels (none: as before). row: this row of lamps alone."""

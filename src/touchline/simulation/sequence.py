@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from touchline.simulation.calibration_layout import Layout
+from touchline.simulation.robot.sensors import SENSOR_PERIOD_S, ImuNoise
 from touchline.simulation.scenario import Scenario
-from touchline.simulation.sensors import SENSOR_PERIOD_S, ImuNoise
 from touchline.simulation.stage import events_of_light
+from touchline.simulation.world.calibration_layout import Layout
 
 if TYPE_CHECKING:
-    from touchline.simulation.cameras import SimulatedCamera
+    from touchline.simulation.cameras.factory import SimulatedCamera
 
 JPEG_QUALITY = 92
 

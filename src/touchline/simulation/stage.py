@@ -10,11 +10,12 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.field import FieldModel
-from touchline.simulation.calibration_layout import Layout
-from touchline.simulation.lights import Lamp, LightChange, Lights, Window, hall_lamps
-from touchline.simulation.others import Others
+from touchline.simulation.robot.others import Others
 from touchline.simulation.scenario import LightSettings, Scenario
-from touchline.simulation.world import PAINTS, BallActor, RobotActor, World, default_world
+from touchline.simulation.world.calibration_layout import Layout
+from touchline.simulation.world.hall import default_world
+from touchline.simulation.world.lights import Lamp, LightChange, Lights, Window, hall_lamps
+from touchline.simulation.world.world import PAINTS, BallActor, RobotActor, World
 
 _MARKERS = ("magenta", "cyan")
 _MSL_M, _HUMANOID_M = (0.26, 0.80), (0.24, 0.92)  # radius and height of the others' bodies, as in the recordings

@@ -18,9 +18,9 @@ from touchline.evaluation.experiments.scenes import BLUE, PAINT, RED, field_axes
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import HsvLineDetector, HsvLineSettings
-from touchline.simulation.calibration_layout import STRIP_EDGES_M
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import MotionSettings, OthersSettings, open_scenario
+from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
 from touchline.types import ImageArray, LinePoints
 
 FIELD = "indoor-9x6"

@@ -15,10 +15,10 @@ from touchline.evaluation.experiments.result import ExperimentResult, Headline, 
 from touchline.evaluation.experiments.scenes import BLUE, MAGENTA, RED, new_figure, public_recording, random_place
 from touchline.geometry import FloatArray
 from touchline.perception import LinePointDetector
-from touchline.simulation.linear_camera import LinearImageCamera
+from touchline.simulation.cameras.linear_camera import LinearImageCamera
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.simulation.world import WorldState
+from touchline.simulation.world.world import WorldState
 from touchline.sources import Recording
 from touchline.types import ImageArray
 

@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
-from touchline.simulation.observation import ObservedLines
+from touchline.simulation.observation.observed_lines import ObservedLines
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording, open_source

@@ -1,0 +1,1 @@
+"""The simulated cameras: mirror, pinhole and the image sensor."""

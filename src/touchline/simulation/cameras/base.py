@@ -1,0 +1,178 @@
+"""What both simulated cameras share: motion during the exposure, rolling shutter, occlusion, the image sensor."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.geometry import FloatArray, Pose
+from touchline.simulation.cameras.image_sensor import ImageSensor, check_exposure
+from touchline.simulation.rendering.rendering import RayGrid, Renderer
+from touchline.simulation.rendering.scene import Scene
+from touchline.simulation.world.world import World, WorldState
+from touchline.types import ImageArray
+
+
+class Motion(NamedTuple):
+    """How the robot moves while the image is taken: base frame, m/s and rad/s; and how fast its body leans over."""
+
+    vx: float
+    vy: float
+    turn_rate: float
+    roll_rate: float = 0.0
+    pitch_rate: float = 0.0
+
+
+class SimulatedCameraModel:
+    """A camera on a robot in a world. Not thread-safe: buffers are reused from image to image.
+
+    sensor: the exposure model. side: samples along each side of a supersampled pixel. blur_steps: instants over which
+    the exposure is averaged where a motion is given. readout_s: rolling shutter, time from the first row to the last;
+    0 is a global shutter. The time of an image is the middle of its exposure (of its middle row).
+    """
+
+    def __init__(self, grid: RayGrid, sensor: ImageSensor, side: int, blur_steps: int, readout_s: float) -> None:
+        self.sensor = sensor
+        self.side = side
+        self.blur_steps = blur_steps
+        self.readout_s = readout_s
+        self._grid = grid
+        self._renderer = Renderer(grid)
+        self._scene: Scene | None = None
+        self._bearings: npt.NDArray[np.float64] | None = None
+
+    @property
+    def width(self) -> int:
+        """Columns of the image."""
+        return self._grid.shape[1]
+
+    @property
+    def height(self) -> int:
+        """Rows of the image."""
+        return self._grid.shape[0]
+
+    def render(
+        self,
+        world: World,
+        state: WorldState,
+        robot_pose: Pose,
+        attitude: tuple[float, float] = (0.0, 0.0),
+        exposure_ms: float = 12.0,
+        gain: float = 1.7,
+        rng: np.random.Generator | None = None,
+        motion: Motion | None = None,
+    ) -> ImageArray:
+        """The picture (H, W, 3) uint8 BGR from a pose (field frame) with a lean (roll, pitch) of the body.
+
+        rng: of the noise; None leaves it out. motion: blurs (and skews, with rolling shutter); None is a still robot.
+        Raises InputError for an exposure or gain that is not positive, and for a body or robot outside the hall.
+        """
+        check_exposure(exposure_ms, gain)
+        if state.covered:
+            radiance = np.zeros((self.height, self.width, 3), dtype=np.float32)
+        else:
+            radiance = self.radiance(world, state, robot_pose, attitude, motion, exposure_ms)
+        return self.sensor.develop(radiance, exposure_ms, gain, rng)
+
+    def radiance(
+        self,
+        world: World,
+        state: WorldState,
+        robot_pose: Pose,
+        attitude: tuple[float, float] = (0.0, 0.0),
+        motion: Motion | None = None,
+        exposure_ms: float = 12.0,
+        everywhere: bool = False,
+    ) -> npt.NDArray[np.float32]:
+        """Linear radiance (H, W, 3) float32, red green blue, before blur and sensor; see `render`.
+
+        exposure_ms: over which a motion is averaged. everywhere: supersample every pixel, not only those that hold an
+        edge. The array is overwritten by the next call.
+        """
+        world.check_inside("the robot", robot_pose.x, robot_pose.y)
+        if self._scene is None or self._scene.world is not world:
+            self._scene = Scene(world)
+        self._scene.update(state)
+        if motion is None:
+            poses = field_from_body(robot_pose, attitude)[np.newaxis]
+            image = self._renderer.render(self._scene, poses, self.side, everywhere)
+        else:
+            image = self._blurred(self._scene, robot_pose, attitude, exposure_ms, motion, everywhere)
+        self._occlude(image, state)
+        return image
+
+    def _blurred(
+        self,
+        scene: Scene,
+        pose: Pose,
+        attitude: tuple[float, float],
+        exposure_ms: float,
+        motion: Motion,
+        everywhere: bool,
+    ) -> npt.NDArray[np.float32]:
+        steps = max(1, self.blur_steps)
+        rows = self.height if self.readout_s > 0.0 else 1
+        delays = (np.arange(rows) / max(rows - 1, 1) - 0.5) * self.readout_s if rows > 1 else np.zeros(1)
+        total = np.zeros((self.height, self.width, 3), dtype=np.float32)
+        for step in range(steps):
+            instant = ((step + 0.5) / steps - 0.5) * 1e-3 * exposure_ms
+            poses = np.stack([_body_at(pose, attitude, motion, instant + float(delay)) for delay in delays])
+            total += self._renderer.render(scene, poses, self.side, everywhere)
+        total /= np.float32(steps)
+        return total
+
+    def _occlude(self, image: npt.NDArray[np.float32], state: WorldState) -> None:
+        """A dark cover over directions of the base frame."""
+        if not state.occluded_rad:
+            return
+        if self._bearings is None:
+            self._bearings = np.arctan2(self._grid.rays[..., 4], self._grid.rays[..., 3]).astype(np.float64)
+        for start, end in state.occluded_rad:
+            hidden = np.mod(self._bearings - start, 2.0 * math.pi) <= (end - start) % (2.0 * math.pi)
+            image[hidden] = 0.0
+
+
+def _body_at(pose: Pose, attitude: tuple[float, float], motion: Motion, time_s: float) -> FloatArray:
+    """Where the body is and how it leans after a time of constant motion, (12,)."""
+    roll, pitch = attitude[0] + motion.roll_rate * time_s, attitude[1] + motion.pitch_rate * time_s
+    return field_from_body(moved(pose, motion, time_s), (roll, pitch))
+
+
+def with_glisten(layer: npt.NDArray[np.float32], rays: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Lay a veil over a camera's fixed layer (H, W, 4), in place: seen from above, the carpet's pile glistens.
+
+    rays (H, W, 6): body frame. 2 % white at 0.6 m, a third of that for each further metre, as in the recordings.
+    """
+    falling = rays[..., 5] < -1e-3
+    level = np.hypot(rays[..., 3], rays[..., 4])
+    distance = np.where(falling, level * rays[..., 2] / np.where(falling, -rays[..., 5], 1.0), np.inf)
+    veil = 0.036 * np.exp(-distance)
+    layer += ((1.0 - layer[..., 3]) * np.where(veil > 0.003, veil, 0.0))[..., np.newaxis]
+    return layer
+
+
+def field_from_body(pose: Pose, attitude: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
+    """Rz(heading) Ry(pitch) Rx(roll) by rows and the translation, (12,)."""
+    roll, pitch = attitude
+    ch, sh = math.cos(pose.heading), math.sin(pose.heading)
+    rotation = np.array([[ch, -sh, 0.0], [sh, ch, 0.0], [0.0, 0.0, 1.0]]) @ tilt_rotation(roll, pitch)
+    return np.concatenate((rotation.reshape(-1), (pose.x, pose.y, 0.0)))
+
+
+def tilt_rotation(roll: float, pitch: float) -> FloatArray:
+    """Ry(pitch) Rx(roll), (3, 3): positive pitch tips the nose down, positive roll lowers the right side."""
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
+
+
+def moved(pose: Pose, motion: Motion, time_s: float) -> Pose:
+    """The pose after a time of constant motion along the exact arc."""
+    turn = motion.turn_rate * time_s
+    half = 0.5 * turn
+    chord = time_s * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+    c, s = math.cos(half), math.sin(half)
+    step = Pose(chord * (c * motion.vx - s * motion.vy), chord * (s * motion.vx + c * motion.vy), turn)
+    return pose.compose(step)

@@ -1,0 +1,90 @@
+"""The simulated camera that a scenario asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from touchline.config import did_you_mean, read_yaml_mapping
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.simulation.cameras.base import Motion
+from touchline.simulation.cameras.mirror import (
+    MirrorProfile,
+    Target,
+    combined,
+    horizontally_isometric,
+    hyperbolic,
+    solve_mirror,
+    tangent_range,
+    vertically_isometric,
+)
+from touchline.simulation.cameras.mirror_rays import MirrorMount
+from touchline.simulation.cameras.omni import SimulatedOmniCamera
+from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.scenario import CameraSettings
+
+SimulatedCamera = SimulatedOmniCamera | SimulatedPinholeCamera
+
+
+def open_simulated_camera(settings: CameraSettings) -> SimulatedCamera:
+    """The camera of a scenario. Raises InputError for a file that describes none and a mirror that can't be solved."""
+    readout_s = 1e-3 * settings.rolling_shutter_ms
+    if settings.file is not None:
+        return _from_file(Path(settings.file), settings.kind, readout_s)
+    if settings.kind == "pinhole":
+        return SimulatedPinholeCamera(readout_s=readout_s)
+    return _mirror_camera(settings, readout_s)
+
+
+def project_ground(camera: SimulatedCamera, points: FloatArray, attitude: tuple[float, float]) -> FloatArray:
+    """Pixels (N, 2) of ground points (N, 2) in the base frame (m), of a body that leans by roll, pitch (rad)."""
+    if isinstance(camera, SimulatedPinholeCamera):
+        return camera.project(points, attitude)
+    return camera.project(points)
+
+
+def base_motion(velocity: FloatArray, heading: float, leaning: tuple[float, float] = (0.0, 0.0)) -> Motion:
+    """A velocity (3,) vx, vy, turning rate in the field frame as a motion in the base frame; leaning: rates (rad/s)."""
+    c, s = float(np.cos(heading)), float(np.sin(heading))
+    vx, vy, turn = (float(value) for value in velocity)
+    return Motion(c * vx + s * vy, -s * vx + c * vy, turn, *leaning)
+
+
+def _from_file(path: Path, kind: str, readout_s: float) -> SimulatedCamera:
+    tree: dict[str, Any] = read_yaml_mapping(path)
+    model = tree.get("model")
+    if model not in ("omni", "pinhole"):
+        raise InputError(f"{path}: unknown camera model {model!r}; {did_you_mean(str(model), ['omni', 'pinhole'])}")
+    if model != kind:
+        raise InputError(f"{path}: is a camera of the model '{model}', but camera.kind is '{kind}'")
+    if model == "omni":
+        return SimulatedOmniCamera.from_mapping(tree, path, readout_s=readout_s)
+    return SimulatedPinholeCamera.from_mapping(tree, str(path), readout_s=readout_s)
+
+
+def _mirror_camera(settings: CameraSettings, readout_s: float) -> SimulatedCamera:
+    mirror = settings.mirror
+    tilt_x, tilt_y = np.radians(mirror.tilt_deg)
+    shift_x, shift_y = 1e-3 * np.array(mirror.shift_mm)
+    mount = MirrorMount(float(tilt_x), float(tilt_y), float(shift_x), float(shift_y))
+    profile = _solved(mirror.profile, mirror.metres_per_px, mirror.horizon_px)
+    return SimulatedOmniCamera.from_mirror(profile, mount, readout_s=readout_s)
+
+
+@lru_cache(maxsize=16)
+def _solved(profile: str, metres_per_px: float, horizon_px: float) -> MirrorProfile:
+    """The solved mirror of a profile's name. Raises InputError where no mirror shows the wanted range."""
+    if profile == "hyperbolic":
+        return solve_mirror(*hyperbolic(horizon_px=horizon_px))
+    targets: dict[str, Callable[[], Target]] = {
+        "combined": combined,
+        "horizontally-isometric": lambda: horizontally_isometric(metres_per_px),
+        "vertically-isometric": vertically_isometric,
+        "recorded": tangent_range,
+    }
+    return solve_mirror(targets[profile]())

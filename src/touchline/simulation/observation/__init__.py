@@ -1,0 +1,1 @@
+"""What a detector would find, without an image."""

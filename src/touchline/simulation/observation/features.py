@@ -1,0 +1,234 @@
+"""Lines, crossings and posts at the observation level: what a detector of such features would deliver.
+
+No detector of these exists yet. How well crossings can be placed was measured: `benchmarks/fit_features.py` lays
+straight lines through the line points that `LinePointDetector` finds around them in rendered images, and crosses these.
+Posts and the ends of lines are given the same noise; what is set and not measured says so.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from touchline.camera import OmniCamera
+from touchline.config import Settings
+from touchline.field import FieldModel
+from touchline.field.crossings import CrossingKind
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.simulation.observation.crossings import hidden
+from touchline.simulation.observation.observed_lines import occluders
+
+Table = FloatArray | None
+_STEP_M = 0.05
+
+
+class FeatureNoise(Settings):
+    """How well features are seen."""
+
+    outwards_px: float = Field(
+        0.137,
+        ge=0,
+        description="size of a feature's error in the image (pixels), outwards; measured of crossings",
+    )
+    across_px: float = Field(0.283, ge=0, description="the same at right angles to that; measured of crossings")
+    tail: float = Field(
+        1.4, gt=0, description="how much heavier than normal the errors' tails are: k of sinh(k z) / k; measured"
+    )
+    orientation_deg: float = Field(0.56, ge=0, description="size of the error of a crossing's orientation; measured")
+    found_share: float = Field(0.59, ge=0, le=1, description="share of the crossings near by that are found; measured")
+    found_half_m: float = Field(5.5, gt=0, description="range at which half of these are found; measured")
+    found_slope_m: float = Field(0.37, gt=0, description="how fast that changes with the range (logistic); measured")
+    line_share: float = Field(0.95, ge=0, le=1, description="share of the lines in view that are found; set")
+    post_share: float = Field(0.85, ge=0, le=1, description="share of the posts in view that are found; set")
+    wrong_kind_share: float = Field(0.03, ge=0, le=1, description="share of crossings taken for another kind; set")
+    lean_deg: float = Field(
+        0.0, ge=0, description="error of roll and of pitch that all features of an image share; measured on the IMU"
+    )
+    farthest_m: float = Field(6.5, gt=0, description="range beyond which nothing is found; measured")
+    shortest_line_m: float = Field(0.6, gt=0, description="visible length below which a line is not found")
+    height_m: float = Field(0.8, gt=0, description="height of the view: how far bodies hide the ground")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SeenCrossing:
+    """position_m: (2,), covariance_m2: (2, 2), orientation_rad as of `touchline.field.Crossing`; robot frame."""
+
+    kind: CrossingKind
+    position_m: FloatArray
+    covariance_m2: FloatArray
+    orientation_rad: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SeenPost:
+    """The foot of a goal post or pole. position_m: (2,), covariance_m2: (2, 2), robot frame."""
+
+    kind: str
+    position_m: FloatArray
+    covariance_m2: FloatArray
+    colors_from_ground: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SeenLine:
+    """The visible part of a straight line. ends_m: (2, 2), covariances_m2: (2, 2, 2) of each end; robot frame."""
+
+    ends_m: FloatArray
+    covariances_m2: FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SeenFeatures:
+    """Everything beside line points that was seen in one frame."""
+
+    lines: tuple[SeenLine, ...]
+    crossings: tuple[SeenCrossing, ...]
+    posts: tuple[SeenPost, ...]
+
+
+class ObservedFeatures:
+    """A virtual detector of features for one camera and one field."""
+
+    def __init__(
+        self, camera: OmniCamera, field: FieldModel, noise: FeatureNoise | None = None, view_rad: float = math.pi
+    ) -> None:
+        """view_rad: how far to each side the camera sees."""
+        self.camera, self.field, self.view_rad = camera, field, view_rad
+        self.noise = noise or FeatureNoise()
+
+    def observe(
+        self, pose: Pose, rng: np.random.Generator, bodies: Table = None, black_rad: Table = None
+    ) -> SeenFeatures:
+        """Features seen from a pose; bodies (K, 4) and black_rad (B, 2) as of `ObservedLines.observe`."""
+        hiding = occluders(np.zeros((0, 4)) if bodies is None else bodies, self.noise.height_m)
+        black = np.zeros((0, 2)) if black_rad is None else black_rad
+        crossings, posts = self._crossings(pose, rng, hiding, black), self._posts(pose, rng, hiding, black)
+        seen = SeenFeatures(tuple(self._lines(pose, rng, hiding, black)), tuple(crossings), tuple(posts))
+        if self.noise.lean_deg == 0.0:
+            return seen
+        roll, pitch = math.radians(self.noise.lean_deg) * rng.standard_normal(2)
+        return _leaning(seen, float(roll), float(pitch), self.noise)
+
+    def _crossings(
+        self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray
+    ) -> list[SeenCrossing]:
+        seen = []
+        places = np.array([(c.x, c.y) for c in self.field.crossings]).reshape(-1, 2)
+        noise = self.noise
+        away = np.hypot(*(places - (pose.x, pose.y)).T)
+        shares = noise.found_share / (1.0 + np.exp((away - noise.found_half_m) / noise.found_slope_m))
+        for index, position, covariance in self._found(pose, places, shares, rng, hiding, black):
+            crossing = self.field.crossings[index]
+            kind = crossing.kind
+            if rng.random() < noise.wrong_kind_share:
+                kind = [k for k in CrossingKind if k is not kind][int(rng.integers(2))]
+            turned = crossing.orientation_rad - pose.heading
+            turned += math.radians(noise.orientation_deg) * float(self._tailed(rng.standard_normal()))
+            turned = turned % (0.5 * math.pi) if kind is CrossingKind.X else wrap_angle(turned)
+            seen.append(SeenCrossing(kind, position, covariance, turned))
+        return seen
+
+    def _posts(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> list[SeenPost]:
+        posts = self.field.posts
+        places = np.array([(p.x, p.y) for p in posts]).reshape(-1, 2)
+        found = self._found(pose, places, self.noise.post_share, rng, hiding, black)
+        return [SeenPost(posts[i].kind, at, covariance, posts[i].colors_from_ground) for i, at, covariance in found]
+
+    def _lines(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> list[SeenLine]:
+        """Of each straight line the longest stretch in view."""
+        seen = []
+        for x1, y1, x2, y2 in self.field.segments:
+            steps = max(2, math.ceil(math.hypot(x2 - x1, y2 - y1) / _STEP_M) + 1)
+            places = np.linspace((x1, y1), (x2, y2), steps)
+            first, last = _longest_run(self.in_view(pose, places, hiding, black))
+            ends = places[[first, last - 1]] if last > first else places[:0]
+            if len(ends) == 0 or math.hypot(*(ends[1] - ends[0])) < self.noise.shortest_line_m:
+                continue
+            if rng.random() < self.noise.line_share:
+                position, covariance = self._perturbed(pose.inverse().transform(ends), rng)
+                seen.append(SeenLine(position, covariance))
+        return seen
+
+    def _found(
+        self,
+        pose: Pose,
+        places: FloatArray,
+        shares: FloatArray | float,
+        rng: np.random.Generator,
+        hiding: FloatArray,
+        black: FloatArray,
+    ) -> list[tuple[int, FloatArray, FloatArray]]:
+        """Index, perturbed position and covariance of the places (N, 2), field frame, that are in view and found.
+
+        shares: how many of them are found, (N,) or all alike.
+        """
+        seen = self.in_view(pose, places, hiding, black) & (rng.random(len(places)) < shares)
+        chosen = np.flatnonzero(seen)
+        positions, covariances = self._perturbed(pose.inverse().transform(places[chosen]), rng)
+        return [(int(i), positions[k], covariances[k]) for k, i in enumerate(chosen)]
+
+    def in_view(self, pose: Pose, places: FloatArray, hiding: FloatArray, black: FloatArray) -> np.ndarray:
+        """(N,) whether places (N, 2), field frame, are near enough, inside the view, and hidden by nothing."""
+        ground = pose.inverse().transform(places)
+        ranges, bearings = np.hypot(ground[:, 0], ground[:, 1]), np.arctan2(ground[:, 1], ground[:, 0])
+        pixels = self.camera.image_from_ground(ground)
+        radius = np.hypot(*(pixels - np.array(self.camera.center)).T)
+        seen = (ranges <= self.noise.farthest_m) & (np.abs(bearings) <= self.view_rad)
+        seen &= (radius >= self.camera.inner_radius_px) & (radius <= self.camera.outer_radius_px)
+        for start, end in black:
+            seen &= np.mod(bearings - start, 2.0 * math.pi) > (end - start) % (2.0 * math.pi)
+        for index in np.flatnonzero(seen):
+            seen[index] = not hidden(pose.x, pose.y, places[index, 0], places[index, 1], hiding)
+        return np.asarray(seen)
+
+    def _perturbed(self, ground: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Positions (N, 2) and covariances (N, 2, 2) of ground points (N, 2) seen with the noise of a pixel."""
+        n = self.noise
+        pixels = self.camera.image_from_ground(ground)
+        out = pixels - np.array(self.camera.center)
+        out /= np.maximum(np.hypot(out[:, 0], out[:, 1]), 1e-9)[:, np.newaxis]
+        axes = np.stack((n.outwards_px * out, n.across_px * out[:, ::-1] * (-1.0, 1.0)), axis=-1)
+        chance = self._tailed(rng.standard_normal((len(ground), 2)))
+        moved = self.camera.ground_from_image(pixels + np.einsum("nij,nj->ni", axes, chance))
+        variance = math.expm1(2.0 * n.tail**2) / (2.0 * n.tail**2)
+        spread = self.camera.ground_jacobian(pixels) @ axes
+        covariances: FloatArray = variance * spread @ spread.transpose(0, 2, 1)
+        return np.where(np.isfinite(moved), moved, ground), covariances
+
+    def _tailed(self, chance: Any) -> Any:
+        """Standard normal numbers with heavier tails."""
+        return np.sinh(self.noise.tail * chance) / self.noise.tail
+
+
+def _leaning(seen: SeenFeatures, roll: float, pitch: float, noise: FeatureNoise) -> SeenFeatures:
+    """Features as a view at a height sees them that leans by an unknown roll and pitch (rad), with that in their
+    covariances.
+    """
+    lean_rad, height = math.radians(noise.lean_deg), noise.height_m
+
+    def moved(ground: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x, y = ground[..., 0], ground[..., 1]
+        by_roll = np.stack((-x * y / height, -height - y * y / height), axis=-1)
+        by_pitch = np.stack((height + x * x / height, x * y / height), axis=-1)
+        shared = sum(axis[..., :, np.newaxis] * axis[..., np.newaxis, :] for axis in (by_roll, by_pitch))
+        return ground + roll * by_roll + pitch * by_pitch, covariances + lean_rad**2 * shared
+
+    lines = tuple(SeenLine(*moved(line.ends_m, line.covariances_m2)) for line in seen.lines)
+    crossings = tuple(
+        SeenCrossing(c.kind, *moved(c.position_m, c.covariance_m2), c.orientation_rad) for c in seen.crossings
+    )
+    posts = tuple(SeenPost(p.kind, *moved(p.position_m, p.covariance_m2), p.colors_from_ground) for p in seen.posts)
+    return SeenFeatures(lines, crossings, posts)
+
+
+def _longest_run(flags: np.ndarray) -> tuple[int, int]:
+    """First index and end of the longest run of true flags (N,); (0, 0) if there is none."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    if len(edges) == 0:
+        return 0, 0
+    best = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[2 * best]), int(edges[2 * best + 1])

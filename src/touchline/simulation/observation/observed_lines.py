@@ -1,0 +1,243 @@
+"""The observation level: line points as perception would deliver them, without an image.
+
+The scan paths of the detector are crossed with the field's paint (`crossings`); then points are missed, shifted along
+their path and joined by false ones (`point_errors`), with figures fitted to what the detector finds in rendered images.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+
+from touchline.camera import OmniCamera
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose
+from touchline.perception import LinePointSettings
+from touchline.simulation.observation.crossings import COLUMNS, find_crossings, inside_sector, scale_table
+from touchline.simulation.observation.fixed_noise import mosaic_table
+from touchline.simulation.observation.goal_clutter import NET_PLACES, PLACES, place_strays, seen_thread, thread_table
+from touchline.simulation.observation.point_errors import ObservationNoise, perturbed
+from touchline.simulation.observation.runs import BAR, bar_table, round_table
+from touchline.types import LinePoints, empty_points
+
+_BAR_M = (0.12, 0.05)  # a goal's bar on the ground as seen from above, with its side: width, how far behind its middle
+_MARK_M = 0.06  # by so much blur lets a path pass beside a round mark and still meet it
+_STEP_PX = 4.0  # between the nodes of what a camera as built sees elsewhere
+_MOST_ANYWHERE = 32  # false points of an image, elsewhere
+_NO_BODIES = np.zeros((0, 4))
+
+
+class ObservedLines:
+    """A virtual detector for one camera and one field: `observe` gives line points for a pose."""
+
+    def __init__(
+        self,
+        camera: OmniCamera,
+        field: FieldModel,
+        noise: ObservationNoise | None = None,
+        detector: LinePointSettings | None = None,
+        view_rad: float = math.pi,
+        seed: int = 0,
+        as_built: Callable[[FloatArray], FloatArray] | None = None,
+    ) -> None:
+        """view_rad: how far to each side the camera sees. seed: of those errors that come again at the same place.
+
+        as_built: pixels (N, 2) at which the camera truly sees ground points (N, 2), base frame, where it is not quite
+        the one it is taken for; none: it is.
+        """
+        self.camera, self.field, self.seed = camera, field, seed
+        self.noise = noise or ObservationNoise()
+        self.detector = detector or LinePointSettings()
+        self.view_rad = view_rad
+        self._scales = scale_table(camera, float(camera.range_m[:, -1].min()))
+        self._rays, self._circles = _scan_geometry(camera, self.detector, view_rad)
+        s, n = self.detector, self.noise
+        width = s.line_width_m or field.line_width
+        self._limits = (width, s.steepest_crossing, s.blur_px, n.bridged_px, n.apart_px)
+        goals, bars = _goals(field)
+        kinds = [n.white_goals if goal.color == "white" else n.coloured_goals for goal in field.goals]
+        self._goals = goals, np.array([kind.numbers() for kind in kinds]).reshape(-1, 6)
+        self._covered_goals = goals, np.array([n.covered_goals.numbers()] * len(goals)).reshape(-1, 6)
+        self._threads = thread_table(goals, [goal.color == "white" for goal in field.goals], seed)
+        lines = np.concatenate((bar_table(field.segments, width), bars))
+        marks = field.discs + np.array([0.0, 0.0, _MARK_M])
+        self._paint = (lines, round_table(field.circles, field.arcs), marks)
+        self._mouth = np.array([abs(field.goals[0].x), *sorted(field.goals[0].y_posts)] if field.goals else [0.0] * 3)
+        self._carpet = (0.5 * field.length + field.border, 0.5 * field.width + field.border)
+        self._lookup = (camera.lookup_constants, camera.bearings_rad, camera.lookup_table)
+        self._posts = np.array([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts]).reshape(-1, 4)
+        self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
+        self._numbers = n.numbers(s.noise_px, s.noise_m)
+        self._askew = (_askew(camera, as_built), _STEP_PX)
+        self._same = (seed, mosaic_table(seed))
+        self._found = np.empty((2048, COLUMNS))
+        self._places = np.empty((PLACES * len(goals) + _MOST_ANYWHERE, 2))
+
+    def crossings(
+        self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
+    ) -> FloatArray:
+        """(M, COLUMNS) all that the detector might find from a pose, arguments as of `observe`: see `crossings`."""
+        hiding = np.concatenate((self._posts, _NO_BODIES if bodies is None else bodies))
+        count = find_crossings(
+            (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, self._mouth,
+            occluders(hiding, self.noise.height_m), self._carpet, self._sectors(black_rad), self._scales, self._found,
+        )  # fmt: skip
+        return self._found[:count]
+
+    def observe(
+        self,
+        pose: Pose,
+        rng: np.random.Generator,
+        bodies: FloatArray | None = None,
+        black_rad: FloatArray | None = None,
+    ) -> LinePoints:
+        """Line points seen from a pose in the field.
+
+        bodies: (K, 4) x, y (field frame), radius, height (m) of what hides the ground behind it; posts do anyway.
+        black_rad: (B, 2) directions from, to (base frame, counter-clockwise) in which nothing is seen.
+        """
+        n, sectors = self.noise, self._sectors(black_rad)
+        covered = black_rad is not None and len(black_rad) > 0
+        anywhere = min(int(rng.poisson(n.false_points)), _MOST_ANYWHERE)
+        count, false_count = _seen(
+            (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, self._mouth,
+            self._posts, _NO_BODIES if bodies is None else bodies, n.height_m, self._carpet, sectors, self._scales,
+            self._found, rng.random((anywhere, 2)), self._covered_goals if covered else self._goals, self._threads,
+            self.seed, self._places,
+        )  # fmt: skip
+        total = count + false_count
+        if total == 0:
+            return empty_points()
+        rows = np.empty((total, 9))
+        kept = perturbed(  # type: ignore[no-untyped-call]
+            self._found[:count], self._places[:false_count], len(self._rays), sectors, self._numbers, self._same,
+            rng.standard_normal(3), rng.standard_normal((total, 2)), self._lookup, self._scales, self._askew, rows,
+        )  # fmt: skip
+        rows = rows[:kept]
+        return LinePoints(rows[:, :2], rows[:, 2:6].reshape(-1, 2, 2), rows[:, 6], rows[:, 7:9])
+
+    def goal_places(
+        self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
+    ) -> FloatArray:
+        """(G, 2) share of each goal's places for false points that a pose can see: on the net behind, at the sides."""
+        moving, sectors = (
+            occluders(_NO_BODIES if bodies is None else bodies, self.noise.height_m),
+            self._sectors(black_rad),
+        )
+        seen = np.zeros((len(self._goals[0]), 2))
+        for row, thread in enumerate(self._threads):
+            goal, net = row // PLACES, row % PLACES < NET_PLACES
+            x, y = seen_thread(
+                thread, net, pose.x, pose.y, self.noise.height_m, self._mouth, moving, self._carpet, self._scales
+            )
+            if not math.isnan(x) and not inside_sector(math.atan2(y - pose.y, x - pose.x) - pose.heading, sectors):
+                seen[goal, 0 if net else 1] += 1.0
+        shares: FloatArray = seen / (NET_PLACES, PLACES - NET_PLACES)
+        return shares
+
+    def _sectors(self, black_rad: FloatArray | None) -> FloatArray:
+        """(B, 2) directions in which nothing is seen."""
+        return self._unseen if black_rad is None or len(black_rad) == 0 else np.concatenate((self._unseen, black_rad))
+
+
+@njit(cache=True, error_model="numpy")
+def occluders(bodies, view_m):  # type: ignore[no-untyped-def]
+    """(K, 4) x, y, radius, reach for `crossings.hidden` of bodies (K, 4) x, y, radius, height (m) seen from view_m."""
+    table = bodies.copy()
+    for i in range(len(table)):
+        above = view_m - bodies[i, 3]
+        table[i, 3] = view_m / above if above > 1e-3 else np.inf
+    return table
+
+
+def _goals(field: FieldModel) -> tuple[FloatArray, FloatArray]:
+    """(G, 4) x of the posts and of the net, lowest and highest y (m) of each goal; bars of the white ones."""
+    boxes, bars = [], []
+    for goal in field.goals:
+        side, low, high = math.copysign(1.0, goal.x), min(goal.y_posts), max(goal.y_posts)
+        boxes.append((goal.x, goal.x + side * goal.depth, low, high))
+        if goal.color == "white":
+            back = goal.x + side * (goal.depth + _BAR_M[1])
+            bars.append((back, low, back, high))
+    rows = np.array(boxes, dtype=np.float64).reshape(-1, 4)
+    return rows, bar_table(np.array(bars, dtype=np.float64).reshape(-1, 4), _BAR_M[0], BAR)
+
+
+def _askew(camera: OmniCamera, as_built: Callable[[FloatArray], FloatArray] | None) -> FloatArray:
+    """(R, C, 2) by how many pixels the camera as built sees a ground point elsewhere; empty if it does not."""
+    if as_built is None:
+        return np.zeros((0, 0, 2))
+    v, u = np.mgrid[0 : camera.height + _STEP_PX : _STEP_PX, 0 : camera.width + _STEP_PX : _STEP_PX]
+    nodes = np.column_stack((u.ravel(), v.ravel()))
+    from_center = nodes - np.array(camera.center)
+    radius = np.hypot(from_center[:, 0], from_center[:, 1])
+    inside = np.clip(radius, camera.radius_px[0] + 0.5, camera.radius_px[-1] - 3.0) / np.maximum(radius, 1e-9)
+    nearest = np.array(camera.center) + from_center * inside[:, np.newaxis]
+    shifts = as_built(camera.ground_from_image(nearest)) - nearest
+    grid: FloatArray = np.nan_to_num(shifts).reshape(*u.shape, 2)
+    return np.zeros((0, 0, 2)) if np.abs(grid).max() < 1e-6 else np.ascontiguousarray(grid)
+
+
+def leaning_view(height_m: float, focal_px: float, farthest_m: float) -> OmniCamera:
+    """The ground as a head at a height (m) sees it, as a table: one pixel is 1 / focal_px of angle everywhere.
+
+    It stands for a pinhole camera with known lean at the observation level; its pixels are no image's.
+    """
+    radii = np.arange(1.0, focal_px * math.atan2(farthest_m, height_m) + 2.0)
+    ranges = height_m * np.tan(np.minimum(radii / focal_px, 1.56))
+    outer = float(radii[-1])
+    size = 2 * int(outer) + 3
+    return OmniCamera(size, size, (outer + 1.0, outer + 1.0), 0.3 * focal_px, outer, 1, 0.0, radii, np.zeros(1),
+                      ranges[np.newaxis])  # fmt: skip
+
+
+def _scan_geometry(camera: OmniCamera, s: LinePointSettings, view_rad: float) -> tuple[FloatArray, FloatArray]:
+    """The detector's rays (P, 3): bearing (rad), nearest, farthest range (m); circles (Q, 2): range (m), radius (px).
+
+    Where the camera's table depends on the direction, a circle of the image is taken for one on the ground.
+    """
+    inner, outer = camera.inner_radius_px, _farthest_radius(camera, s.coarsest_px_m)
+    angles = np.pi / s.radial_scan_lines * np.arange(2 * s.radial_scan_lines)
+    first = np.where(np.arange(len(angles)) % 2 == 0, inner, max(inner, 0.5 * outer))
+    bearings = camera.mount_yaw_rad + camera.handedness * angles
+    out = np.column_stack((np.cos(angles), np.sin(angles)))
+    last = min(outer, float(camera.radius_px[-1]) - 1e-6)  # so that no rounding leads out of the table
+    near, far = (
+        camera.ground_from_image(np.asarray(camera.center) + radius * out) for radius in (first[:, np.newaxis], last)
+    )
+    rays = np.column_stack((bearings, np.hypot(near[:, 0], near[:, 1]), np.hypot(far[:, 0], far[:, 1])))
+    turned = np.abs(np.mod(bearings + np.pi, 2.0 * np.pi) - np.pi)
+    radii = np.linspace(inner, outer, s.circles + 2)[1:-1]
+    ranges = np.interp(radii, camera.radius_px, camera.range_m.mean(axis=0))
+    return np.ascontiguousarray(rays[turned <= view_rad]), np.column_stack((ranges, radii))
+
+
+def _farthest_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
+    """The radius (px) beyond which the detector does not look: a pixel there is longer than coarsest_px_m."""
+    too_coarse = np.flatnonzero(np.diff(camera.range_m, axis=1).max(axis=0) > coarsest_px_m * np.diff(camera.radius_px))
+    limit = camera.radius_px[too_coarse[0]] if len(too_coarse) else camera.radius_px[-1]
+    return float(min(limit, camera.outer_radius_px))
+
+
+@njit(cache=True, error_model="numpy")
+def _seen(  # type: ignore[no-untyped-def]
+    pose, rays, circles, limits, paint, mouth, posts, bodies, view_m, carpet, sectors, scales, found, uniforms, goals,
+    threads, seed, places,
+):  # fmt: skip
+    """What `find_crossings` finds, into found, and false points, into places (K, 2), base frame: how many of each.
+
+    posts, bodies: (K, 4) as of `occluders`, seen from the height view_m (m). uniforms (N, 2): where on rays other false
+    points are. goals, threads, seed: see `place_strays`. The other arguments as of `find_crossings`.
+    """
+    standing, moving = occluders(posts, view_m), occluders(bodies, view_m)
+    hiding = np.concatenate((standing, moving))
+    count = find_crossings(pose, rays, circles, limits, paint, mouth, hiding, carpet, sectors, scales, found)
+    for k in range(len(uniforms)):
+        ray = rays[int(uniforms[k, 0] * len(rays))]
+        reach = ray[1] + uniforms[k, 1] * (ray[2] - ray[1])
+        places[k, 0], places[k, 1] = reach * math.cos(ray[0]), reach * math.sin(ray[0])
+    view = view_m, mouth, moving, carpet, scales
+    return count, place_strays(pose, goals, threads, seed, view, places, len(uniforms))

@@ -1,0 +1,1 @@
+"""From a camera's rays and a world to linear radiance."""

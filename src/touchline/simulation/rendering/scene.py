@@ -1,0 +1,213 @@
+"""A world as arrays, built once; what moves or shines is brought up to date for each image."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.simulation.rendering.carpet import pile_pyramid, wear_map
+from touchline.simulation.rendering.illumination import (
+    FLAGS_PER_M,
+    HAS_PAINT,
+    HAS_SEAM,
+    PAINT_AROUND,
+    PAINT_NEAR,
+    mark_sunlight,
+    place_casters,
+    sunward,
+)
+from touchline.simulation.rendering.paint import CELL_M, build_paint, mark_paint
+from touchline.simulation.rendering.pile import SEAM_M, SEAM_OFFSET
+from touchline.simulation.rendering.solids import (
+    Palette,
+    ball_row,
+    block_row,
+    field_blocks,
+    net_rows,
+    placed,
+    robot_rows,
+)
+from touchline.simulation.world.lights import lamps_on_ground
+from touchline.simulation.world.world import PAINTS, World, WorldState
+
+RADIANCE_PER_LEVEL = 0.295  # white paint (0.87) under level 1: 0.26, as in the recorded images under hall lamps
+_LIGHT_STEP_M = 0.125
+_ROOM_PAINTS = ((0.40, 0.375, 0.35), (0.019, 0.019, 0.02), (0.55, 0.51, 0.42), (0.75, 0.71, 0.61))
+# standard deviations of brightness as measured over the floors of the recordings: blotches, strips, pile
+_WEAR, _STRIP_TONE, _PILE = 0.053, 0.034, 1.25
+
+
+class SceneArrays(NamedTuple):
+    """All that the loops read, from one camera's place; each is explained where it is made."""
+
+    solids: FloatArray
+    starts: npt.NDArray[np.int32]
+    items: npt.NDArray[np.int16]
+    near: FloatArray
+    palette: FloatArray
+    room: FloatArray
+    room_colours: FloatArray
+    flag_words: npt.NDArray[np.uint32]
+    flag_frame: FloatArray
+    shapes: FloatArray
+    cell_starts: npt.NDArray[np.int32]
+    cell_items: npt.NDArray[np.int16]
+    paint_frame: FloatArray
+    paints: FloatArray
+    carpet: FloatArray
+    pyramid: npt.NDArray[np.float32]
+    light: npt.NDArray[np.float32]
+    light_frame: FloatArray
+    casters: FloatArray
+    caster_cells: npt.NDArray[np.int16]
+    sun: FloatArray
+    windows: FloatArray
+
+
+class Scene:
+    """The arrays that the rendering loops read. Field frame, metres.
+
+    room (6,), room_colours (4, 3), paint (PaintGrid), paints (1 + marks, 3), carpet (5,), pyramid: see the loops.
+    After `update`: solids (K, 14), casters (M, 4), caster_cells, light (ny, nx, 2), sun (5,).
+    """
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.flags: npt.NDArray[np.uint8]
+        self._still_flags: npt.NDArray[np.uint8]
+        self._lit_flags: npt.NDArray[np.uint8]
+        rng = np.random.default_rng([world.seed, 23])
+        length, width = world.carpet
+        self.room = np.array(
+            [0.5 * length, 0.5 * width, 0.5 * world.hall[0], 0.5 * world.hall[1], world.hall[2], world.board_height]
+        )
+        self.room_colours = np.array(_ROOM_PAINTS)
+        self.paint = build_paint(world.field, world.marks, world.hall)
+        self.paints = np.array([PAINTS["white"], *(mark.colour for mark in world.marks)])
+        self.carpet = np.array([*PAINTS["carpet"], world.seam_spacing, _PILE * world.carpet_contrast])
+        self.pyramid = pile_pyramid(rng)
+        self._build_solids()
+        self._build_light(rng)
+        self._build_flags()
+
+    def update(self, state: WorldState) -> None:
+        """Bring everything that moves or shines to a state. Raises InputError for a body outside the hall."""
+        world = self.world
+        robots = np.array(state.robots or [(r.x, r.y, r.heading) for r in world.robots], dtype=np.float64).reshape(
+            -1, 3
+        )
+        balls = np.array(state.balls or [(b.x, b.y) for b in world.balls], dtype=np.float64).reshape(-1, 2)
+        if len(robots) != len(world.robots) or len(balls) != len(world.balls):
+            raise InputError(
+                f"state at {state.time_s:g} s: {len(robots)} robots and {len(balls)} balls, but the world has "
+                f"{len(world.robots)} and {len(world.balls)}"
+            )
+        for name, places in (("robot", robots), ("ball", balls)):
+            for number, place in enumerate(places):
+                world.check_inside(f"{name} {number} at {state.time_s:g} s", float(place[0]), float(place[1]))
+        moving = placed(self._robot_rows, robots[self._robot_owners])
+        rolling = self._ball_rows.copy()
+        if len(rolling):
+            rolling[:, 1:3] = balls
+        self.solids = np.concatenate((self._standing, moving, rolling))
+        self.casters = self._casters(robots, balls)
+        self._shine(state.time_s)
+        np.copyto(self.flags, self._lit_flags if self.sun[0] > 0.0 else self._still_flags)
+        self.caster_cells = place_casters(self.casters, self.sun, self.paint.frame, self.flags)
+
+    def arrays(self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray) -> SceneArrays:
+        """Everything for the loops, with the solids sorted into cells around a camera."""
+        return SceneArrays(
+            self.solids, starts, items, near, self.palette, self.room, self.room_colours,
+            self.flags.reshape(-1).view(np.uint32), self._flag_frame,
+            *self.paint, self.paints, self.carpet, self.pyramid, self.light, self.light_frame, self.casters,
+            self.caster_cells, self.sun, self.windows,
+        )  # fmt: skip
+
+    def _build_solids(self) -> None:
+        world, palette = self.world, Palette()
+        rows = [block_row(block, palette) for block in (*field_blocks(world.field), *world.clutter)]
+        rows += net_rows(world.field, palette)
+        self._standing = np.array(rows, dtype=np.float64).reshape(-1, 14)
+        self._robot_rows, self._robot_owners = robot_rows(world.robots, palette)
+        self._ball_rows = np.array([ball_row(ball, palette) for ball in world.balls], dtype=np.float64).reshape(-1, 14)
+        palette.add([PAINTS["white"]])  # never empty
+        self.palette = palette.array()
+        self._caster_sizes = np.array(
+            [(r.radius, r.height) for r in world.robots] + [(b.radius, 2.0 * b.radius) for b in world.balls],
+            dtype=np.float64,
+        ).reshape(-1, 2)
+        self._caster_sizes = np.hstack((np.zeros((len(self._caster_sizes), 2)), self._caster_sizes))
+
+    def _casters(self, robots: FloatArray, balls: FloatArray) -> FloatArray:
+        table = self._caster_sizes.copy()
+        table[:, :2] = np.concatenate((robots[:, :2], balls))
+        return table
+
+    def _build_light(self, rng: np.random.Generator) -> None:
+        world = self.world
+        columns, rows = (int(np.ceil(size / _LIGHT_STEP_M)) + 3 for size in world.hall[:2])
+        self.light_frame = np.array(
+            [-0.5 * (columns - 1) * _LIGHT_STEP_M, -0.5 * (rows - 1) * _LIGHT_STEP_M, 1.0 / _LIGHT_STEP_M]
+        )
+        x = self.light_frame[0] + np.arange(columns) * _LIGHT_STEP_M
+        y = self.light_frame[1] + np.arange(rows) * _LIGHT_STEP_M
+        self._lamp_shares = lamps_on_ground(world.lights.lamps, *np.meshgrid(x, y))
+        self.light = np.empty((rows, columns, 2), dtype=np.float32)
+        self._carpet_brightness = 1.0 + _WEAR * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
+        if world.seam_spacing > 0.0:  # no two strips are of quite the same tone
+            strips = np.floor(x / world.seam_spacing + SEAM_OFFSET).astype(int)
+            tones = _STRIP_TONE * rng.standard_normal(int(strips[-1] - strips[0]) + 1)
+            self._carpet_brightness *= 1.0 + world.carpet_contrast * tones[strips - strips[0]]
+        self._levels: npt.NDArray[np.float64] | None = None
+        walls = {"east": (0.0, self.room[2]), "west": (0.0, -self.room[2])}
+        walls |= {"north": (1.0, self.room[3]), "south": (1.0, -self.room[3])}
+        openings = [
+            (*walls[w.wall], w.start_m, w.end_m, w.bottom_m, w.top_m, *w.bars, w.bar_width_m)
+            for w in world.lights.windows
+        ]
+        self.windows = sunward(
+            np.array(openings, dtype=np.float64).reshape(-1, 9),
+            world.lights.sun_azimuth_rad,
+            world.lights.sun_elevation_rad,
+        )
+
+    def _shine(self, time_s: float) -> None:
+        lights = self.world.lights
+        lamps, sun, ambient = lights.levels(time_s)
+        levels = np.array([*lamps, ambient])
+        if self._levels is None or not np.array_equal(levels, self._levels):
+            total = np.tensordot(lamps, self._lamp_shares, axes=1) + ambient
+            self.light[:, :, 0] = total * RADIANCE_PER_LEVEL
+            self.light[:, :, 1] = self.light[:, :, 0] * self._carpet_brightness
+            self._levels = levels
+        self.sun = np.array(
+            [
+                sun * RADIANCE_PER_LEVEL,
+                np.cos(lights.sun_azimuth_rad),
+                np.sin(lights.sun_azimuth_rad),
+                np.tan(lights.sun_elevation_rad),
+            ]
+        )
+        if sun > 0.0 and self._lit_flags is self._still_flags:
+            self._lit_flags = np.array(self._still_flags)
+            mark_sunlight(self.sun, self.windows, self.paint.frame, self._lit_flags)
+
+    def _build_flags(self) -> None:
+        """What the flag cells of the ground hold that never moves."""
+        x0, _, columns, rows = self.paint.frame
+        shape = (round(rows * CELL_M * FLAGS_PER_M), round(columns * CELL_M * FLAGS_PER_M))
+        self._still_flags = np.zeros(shape, dtype=np.uint8)
+        mark_paint(self.paint, FLAGS_PER_M, self._still_flags, (HAS_PAINT, PAINT_NEAR, PAINT_AROUND))
+        spacing = self.world.seam_spacing
+        if spacing > 0.0 and self.world.carpet_contrast > 0.0:
+            strip = (x0 + (np.arange(shape[1]) + 0.5) / FLAGS_PER_M) / spacing + SEAM_OFFSET
+            near = np.abs(strip - np.round(strip)) * spacing < 0.5 / FLAGS_PER_M + 0.5 * SEAM_M + 0.05
+            self._still_flags[:, near] |= HAS_SEAM
+        self._lit_flags = self._still_flags
+        self._flag_frame = np.array([*self.paint.frame[:2], shape[1], shape[0]])
+        self.flags = self._still_flags.copy()

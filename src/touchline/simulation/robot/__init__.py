@@ -1,0 +1,1 @@
+"""How robots move and what their sensors tell of it."""

@@ -1,0 +1,1 @@
+"""What stands where: hall, lights, clutter and what is laid out for a calibration."""

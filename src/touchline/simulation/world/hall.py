@@ -1,0 +1,90 @@
+"""The hall around a field, and the things in it from a seed: panels with posters, boxes, columns, people."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from touchline.field import FieldModel
+from touchline.simulation.world.lights import Lights, hall_lamps
+from touchline.simulation.world.world import PAINTS, Block, Colour, World
+
+_PANELS = ("white", "light grey", "grey", "green", "blue", "red", "yellow", "cyan", "orange", "brown", "black")
+_CLOTHES = ("red", "orange", "blue", "brown", "white", "green", "black", "yellow", "light grey")
+
+
+def hall_for(field_model: FieldModel, margin_m: float = 1.8, height_m: float = 6.0) -> tuple[float, float, float]:
+    """A hall whose walls stand margin_m beyond the carpet."""
+    return (
+        field_model.length + 2.0 * (field_model.border + margin_m),
+        field_model.width + 2.0 * (field_model.border + margin_m),
+        height_m,
+    )
+
+
+def default_world(field_model: FieldModel, seed: int = 0, lights: Lights | None = None, clutter: bool = True) -> World:
+    """A furnished hall around a field: lamps, walls, clutter from the seed; no robots, no balls."""
+    hall = hall_for(field_model, 1.0 if field_model.length > 12.0 else 1.4)
+    lights = lights or Lights(hall_lamps(*hall))
+    world = World(field_model, hall, lights, board_height=0.12 if field_model.length > 12.0 else 0.0, seed=seed)
+    if not clutter:
+        return world
+    blocks = random_clutter(world.hall, world.carpet, np.random.default_rng([seed, 11]))
+    return World(field_model, hall, lights, tuple(blocks), board_height=world.board_height, seed=seed)
+
+
+def random_clutter(
+    hall: tuple[float, float, float], carpet: tuple[float, float], rng: np.random.Generator, share: float = 0.6
+) -> list[Block]:
+    """Blocks between carpet and walls that fill about `share` of the hall's circumference.
+
+    hall: length, width, height; carpet: length, width (m). The same generator state gives the same things.
+    """
+    blocks: list[Block] = []
+    gap = 0.5 * min(hall[0] - carpet[0], hall[1] - carpet[1])
+    for side in range(4):
+        along = hall[0] if side % 2 == 0 else hall[1]
+        across = 0.5 * (hall[1] if side % 2 == 0 else hall[0])
+        position = -0.5 * along + 0.4
+        while position < 0.5 * along - 1.2:
+            size = float(rng.uniform(0.35, 1.5))
+            if rng.random() < share:
+                depth = across - float(rng.uniform(0.15, max(0.2, 0.75 * gap)))
+                blocks += _thing(rng, *_place(side, position + 0.5 * size, depth), side, size)
+            position += size + float(rng.uniform(0.05, 0.5))
+    return blocks
+
+
+def _place(side: int, along: float, across: float) -> tuple[float, float]:
+    return [(along, across), (across, along), (along, -across), (-across, along)][side]
+
+
+def _thing(rng: np.random.Generator, x: float, y: float, side: int, size: float) -> list[Block]:
+    turn = float(rng.normal(0.0, 0.15)) + (0.5 * math.pi if side % 2 else 0.0)
+    kind = rng.random()
+    if kind < 0.45:  # a panel, often with something printed on it
+        decal = _paint(rng, _PANELS) if rng.random() < 0.6 else None
+        top = float(rng.uniform(0.5, 1.4))
+        return [Block("box", x, y, turn, size, 0.05, 0.0, top, (_paint(rng, _PANELS),), decal)]
+    if kind < 0.7:
+        depth = float(rng.uniform(0.25, 0.5))
+        return [
+            Block("box", x, y, turn, min(size, 0.8), depth, 0.0, float(rng.uniform(0.3, 0.8)), (_paint(rng, _PANELS),))
+        ]
+    if kind < 0.85:  # somebody watching
+        legs, torso = _paint(rng, _CLOTHES), _paint(rng, _CLOTHES)
+        skin = (0.45, 0.27, 0.18)
+        return [
+            Block("box", x, y, turn, 0.34, 0.2, 0.0, 0.85, (legs,)),
+            Block("box", x, y, turn, 0.44, 0.24, 0.85, 1.45, (torso,)),
+            Block("cylinder", x, y, turn, 0.2, 0.2, 1.48, 1.72, (skin,)),
+        ]
+    bands = tuple(_paint(rng, _PANELS) for _ in range(int(rng.integers(1, 4))))
+    return [Block("cylinder", x, y, 0.0, 0.25, 0.25, 0.0, float(rng.uniform(0.6, 1.4)), bands)]
+
+
+def _paint(rng: np.random.Generator, names: tuple[str, ...]) -> Colour:
+    red, green, blue = PAINTS[names[int(rng.integers(len(names)))]]
+    shade = float(rng.uniform(0.8, 1.15))
+    return (min(0.9, red * shade), min(0.9, green * shade), min(0.9, blue * shade))
