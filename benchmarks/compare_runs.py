@@ -77,7 +77,7 @@ def point_sets() -> Rows:
     from touchline.field import open_field
     from touchline.geometry import Pose
     from touchline.localization import GlobalSearch, Matcher, WeightSettings, range_weights
-    from touchline.localization.particles import MonteCarlo, MonteCarloSettings
+    from touchline.localization.particles.monte_carlo import MonteCarlo, MonteCarloSettings
 
     path = DATA / "points" / "msl_18x12.npz"
     if not path.is_file():

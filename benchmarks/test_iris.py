@@ -9,8 +9,8 @@ import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.particle_filter import ParticleFilter
-from touchline.localization.sensor_fusion import SensorFusion, Vision
+from touchline.localization.fusion.modes import SensorFusion, Vision
+from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.motion.odometry import Motion
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario

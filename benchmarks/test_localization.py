@@ -17,7 +17,7 @@ from touchline.localization import (
     locate_points,
     range_weights,
 )
-from touchline.localization.global_search import sample_errors
+from touchline.localization.matching.global_search import sample_errors
 
 FIELD = open_field("msl-18x12")
 MAP = FIELD.distance_map()

@@ -8,8 +8,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.matching import Matcher
-from touchline.localization.particles import MonteCarlo, MonteCarloSettings
+from touchline.localization.matching.matcher import Matcher
+from touchline.localization.particles.monte_carlo import MonteCarlo, MonteCarloSettings
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")

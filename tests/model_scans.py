@@ -12,7 +12,7 @@ import numpy as np
 
 from touchline.field import FieldModel
 from touchline.field.letters import field_from_letters
-from touchline.field.writing import field_to_text
+from touchline.field.model import field_to_text
 from touchline.geometry import FloatArray, Pose, wrap_angle
 
 FIELDS = Path(__file__).parent / "data" / "fields"

@@ -15,9 +15,9 @@ import yaml
 from small_recordings import borrow, delete_lines, edit_line, replace_line, write_recording
 from test_sources_broken import BROKEN_IMAGES, IMAGE_ROWS, ROWS, TRUTHS
 
+from touchline.checks.check import CHECKS, check_recording, register_check
+from touchline.checks.findings import Finding, Severity
 from touchline.sources import open_source
-from touchline.sources.check import CHECKS, check_recording, register_check
-from touchline.sources.findings import Finding, Severity
 
 WHEELS = {"a_dir_rad": math.pi / 4, "b_dir_rad": -math.pi / 4}
 BAD = (Severity.WARNING, Severity.ERROR)

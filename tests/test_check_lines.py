@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import yaml
 
+from touchline.checks.findings import Finding, Severity
+from touchline.checks.lines import check_lines
+from touchline.checks.survey import take_survey
 from touchline.sources import open_source
-from touchline.sources.check_lines import check_lines
-from touchline.sources.findings import Finding, Severity
-from touchline.sources.survey import take_survey
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 

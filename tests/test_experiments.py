@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from touchline.cli import main
 from touchline.errors import InputError
-from touchline.evaluation.experiments import (
+from touchline.evaluation.metrics import ErrorTable
+from touchline.experiments import (
     EXPERIMENTS,
     ExperimentResult,
     chosen_experiments,
@@ -23,11 +24,10 @@ from touchline.evaluation.experiments import (
     lighting_runs,
     occlusion,
 )
-from touchline.evaluation.experiments.result import Headline, percent, spread
-from touchline.evaluation.experiments.samples import searches, xiong_convergence, xiong_samples
-from touchline.evaluation.experiments.timing import lu2013_timing
-from touchline.evaluation.experiments.writing import result_page, with_row, write_result
-from touchline.evaluation.metrics import ErrorTable
+from touchline.experiments.result import Headline, percent, spread
+from touchline.experiments.samples import searches, xiong_convergence, xiong_samples
+from touchline.experiments.timing import lu2013_timing
+from touchline.experiments.writing import result_page, with_row, write_result
 from touchline.field import open_field
 from touchline.geometry import Pose
 

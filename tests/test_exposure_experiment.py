@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from touchline.camera.exposure import ExposureSettings
-from touchline.evaluation.experiments import EXPERIMENTS, lu2013_exposure
-from touchline.evaluation.experiments.writing import write_result
+from touchline.experiments import EXPERIMENTS, lu2013_exposure
+from touchline.experiments.writing import write_result
 from touchline.sources import open_source
 
 

@@ -20,7 +20,7 @@ from touchline.localization import (
     WeightSettings,
     range_weights,
 )
-from touchline.localization.global_search import sample_errors, sample_positions
+from touchline.localization.matching.global_search import sample_errors, sample_positions
 
 FIELD = open_field("msl-18x12")
 MATCHER = Matcher(FIELD.distance_map())

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.evaluation.experiments import EXPERIMENTS, iris_disturbances, iris_points, iris_tracks
-from touchline.evaluation.experiments.iris_runs import SYSTEMS, IrisDrive, covered, drifting, drive, slipped
-from touchline.evaluation.experiments.result import ExperimentResult
-from touchline.evaluation.experiments.writing import write_result
+from touchline.experiments import EXPERIMENTS, iris_disturbances, iris_points, iris_tracks
+from touchline.experiments.iris_runs import SYSTEMS, IrisDrive, covered, drifting, drive, slipped
+from touchline.experiments.result import ExperimentResult
+from touchline.experiments.writing import write_result
 from touchline.field import open_field
 from touchline.geometry import wrap_angles
 from touchline.types import Frame, Mode, Samples, Status

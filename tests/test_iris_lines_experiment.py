@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.evaluation.experiments import iris_lines, iris_timing
-from touchline.evaluation.experiments.result import ExperimentResult
-from touchline.evaluation.experiments.writing import write_result
+from touchline.experiments import iris_lines, iris_timing
+from touchline.experiments.result import ExperimentResult
+from touchline.experiments.writing import write_result
 from touchline.field import open_field
 
 

@@ -15,9 +15,9 @@ from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import LocateSettings, Location, PoorFitError, ScatterError, locate, locate_points
-from touchline.localization.chance import ChanceSettings, rearranged
-from touchline.localization.points_file import read_points
-from touchline.localization.whole_field import thinned, thinned_to
+from touchline.localization.one_shot.permutation_test import ChanceSettings, rearranged
+from touchline.localization.one_shot.points_file import read_points
+from touchline.localization.one_shot.whole_field import thinned, thinned_to
 from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")

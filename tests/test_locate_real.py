@@ -11,7 +11,7 @@ from model_scans import FIELDS, LINE_WIDTH_M, SCANS, fields, load_points, recove
 
 from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field
-from touchline.field.writing import field_to_text
+from touchline.field.model import field_to_text
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import Location, PoorFitError, ScatterError, locate_points
 

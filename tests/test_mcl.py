@@ -10,17 +10,17 @@ from line_scenes import lone_line, view
 
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.global_search import OWN_HALF
-from touchline.localization.matching import Matcher
-from touchline.localization.particle_kernels import (
+from touchline.localization.matching.global_search import OWN_HALF
+from touchline.localization.matching.matcher import Matcher
+from touchline.localization.particles.kernels import (
     add_log_likelihoods,
     mean_and_covariance,
     normalize,
     occupied_bins,
     resample,
 )
-from touchline.localization.particle_numbers import AdaptiveSettings, kld_number
-from touchline.localization.particles import PAPER_FORM, MonteCarlo, MonteCarloSettings
+from touchline.localization.particles.monte_carlo import PAPER_FORM, MonteCarlo, MonteCarloSettings
+from touchline.localization.particles.numbers import AdaptiveSettings, kld_number
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")

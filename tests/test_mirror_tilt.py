@@ -9,7 +9,7 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.mirror_tilt import MirrorTilt, MirrorTiltSettings, bent, normal_equations
+from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltSettings, bent, normal_equations
 from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")

@@ -11,9 +11,9 @@ from line_scenes import view
 from touchline.field import open_field
 from touchline.field.error_map import error_map
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.global_search import OWN_HALF
-from touchline.localization.particle_filter import ParticleFilter, ParticleFilterSettings
-from touchline.localization.particle_kernels import mean_and_covariance, resample, tempering
+from touchline.localization.matching.global_search import OWN_HALF
+from touchline.localization.particles.kernels import mean_and_covariance, resample, tempering
+from touchline.localization.particles.particle_filter import ParticleFilter, ParticleFilterSettings
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("indoor-9x6")

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from small_recordings import delete_lines, edit_line, replace_line, write_recording, write_sensors
 
+from touchline.checks.check import check_recording
+from touchline.checks.findings import Severity
 from touchline.errors import InputError
 from touchline.sources import ProblemKind, open_source
-from touchline.sources.check import check_recording
-from touchline.sources.findings import Severity
 from touchline.sources.problems import KEPT_PER_KIND
 from touchline.types import Frame
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import cv2
 
-from touchline.evaluation.experiments import EXPERIMENTS
-from touchline.evaluation.experiments.writing import PAGE
+from touchline.experiments import EXPERIMENTS
+from touchline.experiments.writing import PAGE
 
 DOCS = Path(__file__).parents[1]
 PICTURES = DOCS / "images" / "results"

@@ -175,12 +175,6 @@ def settings_rows(model: type[Settings], prefix: str = "") -> Iterator[tuple[str
             yield key, info.get_default(call_default_factory=True), info.description or ""
 
 
-def did_you_mean(word: str, known: Sequence[str]) -> str:
-    """A sentence that names the nearest known words, or all of them."""
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
-
-
 def _put(tree: dict[str, Any], path: list[str], value: Any, item: str) -> None:
     for part in path[:-1]:
         tree = tree.setdefault(part, {})

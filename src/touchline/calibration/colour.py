@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from touchline.camera import OmniCamera
-from touchline.config import did_you_mean, read_yaml
+from touchline.config import read_yaml
 from touchline.errors import InputError, TouchlineError
+from touchline.messages import did_you_mean
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import ColourModel
 from touchline.perception.covered import is_covered

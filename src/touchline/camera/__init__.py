@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from touchline.camera.omni import OmniCamera, omni_from_mapping
-from touchline.config import did_you_mean, read_yaml_mapping
+from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
+from touchline.messages import did_you_mean
 
 MODELS = ("omni", "pinhole")
 

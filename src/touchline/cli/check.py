@@ -10,8 +10,8 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from touchline.checks.findings import Finding
     from touchline.sources import Recording
-    from touchline.sources.findings import Finding
 
 _STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 _PIPE_WIDTH = 400
@@ -25,9 +25,10 @@ def check(
 
     Exit status 0: nothing worse than warnings. 1: errors, which will spoil the localization. 2: it can't be read.
     """
+    from touchline.checks.findings import Severity
     from touchline.cli.console import output
+    from touchline.messages import counted
     from touchline.sources import open_source
-    from touchline.sources.findings import Severity, counted
 
     source = open_source(recording)
     findings = _check_with_progress(source)
@@ -49,8 +50,8 @@ def check(
 def _check_with_progress(source: Recording) -> list[Finding]:
     from rich.progress import Progress
 
+    from touchline.checks.check import check_recording
     from touchline.cli.console import errors_console
-    from touchline.sources.check import check_recording
 
     console = errors_console()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:

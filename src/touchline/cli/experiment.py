@@ -14,7 +14,7 @@ _LINE_EVERY_S = 10.0
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from touchline.evaluation.experiments import Experiment, ExperimentResult
+    from touchline.experiments import Experiment, ExperimentResult
 
 
 def experiment(
@@ -34,8 +34,8 @@ def experiment(
     from rich.console import Console
 
     from touchline.cli.console import output as console
-    from touchline.evaluation.experiments import EXPERIMENTS, chosen_experiments
-    from touchline.evaluation.experiments.writing import check_writable, write_result
+    from touchline.experiments import EXPERIMENTS, chosen_experiments
+    from touchline.experiments.writing import check_writable, write_result
 
     if listing or name is None:
         for known in EXPERIMENTS.values():

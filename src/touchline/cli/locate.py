@@ -104,7 +104,7 @@ def _from_points(
 ) -> tuple[Location | NoFitError, Path | None]:
     """The location of the points in a file, or why there is none, and the picture that was drawn."""
     from touchline.localization import locate_points
-    from touchline.localization.points_file import read_points
+    from touchline.localization.one_shot.points_file import read_points
     from touchline.view.picture_files import save_picture
 
     points, weights = read_points(source)

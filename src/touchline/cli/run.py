@@ -107,8 +107,8 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from touchline.evaluation.run_folder import new_folder
+    from touchline.messages import counted
     from touchline.sources import ProblemKind
-    from touchline.sources.findings import counted
 
     for problem in prepared.source.problems:
         if problem.kind is ProblemKind.SENSOR_FILE:
@@ -190,7 +190,7 @@ def print_run(finished: Run) -> None:
 def _print_speed(console: Console, summary: dict[str, Any]) -> None:
     """The start, which loads code and may learn colours, apart from the rest."""
     from touchline.evaluation.latency import milliseconds
-    from touchline.sources.findings import counted
+    from touchline.messages import counted
 
     total, settled = summary["latency_ms"]["total"], summary["latency_ms"]["total_after_10"]
     if total["median"] is None:

@@ -30,7 +30,7 @@ _UNITS = (
 
 def settings_page() -> str:
     """The page as Markdown."""
-    from touchline.localization.locate import LocateSettings
+    from touchline.localization.one_shot.locate import LocateSettings
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS
 
     sections = [_INTRODUCTION]

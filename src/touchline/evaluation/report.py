@@ -19,7 +19,7 @@ from touchline.evaluation.report_style import STYLE
 from touchline.evaluation.run_folder import REPORT
 from touchline.evaluation.tum import pose_text
 from touchline.geometry import Pose
-from touchline.sources.findings import counted
+from touchline.messages import counted
 from touchline.types import ImageArray
 
 _JPEG_QUALITY = 82

@@ -10,7 +10,7 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.geometry import Pose
-from touchline.sources.findings import counted
+from touchline.messages import counted
 from touchline.sources.truth import heading_of
 from touchline.types import Samples
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from touchline.config import did_you_mean
 from touchline.errors import InputError
 from touchline.field.model import FieldModel
 from touchline.field.reading import load_field
+from touchline.messages import did_you_mean
 
 _PRESETS = Path(__file__).parent / "presets"
 

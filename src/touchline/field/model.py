@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import yaml
 
 from touchline.errors import InputError
 from touchline.field.crossings import Crossing, find_crossings
 from touchline.field.distance_map import DistanceMap
 from touchline.field.distances import arc_sweep, bar_table, bow_table, distances_to_lines, sample_distances
-from touchline.field.writing import field_to_text
 from touchline.geometry import FloatArray
 from touchline.new_files import write_new_file
 
 _MOST_SAMPLES = 40_000_000
 _COLUMNS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
+_YAML_HEADER = """\
+# A marked field. Origin at the centre mark, x along the length towards the opponent goal, y left; metres, radians.
+# length and width reach to the outer edge of the lines; the rows are centre lines: segments x1, y1, x2, y2;
+# circles cx, cy, radius; arcs cx, cy, radius, start, end (counter-clockwise); discs cx, cy, diameter of a filled mark.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +201,22 @@ class FieldModel:
         values = np.empty((2 * steps_y + 1, 2 * steps_x + 1, 3), dtype=np.float32)
         sample_distances(*self.line_tables, origin[0], origin[1], resolution_m, values)
         return DistanceMap(values, origin, resolution_m)
+
+
+def field_to_text(field: FieldModel) -> str:
+    """The text of a field.yaml that loads as an equal field."""
+    tree: dict[str, Any] = {"name": field.name}
+    if field.description:
+        tree["description"] = field.description
+    for key in ("length", "width", "line_width", "border"):
+        tree[key] = getattr(field, key)
+    if field.letters:
+        tree["letters"] = dict(field.letters)
+    for key in ("segments", "circles", "arcs", "discs"):
+        tree[key] = getattr(field, key).tolist()
+    tree["goals"] = [{**asdict(goal), "y_posts": list(goal.y_posts)} for goal in field.goals]
+    tree["poles"] = [{**asdict(pole), "bands_from_ground": list(pole.bands_from_ground)} for pole in field.poles]
+    return _YAML_HEADER + yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
 
 
 def _checked_rows(key: str, rows: npt.ArrayLike, columns: int) -> FloatArray:

@@ -1,12 +1,25 @@
 """Estimators: matching, global search, Kalman fusion, failure detection, and the pose of one observation."""
 
-from touchline.localization.compass import CompassCorrection, CompassSettings
-from touchline.localization.failure import FailureDetector, FailureSettings
-from touchline.localization.global_search import OWN_HALF, GlobalFix, GlobalSearch, GlobalSearchSettings, Region
-from touchline.localization.locate import LocateSettings, Location, PoorFitError, ScatterError, locate, locate_points
-from touchline.localization.matching import Match, Matcher, MatchingSettings
-from touchline.localization.tracking import FusionSettings, PoseFilter
-from touchline.localization.weights import WeightSettings, precision_weights, range_weights
+from touchline.localization.fusion.compass_correction import CompassCorrection, CompassSettings
+from touchline.localization.fusion.failure import FailureDetector, FailureSettings
+from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter
+from touchline.localization.matching.global_search import (
+    OWN_HALF,
+    GlobalFix,
+    GlobalSearch,
+    GlobalSearchSettings,
+    Region,
+)
+from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
+from touchline.localization.matching.weights import WeightSettings, precision_weights, range_weights
+from touchline.localization.one_shot.locate import (
+    LocateSettings,
+    Location,
+    PoorFitError,
+    ScatterError,
+    locate,
+    locate_points,
+)
 
 __all__ = [
     "OWN_HALF",

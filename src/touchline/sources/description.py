@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from touchline.config import did_you_mean, read_yaml_mapping
+from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
+from touchline.messages import did_you_mean
 from touchline.sources.problems import ProblemKind, ProblemLog
 
 FORMAT = 1

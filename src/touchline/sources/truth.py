@@ -10,7 +10,7 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.geometry import wrap_angles
-from touchline.sources.findings import counted
+from touchline.messages import counted
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.source import Truth

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from touchline.camera import OmniCamera
-from touchline.config import Settings, did_you_mean
+from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.field import FieldModel
+from touchline.messages import did_you_mean
 from touchline.perception import HsvLineDetector, LinePointDetector
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings

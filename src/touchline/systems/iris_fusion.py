@@ -23,10 +23,10 @@ from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.global_search import OWN_HALF
-from touchline.localization.particle_filter import ParticleFilter, ParticleFilterSettings
-from touchline.localization.restart import RestartRule, RestartSettings
-from touchline.localization.sensor_fusion import SensorFusion, SensorFusionSettings, Vision, without_bias
+from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, Vision, without_bias
+from touchline.localization.fusion.restart import RestartRule, RestartSettings
+from touchline.localization.matching.global_search import OWN_HALF
+from touchline.localization.particles.particle_filter import ParticleFilter, ParticleFilterSettings
 from touchline.motion import CompassTrack, CompassTrackSettings, Motion, WheelOdometry, WheelOdometrySettings
 from touchline.motion.history import NANOSECONDS
 from touchline.perception.hsv_lines import HsvLineDetector, HsvLineSettings

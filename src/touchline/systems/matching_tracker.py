@@ -20,13 +20,13 @@ from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.compass import CompassCorrection, CompassSettings
-from touchline.localization.failure import FailureDetector, FailureSettings
-from touchline.localization.global_search import OWN_HALF, GlobalFix, GlobalSearch, GlobalSearchSettings
-from touchline.localization.matching import Match, Matcher, MatchingSettings, as_pose
-from touchline.localization.mirror_tilt import MirrorTilt, MirrorTiltSettings
-from touchline.localization.tracking import FusionSettings, PoseFilter
-from touchline.localization.weights import WeightSettings, precision_weights
+from touchline.localization.fusion.compass_correction import CompassCorrection, CompassSettings
+from touchline.localization.fusion.failure import FailureDetector, FailureSettings
+from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter
+from touchline.localization.matching.global_search import OWN_HALF, GlobalFix, GlobalSearch, GlobalSearchSettings
+from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings, as_pose
+from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltSettings
+from touchline.localization.matching.weights import WeightSettings, precision_weights
 from touchline.motion.compass import CompassTrack, CompassTrackSettings
 from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector

@@ -20,9 +20,9 @@ from pydantic import Field
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.matching import Match, as_pose
-from touchline.localization.particles import MonteCarlo, MonteCarloSettings
-from touchline.localization.tracking import PoseFilter
+from touchline.localization.fusion.pose_filter import PoseFilter
+from touchline.localization.matching.matcher import Match, as_pose
+from touchline.localization.particles.monte_carlo import MonteCarlo, MonteCarloSettings
 from touchline.systems.matching_tracker import MatchingTracker, TrackerSettings
 from touchline.types import Frame, LinePoints, Prior, Status
 

@@ -18,9 +18,9 @@ import numpy as np
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
-from touchline.localization.global_search import GlobalFix, GlobalSearchSettings
-from touchline.localization.matching import Match
-from touchline.localization.tracking import PoseFilter
+from touchline.localization.fusion.pose_filter import PoseFilter
+from touchline.localization.matching.global_search import GlobalFix, GlobalSearchSettings
+from touchline.localization.matching.matcher import Match
 from touchline.systems.matching_tracker import MatchingTracker, TrackerSettings
 from touchline.types import Hypothesis, LinePoints, Prior, Status
 

@@ -15,10 +15,10 @@ from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.localization import WeightSettings, locate_points, precision_weights
+from touchline.messages import counted
 from touchline.perception import HsvLineDetector, LinePointDetector
 from touchline.perception.covered import is_covered
 from touchline.sources import Recording, open_source
-from touchline.sources.findings import counted
 from touchline.systems import DEFAULT_SYSTEM, open_system, system_info
 from touchline.types import Estimate, ImageArray, LinePoints, Status, System
 from touchline.view.overlay import overlay_image

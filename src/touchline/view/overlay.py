@@ -9,7 +9,7 @@ import numpy.typing as npt
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.sources.findings import counted
+from touchline.messages import counted
 from touchline.types import ImageArray, LinePoints
 
 ON_LINE_M = 0.15  # a point this near to a line of the model counts as lying on it

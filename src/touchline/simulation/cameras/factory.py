@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from touchline.config import did_you_mean, read_yaml_mapping
+from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
+from touchline.messages import did_you_mean
 from touchline.simulation.cameras.base import Motion
 from touchline.simulation.cameras.mirror import (
     MirrorProfile,

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from touchline.config import did_you_mean
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
+from touchline.messages import did_you_mean
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,1 @@
+"""What `touchline check` looks for in a recording and its calibration."""

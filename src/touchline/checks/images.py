@@ -1,0 +1,112 @@
+"""Checks of the images: readable, evenly timed, bright, sharp, alive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from touchline.checks.findings import Finding, Severity
+from touchline.checks.survey import Survey
+from touchline.messages import frames_in_words
+from touchline.sources.folder import IMAGE_LIST
+from touchline.sources.problems import ProblemKind
+
+SPOILED_SHARE = 0.2  # of the images; above it a warning is an error
+DARK_MEAN = 40.0
+SATURATED_SHARE = 0.15
+BLURRED_SHARPNESS = 0.4
+LATE_STEP = 1.5  # of the median step between images
+
+_IMAGE_ADVICE = {
+    ProblemKind.MISSING_IMAGE: "Copy the missing files, or remove their rows.",
+    ProblemKind.BROKEN_IMAGE: "Copy these files again; the recorder may have been stopped while writing.",
+    ProblemKind.IMAGE_SIZE: "Record at the size that camera.yaml was calibrated for.",
+    ProblemKind.LINEAR_IMAGE: "Apply exposure and gain first (docs/how-to-recording.md); it can't be run as it is.",
+}
+
+
+def check_readable(survey: Survey) -> Iterator[Finding]:
+    """Missing, broken and unusable images."""
+    problems = survey.recording.problems
+    total = len(survey.recording)
+    for kind, advice in _IMAGE_ADVICE.items():
+        count = problems.counts[kind]
+        if not count:
+            continue
+        severity = Severity.ERROR if count > SPOILED_SHARE * total else Severity.WARNING
+        first = next(problem for problem in problems if problem.kind is kind)
+        yield Finding("images", severity, IMAGE_LIST, f"{count} of {total} images: {first.message}", advice)
+    if not any(problems.counts[kind] for kind in _IMAGE_ADVICE):
+        yield Finding("images", Severity.OK, IMAGE_LIST, f"all {total} images can be decoded")
+
+
+def check_image_times(survey: Survey) -> Iterator[Finding]:
+    """Whether images come as evenly and as often as sequence.yaml says."""
+    steps = np.diff(survey.stamps_s)
+    if len(steps) == 0:
+        yield Finding("image times", Severity.NOTE, IMAGE_LIST, "holds a single image")
+        return
+    median, nominal = float(np.median(steps)), 1.0 / survey.recording.rate_hz
+    late = [int(index) + 1 for index in np.flatnonzero(steps > LATE_STEP * median)]
+    what, advice = f"{1.0 / median:.3g} images a second (median)", ""
+    if abs(median / nominal - 1.0) > 0.1:
+        what += f", where sequence.yaml says rate_hz {survey.recording.rate_hz:g}"
+        advice = "Correct rate_hz, or look for lost images."
+    if late:
+        what += f"; late (up to {steps.max():.3g} s after the one before): {frames_in_words(late)}"
+        advice = "Odometry has to carry these gaps; look for lost images if they are not meant."
+    yield Finding("image times", Severity.NOTE if advice else Severity.OK, IMAGE_LIST, what, advice)
+
+
+def check_light(survey: Survey) -> Iterator[Finding]:
+    """Black, dark and overexposed images."""
+    seen = np.isfinite(survey.brightness)
+    if not seen.any():
+        return
+    black = [int(index) for index in np.flatnonzero(survey.black)]
+    if black:
+        severity = _by_share(len(black), survey)
+        advice = "The camera was covered or not running; the estimate rests on odometry there."
+        yield Finding("light", severity, IMAGE_LIST, f"{len(black)} black: {frames_in_words(black)}", advice)
+    dark = [int(index) for index in np.flatnonzero((survey.brightness < DARK_MEAN) & ~survey.black)]
+    if dark:
+        what = f"{len(dark)} dark (mean below {DARK_MEAN:g} of 255): {frames_in_words(dark)}"
+        yield Finding("light", Severity.WARNING, IMAGE_LIST, what, "Raise exposure or gain.")
+    bright = [int(index) for index in np.flatnonzero(survey.saturated > SATURATED_SHARE)]
+    if bright:
+        what = f"{len(bright)} overexposed (over {SATURATED_SHARE:.0%} saturated): {frames_in_words(bright)}"
+        yield Finding("light", Severity.WARNING, IMAGE_LIST, what, "Lower exposure or gain: lines drown in white.")
+    if not (black or dark or bright):
+        lowest, highest = np.min(survey.brightness[seen]), np.max(survey.brightness[seen])
+        yield Finding("light", Severity.OK, IMAGE_LIST, f"mean brightness {lowest:.0f} to {highest:.0f} of 255")
+
+
+def check_focus(survey: Survey) -> Iterator[Finding]:
+    """Blurred images: all of them (focus, dirt) or some (motion)."""
+    judged = np.isfinite(survey.sharpness)
+    if not judged.any():
+        return
+    median = float(np.median(survey.sharpness[judged]))
+    blurred = [int(index) for index in np.flatnonzero(survey.sharpness < BLURRED_SHARPNESS)]
+    if median < BLURRED_SHARPNESS:
+        what = f"the images are blurred by about a pixel or more (edge ratio {median:.2f}, in focus 0.5 to 1)"
+        yield Finding("focus", Severity.WARNING, IMAGE_LIST, what, "Focus the lens, wipe lens and mirror.")
+    elif blurred:
+        what = f"{len(blurred)} blurred: {frames_in_words(blurred)}"
+        yield Finding("focus", Severity.NOTE, IMAGE_LIST, what, "Motion blur: a shorter exposure helps.")
+    else:
+        yield Finding("focus", Severity.OK, IMAGE_LIST, f"sharp (edge ratio {median:.2f}, blurred below 0.4)")
+
+
+def check_frozen(survey: Survey) -> Iterator[Finding]:
+    """Images that repeat the one before: no camera's noise does that."""
+    repeated = [int(index) for index in np.flatnonzero(survey.frozen & ~survey.black)]
+    if repeated:
+        what = f"{len(repeated)} repeat the image before: {frames_in_words(repeated)}"
+        advice = "The camera or the recorder hung; what these images show is older than their time stamp."
+        yield Finding("frozen", _by_share(len(repeated), survey), IMAGE_LIST, what, advice)
+
+
+def _by_share(count: int, survey: Survey) -> Severity:
+    return Severity.ERROR if count > SPOILED_SHARE * len(survey.recording) else Severity.WARNING

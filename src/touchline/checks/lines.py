@@ -1,0 +1,146 @@
+"""Checks by what the lines say: whether the camera's ranges and the field's dimensions fit the images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from touchline.checks.findings import Finding, Severity
+from touchline.checks.survey import Survey
+from touchline.errors import InputError
+from touchline.field.distances import nearest_line_points
+from touchline.geometry import FloatArray, wrap_angles
+from touchline.perception.covered import is_covered
+from touchline.sources.description import CAMERA, FIELD
+from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
+from touchline.types import Estimate, Status
+
+_MOST_FRAMES = 100  # of the beginning: enough to tell a calibration, and a few tenths of a second
+_LEAST_FRAMES = 5
+_NEAR_M = 4.0
+_GOOD_M = 0.03  # a line's deviation at up to _NEAR_M with a good calibration; real robots have 0.02 to 0.04
+_POOR_M = 0.08
+_LEAST_NEAR = 0.75  # of the points, within a quarter metre; goals and clutter take a tenth
+_TILT_DEG = 0.1
+_SCALE = 0.01
+_HEADING_DEG, _POOR_HEADING_DEG = 1.0, 3.0
+_SAME_POSE_M = 1.0
+
+
+def check_lines(survey: Survey) -> Iterator[Finding]:
+    """Localize the first images and see how well the lines fit, near the robot and with range and direction."""
+    recording = survey.recording
+    camera = survey.omni
+    if camera is None or recording.linear:
+        return
+    try:
+        field = recording.field
+    except InputError:
+        return  # the check of the field says so
+    system = NubotMti(field, camera, NubotMtiSettings(), np.random.default_rng(0))
+    estimates, looked = [], 0
+    for frame in recording.again():
+        if looked == _MOST_FRAMES:
+            break
+        if frame.image is None or is_covered(frame.image):
+            continue
+        looked += 1
+        estimate = system.step(frame)
+        if estimate.status is Status.TRACKING and estimate.points:
+            estimates.append(estimate)
+    if looked < _LEAST_FRAMES:
+        what = f"too few images to tell whether the lines fit: {looked} usable, {_LEAST_FRAMES} are needed"
+        yield Finding("lines", Severity.NOTE, FIELD, what, "Record more images, or mend what is wrong with these.")
+        return
+    if len(estimates) < _LEAST_FRAMES:
+        what = f"the lines fit no pose in {looked - len(estimates)} of {looked} images"
+        advice = "Look at `touchline view --stages`; check the field, camera.yaml and whether the carpet is in view."
+        yield Finding("lines", Severity.WARNING, FIELD, what, advice)
+        return
+    frames = [_deviations(system, estimate) for estimate in estimates]
+    near_a_line = sum(len(off) for off, _, _ in frames) / sum(estimate.points for estimate in estimates)
+    off = np.concatenate([off[ranges < _NEAR_M] for off, _, ranges in frames])
+    yield _fit(off, near_a_line, f"tracked in {len(estimates)} of {looked} images")
+    yield from _range_scale(frames)
+    yield _tilt(system)
+    yield from _headings(survey, estimates)
+
+
+def _deviations(system: NubotMti, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of the points within a quarter metre of a line: distance to it (N,) in m, its derivative (N, 4) by x, y, heading
+    and by a scale of all ranges, and the range (N,) in m.
+    """
+    assert estimate.observation is not None
+    points = system.tilt.corrected(estimate.observation.points.positions_m)
+    placed = np.ascontiguousarray(estimate.pose.transform(points))
+    away = placed - nearest_line_points(*system.field.line_tables, placed)
+    distance = np.hypot(*away.T)
+    normal = away / np.maximum(distance, 1e-9)[:, np.newaxis]
+    seen = placed - np.array([estimate.pose.x, estimate.pose.y])
+    turned = np.column_stack((-seen[:, 1], seen[:, 0]))
+    derivative = np.column_stack((normal, np.sum(normal * turned, axis=1), np.sum(normal * seen, axis=1)))
+    near = distance < 0.25
+    return distance[near], derivative[near], np.hypot(*points.T)[near]
+
+
+def _fit(off: FloatArray, near_a_line: float, tracked: str) -> Finding:
+    typical = float(np.median(off)) if len(off) else math.inf
+    what = f"points lie {100 * typical:.1f} cm from the lines (median), {tracked}"
+    advice = "Is it this field, and this camera's calibration?"
+    if near_a_line < _LEAST_NEAR:
+        what += f"; but only {100 * near_a_line:.0f} % of them lie near a line at all"
+        return Finding("lines", Severity.WARNING, FIELD, what, advice)
+    if typical <= _GOOD_M:
+        return Finding("lines", Severity.OK, FIELD, what)
+    return Finding("lines", Severity.WARNING if typical > _POOR_M else Severity.NOTE, FIELD, what, advice)
+
+
+def _range_scale(frames: list[tuple[FloatArray, FloatArray, FloatArray]]) -> Iterator[Finding]:
+    """A scale error of the ranges, one for all frames, beside a correction of each frame's pose."""
+    information = vector = 0.0
+    for off, derivative, ranges in frames:
+        weighted = derivative / ((0.02 + 0.005 * ranges**2) ** 2)[:, np.newaxis]
+        normal, right = derivative.T @ weighted + np.diag([1.0, 1.0, 1.0, 0.0]), -weighted.T @ off
+        by_pose = np.linalg.solve(normal[:3, :3], normal[:3, 3])  # what the pose can explain as well
+        information += float(normal[3, 3] - normal[3, :3] @ by_pose)
+        vector += float(right[3] - right[:3] @ by_pose)
+    if information <= 0.0:
+        return
+    scale = vector / information
+    if abs(scale) > _SCALE:
+        what = f"ranges are {'short' if scale > 0 else 'long'} by about {100 * abs(scale):.1f} %"
+        yield Finding(
+            "ranges", Severity.WARNING, CAMERA, what, "Calibrate the mirror again, or check the field's size."
+        )
+
+
+def _headings(survey: Survey, estimates: list[Estimate]) -> Iterator[Finding]:
+    """A constant difference between the headings by the lines and the true ones, where these are known."""
+    truth = survey.recording.truth
+    if truth is None:
+        return
+    pairs = [(estimate.pose, truth.nearest(estimate.stamp_ns)) for estimate in estimates]
+    near = [(pose, true) for pose, true in pairs if pose.distance_to(true) < _SAME_POSE_M]
+    if len(near) < _LEAST_FRAMES:
+        return  # the other end of the field, or a truth of something else
+    off_deg = np.degrees(wrap_angles([pose.heading - true.heading for pose, true in near]))
+    middle = float(np.median(off_deg))
+    spread = 1.4826 * float(np.median(np.abs(off_deg - middle)))
+    if abs(middle) <= _HEADING_DEG or spread > 0.5 * abs(middle):
+        return
+    what = f"headings by the lines are {middle:+.1f}° off the true ones throughout (± {spread:.1f}°)"
+    advice = f"If the truth is right, add {math.radians(middle):+.4f} rad to mount_yaw."
+    severity = Severity.WARNING if abs(middle) > _POOR_HEADING_DEG else Severity.NOTE
+    yield Finding("heading", severity, CAMERA, what, advice)
+
+
+def _tilt(system: NubotMti) -> Finding:
+    """The mirror's lean, from half the angle by which it turns the rays."""
+    bend = float(np.hypot(*system.tilt.mean_per_m))
+    lean_deg = math.degrees(math.atan(bend * system.settings.mirror_tilt.height_m)) / 2.0
+    what = f"the mirror leans by about {lean_deg:.2f}°"
+    if lean_deg <= _TILT_DEG:
+        return Finding("tilt", Severity.OK, CAMERA, what)
+    return Finding("tilt", Severity.NOTE, CAMERA, what, "nubot-mti takes that out; better straighten the mirror.")

@@ -1,0 +1,236 @@
+"""Checks of the robot's own sensors: readable, without gaps, alive, and agreeing with each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.checks.findings import Finding, Severity
+from touchline.checks.survey import Survey
+from touchline.geometry import FloatArray, wrap_angles
+from touchline.sources.description import finite_number
+from touchline.sources.folder import SENSOR_COLUMNS
+from touchline.sources.problems import Problem, ProblemKind
+
+_LEAST_STUCK_S = 0.5
+_LEAST_TRAVEL_M = 1.0
+_WINDOW_S = 1.0
+_STILL_M, _STILL_RAD = 0.0005, math.radians(0.1)
+_LEAST_STILL_S = 1.0
+_NO_COMPASS = "A pose and the one at the other end of the field fit equally well: run with --own-half or --start."
+
+_ROW_ADVICE = {
+    ProblemKind.SENSOR_FILE: "Write it as docs/how-to-recording.md says; a run goes on without this sensor.",
+    ProblemKind.EMPTY_COLUMN: "Find out why the sensor writes nothing.",
+    ProblemKind.BROKEN_ROW: "Mend or delete the lines; they are left out.",
+    ProblemKind.NOT_A_NUMBER: "Find out why the sensor writes this; the rows are left out.",
+    ProblemKind.TIME_ORDER: "Two clocks, or a clock that was set while recording? The rows are left out.",
+    ProblemKind.SENSOR_GAP: "Look for a lost connection; what the robot did meanwhile is unknown.",
+    ProblemKind.TRUTH: "Evaluation takes the nearest pose in time.",
+    ProblemKind.SEQUENCE: "Correct sequence.yaml.",
+}
+
+
+class Agreement(NamedTuple):
+    """How a travel compares with another: length, direction, and correlation (0..1) that this explains."""
+
+    scale: float
+    angle_rad: float
+    correlation: float
+
+
+def check_rows(survey: Survey) -> Iterator[Finding]:
+    """What the reading of the files reported, one finding for each kind and file."""
+    problems = survey.recording.problems
+    for kind, advice in _ROW_ADVICE.items():
+        severity = Severity.ERROR if kind is ProblemKind.SENSOR_FILE else Severity.WARNING
+        firsts: dict[str, Problem] = {}
+        for problem in problems:
+            if problem.kind is kind:
+                firsts.setdefault(problem.file, problem)
+        for file, first in firsts.items():
+            count = problems.file_counts[kind, file]
+            more = "" if count == 1 else f" (and {count - 1} more like it)"
+            where = file if first.line is None else f"{file}, line {first.line}"
+            yield Finding("rows", severity, where, f"{first.message.partition(': ')[2]}{more}", advice)
+    if not any(problems.counts[kind] for kind in _ROW_ADVICE):
+        yield Finding("rows", Severity.OK, "*.csv", "every row can be read, times run forwards, no sensor gap")
+
+
+def check_presence(survey: Survey) -> Iterator[Finding]:
+    """Sensors that are missing, or whose times share nothing with the images'."""
+    counts = survey.recording.problems.file_counts
+    for file, columns in SENSOR_COLUMNS.items():
+        seen = {name: bool(np.isfinite(survey.column(name)).any()) for name in columns}
+        if not (survey.recording.folder / file).exists():
+            advice = "Without it a pose between images is a guess." if file == "odometry.csv" else ""
+            if file == "imu.csv":
+                yield Finding("compass", Severity.WARNING, file, "is not there: no compass, no gyro", _NO_COMPASS)
+            else:
+                yield Finding("sensors", Severity.NOTE, file, "is not there", advice)
+        elif counts[ProblemKind.SENSOR_FILE, file]:
+            continue  # the check of the rows says so
+        elif not any(seen.values()):
+            what = "no sample lies between the first and the last image"
+            yield Finding("sensors", Severity.ERROR, file, what, "Use one clock for images and sensors.")
+        elif file == "imu.csv" and not seen["yaw"]:
+            yield Finding("compass", Severity.WARNING, file, "column 'yaw' is empty: no compass", _NO_COMPASS)
+
+
+def check_stuck(survey: Survey) -> Iterator[Finding]:
+    """Values that stay the same while another sensor sees the robot move."""
+    turned = {name: _steps_of_angle(survey.column(name)) for name in ("theta", "yaw")}
+    turned["gz"] = survey.turn_rad[1:]
+    travelled = {"x": _travel(survey, "x", "y"), "a": _travel(survey, "a", "b")}
+    for names, file, own, others, limit, unit in (
+        (("theta",), "odometry.csv", "theta", turned, math.radians(15.0), "rad"),
+        (("yaw",), "imu.csv", "yaw", turned, math.radians(15.0), "rad"),
+        (("gz",), "imu.csv", "gz", turned, math.radians(15.0), "rad"),
+        (("x", "y"), "odometry.csv", "x", travelled, 0.3, "m"),
+        (("a", "b"), "wheels.csv", "a", travelled, 0.3, "m"),
+    ):
+        still = ~np.any([survey.column_changed(name)[1:] for name in names], axis=0)
+        still &= np.isfinite(survey.column(own)[1:])
+        for start, stop in _runs(still):
+            seconds = survey.stamps_s[stop] - survey.stamps_s[start]
+            seen = float(np.nansum(others[own][start:stop]))  # a gyro may well be constant, in a steady turn
+            witnesses = [steps[start:stop] for name, steps in others.items() if name != own]
+            moved = [abs(np.nansum(steps) - seen) for steps in witnesses if np.isfinite(steps).all()]
+            if seconds >= _LEAST_STUCK_S and max(moved, default=0.0) > limit:
+                what = (
+                    f"{' and '.join(names)} stay the same from t = {survey.stamps_s[start]:.2f} s for {seconds:.1f} s, "
+                    f"while another sensor sees {max(moved):.2f} {unit} of motion"
+                )
+                yield Finding("stuck", Severity.WARNING, file, what, "Look at the sensor's plug and driver.")
+                break
+
+
+def check_wheels(survey: Survey) -> Iterator[Finding]:
+    """Odometry against the measuring wheels."""
+    directions = survey.recording.sequence.get("wheels")
+    if not np.isfinite(survey.column("a")).any():
+        return
+    named = [directions.get(key) if isinstance(directions, dict) else None for key in ("a_dir_rad", "b_dir_rad")]
+    angles = [angle for value in named if (angle := finite_number(value)) is not None]
+    if len(angles) < 2:
+        advice = "Write wheels: {a_dir_rad: …, b_dir_rad: …}; without it the wheels are of no use."
+        yield Finding("wheels", Severity.WARNING, "sequence.yaml", "names no rolling directions of the wheels", advice)
+        return
+    matrix = np.array([[math.cos(angle), math.sin(angle)] for angle in angles])
+    if abs(np.linalg.det(matrix)) < 0.1:
+        what = "a_dir_rad and b_dir_rad are nearly parallel: sideways motion can't be measured"
+        yield Finding("wheels", Severity.ERROR, "sequence.yaml", what, "Correct the rolling directions.")
+        return
+    wheels = np.diff(np.column_stack((survey.column("a"), survey.column("b"))), axis=0) @ np.linalg.inv(matrix).T
+    subject = ("wheels", "wheels.csv", "the measuring wheels", "Check the wheels' directions and units.")
+    yield from compare_travel(survey, subject, wheels)
+
+
+def check_gyro_bias(survey: Survey) -> Iterator[Finding]:
+    """What the gyro says while nothing moves."""
+    steps, turn = np.diff(survey.stamps_s), survey.turn_rad[1:]
+    moved = [_travel(survey, "x", "y"), _travel(survey, "a", "b")]
+    known = np.isfinite(moved).any(axis=0) & np.isfinite(turn)
+    still = known & (np.nan_to_num(moved).max(axis=0) < _STILL_M)
+    still &= np.abs(np.nan_to_num(_steps_of_angle(survey.column("theta")))) < _STILL_RAD
+    seconds = float(steps[still].sum())
+    if not known.any():
+        return
+    if seconds < _LEAST_STILL_S:
+        what, advice = (
+            "the gyro's bias is not measured: the robot hardly ever stands still",
+            "Record two seconds at rest to have it measured.",
+        )
+        yield Finding("gyro bias", Severity.NOTE, "imu.csv", what, advice)
+        return
+    bias = math.degrees(float(turn[still].sum()) / seconds)
+    what = f"gz is {bias:+.2f}°/s while the robot stands ({seconds:.1f} s in all)"
+    if abs(bias) > 2.0:
+        yield Finding("gyro bias", Severity.WARNING, "imu.csv", what, "Let the gyro settle and calibrate it at rest.")
+    else:
+        yield Finding("gyro bias", Severity.OK, "imu.csv", what)
+
+
+def compare_travel(survey: Survey, subject: tuple[str, str, str, str], steps: FloatArray) -> Iterator[Finding]:
+    """Findings about a travel (N - 1, 2) from image to image in the base frame (m), compared with odometry's.
+
+    subject: name of the check, file, what measured it, and advice.
+    """
+    check, file, name, advice = subject
+    own, reference = (over_windows(values, survey.stamps_s) for values in (steps, _base_steps(survey)))
+    good = np.isfinite(own) & np.isfinite(reference)
+    a, b = reference[good], own[good]
+    if np.abs(a).sum() < _LEAST_TRAVEL_M and np.abs(b).sum() < _LEAST_TRAVEL_M:
+        what = f"odometry is not compared with {name}: the robot travels less than {_LEAST_TRAVEL_M:g} m"
+        yield Finding(check, Severity.NOTE, file, what, "Record a few metres of driving to have it compared.")
+        return
+    found, mirrored = _agreement(a, b), _agreement(np.conj(a), b)
+    what = (
+        f"{name} measure {found.scale:.3f} × the way of odometry, turned by {math.degrees(found.angle_rad):+.1f}° "
+        f"(correlation {found.correlation:.2f})"
+    )
+    if mirrored.correlation > max(found.correlation + 0.2, 0.8):
+        what = f"{name} and odometry are mirror images of each other (correlation {mirrored.correlation:.2f})"
+        yield Finding(check, Severity.ERROR, file, what, f"One of them takes y to the right. {advice}")
+    elif found.correlation < 0.8 or abs(found.angle_rad) > math.radians(20.0) or not 0.7 < found.scale < 1.4:
+        yield Finding(check, Severity.ERROR, file, what, advice)
+    elif abs(found.scale - 1.0) > 0.08 or abs(found.angle_rad) > math.radians(6.0):
+        yield Finding(check, Severity.WARNING, file, what, advice)
+    else:
+        yield Finding(check, Severity.OK, file, what)
+
+
+def over_windows(steps: FloatArray, stamps_s: FloatArray) -> npt.NDArray[np.complex128]:
+    """Travel (N - 1, 2) summed up over about a second each (W,), x + iy; NaN where a step is.
+
+    Noise that grows with the square root of the way would otherwise pass for a difference of scale.
+    """
+    width = max(round(_WINDOW_S / float(np.median(np.diff(stamps_s)))), 1) if len(steps) else 1
+    count = len(steps) // width
+    local = steps[: count * width, 0] + 1j * steps[: count * width, 1]
+    return np.asarray(local.reshape(count, width).sum(axis=1), dtype=np.complex128)
+
+
+def _base_steps(survey: Survey) -> FloatArray:
+    """(N - 1, 2) odometry's travel between images in the base frame (m); NaN where it turns by more than 0.3 rad."""
+    moved = np.diff(survey.column("x")) + 1j * np.diff(survey.column("y"))
+    theta, turn = survey.column("theta"), _steps_of_angle(survey.column("theta"))
+    local = moved * np.exp(-1j * (theta[:-1] + 0.5 * turn))
+    local[~(np.abs(turn) < 0.3)] = np.nan
+    return np.column_stack((local.real, local.imag))
+
+
+def _agreement(a: npt.NDArray[np.complex128], b: npt.NDArray[np.complex128]) -> Agreement:
+    """b against a, the tenth of the steps that fits worst left out (slips)."""
+    for _ in range(2):
+        power = float(np.sum(np.abs(a) ** 2))
+        ratio = complex(np.sum(b * np.conj(a))) / power if power > 0.0 else 0j
+        worst = np.abs(b - ratio * a)
+        keep = worst <= np.quantile(worst, 0.9)
+        a_kept, b_kept = a[keep], b[keep]
+        norm = math.sqrt(float(np.sum(np.abs(a_kept) ** 2) * np.sum(np.abs(b_kept) ** 2)))
+        if norm == 0.0:
+            break
+        correlation = abs(complex(np.sum(b_kept * np.conj(a_kept)))) / norm
+        a, b = a_kept, b_kept
+    else:
+        return Agreement(abs(ratio), math.atan2(ratio.imag, ratio.real), correlation)
+    return Agreement(0.0, 0.0, 0.0)
+
+
+def _travel(survey: Survey, first: str, second: str) -> FloatArray:
+    return np.hypot(np.diff(survey.column(first)), np.diff(survey.column(second)))
+
+
+def _steps_of_angle(angles: FloatArray) -> FloatArray:
+    return wrap_angles(np.diff(angles))
+
+
+def _runs(mask: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """Start and stop of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

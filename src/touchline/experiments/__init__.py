@@ -1,0 +1,75 @@
+"""The papers' experiments, rerun: each gives our figures beside the paper's, over several seeds."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from touchline.errors import InputError
+from touchline.experiments.progress import Listener, told_to
+from touchline.experiments.result import ExperimentResult
+from touchline.messages import did_you_mean
+
+DEFAULT_SEEDS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """An experiment: its name, one line about it, and the module and function that run it with so many seeds."""
+
+    name: str
+    description: str
+    module: str
+    function: str
+
+    def run(self, seeds: int = DEFAULT_SEEDS, listener: Listener | None = None) -> ExperimentResult:
+        """Run it; seeds >= 1. listener: told, in a few words, how far it has come."""
+        module = importlib.import_module(f"touchline.experiments.{self.module}")
+        function: Callable[[int], ExperimentResult] = getattr(module, self.function)
+        with told_to(listener):
+            return function(seeds)
+
+
+EXPERIMENTS = {
+    experiment.name: experiment
+    for experiment in (
+        Experiment("lu2013-occlusion", "Table 1: errors with part of the view hidden", "occlusion", "lu2013_occlusion"),
+        Experiment(
+            "lu2013-lighting", "Table 2: errors under other light, with frozen colours", "lighting", "lu2013_lighting"
+        ),
+        Experiment("lu2013-kidnap", "figure 9: kidnapped robots find back by particles", "kidnap", "lu2013_kidnap"),
+        Experiment("lu2013-timing", "figure 12: time of the particles and of matching", "timing", "lu2013_timing"),
+        Experiment(
+            "lu2013-exposure",
+            "figures 6, 10, 11: entropy, its ridge and the search",
+            "lu2013_exposure",
+            "lu2013_exposure",
+        ),
+        Experiment("xiong-samples", "figure 7: errors of the 315 samples", "samples", "xiong_samples"),
+        Experiment("xiong-kidnap", "figure 8: kidnapped robots find back by samples", "kidnap", "xiong_kidnap"),
+        Experiment("xiong-convergence", "figure 9: RPROP from the five best samples", "samples", "xiong_convergence"),
+        Experiment("xiong-tracking", "Table 1: errors along straight lines", "occlusion", "xiong_tracking"),
+        Experiment("xiong-timing", "figure 11: time of a whole frame", "timing", "xiong_timing"),
+        Experiment("iris-lines", "figures 13, 14: line detection in three lightings", "iris_lines", "iris_lines"),
+        Experiment("iris-points", "Table I, figures 9, 15: errors at 20 places", "iris_points", "iris_points"),
+        Experiment("iris-tracks", "figure 16: tracks of odometry, particles, fusion", "iris_tracks", "iris_tracks"),
+        Experiment("iris-track", "figure 17: from A to B, by mode", "iris_tracks", "iris_track"),
+        Experiment(
+            "iris-disturbances", "covered camera, slip, drifting gyro", "iris_disturbances", "iris_disturbances"
+        ),
+        Experiment("iris-timing", "section III.C: time of one update", "iris_timing", "iris_timing"),
+    )
+}
+
+
+def chosen_experiments(name: str) -> list[Experiment]:
+    """One experiment by name, or `all`. Raises InputError for an unknown name."""
+    if name == "all":
+        return list(EXPERIMENTS.values())
+    if name not in EXPERIMENTS:
+        raise InputError(f"experiment '{name}' is unknown; {did_you_mean(name, ['all', *EXPERIMENTS])}")
+    return [EXPERIMENTS[name]]
+
+
+__all__ = ["DEFAULT_SEEDS", "EXPERIMENTS", "Experiment", "ExperimentResult", "chosen_experiments"]

@@ -1,0 +1,184 @@
+"""iris-lines (figures 13 and 14): line detection and range regression under three lightings at the same place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from touchline.calibration.range_figure import range_figure
+from touchline.calibration.range_pairs import Optics, RangePairs
+from touchline.calibration.range_regression import RangeRegression, fit_range
+from touchline.camera import OmniCamera
+from touchline.errors import TouchlineError
+from touchline.experiments.progress import follow
+from touchline.experiments.result import ExperimentResult, Headline, percent, spread
+from touchline.experiments.scenes import BLUE, PAINT, RED, field_axes, new_figure, random_place
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose
+from touchline.perception import HsvLineDetector, HsvLineSettings
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import MotionSettings, OthersSettings, open_scenario
+from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
+from touchline.types import ImageArray, LinePoints
+
+FIELD = "indoor-9x6"
+CONDITIONS = {
+    "1: lamps and daylight": "lighting-1",
+    "2: sun through windows": "lighting-3",
+    "3: dim, no lamps": "lighting-2",
+}
+THRESHOLDS = {
+    "automatic": HsvLineSettings(),
+    "set by hand under 1": HsvLineSettings(thresholds="fixed"),
+    "automatic, no green wanted beside": HsvLineSettings(least_green=0),
+}
+TRUE_M, FALSE_M = 0.1, 0.3
+_DIRECTIONS = 24
+_MARK_NOISE_PX = 0.3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Detection:
+    """Line points of one image. distances_m (N,): to the nearest line of the field at the true pose."""
+
+    image: ImageArray
+    pose: Pose
+    points: LinePoints
+    distances_m: FloatArray
+
+
+def iris_lines(seeds: int) -> ExperimentResult:
+    """One place per seed on the 9 x 6 m field, each under the three lightings."""
+    field = open_field(FIELD)
+    regressions, found = [], []
+    for seed in follow(range(seeds), "places"):
+        regression, by_case = _one_place(field, seed)
+        regressions.append(regression)
+        found.append(by_case)
+    rows = [
+        _row(condition, thresholds, [by_case[condition, thresholds] for by_case in found])
+        for condition in CONDITIONS
+        for thresholds in THRESHOLDS
+    ]
+    shown = {condition: found[0][condition, "automatic"] for condition in CONDITIONS}
+    false = [_false_share([by_case[c, "automatic"] for c in CONDITIONS]) for by_case in found]
+    median_cm = [100.0 * float(np.median(np.concatenate([by_case[c, "automatic"].distances_m for c in CONDITIONS])))
+                 for by_case in found]  # fmt: skip
+    residuals_cm = [100.0 * float(np.sqrt(np.mean(each.residuals_m**2))) for each in regressions]
+    return ExperimentResult(
+        "iris-lines",
+        "Figures 13 and 14 of Ismail et al. 2021: line detection and range regression under three lightings",
+        seeds,
+        ("lighting", "thresholds", "points", "on a line", "false", "median (cm)", "90 % (cm)"),
+        tuple(rows),
+        Headline(
+            "false points; median distance from the line, three lightings, the same settings",
+            "pictures; thresholds set by hand for each",
+            f"{percent(false)}; {spread(median_cm, 1)} cm",
+        ),
+        (
+            f"On a line: within {100 * TRUE_M:.0f} cm of one at the true pose; false: farther than {100 * FALSE_M:.0f} "
+            "cm from any (penalty marks count as false). Three robots and a ball stand on the field; exposure and gain "
+            "stay as they are under condition 1.",
+            f"Ranges by a polynomial of degree {regressions[0].degree}, fitted to {len(STRIP_EDGES_M)} distances in "
+            f"{_DIRECTIONS} directions, each read to {_MARK_NOISE_PX} px: residuals {spread(residuals_cm, 1)} cm (root "
+            f"mean square). Points beyond {STRIP_EDGES_M[-1]:g} m, the last of them, are dropped.",
+            "The paper found condition 3, the dim one, smoothest, and set its thresholds by hand for each condition.",
+        ),
+        (
+            ("detection", _detection_figure(shown)),
+            ("points", _points_figure(field, shown)),
+            ("regression", range_figure(regressions[0])),
+        ),
+    )
+
+
+def _one_place(field: FieldModel, seed: int) -> tuple[RangeRegression, dict[tuple[str, str], Detection]]:
+    """The seed's regression, and what each kind of thresholds finds under each lighting at the seed's place."""
+    place = random_place(field, np.random.default_rng([seed, 13]), margin_m=0.5)
+    regression: RangeRegression | None = None
+    found = {}
+    for condition, scenario in CONDITIONS.items():
+        simulation = _standing(scenario, place, seed)
+        if regression is None:
+            regression = fit_range(_marked(simulation.camera, np.random.default_rng([seed, 14])))
+        image, pose = simulation.image(0), simulation.truth[0]
+        for thresholds, settings in THRESHOLDS.items():
+            detector = HsvLineDetector(regression.camera(), settings, field.line_width)
+            try:
+                points = detector.detect(image)
+            except TouchlineError as error:
+                raise type(error)(f"iris-lines, {condition}, seed {seed}: {error}") from None
+            distances_m = field.line_distances(pose.transform(points.positions_m))
+            found[condition, thresholds] = Detection(image, pose, points, distances_m)
+    assert regression is not None
+    return regression, found
+
+
+def _standing(scenario_name: str, place: Pose, seed: int) -> Simulation:
+    """A robot that stands at a place of the 9 x 6 m field in the light of a scenario."""
+    scenario = open_scenario(scenario_name, seed, 0.2)
+    mirror = scenario.camera.mirror.model_copy(update={"profile": "recorded"})
+    changes = {
+        "field": FIELD,
+        "motion": MotionSettings(kind="stand", pose=(place.x, place.y, float(np.degrees(place.heading)))),
+        "others": OthersSettings(robots=3, balls=1),
+        "camera": scenario.camera.model_copy(update={"mirror": mirror}),
+    }
+    return Simulation(scenario.model_copy(update=changes))
+
+
+def _marked(camera: OmniCamera, rng: np.random.Generator) -> RangePairs:
+    """Marks at the distances of the calibration strip in many directions, read with a little noise."""
+    bearings = np.repeat(2.0 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS), len(STRIP_EDGES_M))
+    ranges = np.tile(STRIP_EDGES_M, _DIRECTIONS)
+    pixels = camera.image_from_ground(np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings))))
+    offset = pixels + _MARK_NOISE_PX * rng.standard_normal(pixels.shape) - camera.center
+    optics = Optics(
+        camera.width, camera.height, camera.center, camera.handedness, camera.mount_yaw_rad, camera.inner_radius_px
+    )
+    places = tuple(f"mark {k}" for k in range(len(ranges)))
+    words = f"{len(ranges)} simulated marks"
+    return RangePairs(np.hypot(*offset.T), ranges, np.arctan2(offset[:, 1], offset[:, 0]), places, words, optics)
+
+
+def _row(condition: str, thresholds: str, detections: list[Detection]) -> tuple[str, ...]:
+    counts = [float(len(each.points)) for each in detections]
+    on_line = [float(np.count_nonzero(each.distances_m <= TRUE_M)) for each in detections]
+    false = [float(np.count_nonzero(each.distances_m > FALSE_M)) for each in detections]
+    cells = [spread(counts, 0), spread(on_line, 0), f"{spread(false, 1)} ({100 * _false_share(detections):.1f} %)"]
+    seen = [each.distances_m for each in detections if len(each.points)]
+    for quantile in (0.5, 0.9):
+        cells.append(spread([100.0 * float(np.quantile(d, quantile)) for d in seen], 1) if seen else "–")
+    return condition, thresholds, *cells
+
+
+def _false_share(detections: list[Detection]) -> float:
+    distances_m = np.concatenate([each.distances_m for each in detections])
+    return float(np.mean(distances_m > FALSE_M)) if len(distances_m) else 0.0
+
+
+def _detection_figure(shown: dict[str, Detection]) -> Figure:
+    """Figure 13: the images with the points that were found."""
+    figure, axes = new_figure(1, len(shown), 4.0 * len(shown), 4.7)
+    for axis, (condition, each) in zip(axes, shown.items(), strict=True):
+        axis.imshow(each.image[..., ::-1])
+        on_line = each.distances_m <= FALSE_M
+        for chosen, tint in ((on_line, BLUE), (~on_line, RED)):
+            axis.plot(*each.points.pixels[chosen].T, "o", color=tint, markersize=3, fillstyle="none")
+        axis.set_title(f"condition {condition}\n{len(each.points)} points, {np.sum(~on_line)} false", fontsize=9)
+        axis.axis("off")
+    return figure
+
+
+def _points_figure(field: FieldModel, shown: dict[str, Detection]) -> Figure:
+    """Figure 14: the points after the regression, laid on the field at the true pose."""
+    figure, axes = new_figure(1, len(shown), 4.6 * len(shown), 3.6)
+    for axis, (condition, each) in zip(axes, shown.items(), strict=True):
+        field_axes(axis, field, beyond_m=1.0)
+        axis.plot(*each.pose.transform(each.points.positions_m).T, ".", color=RED, markersize=3)
+        axis.plot(each.pose.x, each.pose.y, "o", color=PAINT, markeredgecolor=BLUE)
+        axis.set_title(f"condition {condition}", fontsize=9)
+    return figure

@@ -1,0 +1,158 @@
+"""What the experiments of iris-fusion share: one drive through its three systems, and what may disturb it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.camera import OmniCamera
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.localization.particles.particle_filter import ParticleFilter
+from touchline.motion import WheelOdometry
+from touchline.systems import open_system
+from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
+from touchline.types import Estimate, Frame, Mode, Samples, Status, empty_points
+
+SYSTEMS = ("odometry", "particle filter", "sensor fusion")
+
+Disturb = Callable[[Frame], Frame]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class IrisDrive:
+    """One drive from the first located image on, N images; none if the robot was never found.
+
+    stamp_ns (N,); truth (N, 3) and tracks, by the names of SYSTEMS: x, y (m), heading (rad), field frame. seen (N,):
+    whether the image showed anything. modes, statuses: of the fusion. found_after: images before the first.
+    """
+
+    field: FieldModel
+    stamp_ns: npt.NDArray[np.int64]
+    truth: FloatArray
+    tracks: dict[str, FloatArray]
+    seen: npt.NDArray[np.bool_]
+    modes: tuple[Mode | None, ...]
+    statuses: tuple[Status, ...]
+    found_after: int
+
+    @property
+    def found(self) -> bool:
+        """Whether the robot was found, and followed for two images at least."""
+        return len(self.stamp_ns) > 1
+
+    def errors(self, system: str) -> FloatArray:
+        """Track minus truth (N, 3) in m, m, rad."""
+        errors: FloatArray = self.tracks[system] - self.truth
+        errors[:, 2] = wrap_angles(errors[:, 2])
+        return errors
+
+    def distances_m(self, system: str) -> FloatArray:
+        """Distance from the truth (N,)."""
+        errors = self.errors(system)
+        return np.hypot(errors[:, 0], errors[:, 1])
+
+    def jitter(self, system: str) -> tuple[float, float]:
+        """How much the error changes from image to image, root mean square: position (m), heading (rad)."""
+        steps = np.diff(self.errors(system), axis=0)
+        return math.sqrt(float(np.mean(steps[:, 0] ** 2 + steps[:, 1] ** 2))), math.sqrt(
+            float(np.mean(wrap_angles(steps[:, 2]) ** 2))
+        )
+
+
+def drive(
+    frames: Iterable[Frame],
+    truth: Samples,
+    field: FieldModel,
+    camera: OmniCamera | None,
+    wheel_directions_rad: tuple[float, float] | None,
+    seed: int,
+) -> IrisDrive:
+    """Take every frame through the fusion, the particle filter alone and the odometry alone.
+
+    truth: values (N, 3), one for each frame. Odometry and particles start where the fusion first found the robot and
+    are left alone from then on: the odometry's pose is what wheels and gyro say (figure 4), the particles' is their own
+    mean (figure 8), moved by the same wheels and gyro. Nothing comes to them from the fusion.
+    """
+    settings = IrisFusionSettings()
+    system = open_system("iris-fusion", field, camera, settings, np.random.default_rng(seed), wheel_directions_rad)
+    odometry = WheelOdometry(settings.wheels, *(wheel_directions_rad or (None, None)))
+    particles = ParticleFilter(field, np.random.default_rng(seed), settings.particles)
+    told: list[Estimate] = []
+    poses: dict[str, list[Pose]] = {name: [] for name in SYSTEMS}
+    before = 0
+    for frame in frames:
+        motion = odometry.update(frame)
+        estimate = system.step(frame)
+        points = empty_points() if estimate.observation is None else estimate.observation.points
+        if told:
+            particles.move(motion)
+            if len(points) >= settings.fusion.least_points:
+                particles.cycle(evenly_chosen(points.positions_m, settings.most_points))
+        elif estimate.status is Status.TRACKING:
+            odometry.set_pose(estimate.pose)
+            particles.start_at(estimate.pose, estimate.covariance)
+        else:
+            before += 1
+            continue
+        told.append(estimate)
+        for name, pose in zip(SYSTEMS, (odometry.pose, particles.pose, estimate.pose), strict=True):
+            poses[name].append(pose)
+    return IrisDrive(
+        field,
+        np.array([e.stamp_ns for e in told], dtype=np.int64),
+        np.asarray(truth.values[before:], dtype=np.float64),
+        {name: np.array(track, dtype=np.float64).reshape(-1, 3) for name, track in poses.items()},
+        np.array([e.points > 0 for e in told], dtype=np.bool_),
+        tuple(e.mode for e in told),
+        tuple(e.status for e in told),
+        before,
+    )
+
+
+def missed_note(drives: Sequence[IrisDrive]) -> tuple[str, ...]:
+    """A note on drives in which the robot was not found, if there are any."""
+    missed = sum(not driven.found for driven in drives)
+    return (f"The robot was not found in {missed} of {len(drives)} drives; they are left out.",) if missed else ()
+
+
+def covered(start_s: float, seconds: float) -> Disturb:
+    """The camera shows nothing for some time."""
+
+    def disturb(frame: Frame) -> Frame:
+        if not start_s <= frame.stamp_ns / 1e9 < start_s + seconds:
+            return frame
+        image = None if frame.image is None else np.zeros_like(frame.image)
+        return replace(frame, image=image, points=None if frame.points is None else empty_points())
+
+    return disturb
+
+
+def slipped(start_s: float, metres: float, direction_rad: float, wheels_rad: tuple[float, float]) -> Disturb:
+    """Within 0.15 s the measuring wheels roll some way in a direction of the robot frame that the robot doesn't go."""
+
+    def disturb(frame: Frame) -> Frame:
+        if frame.wheels is None:
+            return frame
+        share = np.clip((frame.wheels.stamp_ns / 1e9 - start_s) / 0.15, 0.0, 1.0)
+        rolled = metres * np.cos(np.array(wheels_rad) - direction_rad)
+        return replace(frame, wheels=Samples(frame.wheels.stamp_ns, frame.wheels.values + np.outer(share, rolled)))
+
+    return disturb
+
+
+def drifting(start_s: float, rad_s: float) -> Disturb:
+    """From some time on the gyro shows so much more than the true rate."""
+
+    def disturb(frame: Frame) -> Frame:
+        if frame.gyro is None:
+            return frame
+        values = frame.gyro.values.copy()
+        values[:, 2] += np.where(frame.gyro.stamp_ns / 1e9 >= start_s, rad_s, 0.0)
+        return replace(frame, gyro=Samples(frame.gyro.stamp_ns, values))
+
+    return disturb

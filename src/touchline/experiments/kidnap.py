@@ -1,0 +1,298 @@
+"""lu2013-kidnap (figure 9) and xiong-kidnap (figure 8): the robot is carried elsewhere and finds back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from touchline.experiments.progress import follow
+from touchline.experiments.result import ExperimentResult, Headline, percent, spread
+from touchline.experiments.scenes import (
+    BLUE,
+    FIELD,
+    RED,
+    field_axes,
+    new_figure,
+    random_place,
+    the_views,
+)
+from touchline.field import FieldModel, open_field
+from touchline.geometry import Pose, wrap_angle
+from touchline.systems import open_system
+from touchline.systems.matching_tracker import MatchingTracker
+from touchline.types import Estimate, Frame, LinePoints, Prior, Samples, Status, empty_points
+
+PERIOD_S = 0.1
+SPEED_M_S = 0.3
+BEFORE = 6  # frames at the old place
+COVERED = 3  # covered images while the robot is carried, as in the papers
+CYCLES = 15
+MOST_WAIT = 40  # frames until the detection of an uncovered kidnap is given up
+PER_SEED = 40
+RIGHT_M, RIGHT_RAD = 0.3, math.radians(10.0)
+WITHIN = 10
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Kidnap:
+    """One kidnap. waited: frames at the new place until the search began, None if it never did.
+
+    right (CYCLES,): whether the robot was tracked within 30 cm and 10 degrees after each cycle from then on.
+    found: its pose after the tenth, beside the true one.
+    """
+
+    old: Pose
+    new: Pose
+    waited: int | None
+    right: npt.NDArray[np.bool_]
+    found: Pose
+    truth: Pose
+
+    @property
+    def success(self) -> bool:
+        """Whether it was right at the tenth cycle."""
+        return bool(self.right[WITHIN - 1])
+
+    @property
+    def cycles(self) -> int | None:
+        """Cycles until it was right for the first time."""
+        return int(np.argmax(self.right)) + 1 if self.right.any() else None
+
+
+class Carried:
+    """A robot that drives slowly ahead, is carried, and drives on; wheels and gyro feel only the driving."""
+
+    def __init__(self, system: MatchingTracker, rng: np.random.Generator) -> None:
+        self.system, self.rng = system, rng
+        self.index = 0
+        self.odometry = Pose(0.0, 0.0, 0.0)
+
+    def frame(self, pose: Pose, compass_error_rad: float, covered: bool) -> Frame:
+        """The next frame, seen from a pose: line points, odometry with 2 % of noise, gyro, a compass with 0.5°."""
+        points: LinePoints = empty_points() if covered else the_views().observe(pose, self.rng)
+        stamp_ns = np.array([round(1e9 * PERIOD_S * self.index)], dtype=np.int64)
+        compass = pose.heading + compass_error_rad + math.radians(0.5) * self.rng.standard_normal()
+        self.index += 1
+        return Frame(
+            int(stamp_ns[0]),
+            points=points,
+            odometry=Samples(stamp_ns, np.array([self.odometry])),
+            gyro=Samples(stamp_ns, 0.002 * self.rng.standard_normal((1, 3))),
+            compass=Samples(stamp_ns, np.array([[wrap_angle(compass)]])),
+        )
+
+    def drive(self, pose: Pose) -> Pose:
+        """One image period ahead; returns the new true pose."""
+        step_m = SPEED_M_S * PERIOD_S
+        felt = Pose(step_m * (1.0 + 0.02 * self.rng.standard_normal()), 0.0, 0.002 * self.rng.standard_normal())
+        self.odometry = self.odometry.compose(felt)
+        return pose.compose(Pose(step_m, 0.0, 0.0))
+
+
+def kidnap(
+    system_name: str,
+    field: FieldModel,
+    old: Pose,
+    new: Pose,
+    error_rad: float,
+    covered: int,
+    seed: Sequence[int],
+) -> Kidnap:
+    """Track at the old place, carry to the new one with so many covered images, count cycles from the restart.
+
+    error_rad: of the compass at the new place; tracking had corrected it at the old one.
+    """
+    rng = np.random.default_rng(seed)
+    system = open_system(system_name, field, None, None, rng)
+    assert isinstance(system, MatchingTracker)
+    system.reset(Prior(pose=old))
+    robot = Carried(system, rng)
+    pose = old
+    for _ in range(BEFORE):
+        system.step(robot.frame(pose, 0.0, covered=False))
+        pose = robot.drive(pose)
+    pose = new
+    for _ in range(covered):
+        system.step(robot.frame(pose, error_rad, covered=True))
+    waited = 0 if system.failures else None
+    right = []
+    found, truth = system.filter.pose, pose
+    for frame in range(MOST_WAIT + CYCLES):
+        estimate = system.step(robot.frame(pose, error_rad, covered=False))
+        if waited is None and system.failures:
+            waited = frame
+        if waited is not None:
+            right.append(_is_right(estimate, pose))
+            if len(right) == WITHIN:
+                found, truth = estimate.pose, pose
+        if len(right) == CYCLES or (waited is None and frame == MOST_WAIT):
+            break
+        pose = robot.drive(pose)
+    if waited is None:  # never noticed: right only if matching alone has led to the new place
+        right = [_is_right(estimate, pose)] * CYCLES
+        found, truth = estimate.pose, pose
+    return Kidnap(old, new, waited, np.array(right), found, truth)
+
+
+def _is_right(estimate: Estimate, truth: Pose) -> bool:
+    turned = abs(wrap_angle(estimate.pose.heading - truth.heading))
+    near = estimate.pose.distance_to(truth) < RIGHT_M and turned < RIGHT_RAD
+    return near and estimate.status is Status.TRACKING
+
+
+def random_kidnaps(system_name: str, seed: int, error_deg: float, covered: int) -> list[Kidnap]:
+    """So many kidnaps per seed between random places 2 m apart or more; the compass errs by ± error_deg."""
+    field = open_field(FIELD)
+    rng = np.random.default_rng([seed, 9])
+    done: list[Kidnap] = []
+    while len(done) < PER_SEED:
+        old, new = random_place(field, rng, 0.5), random_place(field, rng)
+        if old.distance_to(new) < 2.0:
+            continue
+        error = math.radians(error_deg) * float(rng.choice([-1.0, 1.0]))
+        done.append(kidnap(system_name, field, old, new, error, covered, (seed, len(done), round(10 * error_deg))))
+    return done
+
+
+def _all_runs(
+    system_name: str, conditions: Sequence[tuple[float, int]], seeds: int
+) -> dict[tuple[float, int], list[list[Kidnap]]]:
+    """Of each condition (the compass's error in degrees, covered images) and seed the random kidnaps."""
+    runs: dict[tuple[float, int], list[list[Kidnap]]] = {condition: [] for condition in conditions}
+    for condition, seed in follow([(c, seed) for c in conditions for seed in range(seeds)], "runs of kidnaps"):
+        runs[condition].append(random_kidnaps(system_name, seed, *condition))
+    return runs
+
+
+def lu2013_kidnap(seeds: int) -> ExperimentResult:
+    """Figure 9's two kidnaps, and random ones with compasses that err by 5, 10 and 20 degrees."""
+    conditions = [(5.0, COVERED), (10.0, COVERED), (20.0, COVERED), (5.0, 0)]
+    runs = _all_runs("nubot-mcl", conditions, seeds)
+    rows = [_summary(f"compass off by {error:g}°, {_covering(covered)}", runs[error, covered])
+            for error, covered in conditions]  # fmt: skip
+    field = open_field(FIELD)
+    pairs = [(Pose(-6.0, -3.0, 0.5), Pose(5.5, 3.5, 2.5)), (Pose(6.0, -4.0, -2.0), Pose(-3.0, 2.5, 1.0))]
+    shown = [kidnap("nubot-mcl", field, a, b, math.radians(5.0), COVERED, (0, k)) for k, (a, b) in enumerate(pairs)]
+    return ExperimentResult(
+        "lu2013-kidnap",
+        f"Figure 9 of Lu et al. 2013: kidnapped robots find back by particles; {PER_SEED} random kidnaps per seed",
+        seeds,
+        _SUMMARY_COLUMNS,
+        tuple(rows),
+        Headline("kidnaps right within 10 cycles, compass off by 5°", "2 of 2 shown",
+                 f"{percent([_rate(run) for run in runs[5.0, COVERED]])}"),
+        _NOTES,
+        (
+            ("figure9", _field_figure(field, shown)),
+            ("curve", _curve_figure({f"{e:g}°, {_covering(c)}": runs[e, c] for e, c in conditions})),
+        ),
+    )  # fmt: skip
+
+
+def xiong_kidnap(seeds: int) -> ExperimentResult:
+    """Figure 8's five pairs at crossings of lines, and random kidnaps."""
+    field = open_field(FIELD)
+    shown = []
+    places = _crossing_places(field)
+    for k in follow(range(5), "kidnaps between crossings"):
+        old, new = places[2 * k], places[2 * k + 1]
+        shown.append(kidnap("nubot-mti", field, old, new, math.radians(3.0), COVERED, (8, k)))
+    pairs = [
+        (f"{'BDFHJ'[k]} → {'CEGIK'[k]}", f"({one.new.x:.2f}, {one.new.y:.2f}) m", "found",
+         f"{100 * one.found.distance_to(one.truth):.1f} cm off" if one.success else "not found", str(one.cycles), "")
+        for k, one in enumerate(shown)
+    ]  # fmt: skip
+    conditions = [(5.0, COVERED), (20.0, COVERED), (5.0, 0)]
+    runs = _all_runs("nubot-mti", conditions, seeds)
+    rows = [_summary(f"compass off by {error:g}°, {_covering(covered)}", runs[error, covered])
+            for error, covered in conditions]  # fmt: skip
+    return ExperimentResult(
+        "xiong-kidnap",
+        f"Figure 8 of Xiong et al.: five kidnaps between crossings of lines, and {PER_SEED} random ones per seed",
+        seeds,
+        _SUMMARY_COLUMNS,
+        (*pairs, *rows),
+        Headline("kidnaps right within 10 frames", "5 of 5 shown",
+                 f"{sum(one.success for one in shown)} of 5; {percent([_rate(run) for run in runs[5.0, COVERED]])}"),
+        (*_NOTES, "In the rows of single kidnaps the columns hold the true place, the paper's, ours and the frames."),
+        (("figure8", _field_figure(field, shown)),),
+    )  # fmt: skip
+
+
+_SUMMARY_COLUMNS = ("kidnaps", "noticed after (frames)", "paper", "right at cycle 10", "cycles until right", "longest")
+_NOTES = (
+    f"Right: tracked within {100 * RIGHT_M:.0f} cm and 10°. Cycles count from the restart of the search. The compass "
+    "is right at the old place and errs by the stated angle, to one side or the other, at the new one. Covered: "
+    f"{COVERED} images show nothing while the robot is carried; in full view the failure rule has to notice by itself. "
+    "A kidnap that is never noticed counts as right only if the robot is tracked at its new place all the same: "
+    "matching has led it there.",
+    "Observation level, the papers' mirror, a robot that drives at 0.3 m/s with 2 % of odometry noise.",
+)
+
+
+def _covering(covered: int) -> str:
+    return "covered" if covered else "in full view"
+
+
+def _rate(run: Sequence[Kidnap]) -> float:
+    """Share right at the tenth cycle; of those that nobody noticed, at the end of the wait."""
+    return float(np.mean([one.success for one in run]))
+
+
+def _summary(name: str, runs: Sequence[Sequence[Kidnap]]) -> tuple[str, ...]:
+    """A row over the seeds' runs."""
+    every = [one for run in runs for one in run]
+    waited = [one.waited for one in every if one.waited is not None]
+    unnoticed = len(every) - len(waited)
+    unwell = sum(not one.success for one in every if one.waited is None)
+    noticed = f"median {np.median(waited):.0f}, longest {max(waited)}" if waited else "never"
+    cycles = [one.cycles for one in every if one.cycles is not None]
+    return (
+        name,
+        noticed + (f"; {unnoticed} of {len(every)} never, {unwell} of them wrong" if unnoticed else ""),
+        "–",
+        percent([_rate(run) for run in runs]),
+        spread([float(np.mean([one.cycles or CYCLES for one in run if one.waited is not None])) for run in runs]),
+        f"{max(cycles)}" if cycles else "–",
+    )
+
+
+def _crossing_places(field: FieldModel) -> list[Pose]:
+    """Ten crossings of lines, far apart in turn, facing various ways."""
+    points = sorted({(round(c.x, 3), round(c.y, 3)) for c in field.crossings if not c.curved})
+    chosen = [points[k] for k in np.linspace(0, len(points) - 1, 10).astype(int)]
+    order = [0, 5, 6, 1, 2, 7, 8, 3, 4, 9]
+    return [Pose(chosen[k][0], chosen[k][1], wrap_angle(0.7 * i)) for i, k in enumerate(order)]
+
+
+def _field_figure(field: FieldModel, kidnaps: Sequence[Kidnap]) -> Figure:
+    """As the papers' figures: arrows from place to place, red where the robot found itself, blue where it was."""
+    figure, (axes,) = new_figure(width_in=8.0, height_in=5.8)
+    field_axes(axes, field)
+    letters = iter("ABCDEFGHIJKLMN" if len(kidnaps) < 5 else "BCDEFGHIJK")
+    for one in kidnaps:
+        for place in (one.old, one.new):
+            axes.annotate(next(letters), (place.x, place.y), xytext=(7, 7), textcoords="offset points", fontsize=10)
+        axes.annotate("", (one.new.x, one.new.y), (one.old.x, one.old.y), arrowprops={"arrowstyle": "->", "alpha": 0.5})
+        axes.plot(one.truth.x, one.truth.y, "o", color=BLUE, markersize=9, zorder=3)
+        axes.plot(one.found.x, one.found.y, "o", color=RED, markersize=5, zorder=4)
+    return figure
+
+
+def _curve_figure(kidnaps: dict[str, list[list[Kidnap]]]) -> Figure:
+    figure, (axes,) = new_figure()
+    lowest = 100.0
+    for name, runs in kidnaps.items():
+        shares = 100.0 * np.mean([one.right for run in runs for one in run], axis=0)
+        axes.plot(np.arange(1, CYCLES + 1), shares, "o-", markersize=3, label=name)
+        lowest = min(lowest, float(shares.min()))
+    axes.set_xlabel("cycles since the restart")
+    axes.set_ylabel("right (%)")
+    axes.set_ylim(max(0.0, 10.0 * math.floor(lowest / 10.0 - 0.5)), 101.0)
+    axes.legend(frameon=False, title="compass off by")
+    return figure

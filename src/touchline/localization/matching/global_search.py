@@ -1,0 +1,196 @@
+"""Global localization: a grid of samples over the field, the best of them refined (Xiong et al., section 4.1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.field.distance_map import DistanceMap
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.matching.kernels import grid_errors
+from touchline.localization.matching.matcher import Match, Matcher, as_pose, checked_points, map_arguments
+
+
+class GlobalSearchSettings(Settings):
+    """The sampled search of section 4.1. On the 18 x 12 m field it has 315 samples."""
+
+    spacing_m: float = Field(1.0, gt=0, description="distance of the samples (m); the paper's")
+    beyond_m: float = Field(1.0, ge=0, description="how far beyond the field the samples reach (m); the paper's")
+    candidates: int = Field(5, ge=1, description="samples with the least error that are refined; the paper's")
+    rounds: int = Field(3, ge=1, description="searches before the best of all is taken; the paper's")
+    shift_m: float = Field(0.35, description="shift of all samples in x and in y from round to round (m); the paper's")
+    sample_c_m: float = Field(
+        2.55,
+        gt=0,
+        description="width c (m) of the error function that ranks the samples: the paper's C = 255 read in cm, its "
+        "unit of length; the nearest sample is up to 0.7 m away, where the 0.25 m of matching can't tell near from far",
+    )
+    accepted_error: float = Field(
+        0.1,
+        gt=0,
+        le=1,
+        description="weighted mean error with matching's c below which a pose is accepted. Clutter of 5 % and 2 % "
+        "range noise leave 0.06 (median); wrong poses of equal error are rare below 0.1, frequent above",
+    )
+    rival_factor: float = Field(
+        1.25,
+        ge=1,
+        description="a pose whose error is up to this factor, plus rival_margin, above another's is its equal",
+    )
+    rival_margin: float = Field(0.02, ge=0, description="see rival_factor; what noise alone changes in the mean error")
+    confirmations: int = Field(
+        3,
+        ge=1,
+        description="frames in a row in which a pose that was not accepted must hold against the search before it is "
+        "believed: real calibrations may leave more than accepted_error everywhere",
+    )
+    heading_tolerance_rad: float = Field(
+        0.6,
+        gt=0,
+        description="largest difference of the refined heading from the compass (rad): twice the worst of usual "
+        "compass errors, and far from the quarter turn at which lines can be mistaken",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Part of the field to search: limits of x and y in m, field frame."""
+
+    least_x: float = -math.inf
+    most_x: float = math.inf
+    least_y: float = -math.inf
+    most_y: float = math.inf
+
+    def contains(self, pose: Pose) -> bool:
+        """Whether the pose's position lies inside."""
+        return self.least_x <= pose.x <= self.most_x and self.least_y <= pose.y <= self.most_y
+
+
+OWN_HALF = Region(most_x=0.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Candidate:
+    """A refined sample: its pose, its mean error with matching's c, and the record (K, 4) of the descent."""
+
+    pose: Pose
+    error: float
+    iterations: FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SearchRound:
+    """One round, for plots. samples_m (K, 2): positions; errors (K,): mean error of each; then the refined best."""
+
+    samples_m: FloatArray
+    errors: FloatArray
+    candidates: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class GlobalFix:
+    """Result of a global search: the best match, whether its error passed the threshold, and the rounds it took."""
+
+    match: Match
+    accepted: bool
+    rounds: tuple[SearchRound, ...]
+
+
+class GlobalSearch:
+    """Finds the pose on one field from line points and a compass heading."""
+
+    def __init__(
+        self, matcher: Matcher, length_m: float, width_m: float, settings: GlobalSearchSettings | None = None
+    ) -> None:
+        """length_m, width_m: of the field, to its lines."""
+        self.settings = settings or GlobalSearchSettings()
+        self.matcher = matcher
+        self.samples_m = sample_positions(length_m, width_m, self.settings.spacing_m, self.settings.beyond_m)
+
+    def locate(
+        self,
+        positions_m: FloatArray,
+        weights: FloatArray,
+        compass_rad: float,
+        region: Region | None = None,
+        record: bool = False,
+    ) -> GlobalFix | None:
+        """Search the field, or a region of it; None if no refined candidate keeps the compass heading and region.
+
+        positions_m (N, 2) robot frame; weights (N,) that sum to 1; record: keep the refinements' iterations.
+        """
+        points, weights = checked_points(positions_m, weights)
+        rounds: list[SearchRound] = []
+        best: Candidate | None = None
+        accepted = False
+        while not accepted and len(rounds) < self.settings.rounds:
+            samples = self._samples(len(rounds) * self.settings.shift_m, region)
+            rounds.append(self._round(points, weights, samples, compass_rad, region, record))
+            known = rounds[-1].candidates if best is None else (best, *rounds[-1].candidates)
+            best = min(known, key=lambda candidate: candidate.error, default=None)
+            accepted = best is not None and best.error < self.settings.accepted_error
+        if best is None:
+            return None
+        match = self.matcher.assess(
+            points, weights, best.pose.as_array(), best.error, best.iterations if record else None
+        )
+        return GlobalFix(match, accepted, tuple(rounds))
+
+    def _samples(self, shift_m: float, region: Region | None) -> FloatArray:
+        samples = self.samples_m + shift_m
+        if region is None:
+            return samples
+        x, y = samples[:, 0], samples[:, 1]
+        reach_m = 0.5 * self.settings.spacing_m  # a sample just outside may be the nearest to a pose just inside
+        inside = (x >= region.least_x - reach_m) & (x <= region.most_x + reach_m)
+        inside &= (y >= region.least_y - reach_m) & (y <= region.most_y + reach_m)
+        return np.asarray(samples[inside])
+
+    def _round(
+        self,
+        points: FloatArray,
+        weights: FloatArray,
+        samples: FloatArray,
+        compass_rad: float,
+        region: Region | None,
+        record: bool,
+    ) -> SearchRound:
+        errors = sample_errors(self.matcher.distance_map, points, samples, compass_rad, self.settings.sample_c_m)
+        candidates = []
+        for k in np.argsort(errors)[: self.settings.candidates]:
+            start = np.array([samples[k, 0], samples[k, 1], compass_rad])
+            refined, error, trace = self.matcher.descend(points, weights, start, record)
+            pose = as_pose(refined)
+            strays = abs(wrap_angle(pose.heading - compass_rad)) > self.settings.heading_tolerance_rad
+            if not strays and (region is None or region.contains(pose)):
+                candidates.append(Candidate(pose, error, trace))
+        return SearchRound(samples, errors, tuple(candidates))
+
+
+def sample_positions(length_m: float, width_m: float, spacing_m: float, beyond_m: float) -> FloatArray:
+    """Positions (K, 2) spacing_m apart, from beyond_m outside the lines on, centred on the field.
+
+    21 x 15 = 315 of them for 18 x 12 m, 1 m and 1 m; a field that the spacing doesn't divide is covered beyond its end.
+    """
+    axes = []
+    for size_m in (length_m, width_m):
+        reach_m = size_m / 2 + beyond_m
+        steps = math.ceil(2 * reach_m / spacing_m - 1e-9)
+        axes.append((np.arange(steps + 1) - steps / 2) * spacing_m)
+    x, y = np.meshgrid(*axes, indexing="ij")
+    return np.stack((x.ravel(), y.ravel()), axis=1)
+
+
+def sample_errors(
+    distance_map: DistanceMap, points: FloatArray, samples_m: FloatArray, heading_rad: float, c_m: float
+) -> FloatArray:
+    """Mean error (K,) of standing at each of the samples (K, 2) with one heading: equation (2).
+
+    All points count alike, as in the paper: half a metre from the truth, their noise no longer matters.
+    """
+    found = grid_errors(points, *map_arguments(distance_map), samples_m, np.array([heading_rad]), c_m)
+    return np.asarray(found[0])

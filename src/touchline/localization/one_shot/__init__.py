@@ -1,0 +1,1 @@
+"""One observation alone: its pose, and whether that is better than chance."""

@@ -1,0 +1,290 @@
+"""One observation and nothing else: the pose, and every other pose that explains the points as well."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.errors import InputError, NoFitError
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
+from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
+from touchline.localization.one_shot.permutation_test import Chance, ChanceSettings, chance_test
+from touchline.localization.one_shot.points_file import points_and_weights
+from touchline.localization.one_shot.whole_field import PoseGrid, thinned_to
+from touchline.types import Hypothesis, LinePoints
+
+
+class LocateSettings(Settings):
+    """The search of `locate_points`."""
+
+    least_points: int = Field(8, ge=4, description="different points needed: a pose has three unknowns, and clutter")
+    spacing_m: float = Field(
+        0.5,
+        gt=0,
+        description="distance of the sample positions (m): half the paper's, for no compass narrows the search",
+    )
+    beyond_m: float = Field(
+        1.0, ge=0, description="how far beyond the field the samples reach (m): as far as the paper's"
+    )
+    spacing_rad: float = Field(
+        0.0873, gt=0, description="distance of the sample headings (rad): 5°, half a metre at 6 m as spacing_m"
+    )
+    sample_c_m: float = Field(
+        0.5, gt=0, description="width c of the error function for ranking the samples (m): as spacing_m"
+    )
+    sample_points: int = Field(
+        150,
+        ge=10,
+        description="points, evenly over the ground, that rank and refine the samples: more only take longer",
+    )
+    candidates: int = Field(
+        80, ge=1, description="samples that are refined, of some 86 000: without a heading many look alike"
+    )
+    finalists: int = Field(
+        20, ge=1, description="refined poses that are matched again with all points; rivals are among them"
+    )
+    heading_tolerance_rad: float = Field(
+        0.6, gt=0, description="how far the heading may be from a given one (rad): twice the usual worst compass error"
+    )
+    same_m: float = Field(
+        0.15,
+        gt=0,
+        description="poses nearer to each other than this (m) and same_rad are one: less than two lines are apart",
+    )
+    same_rad: float = Field(
+        0.1, gt=0, description="poses with headings nearer than this (rad) and same_m are one: as same_m"
+    )
+    rival_factor: float = Field(
+        1.25, ge=1, description="a rival's mean error is at most this factor, plus rival_margin, above the best"
+    )
+    rival_margin: float = Field(0.02, ge=0, description="see rival_factor; what noise alone changes in the mean error")
+    rival_margin_m: float = Field(
+        0.02, ge=0, description="a rival's mean distance (m) is within rival_factor and this margin of the best, too"
+    )
+    most_median_m: float = Field(
+        0.25,
+        gt=0,
+        description="largest median distance of the points to the lines (m): half of them must lie within the reach "
+        "c of the error function, matching.c_m; beyond it they no longer pull at the pose",
+    )
+    chance: ChanceSettings = ChanceSettings()
+    matching: MatchingSettings = MatchingSettings()
+    # The mirror of an unknown robot is off by more than its range noise: near points must not decide alone.
+    weights: WeightSettings = WeightSettings(floor_m=0.1)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Location:
+    """Where one observation was made.
+
+    pose, covariance (3, 3) in (m, m, rad): field frame. error: weighted mean of the error function.
+    mean_distance_m, median_distance_m: of the points to the nearest line centre, all points alike, exact distances.
+    rivals: other poses of similar error, the better first; residual_m is their mean_distance_m.
+    points: different points used. chance: the error against that of the same points rearranged.
+    """
+
+    pose: Pose
+    covariance: FloatArray
+    error: float
+    mean_distance_m: float
+    median_distance_m: float
+    rivals: tuple[Hypothesis, ...]
+    points: int
+    chance: Chance
+
+
+class PoorFitError(NoFitError):
+    """Points that most of the lines miss even at the best pose: that pose nevertheless, and the test against chance."""
+
+    def __init__(self, message: str, best: Hypothesis, chance: Chance) -> None:
+        super().__init__(message)
+        self.best = best
+        self.chance = chance
+
+
+class ScatterError(PoorFitError):
+    """Points that fit no pose better than chance: `chance` is the test that the best pose failed."""
+
+
+def locate(
+    points: str | Path | FloatArray | Sequence[Sequence[float]] | LinePoints,
+    field: str | Path | FieldModel,
+    heading: float | None = None,
+    settings: LocateSettings | None = None,
+    seed: int = 0,
+) -> Location:
+    """The pose of a robot from one set of line points.
+
+    points: the path of a CSV file (header x_m,y_m, perhaps weight), an array or a sequence of pairs (N, 2) in m, robot
+    frame, or LinePoints, which are weighed by their precision. field: a preset's name, the path of a field.yaml or a
+    FieldModel. heading: from a compass (rad, field frame), or None to search the whole circle. settings, seed: as of
+    `locate_points`.
+    Raises InputError for points or a field that can't be read, NoFitError for points that fit no pose.
+    """
+    model = field if isinstance(field, FieldModel) else open_field(field)
+    positions_m, weights = points_and_weights(points)
+    return locate_points(positions_m, model, heading, weights, settings, seed)
+
+
+def locate_points(
+    points: FloatArray,
+    field: FieldModel,
+    heading: float | None = None,
+    weights: FloatArray | None = None,
+    settings: LocateSettings | None = None,
+    seed: int = 0,
+) -> Location:
+    """Best pose of line points (N, 2) in m, robot frame, with all its rivals.
+
+    heading: from a compass (rad, field frame); None searches the whole circle. weights (N,): relative; None weighs by
+    the generic range noise. seed: of the test against chance.
+    Raises NoFitError for too few points, PoorFitError (a NoFitError) if the lines miss most points at the best pose,
+    ScatterError (a PoorFitError) for points that fit no pose better than chance, InputError for points that are no
+    numbers and for a heading beyond a whole turn.
+    """
+    s = settings or LocateSettings()
+    _check_heading(heading)
+    points, weights = _different_points(points, weights, s)
+    matcher = Matcher(field.distance_map(), s.matching)
+    grid = PoseGrid(field.length, field.width, s.spacing_m, s.beyond_m, s.spacing_rad, heading, s.heading_tolerance_rad)
+    matches = _matches(matcher, grid, points, weights, heading, s)
+    if not matches:
+        raise NoFitError(
+            f"no pose within {s.heading_tolerance_rad:.2f} rad of the heading {heading:.2f} fits the points"
+        )
+    best = matches[0]
+    chance = chance_test(matcher, grid, points, s.sample_c_m, s.chance, seed)
+    distances = field.line_distances(best.pose.transform(points))
+    mean_m, median_m = float(np.mean(distances)), float(np.median(distances))
+    nearest = Hypothesis(best.pose, mean_m)
+    if chance.significance < s.chance.least_significance:
+        raise ScatterError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
+    if median_m > s.most_median_m:
+        raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
+    rivals = _rivals(matches, field, points, mean_m, heading, s)
+    return Location(best.pose, best.covariance, best.error, mean_m, median_m, rivals, len(points), chance)
+
+
+def _check_heading(heading: float | None) -> None:
+    if heading is None:
+        return
+    if not math.isfinite(heading):
+        raise InputError(f"the heading {heading} is not an angle in radians")
+    if abs(heading) > 2 * math.pi:
+        raise InputError(
+            f"the heading {heading:g} is more than a whole turn: is it in radians? "
+            f"{heading:g} degrees are {math.radians(heading):.4f} rad"
+        )
+
+
+def _rivals(
+    matches: list[Match], field: FieldModel, points: FloatArray, mean_m: float, heading: float | None, s: LocateSettings
+) -> tuple[Hypothesis, ...]:
+    """The other matches whose error and mean distance are both about those of the first, the better first.
+
+    Both, because the error saturates: once far points are lost, it hardly tells how far.
+    """
+    best = matches[0]
+    most_error, most_m = best.error * s.rival_factor + s.rival_margin, mean_m * s.rival_factor + s.rival_margin_m
+    similar = [match.pose for match in matches[1:] if match.error <= most_error]
+    means_m = [float(np.mean(field.line_distances(pose.transform(points)))) for pose in similar]
+    rivals = [Hypothesis(pose, found_m) for pose, found_m in zip(similar, means_m, strict=True) if found_m <= most_m]
+    twin = best.pose.mirrored()
+    if field.is_symmetric and _allowed(twin, heading, s) and not _is_among(twin, [r.pose for r in rivals], s):
+        rivals.insert(0, Hypothesis(twin, mean_m))  # it explains the points equally well by the field's symmetry
+    return tuple(rivals)
+
+
+def _different_points(
+    points: FloatArray, weights: FloatArray | None, s: LocateSettings
+) -> tuple[FloatArray, FloatArray]:
+    """Points without repetitions, and weights that sum to 1."""
+    table = np.asarray(points, dtype=np.float64)
+    if table.ndim != 2 or table.shape[1] != 2:
+        raise InputError(f"line points need two columns, x and y in metres; got an array of shape {table.shape}")
+    if not np.all(np.isfinite(table)):
+        raise InputError(f"line point {int(np.argmin(np.isfinite(table).all(axis=1)))} is not a pair of finite numbers")
+    _, first = np.unique(table, axis=0, return_index=True)
+    first = np.sort(first)
+    if len(first) < s.least_points:
+        noun = "point is" if len(first) == 1 else "points are"
+        raise NoFitError(f"{len(first)} different {noun} too few to tell a pose: at least {s.least_points} are needed")
+    different = np.ascontiguousarray(table[first])
+    if weights is None:
+        return different, range_weights(different, s.weights)
+    given = np.asarray(weights, dtype=np.float64)
+    if given.shape != (len(table),) or not np.all(np.isfinite(given)) or np.any(given < 0):
+        raise InputError(f"weights need one number of at least 0 per point, got an array of shape {given.shape}")
+    return different, np.ascontiguousarray(normalized(given[first]))
+
+
+def _matches(
+    matcher: Matcher, grid: PoseGrid, points: FloatArray, weights: FloatArray, heading: float | None, s: LocateSettings
+) -> list[Match]:
+    """Matches of all points at different poses, the better first."""
+    few = thinned_to(points, s.sample_points)
+    alike = normalized(np.ones(len(few)))
+    starts = grid.best(matcher.distance_map, few, s.sample_c_m, s.candidates)
+    refined = [matcher.descend(few, alike, start) for start in starts]
+    poses = [Pose(*map(float, pose)) for pose, _, _ in sorted(refined, key=lambda found: found[1])]
+    finalists = _different_poses(poses, s)[: s.finalists]
+    # The twin on a symmetric field is always a candidate, even if the grid happened to miss it.
+    finalists += [pose.mirrored() for pose in finalists]
+    matches = sorted((matcher.match(points, weights, pose) for pose in finalists), key=lambda match: match.error)
+    allowed = [match for match in matches if _allowed(match.pose, heading, s)]
+    kept = _different_poses([match.pose for match in allowed], s)
+    return [match for match in allowed if any(match.pose is pose for pose in kept)]
+
+
+def _allowed(pose: Pose, heading: float | None, s: LocateSettings) -> bool:
+    return heading is None or abs(wrap_angle(pose.heading - heading)) <= s.heading_tolerance_rad
+
+
+def _different_poses(poses: list[Pose], s: LocateSettings) -> list[Pose]:
+    """Poses without those that come to the same as an earlier one."""
+    kept: list[Pose] = []
+    for pose in poses:
+        if not _is_among(pose, kept, s):
+            kept.append(pose)
+    return kept
+
+
+def _is_among(pose: Pose, others: list[Pose], s: LocateSettings) -> bool:
+    return any(
+        pose.distance_to(other) < s.same_m and abs(wrap_angle(pose.heading - other.heading)) < s.same_rad
+        for other in others
+    )
+
+
+def _scatter_message(points: int, best: Hypothesis, chance: Chance, heading: float | None, s: LocateSettings) -> str:
+    return (
+        f"the {points} points fit no pose better than scatter would: the best one ({_words(best.pose)}) leaves them "
+        f"{best.residual_m:.2f} m from the lines on average, and rearranged pieces of the same points fit as well "
+        f"(error {chance.error:.2f} against {chance.mean:.2f}: {chance.significance:.1f} deviations, "
+        f"{s.chance.least_significance:.0f} are needed). {_what_to_check(heading)}"
+    )
+
+
+def _poor_message(points: int, best: Hypothesis, median_m: float, heading: float | None, s: LocateSettings) -> str:
+    return (
+        f"the {points} points fit no pose well: the best one ({_words(best.pose)}) leaves half of them more than "
+        f"{median_m:.2f} m from the lines ({best.residual_m:.2f} m on average); at most {s.most_median_m:.2f} m are "
+        f"allowed. {_what_to_check(heading)}"
+    )
+
+
+def _words(pose: Pose) -> str:
+    return f"{pose.x:.2f} m, {pose.y:.2f} m, {pose.heading:.3f} rad"
+
+
+def _what_to_check(heading: float | None) -> str:
+    first = "" if heading is None else f"the heading ({heading:.3f} rad, in the field frame), "
+    return f"Check {first}the field, the unit (metres) and the axes (x forward, y left)"

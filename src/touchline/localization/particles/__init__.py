@@ -1,0 +1,1 @@
+"""Monte Carlo localization: sets of particles, how they move and what they weigh."""

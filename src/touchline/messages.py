@@ -1,0 +1,25 @@
+"""Words that messages share: counts, lists of frames, the nearest known name."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+
+def did_you_mean(word: str, known: Sequence[str]) -> str:
+    """A sentence that names the nearest known words, or all of them."""
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+
+
+def counted(count: int, noun: str) -> str:
+    """`1 image`, `2 images`."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def frames_in_words(frames: list[int], shown: int = 6) -> str:
+    """`frame 3`, `frames 3, 4, 9 and 12 more`."""
+    if len(frames) == 1:
+        return f"frame {frames[0]}"
+    words = ", ".join(str(frame) for frame in frames[:shown])
+    return f"frames {words}" + (f" and {len(frames) - shown} more" if len(frames) > shown else "")
