@@ -13,7 +13,7 @@ from touchline.geometry import FloatArray, Pose
 
 @dataclass(frozen=True, eq=False)
 class PointSets:
-    """The 1000 frames of points/msl_18x12.npz and their own field."""
+    """The frames of points/msl_18x12.npz, 200 or 1000, and their own field."""
 
     field: FieldModel
     points: FloatArray

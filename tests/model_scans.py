@@ -1,11 +1,10 @@
 """Fields of real robots: their sizes recovered from the model points that a robot logged in its own frame.
 
-`python tests/model_scans.py SHARED_DATA` writes the files of tests/data/fields anew.
+`python tests/model_scans.py` writes the files of tests/data/fields anew.
 """
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +71,7 @@ def _lines(coordinates: FloatArray) -> list[float]:
     return found
 
 
-def fields(shared_data: Path) -> dict[str, FieldModel]:
+def fields(small_data: Path) -> dict[str, FieldModel]:
     """Every field of the real point files that is no preset: lines with the outer sizes as centre lines, and scans'."""
     rules = {
         "A": 18,
@@ -94,12 +93,12 @@ def fields(shared_data: Path) -> dict[str, FieldModel]:
         "nubot-lab-18x8": field_from_letters("nubot-lab-18x8", laboratory),
     }
     for scan in SCANS:
-        letters, _ = recovered(load_points(shared_data / "real" / "msl_scans" / f"{scan}.model.csv"))
+        letters, _ = recovered(load_points(small_data / "real" / "msl_scans" / f"{scan}.model.csv"))
         made[scan] = field_from_letters(scan, {**letters, "K": LINE_WIDTH_M}, measured_to="middle")
     return made
 
 
 if __name__ == "__main__":
-    for name, field in fields(Path(sys.argv[1])).items():
+    for name, field in fields(FIELDS.parent).items():
         (FIELDS / f"{name}.yaml").write_text(field_to_text(field), encoding="utf-8")
         print(name, dict(field.letters))

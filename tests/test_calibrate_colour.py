@@ -87,8 +87,8 @@ def test_a_mark_overrides_the_rule_where_it_lies(tmp_path: Path) -> None:
     assert colours.classify(np.array([[PAINT]], dtype=np.uint8))[0, 0] == OTHER
 
 
-def test_marks_in_a_recording_are_used_by_themselves(shared_data: Path, tmp_path: Path) -> None:
-    folder = borrow(shared_data / "omni_msl_track", tmp_path / "marked", frames=2)
+def test_marks_in_a_recording_are_used_by_themselves(small_data: Path, tmp_path: Path) -> None:
+    folder = borrow(small_data / "omni_msl_track", tmp_path / "marked", frames=2)
     unmarked = calibrate_recording(open_source(folder))
     assert "without marks" in unmarked.learned_from
     ring = {"file": "images/000000.jpg", "class": "green", "box": [150, 225, 185, 255]}
@@ -99,12 +99,10 @@ def test_marks_in_a_recording_are_used_by_themselves(shared_data: Path, tmp_path
 
 
 @pytest.mark.parametrize("letter", ["a", "b", "c"])
-def test_a_saved_table_separates_green_from_lines_of_photographs(
-    shared_data: Path, tmp_path: Path, letter: str
-) -> None:
+def test_a_saved_table_separates_green_from_lines_of_photographs(small_data: Path, tmp_path: Path, letter: str) -> None:
     from test_photographs import photograph
 
-    image, camera, marks = photograph(shared_data, letter)
+    image, camera, marks = photograph(small_data, letter)
     save_colours(calibrate_unmarked([image], camera, letter).colours, tmp_path / "colours.npz")
     classes = load_colours(tmp_path / "colours.npz").classify(image)
     assert np.mean([classes[v, u] == GREEN for u, v in marks["green_not_line"]]) >= 0.95
@@ -236,10 +234,8 @@ def test_a_kept_table_is_never_learned_anew(
 # --- the command ------------------------------------------------------------------------------------------------------
 
 
-def test_the_command_learns_from_an_image(
-    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = shared_data / "real" / "omni"
+def test_the_command_learns_from_an_image(small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = small_data / "real" / "omni"
     output = tmp_path / "colours.npz"
     camera_file = str(folder / "nubot_a.camera.yaml")
     photo = str(folder / "nubot_a.png")

@@ -165,8 +165,8 @@ def bare_copy(source: Path, folder: Path, center: tuple[float, float]) -> Path:
     return folder
 
 
-def test_the_public_recording_is_calibrated_without_its_range_table(shared_data: Path, tmp_path: Path) -> None:
-    source = shared_data / "omni_calibration"
+def test_the_public_recording_is_calibrated_without_its_range_table(small_data: Path, tmp_path: Path) -> None:
+    source = small_data / "omni_calibration"
     with_table = calibrate_mirror(open_source(source)).camera
     without = calibrate_mirror(open_source(bare_copy(source, tmp_path / "a", with_table_center(source)))).camera
     assert np.array_equal(with_table.range_m, without.range_m)

@@ -151,18 +151,18 @@ def test_a_camera_without_mirror_or_centre_is_told(tmp_path: Path) -> None:
         written(tmp_path, marks(RADII), center="middle")
 
 
-def test_the_public_strip_gives_ranges_good_to_a_per_cent(shared_data: Path) -> None:
-    regression = fit_range(recording_pairs(open_source(shared_data / "omni_calibration")))
-    truth = open_camera(shared_data / "omni_msl_track" / "camera.yaml")
+def test_the_public_strip_gives_ranges_good_to_a_per_cent(small_data: Path) -> None:
+    regression = fit_range(recording_pairs(open_source(small_data / "omni_calibration")))
+    truth = open_camera(small_data / "omni_msl_track" / "camera.yaml")
     radii = np.linspace(52.0, 187.0, 100)
     expected = np.interp(radii, truth.radius_px, truth.range_m[0])
     np.testing.assert_allclose(regression.polynomial(radii), expected, rtol=0.006)
     assert regression.degree == 6
 
 
-def test_a_recording_without_pairs_says_what_it_lacks(shared_data: Path) -> None:
+def test_a_recording_without_pairs_says_what_it_lacks(small_data: Path) -> None:
     with pytest.raises(InputError, match=r"neither marks.csv.*nor.*patch_edges_m"):
-        recording_pairs(open_source(shared_data / "omni_msl_track"))
+        recording_pairs(open_source(small_data / "omni_msl_track"))
 
 
 def test_the_command_writes_camera_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,14 +30,14 @@ def arc(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def real(tmp_path: Path, shared_data: Path) -> Path:
+def real(tmp_path: Path, small_data: Path) -> Path:
     """Sixteen images of a public recording, free to be changed."""
-    folder = borrow(shared_data / "omni_msl_match", tmp_path / "match", frames=16)
+    folder = borrow(small_data / "omni_msl_match", tmp_path / "match", frames=16)
     (folder / "images").unlink()
     (folder / "images").mkdir()
     for index in range(16):
         name = f"images/{index:06d}.jpg"
-        shutil.copyfile(shared_data / "omni_msl_match" / name, folder / name)
+        shutil.copyfile(small_data / "omni_msl_match" / name, folder / name)
     return folder
 
 
@@ -103,7 +103,8 @@ def test_black_images_of_a_covered_camera_are_named(shared_data: Path) -> None:
 def test_sixteen_bit_images_are_an_error(shared_data: Path) -> None:
     finding = found(shared_data / "omni_exposure", "images")
     assert finding.severity is Severity.ERROR
-    assert "6 of 6 images" in finding.what
+    images = len(open_source(shared_data / "omni_exposure"))
+    assert f"{images} of {images} images" in finding.what
     assert "exposure" in finding.advice
 
 
@@ -243,9 +244,23 @@ def test_a_wheel_that_counts_backwards_is_an_error(arc: Path) -> None:
     assert_found(arc, "wheels", Severity.ERROR, "wheels.csv", r"turned by -90")
 
 
-def test_swapped_wheels_are_mirror_images(shared_data: Path, tmp_path: Path) -> None:
+def test_swapped_wheels_are_an_error(shared_data: Path, tmp_path: Path) -> None:
+    """A mirror image is told from a turn by a drive in many directions, which twelve seconds hold and five do not."""
     folder = borrow(shared_data / "omni_msl_match", tmp_path / "match", frames=120)
     replace_line(folder / "wheels.csv", 1, "t,b,a")
+    said = "mirror images of each other" if len(open_source(folder)) == 120 else r"turned by \+94"
+    assert_found(folder, "wheels", Severity.ERROR, "wheels.csv", said)
+
+
+def test_swapped_wheels_of_a_drive_in_many_directions_are_mirror_images(tmp_path: Path) -> None:
+    """The robot goes round twice without turning."""
+    folder = write_recording(tmp_path / "rounds", frames=121, wheels=WHEELS)
+    seconds = np.arange(0.0, 12.5, 0.02)
+    x, y = np.sin(seconds), 1.0 - np.cos(seconds)
+    a, b = (x - y) / math.sqrt(2.0), (x + y) / math.sqrt(2.0)
+    for name, header, columns in (("odometry", "t,x,y,theta", (x, y, 0.0 * x)), ("wheels", "t,a,b", (a, b))):
+        table = np.column_stack((seconds, *columns))
+        np.savetxt(folder / f"{name}.csv", table, "%.6f", ",", header=header, comments="")
     assert_found(folder, "wheels", Severity.ERROR, "wheels.csv", "mirror images of each other")
 
 
@@ -353,9 +368,9 @@ def test_images_of_another_size_than_camera_yaml_are_an_error(real: Path) -> Non
     ],
 )
 def test_a_senseless_pinhole_camera_is_found(
-    shared_data: Path, tmp_path: Path, keys: dict[str, object], what: str
+    small_data: Path, tmp_path: Path, keys: dict[str, object], what: str
 ) -> None:
-    folder = borrow(shared_data / "humanoid_9x6_walk", tmp_path / "walk", frames=4)
+    folder = borrow(small_data / "humanoid_9x6_walk", tmp_path / "walk", frames=4)
     assert_found(
         folder, "camera", Severity.ERROR, "camera.yaml", r"pinhole, 752×480 pixels, 1\.1 m high: .*omnidirectional"
     )
@@ -389,15 +404,15 @@ def test_an_outer_radius_beyond_the_mirror_is_found(real: Path) -> None:
     assert any("beyond the mirror's disc of radius 23" in finding.what for finding in findings)
 
 
-def test_a_wrong_handedness_is_an_error(shared_data: Path, tmp_path: Path) -> None:
-    folder = borrow(shared_data / "omni_msl_match", tmp_path / "match", frames=30)
+def test_a_wrong_handedness_is_an_error(small_data: Path, tmp_path: Path) -> None:
+    folder = borrow(small_data / "omni_msl_match", tmp_path / "match", frames=30)
     assert_found(folder, "handedness", Severity.OK, "camera.yaml", "as handedness says")
     rewrite_yaml(folder / "camera.yaml", handedness=1)
     assert_found(folder, "handedness", Severity.ERROR, "camera.yaml", "turns against handedness")
 
 
-def test_handedness_is_not_judged_without_turns(shared_data: Path, tmp_path: Path) -> None:
-    folder = borrow(shared_data / "omni_msl_track", tmp_path / "track", frames=5)
+def test_handedness_is_not_judged_without_turns(small_data: Path, tmp_path: Path) -> None:
+    folder = borrow(small_data / "omni_msl_track", tmp_path / "track", frames=5)
     assert_found(folder, "handedness", Severity.NOTE, "camera.yaml", "not tested")
 
 

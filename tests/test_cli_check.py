@@ -13,8 +13,8 @@ from touchline.cli import main
 
 
 @pytest.fixture
-def good(tmp_path: Path, shared_data: Path) -> Path:
-    return borrow(shared_data / "omni_msl_track", tmp_path / "track", frames=8)
+def good(tmp_path: Path, small_data: Path) -> Path:
+    return borrow(small_data / "omni_msl_track", tmp_path / "track", frames=8)
 
 
 def test_a_good_recording_ends_with_0_and_a_line_for_each_finding(
@@ -23,7 +23,7 @@ def test_a_good_recording_ends_with_0_and_a_line_for_each_finding(
     assert main(["check", str(good)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["severity", "where", "what", "what", "to", "do"]
-    assert lines[-1].startswith("omni_msl_track: 8 images, 0 errors, 0 warnings, ")
+    assert lines[-1].startswith("omni_msl_track_short: 8 images, 0 errors, 0 warnings, ")
     assert any(line.startswith("ok") and "all 8 images can be decoded" in line for line in lines)
 
 
@@ -56,7 +56,7 @@ def test_what_cannot_be_read_ends_with_2_and_one_message(tmp_path: Path, capsys:
 def test_json_holds_the_findings_and_nothing_else(good: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(good), "--json"]) == 0
     tree = json.loads(capsys.readouterr().out)
-    assert tree["recording"] == "omni_msl_track"
+    assert tree["recording"] == "omni_msl_track_short"
     assert set(tree["counts"]) == {"ok", "note", "warning", "error"}
     assert sum(tree["counts"].values()) == len(tree["findings"])
     assert set(tree["findings"][0]) == {"check", "severity", "where", "what", "advice"}

@@ -285,13 +285,12 @@ def test_from_every_condition_to_every_other_in_eight_images(shared_data: Path) 
     source = open_source(shared_data / "omni_exposure")
     masks = mirror_masks(source.camera)
     settings = ExposureSettings(check_every=1)
-    cameras = [LinearImageCamera.open(source, k, np.random.default_rng(k)) for k in range(6)]
+    cameras = [LinearImageCamera.open(source, k, np.random.default_rng(k)) for k in range(len(source))]
     places = np.arange(3.5, 9.8, DENSE_STOPS)
     curves = [[entropy_at(camera, masks[1], settings.path, place) for place in places] for camera in cameras]
     peaks = [float(places[np.argmax(curve)]) for curve in curves]
-    lamps_of = (0, 1, 2, 0, 1, 2)
-    for start, goal in itertools.permutations(range(6), 2):
-        if lamps_of[start] == lamps_of[goal]:
+    for start, goal in itertools.permutations(range(len(source)), 2):
+        if start % 3 == goal % 3:  # the same light at another place
             continue
         camera = SwitchedCamera(cameras[start])
         control = ExposureControl(camera, masks, settings, start_ms=2.0 ** peaks[start])
@@ -325,8 +324,8 @@ class SwitchedCamera:
         return self.source.grab()
 
 
-def test_linear_images_follow_the_documented_model(shared_data: Path) -> None:
-    source = open_source(shared_data / "omni_exposure")
+def test_linear_images_follow_the_documented_model(small_data: Path) -> None:
+    source = open_source(small_data / "omni_exposure")
     camera = LinearImageCamera.open(source, 1)
     camera.set(10.0, 1.0)
     dark = camera.grab().astype(float)
@@ -339,10 +338,10 @@ def test_linear_images_follow_the_documented_model(shared_data: Path) -> None:
     assert (camera.grab()[usable] == 255).mean() > 0.8  # the rest mixes with what is black beside it
 
 
-def test_recordings_without_linear_images_are_refused(shared_data: Path) -> None:
+def test_recordings_without_linear_images_are_refused(small_data: Path) -> None:
     with pytest.raises(InputError, match="says nothing of linear images"):
-        LinearImageCamera.open(open_source(shared_data / "omni_msl_sun"), 0)
-    camera = LinearImageCamera.open(open_source(shared_data / "omni_exposure"), 0)
+        LinearImageCamera.open(open_source(small_data / "omni_msl_sun"), 0)
+    camera = LinearImageCamera.open(open_source(small_data / "omni_exposure"), 0)
     with pytest.raises(InputError, match="positive"):
         camera.set(-1.0, 1.0)
 

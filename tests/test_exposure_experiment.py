@@ -31,6 +31,6 @@ def test_the_recorded_places_come_with_their_lightings(shared_data: Path, monkey
     monkeypatch.setattr(lu2013_exposure, "_STEP_STOPS", 1.0)
     recording = open_source(shared_data / "omni_exposure")
     places = lu2013_exposure._recorded_cases(recording, ExposureSettings())
-    assert [[case.name for case in cases] for cases in places] == [["dim", "lamps", "sun"]] * 2
+    assert [[case.name for case in cases] for cases in places] == [["dim", "lamps", "sun"]] * (len(recording) // 3)
     assert all(np.all(np.isfinite(case.entropy)) for cases in places for case in cases)
     assert all(cases[0].peak > cases[1].peak >= cases[2].peak for cases in places)

@@ -63,11 +63,11 @@ def test_a_preset_is_shown_with_its_letters_and_counts() -> None:
     assert row(answer("indoor-9x6"), "C")[-1] == "none"
 
 
-def test_a_file_and_a_recording_are_shown_like_a_preset(shared_data: Path) -> None:
-    shown = answer(str(shared_data / "omni_9x6_points"))
+def test_a_file_and_a_recording_are_shown_like_a_preset(small_data: Path) -> None:
+    shown = answer(str(small_data / "omni_9x6_points"))
     assert row(shown, "line", "width") == ["line", "width", "0.05"]
     assert row(shown, "poles") == ["poles", "2", "(blue-yellow-blue,", "yellow-blue-yellow)"]
-    assert shown == answer(str(shared_data / "omni_9x6_points" / "field.yaml"))
+    assert shown == answer(str(small_data / "omni_9x6_points" / "field.yaml"))
 
 
 def test_a_field_is_drawn_into_a_new_picture(tmp_path: Path) -> None:

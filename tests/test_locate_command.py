@@ -81,8 +81,8 @@ def test_the_points_are_drawn_on_the_field(points: Path, capsys: pytest.CaptureF
     assert "exists already" in capsys.readouterr().err
 
 
-def test_scatter_is_refused_with_status_1_and_the_reason(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scan = shared_data / "real" / "msl_scans" / "mops_2017-03-31.points.csv"
+def test_scatter_is_refused_with_status_1_and_the_reason(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scan = small_data / "real" / "msl_scans" / "mops_2017-03-31.points.csv"
     assert main(["locate", str(scan), "--field", str(FIELDS / "mops_2017-03-31.yaml"), "--json"]) == 1
     captured = capsys.readouterr()
     assert "fit no pose better than scatter would" in captured.err
@@ -131,11 +131,11 @@ def test_bad_input_ends_with_status_2_and_one_message(
 
 
 def test_a_photograph_is_located_and_its_overlay_saved(
-    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The documented distances: 2.35 m to the halfway line and 2.56 m to the nearer touch line, good to 15 cm."""
-    photograph = shared_data / "real" / "omni" / "nubot_a.png"
-    camera = shared_data / "real" / "omni" / "nubot_a.camera.yaml"
+    photograph = small_data / "real" / "omni" / "nubot_a.png"
+    camera = small_data / "real" / "omni" / "nubot_a.camera.yaml"
     assert main(["locate", str(photograph), "--camera", str(camera), "--json"]) == 0
     tree = json.loads(capsys.readouterr().out)
     assert abs(tree["pose"]["x_m"]) == pytest.approx(2.35, abs=0.15)
@@ -146,19 +146,19 @@ def test_a_photograph_is_located_and_its_overlay_saved(
 
 
 def test_an_image_without_lines_is_refused_and_its_overlay_saved_nevertheless(
-    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     noise = np.random.default_rng(0).normal(0, 2, (480, 480, 3))
     cv2.imwrite("green.png", np.clip(np.array([75, 140, 80]) + noise, 0, 255).astype(np.uint8))
-    camera = shared_data / "omni_msl_track" / "camera.yaml"
+    camera = small_data / "omni_msl_track" / "camera.yaml"
     assert main(["locate", "green.png", "--camera", str(camera), "--output", "seen.png"]) == 1
     assert "too few to tell a pose" in capsys.readouterr().err
     assert (tmp_path / "seen.png").is_file()
 
 
-def test_an_image_without_carpet_is_refused_by_name(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_image_without_carpet_is_refused_by_name(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cv2.imwrite("grey.png", np.full((480, 480, 3), 120, dtype=np.uint8))
-    camera = shared_data / "omni_msl_track" / "camera.yaml"
+    camera = small_data / "omni_msl_track" / "camera.yaml"
     assert main(["locate", "grey.png", "--camera", str(camera)]) == 1
     assert "grey.png: no green carpet found" in capsys.readouterr().err
     deep = cv2.imread("grey.png").astype(np.uint16) * 16
@@ -167,9 +167,9 @@ def test_an_image_without_carpet_is_refused_by_name(shared_data: Path, capsys: p
     assert "(read as an image of 16 bits per channel; 8 are expected)" in capsys.readouterr().err
 
 
-def test_an_image_of_another_size_is_refused_by_name(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_image_of_another_size_is_refused_by_name(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cv2.imwrite("small.png", np.full((240, 240, 3), 120, dtype=np.uint8))
-    assert main(["locate", "small.png", "--camera", str(shared_data / "omni_msl_track" / "camera.yaml")]) == 2
+    assert main(["locate", "small.png", "--camera", str(small_data / "omni_msl_track" / "camera.yaml")]) == 2
     assert (
         "small.png: the image is (240, 240, 3) of uint8; the camera file says (480, 480, 3)" in capsys.readouterr().err
     )

@@ -21,9 +21,9 @@ from touchline.perception.colour import GREEN
 from touchline.types import ImageArray, LinePoints
 
 
-def photograph(shared_data: Path, letter: str) -> tuple[ImageArray, OmniCamera, dict[str, Any]]:
+def photograph(small_data: Path, letter: str) -> tuple[ImageArray, OmniCamera, dict[str, Any]]:
     """Image, camera and marks. Photographs b and c have no calibration: that of a, scaled to their mirror, serves."""
-    folder = shared_data / "real" / "omni"
+    folder = small_data / "real" / "omni"
     image = cv2.imread(str(folder / f"nubot_{letter}.png"))
     marks = json.loads((folder / f"nubot_{letter}.json").read_text())
     camera = open_camera(folder / "nubot_a.camera.yaml")
@@ -53,8 +53,8 @@ def nearest(marks: list[list[int]], points: LinePoints) -> FloatArray:
 
 
 @pytest.mark.parametrize("letter", ["a", "b", "c"])
-def test_marked_lines_are_found_and_nothing_else(shared_data: Path, letter: str) -> None:
-    image, camera, marks = photograph(shared_data, letter)
+def test_marked_lines_are_found_and_nothing_else(small_data: Path, letter: str) -> None:
+    image, camera, marks = photograph(small_data, letter)
     points = detect(image, camera)
     unsure = marks["on_line_low_confidence_idx"]
     sure = [pixel for k, pixel in enumerate(marks["on_line"]) if k not in unsure]
@@ -64,8 +64,8 @@ def test_marked_lines_are_found_and_nothing_else(shared_data: Path, letter: str)
 
 
 @pytest.mark.parametrize("letter", ["a", "b", "c"])
-def test_learned_colours_tell_carpet_from_lines(shared_data: Path, letter: str) -> None:
-    image, camera, marks = photograph(shared_data, letter)
+def test_learned_colours_tell_carpet_from_lines(small_data: Path, letter: str) -> None:
+    image, camera, marks = photograph(small_data, letter)
     detector = LinePointDetector(camera)
     detector.learn([image])
     assert detector.colours is not None
@@ -74,8 +74,8 @@ def test_learned_colours_tell_carpet_from_lines(shared_data: Path, letter: str) 
     assert not any(classes[v, u] == GREEN for u, v in marks["on_line"])
 
 
-def test_the_calibrated_photograph_is_localized(shared_data: Path) -> None:
-    image, camera, _ = photograph(shared_data, "a")
+def test_the_calibrated_photograph_is_localized(small_data: Path) -> None:
+    image, camera, _ = photograph(small_data, "a")
     points = detect(image, camera)
     field = open_field("msl-18x12")
     weights = precision_weights(points, WeightSettings())
@@ -90,9 +90,9 @@ def test_the_calibrated_photograph_is_localized(shared_data: Path) -> None:
 @pytest.mark.parametrize("letter", ["a", "b"])
 @pytest.mark.parametrize("cast", [(1.15, 1.0, 0.9), (0.85, 1.0, 1.1), (1.2, 1.2, 1.2), (0.5, 0.5, 0.5)])
 def test_neither_a_colour_cast_nor_other_light_mixes_them_up(
-    shared_data: Path, letter: str, cast: tuple[float, float, float]
+    small_data: Path, letter: str, cast: tuple[float, float, float]
 ) -> None:
-    image, camera, marks = photograph(shared_data, letter)
+    image, camera, marks = photograph(small_data, letter)
     cast_image = np.clip(image * np.array(cast), 0, 255).astype(np.uint8)
     detector = LinePointDetector(camera)
     detector.learn([cast_image])

@@ -118,8 +118,8 @@ def true_pose(folder: Path, frame: int) -> Pose:
     return Pose(row[1], row[2], float(2.0 * np.arctan2(row[6], row[7])))
 
 
-def test_colours_of_the_rendered_carpet_and_paint_are_near_the_recorded_ones(shared_data: Path) -> None:
-    folder = shared_data / "omni_msl_track"
+def test_colours_of_the_rendered_carpet_and_paint_are_near_the_recorded_ones(small_data: Path) -> None:
+    folder = small_data / "omni_msl_track"
     camera = SimulatedOmniCamera.load(folder / "camera.yaml")
     world = default_world(open_field(folder / "field.yaml"), 4)
     rendered = camera.render(world, WorldState(), true_pose(folder, 0), rng=np.random.default_rng(1))

@@ -190,15 +190,15 @@ def test_the_field_is_the_preset_that_sequence_names(folder: Path) -> None:
     assert open_source(folder).field.length == 18.0
 
 
-def test_a_field_file_beside_the_recording_counts_more_than_the_name(folder: Path, shared_data: Path) -> None:
-    shutil.copyfile(shared_data / "omni_9x6_points" / "field.yaml", folder / "field.yaml")
+def test_a_field_file_beside_the_recording_counts_more_than_the_name(folder: Path, small_data: Path) -> None:
+    shutil.copyfile(small_data / "omni_9x6_points" / "field.yaml", folder / "field.yaml")
     assert open_source(folder).field.length == 9.0
 
 
-def test_the_camera_file_beside_the_recording_is_opened(tmp_path: Path, shared_data: Path) -> None:
-    source = open_source(shared_data / "omni_msl_track")
+def test_the_camera_file_beside_the_recording_is_opened(tmp_path: Path, small_data: Path) -> None:
+    source = open_source(small_data / "omni_msl_track")
     assert source.camera_kind == "omni"
-    assert source.camera_file == shared_data / "omni_msl_track" / "camera.yaml"
+    assert source.camera_file == small_data / "omni_msl_track" / "camera.yaml"
     assert source.camera.width == 480
 
 

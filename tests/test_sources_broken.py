@@ -277,9 +277,9 @@ def test_a_jpeg_padded_with_zeros_is_whole(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("filling", [b"", bytes(4000), b"\xff" * 4000, NOISE * 4])
-def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, shared_data: Path, filling: bytes) -> None:
+def test_a_jpeg_that_is_damaged_inside_is_broken(folder: Path, small_data: Path, filling: bytes) -> None:
     """OpenCV decodes these: an upper half that is right, below it a picture of its own."""
-    data = (shared_data / "omni_msl_track" / "images" / "000010.jpg").read_bytes()
+    data = (small_data / "omni_msl_track" / "images" / "000010.jpg").read_bytes()
     middle = len(data) // 2
     (folder / IMAGE).write_bytes(data[:middle] + filling + data[middle + 4000 :])
     assert cv2.imread(str(folder / IMAGE)) is not None

@@ -422,8 +422,8 @@ def test_the_covariance_is_that_of_many_noisy_runs(mount: tuple[float, float, fl
 # --- from the recording to the system ---------------------------------------------------------------------------------
 
 
-def test_the_directions_come_from_sequence_yaml(shared_data: Path) -> None:
-    assert open_source(shared_data / "omni_msl_track").wheel_directions_rad == pytest.approx((QUARTER, -QUARTER))
+def test_the_directions_come_from_sequence_yaml(small_data: Path) -> None:
+    assert open_source(small_data / "omni_msl_track").wheel_directions_rad == pytest.approx((QUARTER, -QUARTER))
 
 
 @pytest.mark.parametrize("told", [None, "front", {"a_dir_rad": 0.1}, {"a_dir_rad": 0.1, "b_dir_rad": "left"}])
