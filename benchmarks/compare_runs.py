@@ -113,6 +113,8 @@ def point_sets() -> Rows:
 
 
 def write(path: Path, only: str) -> None:
+    if not (DATA / "points").is_dir():
+        print(f"The full recordings are not in {DATA}, so only scenarios run; TOUCHLINE_DATA names their folder.")
     rows = {}
     for source in (point_sets, scenarios, recordings):
         for name, measure in source():
