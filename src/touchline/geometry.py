@@ -1,4 +1,4 @@
-"""SE(2) poses, angles and transforms: the vocabulary of every other room.
+"""SE(2) and SE(3) poses, angles and transforms: the vocabulary of every other room.
 
 Metres and radians; angles are counter-clockwise and wrapped to (-pi, pi].
 """
@@ -6,6 +6,7 @@ Metres and radians; angles are counter-clockwise and wrapped to (-pi, pi].
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,3 +75,63 @@ class Pose(NamedTuple):
     def as_array(self) -> FloatArray:
         """x, y, heading as float64 (3,)."""
         return np.array(self, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pose3:
+    """A pose in space, read as the transform `target_from_source` of the frame it places.
+
+    rotation: (3, 3), its columns are the source frame's axes in the target frame. translation_m: (3,), the source
+    frame's origin there. `base_from_camera` has the camera's place and attitude in the robot's base frame.
+    """
+
+    rotation: FloatArray
+    translation_m: FloatArray
+
+    def __post_init__(self) -> None:
+        if np.shape(self.rotation) != (3, 3) or np.shape(self.translation_m) != (3,):
+            raise ValueError(
+                f"a pose needs a rotation (3, 3) and a translation (3,), got {np.shape(self.rotation)}, "
+                f"{np.shape(self.translation_m)}"
+            )
+
+    @classmethod
+    def identity(cls) -> Pose3:
+        """Both frames are the same."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_roll_pitch_yaw(
+        cls, roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0, translation_m: npt.ArrayLike = (0.0, 0.0, 0.0)
+    ) -> Pose3:
+        """The rotation Rz(yaw) Ry(pitch) Rx(roll): positive pitch tips the nose down, positive roll lowers the right
+        side. translation_m: (3,).
+        """
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return cls(turn @ tilt_rotation(roll_rad, pitch_rad), np.array(translation_m, dtype=np.float64))
+
+    def roll_pitch_yaw(self) -> tuple[float, float, float]:
+        """Roll, pitch, yaw (rad) of the rotation, as in `from_roll_pitch_yaw`; pitch in [-pi/2, pi/2]."""
+        r = self.rotation
+        pitch = math.asin(min(max(-float(r[2, 0]), -1.0), 1.0))
+        return math.atan2(r[2, 1], r[2, 2]), pitch, math.atan2(r[1, 0], r[0, 0])
+
+    def compose(self, other: Pose3) -> Pose3:
+        """`a_from_b.compose(b_from_c)` is `a_from_c`."""
+        return Pose3(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
+
+    def inverse(self) -> Pose3:
+        """`a_from_b.inverse()` is `b_from_a`."""
+        return Pose3(self.rotation.T, -self.rotation.T @ self.translation_m)
+
+    def transform(self, points: FloatArray) -> FloatArray:
+        """Points (N, 3) of the source frame, in the target frame (m)."""
+        placed: FloatArray = points @ self.rotation.T + self.translation_m
+        return placed
+
+
+def tilt_rotation(roll_rad: float, pitch_rad: float) -> FloatArray:
+    """Ry(pitch) Rx(roll), (3, 3): positive pitch tips the nose down, positive roll lowers the right side."""
+    cr, sr, cp, sp = math.cos(roll_rad), math.sin(roll_rad), math.cos(pitch_rad), math.sin(pitch_rad)
+    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, Pose, tilt_rotation
 from touchline.simulation.cameras.image_sensor import ImageSensor, check_exposure
 from touchline.simulation.rendering.rendering import RayGrid, Renderer
 from touchline.simulation.rendering.scene import Scene
@@ -160,12 +160,6 @@ def field_from_body(pose: Pose, attitude: tuple[float, float] = (0.0, 0.0)) -> F
     ch, sh = math.cos(pose.heading), math.sin(pose.heading)
     rotation = np.array([[ch, -sh, 0.0], [sh, ch, 0.0], [0.0, 0.0, 1.0]]) @ tilt_rotation(roll, pitch)
     return np.concatenate((rotation.reshape(-1), (pose.x, pose.y, 0.0)))
-
-
-def tilt_rotation(roll: float, pitch: float) -> FloatArray:
-    """Ry(pitch) Rx(roll), (3, 3): positive pitch tips the nose down, positive roll lowers the right side."""
-    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
 def moved(pose: Pose, motion: Motion, time_s: float) -> Pose:

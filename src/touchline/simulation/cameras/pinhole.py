@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, tilt_rotation
 from touchline.messages import did_you_mean
-from touchline.simulation.cameras.base import SimulatedCameraModel, tilt_rotation, with_glisten
+from touchline.simulation.cameras.base import SimulatedCameraModel, with_glisten
 from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.rendering.rendering import RayGrid
 
