@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 import yaml
@@ -119,3 +120,39 @@ def test_the_line_of_an_entry_is_that_of_the_nearest_one_that_is_there(tmp_path:
     path = yaml_file(tmp_path, "a:\n  b:\n  - 1\n  - c: 2\n\nd: 3")
     assert [yaml_line(path, keys) for keys in (["a", "b", 1, "c"], ["a", "b", 5], ["d", "e"], ["f"])] == [4, 2, 6, None]
     assert yaml_line(tmp_path / "nowhere.yaml", ["a"]) is None
+
+
+class Gear(Settings):
+    renamed: ClassVar = {"least_teeth": "min_teeth"}
+    removed: ClassVar = {"grease": "it is chosen by itself"}
+    min_teeth: int = 9
+
+
+class Drive(Settings):
+    renamed: ClassVar = {"cogs": "gears", "gear.slack_m": "slack_m", "weight_kg": "gear.min_teeth"}
+    gear: Gear = Gear()
+    gears: tuple[Gear, ...] = ()
+    slack_m: float = 0.0
+
+
+def test_renamed_keys_are_accepted_under_the_old_name_with_a_notice(tmp_path: Path) -> None:
+    file = yaml_file(tmp_path, "gear: {least_teeth: 3, slack_m: 0.5}\ncogs:\n- least_teeth: 4")
+    notices: list[str] = []
+    drive = load_settings(Drive, file, notices=notices)
+    assert drive == Drive(gear=Gear(min_teeth=3), gears=(Gear(min_teeth=4),), slack_m=0.5)
+    assert len(notices) == 4
+    assert any("'gear.slack_m' is called 'slack_m' now" in notice for notice in notices)
+    assert load_settings(Drive, None, ["gear.least_teeth=5", "slack_m=2"]) == Drive(gear=Gear(min_teeth=5), slack_m=2.0)
+    assert Drive.model_validate({"weight_kg": 7}).gear.min_teeth == 7
+
+
+def test_an_old_key_beside_the_new_one_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"'least_teeth' is the old name of 'min_teeth': keep only 'min_teeth'"):
+        load_settings(Drive, yaml_file(tmp_path, "gear: {least_teeth: 3, min_teeth: 3}"))
+
+
+def test_removed_keys_are_refused_with_what_takes_their_place(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"line 2: setting 'gear.grease' was removed: it is chosen by itself"):
+        load_settings(Drive, yaml_file(tmp_path, "gear:\n  grease: yes"))
+    with pytest.raises(InputError, match=r"'gears.0.grease' was removed"):
+        load_settings(Drive, None, ["gears=[{grease: 1}]"])

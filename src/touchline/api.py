@@ -139,13 +139,15 @@ def prepare(
     """Open everything a run needs and check it. Raises InputError for what is wrong."""
     info = system_info(system)
     others = {name: other.settings for name, other in SYSTEMS.items() if name != info.name}
-    settings = load_settings(info.settings, None if config is None else Path(config), overrides, elsewhere=others)
+    notices: list[str] = []
+    file = None if config is None else Path(config)
+    settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices)
     source = open_source(recording)
     rng = np.random.default_rng(seed)
     built = open_system(system, source.field, source.camera, settings, rng, source.wheel_directions_rad)
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
-    return PreparedRun(source, built, info, settings, prior, seed, _notices(source, info, settings))
+    return PreparedRun(source, built, info, settings, prior, seed, (*notices, *_notices(source, info, settings)))
 
 
 def checked_prior(prior: Prior, field: FieldModel) -> Prior:

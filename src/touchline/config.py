@@ -5,10 +5,10 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, ClassVar, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
 from touchline.errors import InputError
@@ -18,6 +18,28 @@ class Settings(BaseModel):
     """Base of every settings tree: frozen, and an unknown key is refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
+    renamed: ClassVar[Mapping[str, str]] = {}
+    """Old key to new key, both relative to this group and dotted where they lie in groups within it. Old keys are
+    accepted for one minor version."""
+    removed: ClassVar[Mapping[str, str]] = {}
+    """Key that no longer exists, to a sentence that says what takes its place."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _rename_old_keys(cls, values: Any, info: ValidationInfo) -> Any:
+        """Move what stands under an old key to the new one; `load_settings` hands in a list that collects notices."""
+        if not isinstance(values, dict):
+            return values
+        for old, new in cls.renamed.items():
+            value, without = _taken_out(values, old.split("."))
+            if value is _ABSENT:
+                continue
+            if _taken_out(without, new.split("."))[0] is not _ABSENT:
+                raise ValueError(f"'{old}' is the old name of '{new}': keep only '{new}'")
+            values = _put_in(without, new.split("."), value)
+            if info.context is not None:
+                info.context.append(f"setting '{old}' is called '{new}' now; the old name will be refused some day")
+        return values
 
     @field_validator("*", mode="before")
     @classmethod
@@ -27,6 +49,26 @@ class Settings(BaseModel):
         if _holds_bool(value) and kinds & {int, float} and bool not in kinds:
             raise ValueError(f"a number is wanted, not true or false (got {value!r})")
         return value
+
+
+_ABSENT = object()
+
+
+def _taken_out(tree: Any, path: Sequence[str]) -> tuple[Any, Any]:
+    """The value at a path, _ABSENT if there is none, and the tree without it; the given tree stays as it is."""
+    first, *rest = path
+    if not isinstance(tree, dict) or first not in tree:
+        return _ABSENT, tree
+    if not rest:
+        return tree[first], {key: value for key, value in tree.items() if key != first}
+    value, inner = _taken_out(tree[first], rest)
+    return value, {**tree, first: inner}
+
+
+def _put_in(tree: Any, path: Sequence[str], value: Any) -> Any:
+    """A copy of a tree with a value at a path."""
+    first, *rest = path
+    return {**tree, first: _put_in(tree.get(first, {}), rest, value) if rest else value}
 
 
 def _kinds(annotation: Any) -> Iterator[Any]:
@@ -53,10 +95,12 @@ def load_settings(
     overrides: Sequence[str] = (),
     section: str | None = None,
     elsewhere: Mapping[str, type[Settings]] | None = None,
+    notices: list[str] | None = None,
 ) -> SettingsT:
     """Settings from the defaults, then a YAML file (or one section of it), then `a.b=value` overrides.
 
-    elsewhere: other settings by the name of what they belong to, for whoever mixes them up.
+    elsewhere: other settings by the name of what they belong to, for whoever mixes them up. notices: is appended a
+    sentence for each key that stands under an old name.
     Raises InputError with the nearest known key for an unknown one, and for a value that does not fit, each with its
     line in the file.
     """
@@ -77,7 +121,7 @@ def load_settings(
         _put(tree, path, value, item)
         changed.add(tuple(path))
     try:
-        return model.model_validate(tree)
+        return model.model_validate(tree, context=notices)
     except ValidationError as error:
         where = () if section is None else (section,)
         raise InputError(_explain(model, error, file, where, changed, elsewhere or {})) from None
@@ -209,6 +253,9 @@ def _sentence(model: type[Settings], problem: ErrorDetails, elsewhere: Mapping[s
     known = [key for key, _, _ in settings_rows(model)]
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
+        group, leaf = _group_at(model, problem["loc"][:-1]), str(problem["loc"][-1])
+        if group is not None and leaf in group.removed:
+            return f"setting '{key}' was removed: {group.removed[leaf]}"
         owners = [name for name, other in elsewhere.items() if _has_key(other, key)]
         if owners:
             return f"setting '{key}' belongs to {' and '.join(owners)}, not to the chosen system"
@@ -227,19 +274,24 @@ def _has_key(model: type[Settings], key: str) -> bool:
     return any(f"{known}.".startswith(f"{key}.") for known, _, _ in settings_rows(model))
 
 
-def _keys_beside(model: type[Settings], problem: ErrorDetails) -> list[str]:
-    """The keys that an entry of a list may have, where the unknown one stands in such an entry."""
-    *parents, _ = problem["loc"]
+def _group_at(model: type[Settings], path: Sequence[int | str]) -> type[Settings] | None:
+    """The group of settings at a path of keys and, in lists, numbers; None if there is no group."""
     annotation: Any = model
-    for part in parents:
+    for part in path:
         if isinstance(part, int):
             annotation = get_args(annotation)[0] if get_args(annotation) else None
         elif isinstance(annotation, type) and issubclass(annotation, Settings):
-            annotation = annotation.model_fields[str(part)].annotation
-    inside = any(isinstance(part, int) for part in parents)
-    if not (inside and isinstance(annotation, type) and issubclass(annotation, Settings)):
+            annotation = annotation.model_fields[part].annotation
+    return annotation if isinstance(annotation, type) and issubclass(annotation, Settings) else None
+
+
+def _keys_beside(model: type[Settings], problem: ErrorDetails) -> list[str]:
+    """The keys that an entry of a list may have, where the unknown one stands in such an entry."""
+    *parents, _ = problem["loc"]
+    group = _group_at(model, parents)
+    if group is None or not any(isinstance(part, int) for part in parents):
         return []
-    return [".".join(map(str, (*parents, name))) for name in annotation.model_fields]
+    return [".".join(map(str, (*parents, name))) for name in group.model_fields]
 
 
 def _nearest_key(key: str, known: Sequence[str]) -> str:
