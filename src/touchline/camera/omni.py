@@ -314,7 +314,7 @@ def ground_from_pixels(
     """`ground_from_pixel` for pixels (N, 2); returns (N, 2)."""
     points = np.empty((len(pixels), 2))
     for i in range(len(pixels)):
-        points[i] = ground_from_pixel(pixels[i, 0], pixels[i, 1], constants, bearings, table)
+        points[i, 0], points[i, 1] = ground_from_pixel(pixels[i, 0], pixels[i, 1], constants, bearings, table)
     return points
 
 
@@ -325,5 +325,5 @@ def pixels_from_ground(
     """`pixel_from_ground` for points (N, 2); returns (N, 2)."""
     pixels = np.empty((len(points), 2))
     for i in range(len(points)):
-        pixels[i] = pixel_from_ground(points[i, 0], points[i, 1], constants, bearings, table)
+        pixels[i, 0], pixels[i, 1] = pixel_from_ground(points[i, 0], points[i, 1], constants, bearings, table)
     return pixels

@@ -63,7 +63,8 @@ def _flank(samples, first, step, count, low, high, mean):  # type: ignore[no-unt
     if min(first, last) < low or max(first, last) >= high:
         return np.nan
     green, level, darkest, brightest = 0, 0.0, np.inf, 0.0
-    mean[:] = 0.0
+    for c in range(3):
+        mean[c] = 0.0
     for m in range(count):
         k = first + step * m
         if classes[k] != GREEN:
@@ -76,7 +77,8 @@ def _flank(samples, first, step, count, low, high, mean):  # type: ignore[no-unt
             mean[c] += colours[k, c]
     if green * 4 < count * 3 or darkest < 0.7 * brightest:
         return np.nan
-    mean /= green
+    for c in range(3):
+        mean[c] /= green
     return level / green
 
 
@@ -175,7 +177,8 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
     contrast, count, reach = limits[0], int(limits[1]), int(limits[2])
     least_chord, greatest_chord, blur_px, cosine = limits[3], limits[4], limits[5], limits[6]
     constants, bearings, ranges = camera
-    left_mean, right_mean = np.zeros(3), np.zeros(3)
+    left_mean, right_mean, toward = np.zeros(3), np.zeros(3), white - green
+    inward, outward = np.int64(-1), np.int64(1)  # as literals, they would have each of the functions compiled twice
     found = 0
     for p in range(len(starts) - 1):
         low, high = starts[p], starts[p + 1]
@@ -185,21 +188,21 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
             k += 1
             if levels[peak] < levels[peak - 1] or levels[peak] < levels[peak + 1] or classes[peak] == BODY:
                 continue
-            if not (_falls(levels, peak, -1, reach, low, high, 0.5 * contrast)
-                    and _falls(levels, peak, 1, reach, low, high, 0.5 * contrast)):  # fmt: skip
+            if not (_falls(levels, peak, inward, reach, low, high, 0.5 * contrast)
+                    and _falls(levels, peak, outward, reach, low, high, 0.5 * contrast)):  # fmt: skip
                 continue
-            left, left_level = _foot(samples, peak, -1, count, reach, 0.5 * contrast, low, high, left_mean)
+            left, left_level = _foot(samples, peak, inward, count, reach, 0.5 * contrast, low, high, left_mean)
             if left < 0:
                 continue
-            right, right_level = _foot(samples, peak, 1, count, reach, 0.5 * contrast, low, high, right_mean)
+            right, right_level = _foot(samples, peak, outward, count, reach, 0.5 * contrast, low, high, right_mean)
             if right < 0 or right - left > reach:
                 continue
             brightness = np.sqrt(max(np.sum(left_mean**2), np.sum(right_mean**2)) / np.sum(green**2))
             height = levels[peak] - max(left_level, right_level)
             if height < contrast * brightness:
                 continue
-            a = _edge(levels, left, left_level, peak, 1)
-            b = _edge(levels, right, right_level, peak, -1)
+            a = _edge(levels, left, left_level, peak, outward)
+            b = _edge(levels, right, right_level, peak, inward)
             if a < 0.0 or b <= a:
                 continue
             middle = 0.5 * (a + b)
@@ -207,7 +210,7 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
             if closed[p] > 0 and not low + count <= middle < low + count + closed[p]:
                 continue
             least = 0.7 * contrast * brightness
-            if not _looks_white(colours, middle, left_mean, right_mean, white - green, least, cosine):
+            if not _looks_white(colours, middle, left_mean, right_mean, toward, least, cosine):
                 continue
             (ua, va), (ub, vb) = _at(path, a), _at(path, b)
             xa, ya = ground_from_pixel(ua, va, constants, bearings, ranges)

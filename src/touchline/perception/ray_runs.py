@@ -101,6 +101,7 @@ def white_runs(
     count = int(geometry[3] - geometry[2]) + 1
     reach, gap, longest_m, least_green = int(limits[0]), int(limits[1]), limits[2], int(limits[3])
     white, is_green, levels = np.zeros(count, np.bool_), np.zeros(count, np.bool_), np.zeros(count)
+    inward, outward = np.int64(-1), np.int64(1)  # as literals, they would have `_edge` compiled once for each
     found = 0
     for ray in range(len(rays)):
         du, dv = rays[ray, 0], rays[ray, 1]
@@ -112,8 +113,8 @@ def white_runs(
                 continue
             start, end = k, _end_of_run(white, k, n, gap)
             k = end + 1
-            a, rise_a, green_a = _edge(is_green, levels, start, -1, reach, n, end - start + 1)
-            b, rise_b, green_b = _edge(is_green, levels, end, 1, reach, n, end - start + 1)
+            a, rise_a, green_a = _edge(is_green, levels, start, inward, reach, n, end - start + 1)
+            b, rise_b, green_b = _edge(is_green, levels, end, outward, reach, n, end - start + 1)
             if a < 0.0 or b <= a or min(green_a, green_b) < least_green:
                 continue
             near_px, far_px = first_px + a, first_px + b
