@@ -210,7 +210,7 @@ def twin_lookup(values: FloatArray, origin: FloatArray, resolution: float, x: fl
 @given(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
 def test_lookup_is_bilinear_and_stays_on_the_map(x: float, y: float) -> None:
     chart = open_field_once().distance_map(0.1, 1.0)
-    found = lookup(chart.values, chart.origin_m[0], chart.origin_m[1], chart.resolution_m, x, y)
+    found = lookup(chart.table, x, y)
     np.testing.assert_allclose(found, twin_lookup(chart.values, chart.origin_m, 0.1, x, y), atol=1e-6)
     distances, gradients = chart.look_up(np.array([(x, y)]))
     np.testing.assert_array_equal((distances[0], *gradients[0]), found)
@@ -219,7 +219,7 @@ def test_lookup_is_bilinear_and_stays_on_the_map(x: float, y: float) -> None:
 @pytest.mark.parametrize("place", [(np.nan, 0.0), (0.0, np.nan), (np.inf, -np.inf), (1e300, -1e300)])
 def test_lookup_of_what_is_no_place_is_safe(place: tuple[float, float]) -> None:
     chart = open_field_once().distance_map(0.1, 1.0)
-    assert np.all(np.isfinite(lookup(chart.values, *chart.origin_m, chart.resolution_m, *place)))
+    assert np.all(np.isfinite(lookup(chart.table, *place)))
 
 
 def test_look_up_is_within_half_a_cell_of_the_exact_distance() -> None:

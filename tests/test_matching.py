@@ -16,7 +16,6 @@ from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import Matcher, MatchingSettings, WeightSettings, precision_weights, range_weights
 from touchline.localization.matching.kernels import error_and_gradient
-from touchline.localization.matching.matcher import map_arguments
 from touchline.types import LinePoints, empty_points
 
 FIELD = open_field("msl-18x12")
@@ -73,7 +72,7 @@ def test_error_and_gradient_are_those_of_the_plain_twin(
     rng = np.random.default_rng(seed)
     points, weights = rng.normal(0, 3, (60, 2)), rng.dirichlet(np.ones(60))
     pose = np.array([x, y, heading])
-    error, *gradient = error_and_gradient(points, weights, *map_arguments(MAP), pose, c_m)
+    error, *gradient = error_and_gradient(points, weights, MAP.table, pose, c_m)
     expected, slope = plain_error_and_gradient(points, weights, MAP, pose, c_m)
     assert error == pytest.approx(expected, abs=1e-9)
     np.testing.assert_allclose(gradient, slope, rtol=1e-6, atol=1e-7)
@@ -89,7 +88,7 @@ def test_the_gradient_is_the_slope_of_the_error_of_exact_distances() -> None:
         d = FIELD.line_distances(Pose(*at).transform(points))
         return float(np.mean(1 - c**2 / (c**2 + d**2)))
 
-    _, *gradient = error_and_gradient(points, weights, *map_arguments(MAP), pose, c)
+    _, *gradient = error_and_gradient(points, weights, MAP.table, pose, c)
     for k, small in enumerate((1e-4, 1e-4, 1e-5)):
         step = np.eye(3)[k] * small
         numeric = (exact(pose + step) - exact(pose - step)) / (2 * small)
@@ -134,22 +133,6 @@ def test_the_best_pose_seen_is_returned_not_the_last() -> None:
 def test_without_asking_no_iterations_are_kept() -> None:
     points = view(FIELD, Pose(0.0, 1.0, 0.0), np.random.default_rng(0))
     assert Matcher(MAP).match(points, range_weights(points, WeightSettings()), Pose(0.0, 1.0, 0.0)).iterations is None
-
-
-def test_polishing_with_a_smaller_c_sheds_clutter_from_precise_points() -> None:
-    rng = np.random.default_rng(3)
-    plain, polished = [], []
-    for _ in range(40):
-        truth = Pose(rng.uniform(-8, 8), rng.uniform(-5, 5), rng.uniform(-3, 3))
-        points = view(FIELD, truth, rng, noise=0.003, clutter=0.2)
-        weights = np.full(len(points), 1 / len(points))
-        start = Pose(truth.x + 0.1, truth.y - 0.1, truth.heading + 0.05)
-        for errors, settings_ in ((plain, MatchingSettings()), (polished, MatchingSettings(polish_iterations=20))):
-            match = Matcher(MAP, settings_).match(points, weights, start, record=True)
-            errors.append(match.pose.distance_to(truth))
-            assert match.iterations is not None
-            assert len(match.iterations) == (26 if settings_.polish_iterations == 0 else 47)
-    assert np.mean(polished) < 0.8 * np.mean(plain)
 
 
 @pytest.mark.parametrize("heading", [math.pi - 0.01, -math.pi + 0.01])

@@ -102,7 +102,7 @@ def test_normal_equations_are_those_of_the_numeric_derivative() -> None:
     points = line_points(seen(pose)[::5] * 1.01)
     state = np.array([*pose, 0.002, -0.003])
     arguments = (points.positions_m, points.covariances_m2)
-    matrix, vector = normal_equations(*arguments, state, HEIGHT_M, 0.1, 0.01, *FIELD.line_tables)
+    matrix, vector = normal_equations(*arguments, state, HEIGHT_M, 0.1, 0.01, FIELD.line_tables)
 
     def signed(s: FloatArray) -> FloatArray:
         field_points = Pose(*s[:3]).transform(bent(points.positions_m, s[3:], HEIGHT_M))

@@ -75,7 +75,7 @@ def _deviations(system: NubotMti, estimate: Estimate) -> tuple[FloatArray, Float
     assert estimate.observation is not None
     points = system.tilt.corrected(estimate.observation.points.positions_m)
     placed = np.ascontiguousarray(estimate.pose.transform(points))
-    away = placed - nearest_line_points(*system.field.line_tables, placed)
+    away = placed - nearest_line_points(system.field.line_tables, placed)
     distance = np.hypot(*away.T)
     normal = away / np.maximum(distance, 1e-9)[:, np.newaxis]
     seen = placed - np.array([estimate.pose.x, estimate.pose.y])

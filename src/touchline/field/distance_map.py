@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from touchline.geometry import FloatArray
+
+
+class MapTable(NamedTuple):
+    """What the loops take of a `DistanceMap`: its samples and where the first of them lies (m, field frame)."""
+
+    values: npt.NDArray[np.float32]
+    origin_x: float
+    origin_y: float
+    resolution_m: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -24,25 +34,31 @@ class DistanceMap:
     origin_m: FloatArray
     resolution_m: float
 
+    @property
+    def table(self) -> MapTable:
+        """The map as the loops take it."""
+        return MapTable(self.values, float(self.origin_m[0]), float(self.origin_m[1]), self.resolution_m)
+
     def look_up(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Bilinear distances (N,) in m and gradients (N, 2) at points (N, 2) in m, field frame.
 
         Outside the map the value at the nearest point of its edge is returned.
         """
-        table = np.ascontiguousarray(points, dtype=np.float64)
-        if table.ndim != 2 or table.shape[1] != 2:
-            raise ValueError(f"points need the shape (N, 2), got {table.shape}")
-        found = _look_up_all(self.values, self.origin_m[0], self.origin_m[1], self.resolution_m, table)
+        places = np.ascontiguousarray(points, dtype=np.float64)
+        if places.ndim != 2 or places.shape[1] != 2:
+            raise ValueError(f"points need the shape (N, 2), got {places.shape}")
+        found = _look_up_all(self.table, places)
         return found[:, 0], found[:, 1:]
 
 
 @numba.njit(cache=True, inline="always")
-def lookup(values, origin_x, origin_y, resolution_m, x, y):  # type: ignore[no-untyped-def]
+def lookup(table, x, y):  # type: ignore[no-untyped-def]
     """Bilinear look-up (d, gx, gy): distance (m) and its gradient at x, y (m, field frame).
 
-    values (ny, nx, 3), origin_x, origin_y, resolution_m: those of a DistanceMap. A point outside the map gets the
-    value of the nearest point of its edge; a NaN is safe and lands on the lower edge.
+    table: MapTable. A point outside the map gets the value of the nearest point of its edge; a NaN is safe and lands
+    on the lower edge.
     """
+    values, origin_x, origin_y, resolution_m = table
     last_x, last_y = values.shape[1] - 1, values.shape[0] - 1
     samples_per_m = 1.0 / resolution_m  # computed once per loop, where this is inlined
     fx = (x - origin_x) * samples_per_m
@@ -79,10 +95,10 @@ def lookup(values, origin_x, origin_y, resolution_m, x, y):  # type: ignore[no-u
 
 
 @numba.njit(cache=True)
-def _look_up_all(values, origin_x, origin_y, resolution_m, points):  # type: ignore[no-untyped-def]
+def _look_up_all(table, points):  # type: ignore[no-untyped-def]
     """Rows d, gx, gy (N, 3) of `lookup` at points (N, 2)."""
     found = np.empty((points.shape[0], 3))
     for i in range(points.shape[0]):
-        d, gx, gy = lookup(values, origin_x, origin_y, resolution_m, points[i, 0], points[i, 1])
+        d, gx, gy = lookup(table, points[i, 0], points[i, 1])
         found[i, 0], found[i, 1], found[i, 2] = d, gx, gy
     return found

@@ -1,15 +1,11 @@
 """Exact distances to the centre lines of a field: segments, circles and arcs.
 
-Two tables hold the lines in the form that the loops want, computed once per field:
-
-- bars (S, 5): x, y, dx, dy of a segment from its first end, and 1 / (dx² + dy²).
-- bows (R, 10): cx, cy, radius, direction (ux, uy) of the middle of an arc, cosine of half its sweep,
-  first end x, y, last end x, y. A whole circle has the "cosine" -2, so that every direction is on it.
-"""
+`LineTables` hold the lines in the form that the loops want, computed once per field."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -21,24 +17,36 @@ _ON_THE_LINE_M = 1e-9
 _ROUNDED_RAD = 1e-5  # angles in files are rounded
 
 
-def bar_table(segments: FloatArray) -> FloatArray:
-    """Segments (S, 4) of x1, y1, x2, y2 (m) as bars (S, 5)."""
+class LineTables(NamedTuple):
+    """The centre lines of a field, m, field frame.
+
+    segments (S, 5): x, y, dx, dy of a segment from its first end, and 1 / (dx² + dy²).
+    arcs (R, 10): cx, cy, radius, direction (ux, uy) of the middle of an arc, cosine of half its sweep,
+    first end x, y, last end x, y. A whole circle has the "cosine" -2, so that every direction is on it.
+    """
+
+    segments: FloatArray
+    arcs: FloatArray
+
+
+def segment_table(segments: FloatArray) -> FloatArray:
+    """Segments (S, 4) of x1, y1, x2, y2 (m) as rows (S, 5) of `LineTables.segments`."""
     start, step = segments[:, :2], segments[:, 2:] - segments[:, :2]
     return np.ascontiguousarray(np.column_stack((start, step, 1.0 / np.sum(step**2, axis=1))))
 
 
-def bow_table(circles: FloatArray, arcs: FloatArray) -> FloatArray:
-    """Circles (C, 3) of cx, cy, radius and arcs (A, 5) of cx, cy, radius, start, end (m, rad) as bows (C + A, 10)."""
-    bows = np.zeros((len(circles) + len(arcs), 10))
-    bows[: len(circles), :3] = circles
-    bows[: len(circles), 5] = _WHOLE_CIRCLE
-    for bow, (cx, cy, radius, start, end) in zip(bows[len(circles) :], arcs, strict=True):
+def arc_table(circles: FloatArray, arcs: FloatArray) -> FloatArray:
+    """Circles (C, 3) of cx, cy, radius and arcs (A, 5) of cx, cy, radius, start, end (m, rad) as rows (C + A, 10)."""
+    rows = np.zeros((len(circles) + len(arcs), 10))
+    rows[: len(circles), :3] = circles
+    rows[: len(circles), 5] = _WHOLE_CIRCLE
+    for row, (cx, cy, radius, start, end) in zip(rows[len(circles) :], arcs, strict=True):
         sweep = arc_sweep(start, end)
         middle = start + 0.5 * sweep
-        bow[:6] = cx, cy, radius, math.cos(middle), math.sin(middle), math.cos(0.5 * sweep)
-        bow[6:8] = cx + radius * math.cos(start), cy + radius * math.sin(start)
-        bow[8:10] = cx + radius * math.cos(end), cy + radius * math.sin(end)
-    return bows
+        row[:6] = cx, cy, radius, math.cos(middle), math.sin(middle), math.cos(0.5 * sweep)
+        row[6:8] = cx + radius * math.cos(start), cy + radius * math.sin(start)
+        row[8:10] = cx + radius * math.cos(end), cy + radius * math.sin(end)
+    return rows
 
 
 def arc_sweep(start_rad: float, end_rad: float) -> float:
@@ -48,69 +56,69 @@ def arc_sweep(start_rad: float, end_rad: float) -> float:
 
 
 @numba.njit(cache=True)
-def nearest_line_point(bars, bows, x, y):  # type: ignore[no-untyped-def]
+def nearest_line_point(lines, x, y):  # type: ignore[no-untyped-def]
     """Distance (m) to the nearest line centre and that point of the line: (distance, line_x, line_y).
 
-    bars (S, 5), bows (R, 10): the tables of this module, m, field frame. x, y: m, field frame.
-    Without lines the distance is infinite. At the centre of a circle, where no point of it is nearest, the point
-    returned is the centre itself.
+    lines: LineTables. x, y: m, field frame. lines the distance is infinite. At the centre of a circle, where no
+    point of it is nearest, the point returned is the centre itself.
     """
+    segments, arcs = lines
     best = np.inf
     best_x, best_y = x, y
-    for i in range(bars.shape[0]):
-        px, py = x - bars[i, 0], y - bars[i, 1]
-        along = (px * bars[i, 2] + py * bars[i, 3]) * bars[i, 4]
+    for i in range(segments.shape[0]):
+        px, py = x - segments[i, 0], y - segments[i, 1]
+        along = (px * segments[i, 2] + py * segments[i, 3]) * segments[i, 4]
         along = min(max(along, 0.0), 1.0)
-        px -= along * bars[i, 2]
-        py -= along * bars[i, 3]
+        px -= along * segments[i, 2]
+        py -= along * segments[i, 3]
         squared = px * px + py * py
         if squared < best:
             best = squared
             best_x, best_y = x - px, y - py
-    for i in range(bows.shape[0]):
-        px, py = x - bows[i, 0], y - bows[i, 1]
-        radius = bows[i, 2]
+    for i in range(arcs.shape[0]):
+        px, py = x - arcs[i, 0], y - arcs[i, 1]
+        radius = arcs[i, 2]
         squared_reach = px * px + py * py
         reach = math.sqrt(squared_reach)
-        if px * bows[i, 3] + py * bows[i, 4] >= reach * bows[i, 5]:
+        if px * arcs[i, 3] + py * arcs[i, 4] >= reach * arcs[i, 5]:
             squared = (reach - radius) * (reach - radius)
             if squared < best:
                 best = squared
                 scale = radius / reach if reach > 0.0 else 0.0
-                best_x, best_y = bows[i, 0] + scale * px, bows[i, 1] + scale * py
+                best_x, best_y = arcs[i, 0] + scale * px, arcs[i, 1] + scale * py
         else:
             for end in (6, 8):
-                px, py = x - bows[i, end], y - bows[i, end + 1]
+                px, py = x - arcs[i, end], y - arcs[i, end + 1]
                 squared = px * px + py * py
                 if squared < best:
                     best = squared
-                    best_x, best_y = bows[i, end], bows[i, end + 1]
+                    best_x, best_y = arcs[i, end], arcs[i, end + 1]
     return math.sqrt(best), best_x, best_y
 
 
 @numba.njit(cache=True)
-def distances_to_lines(bars, bows, points):  # type: ignore[no-untyped-def]
+def distances_to_lines(lines, points):  # type: ignore[no-untyped-def]
     """Distances (N,) in m of points (N, 2) in m, field frame, to the nearest line centre; NaN for a NaN point."""
     distances = np.empty(points.shape[0])
     for i in range(points.shape[0]):
         if math.isnan(points[i, 0]) or math.isnan(points[i, 1]):
             distances[i] = np.nan
         else:
-            distances[i] = nearest_line_point(bars, bows, points[i, 0], points[i, 1])[0]
+            distances[i] = nearest_line_point(lines, points[i, 0], points[i, 1])[0]
     return distances
 
 
 @numba.njit(cache=True)
-def nearest_line_points(bars, bows, points):  # type: ignore[no-untyped-def]
+def nearest_line_points(lines, points):  # type: ignore[no-untyped-def]
     """The points (N, 2) of the lines that are nearest to points (N, 2), in m, field frame."""
     nearest = np.empty((points.shape[0], 2))
     for i in range(points.shape[0]):
-        nearest[i] = nearest_line_point(bars, bows, points[i, 0], points[i, 1])[1:]
+        _, nearest[i, 0], nearest[i, 1] = nearest_line_point(lines, points[i, 0], points[i, 1])
     return nearest
 
 
 @numba.njit(cache=True)
-def sample_distances(bars, bows, origin_x, origin_y, resolution_m, values):  # type: ignore[no-untyped-def]
+def sample_distances(lines, origin_x, origin_y, resolution_m, values):  # type: ignore[no-untyped-def]
     """Fill values (ny, nx, 3), float32, with distance (m) and gradient at the samples of a grid.
 
     Sample [iy, ix] lies at origin + resolution * (ix, iy), m, field frame. The gradient is the unit vector away
@@ -120,7 +128,7 @@ def sample_distances(bars, bows, origin_x, origin_y, resolution_m, values):  # t
         y = origin_y + resolution_m * iy
         for ix in range(values.shape[1]):
             x = origin_x + resolution_m * ix
-            distance, line_x, line_y = nearest_line_point(bars, bows, x, y)
+            distance, line_x, line_y = nearest_line_point(lines, x, y)
             away_x, away_y = x - line_x, y - line_y
             length = math.sqrt(away_x * away_x + away_y * away_y)
             scale = 1.0 / length if length > _ON_THE_LINE_M else 0.0

@@ -16,7 +16,14 @@ import yaml
 from touchline.errors import InputError
 from touchline.field.crossings import Crossing, find_crossings
 from touchline.field.distance_map import DistanceMap
-from touchline.field.distances import arc_sweep, bar_table, bow_table, distances_to_lines, sample_distances
+from touchline.field.distances import (
+    LineTables,
+    arc_sweep,
+    arc_table,
+    distances_to_lines,
+    sample_distances,
+    segment_table,
+)
 from touchline.geometry import FloatArray
 from touchline.new_files import write_new_file
 
@@ -117,9 +124,9 @@ class FieldModel:
         return hash((self.name, self.length, self.width, self.line_width))
 
     @cached_property
-    def line_tables(self) -> tuple[FloatArray, FloatArray]:
-        """The lines as bars (S, 5) and bows (C + A, 10) for the loops of `touchline.field.distances`."""
-        return bar_table(self.segments), bow_table(self.circles, self.arcs)
+    def line_tables(self) -> LineTables:
+        """The lines for the loops of `touchline.field.distances`."""
+        return LineTables(segment_table(self.segments), arc_table(self.circles, self.arcs))
 
     @cached_property
     def crossings(self) -> tuple[Crossing, ...]:
@@ -171,7 +178,7 @@ class FieldModel:
         table = np.ascontiguousarray(points, dtype=np.float64)
         if table.ndim != 2 or table.shape[1] != 2:
             raise ValueError(f"points need the shape (N, 2), got {table.shape}")
-        distances: FloatArray = distances_to_lines(*self.line_tables, table)
+        distances: FloatArray = distances_to_lines(self.line_tables, table)
         return distances
 
     def distance_map(self, resolution_m: float = 0.025, margin_m: float = 3.0) -> DistanceMap:
@@ -199,7 +206,7 @@ class FieldModel:
             )
         origin = np.array([-steps_x * resolution_m, -steps_y * resolution_m])
         values = np.empty((2 * steps_y + 1, 2 * steps_x + 1, 3), dtype=np.float32)
-        sample_distances(*self.line_tables, origin[0], origin[1], resolution_m, values)
+        sample_distances(self.line_tables, origin[0], origin[1], resolution_m, values)
         return DistanceMap(values, origin, resolution_m)
 
 

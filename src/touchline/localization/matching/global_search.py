@@ -12,7 +12,7 @@ from touchline.config import Settings
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.matching.kernels import grid_errors
-from touchline.localization.matching.matcher import Match, Matcher, as_pose, checked_points, map_arguments
+from touchline.localization.matching.matcher import Match, Matcher, as_pose, checked_points
 
 
 class GlobalSearchSettings(Settings):
@@ -192,5 +192,5 @@ def sample_errors(
 
     All points count alike, as in the paper: half a metre from the truth, their noise no longer matters.
     """
-    found = grid_errors(points, *map_arguments(distance_map), samples_m, np.array([heading_rad]), c_m)
+    found = grid_errors(points, distance_map.table, samples_m, np.array([heading_rad]), c_m)
     return np.asarray(found[0])

@@ -1,21 +1,34 @@
 """Numba loops of matching: the error function with its derivatives, and RPROP.
 
-Everywhere: points (N, 2) robot frame in m; weights (N,) that sum to 1; values, origin_x, origin_y, resolution_m: those
-of a `DistanceMap`; poses (3,) as x, y (m), heading (rad) in the field frame; c_m the width of the error function (m).
+Everywhere: points (N, 2) robot frame in m; weights (N,) that sum to 1; table: the `MapTable` of a `DistanceMap`;
+poses (3,) as x, y (m), heading (rad) in the field frame; c_m the width of the error function (m).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
 from touchline.field.distance_map import lookup
+from touchline.geometry import FloatArray
+
+
+class RpropSchedule(NamedTuple):
+    """How RPROP steps: how often, with which first, smallest and largest steps (3,) in m, m, rad, and their factors."""
+
+    iterations: int
+    first_steps: FloatArray
+    smallest_steps: FloatArray
+    largest_steps: FloatArray
+    grow: float
+    shrink: float
 
 
 @numba.njit(cache=True)
-def error_and_gradient(points, weights, values, origin_x, origin_y, resolution_m, pose, c_m):  # type: ignore[no-untyped-def]
+def error_and_gradient(points, weights, table, pose, c_m):  # type: ignore[no-untyped-def]
     """Mean error of a pose and its derivatives by x, y, heading (Xiong et al., equations 1 and 2).
 
     e(t) = 1 - c² / (c² + t²), so e'(t) = 2 c² t / (c² + t²)².
@@ -28,7 +41,7 @@ def error_and_gradient(points, weights, values, origin_x, origin_y, resolution_m
         px, py = points[i, 0], points[i, 1]
         turned_x = cosine * px - sine * py
         turned_y = sine * px + cosine * py
-        d, gx, gy = lookup(values, origin_x, origin_y, resolution_m, x + turned_x, y + turned_y)
+        d, gx, gy = lookup(table, x + turned_x, y + turned_y)
         k = 1.0 / (1.0 + d * d * inverse_c2)
         slope = weights[i] * k * k * d
         error += weights[i] * (1.0 - k)
@@ -40,8 +53,9 @@ def error_and_gradient(points, weights, values, origin_x, origin_y, resolution_m
 
 
 @numba.njit(cache=True)
-def mean_error(points, values, origin_x, origin_y, resolution_m, pose, c_m):  # type: ignore[no-untyped-def]
+def mean_error(points, table, pose, c_m):  # type: ignore[no-untyped-def]
     """Mean error of a pose, all points alike, from the nearest map samples: equation (2), for coarse grids."""
+    values, origin_x, origin_y, resolution_m = table
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     inverse_c2 = 1.0 / (c_m * c_m)
     inverse_resolution = 1.0 / resolution_m
@@ -60,37 +74,21 @@ def mean_error(points, values, origin_x, origin_y, resolution_m, pose, c_m):  # 
 
 
 @numba.njit(cache=True)
-def grid_errors(points, values, origin_x, origin_y, resolution_m, positions, headings, c_m):  # type: ignore[no-untyped-def]
+def grid_errors(points, table, positions, headings, c_m):  # type: ignore[no-untyped-def]
     """`mean_error` (H, K) of every heading (H,) at every position (K, 2)."""
     errors = np.empty((headings.shape[0], positions.shape[0]))
     pose = np.empty(3)
     for h in range(headings.shape[0]):
         pose[2] = headings[h]
         for k in range(positions.shape[0]):
-            pose[:2] = positions[k]
-            errors[h, k] = mean_error(points, values, origin_x, origin_y, resolution_m, pose, c_m)
+            pose[0], pose[1] = positions[k, 0], positions[k, 1]
+            errors[h, k] = mean_error(points, table, pose, c_m)
     return errors
 
 
 @numba.njit(cache=True)
-def rprop(  # type: ignore[no-untyped-def]
-    points,
-    weights,
-    values,
-    origin_x,
-    origin_y,
-    resolution_m,
-    start,
-    c_m,
-    iterations,
-    first_steps,
-    smallest_steps,
-    largest_steps,
-    grow,
-    shrink,
-    record,
-):
-    """Best pose seen (3,) and its error, of `iterations` RPROP steps from start (3,).
+def rprop(points, weights, table, start, c_m, schedule, record):  # type: ignore[no-untyped-def]
+    """Best pose seen (3,) and its error, of an RPROP descent from start (3,).
 
     Each parameter has its own step. It moves against the sign of its derivative; the step grows while the sign stays
     and shrinks where it changes (Riedmiller and Braun 1993; Lauer et al. 2006). The variant without a step back
@@ -98,9 +96,10 @@ def rprop(  # type: ignore[no-untyped-def]
     where the error rises once and the step then shortens. The error comes free with each gradient, so the best pose
     seen is kept, and what a step back would save is not lost.
 
-    first_steps, smallest_steps, largest_steps: (3,) in m, m, rad. record: (iterations + 1, 4), filled with x, y,
-    heading, error of each pose visited, or an empty (0, 4) array.
+    schedule: RpropSchedule. record: (iterations + 1, 4), filled with x, y, heading, error of each pose visited, or an
+    empty (0, 4) array.
     """
+    iterations, first_steps, smallest_steps, largest_steps, grow, shrink = schedule
     pose = start.copy()
     best = start.copy()
     best_error = np.inf
@@ -108,14 +107,12 @@ def rprop(  # type: ignore[no-untyped-def]
     before = np.zeros(3)
     gradient = np.zeros(3)
     for iteration in range(iterations + 1):
-        error, gradient[0], gradient[1], gradient[2] = error_and_gradient(
-            points, weights, values, origin_x, origin_y, resolution_m, pose, c_m
-        )
+        error, gradient[0], gradient[1], gradient[2] = error_and_gradient(points, weights, table, pose, c_m)
         if error < best_error:
             best_error = error
-            best[:] = pose
+            best[0], best[1], best[2] = pose[0], pose[1], pose[2]
         if record.shape[0] > 0:
-            record[iteration, :3] = pose
+            record[iteration, 0], record[iteration, 1], record[iteration, 2] = pose[0], pose[1], pose[2]
             record[iteration, 3] = error
         if iteration == iterations:
             break
@@ -131,7 +128,7 @@ def rprop(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def moments(points, weights, values, origin_x, origin_y, resolution_m, pose, c_m):  # type: ignore[no-untyped-def]
+def moments(points, weights, table, pose, c_m):  # type: ignore[no-untyped-def]
     """What each point's error says about the accuracy of a pose.
 
     Returns u (N, 3): derivative of each point's distance by x, y, heading; curvature (N,): w max(e'', 0);
@@ -147,7 +144,7 @@ def moments(points, weights, values, origin_x, origin_y, resolution_m, pose, c_m
         px, py = points[i, 0], points[i, 1]
         turned_x = cosine * px - sine * py
         turned_y = sine * px + cosine * py
-        d, gx, gy = lookup(values, origin_x, origin_y, resolution_m, x + turned_x, y + turned_y)
+        d, gx, gy = lookup(table, x + turned_x, y + turned_y)
         # Beside a line the interpolated gradient is shorter than one; its direction is what counts here.
         length = math.hypot(gx, gy)
         if length > 1e-6:

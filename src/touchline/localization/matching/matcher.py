@@ -14,7 +14,7 @@ from touchline.config import Settings
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.matching.covariance import UncertaintySettings, visual_covariance
-from touchline.localization.matching.kernels import error_and_gradient, moments, rprop
+from touchline.localization.matching.kernels import RpropSchedule, error_and_gradient, moments, rprop
 
 
 class MatchingSettings(Settings):
@@ -50,15 +50,6 @@ class MatchingSettings(Settings):
         1e-5, gt=0, description="shortest step in x and y (m): far below any measurement error"
     )
     smallest_step_rad: float = Field(1e-5, gt=0, description="shortest step of the heading (rad)")
-    polish_iterations: int = Field(
-        0,
-        ge=0,
-        description="further RPROP steps with polish_c_m; 0 as in the paper. With 2 % "
-        "range noise a smaller c costs accuracy, with precise points it sheds clutter",
-    )
-    polish_c_m: float = Field(0.1, gt=0, description="width c of the error function while polishing (m)")
-    polish_step_m: float = Field(0.02, gt=0, description="first step in x and y while polishing (m)")
-    polish_step_rad: float = Field(0.01, gt=0, description="first step of the heading while polishing (rad)")
     uncertainty: UncertaintySettings = UncertaintySettings()
 
 
@@ -85,10 +76,14 @@ class Matcher:
         self.settings = settings or MatchingSettings()
         self.distance_map = distance_map
         s = self.settings
-        self._first_steps = np.array([s.first_step_m, s.first_step_m, s.first_step_rad])
-        self._polish_steps = np.array([s.polish_step_m, s.polish_step_m, s.polish_step_rad])
-        self._smallest_steps = np.array([s.smallest_step_m, s.smallest_step_m, s.smallest_step_rad])
-        self._largest_steps = np.array([s.largest_step_m, s.largest_step_m, s.largest_step_rad])
+        self._schedule = RpropSchedule(
+            s.iterations,
+            np.array([s.first_step_m, s.first_step_m, s.first_step_rad]),
+            np.array([s.smallest_step_m, s.smallest_step_m, s.smallest_step_rad]),
+            np.array([s.largest_step_m, s.largest_step_m, s.largest_step_rad]),
+            s.grow,
+            s.shrink,
+        )
 
     def match(self, positions_m: FloatArray, weights: FloatArray, start: Pose, record: bool = False) -> Match:
         """Refine a pose: equation (3).
@@ -109,14 +104,9 @@ class Matcher:
         iterations: FloatArray | None = None,
     ) -> Match:
         """The match at a pose (3,) that `descend` found with this error; arguments as for `descend`."""
-        found = moments(points, weights, *map_arguments(self.distance_map), pose, self.final_c_m)
-        covariance = visual_covariance(points, weights, found, self.final_c_m, self.settings.uncertainty)
+        found = moments(points, weights, self.distance_map.table, pose, self.settings.c_m)
+        covariance = visual_covariance(points, weights, found, self.settings.c_m, self.settings.uncertainty)
         return Match(as_pose(pose), error, found[3], covariance, iterations)
-
-    @property
-    def final_c_m(self) -> float:
-        """Width of the error function that was minimized last (m)."""
-        return self.settings.polish_c_m if self.settings.polish_iterations else self.settings.c_m
 
     def descend(
         self, points: FloatArray, weights: FloatArray, start: FloatArray, record: bool = False
@@ -126,53 +116,14 @@ class Matcher:
         Arguments as for `match`, but not checked: float64, contiguous. The heading is not wrapped.
         """
         s = self.settings
-        pose, error, trace = self._rprop(points, weights, start, s.c_m, s.iterations, self._first_steps, record)
-        if s.polish_iterations:
-            pose, _, more = self._rprop(
-                points, weights, pose, s.polish_c_m, s.polish_iterations, self._polish_steps, record
-            )
-            error = self.error(points, weights, pose)
-            trace = np.vstack((trace, more))
-        return pose, error, trace
+        trace = np.zeros((s.iterations + 1 if record else 0, 4))
+        best, error = rprop(points, weights, self.distance_map.table, start, s.c_m, self._schedule, trace)
+        return best, float(error), trace
 
     def error(self, points: FloatArray, weights: FloatArray, pose: FloatArray) -> float:
         """Mean error of a pose (3,), equation (2), with c_m; arguments as for `descend`."""
-        found = error_and_gradient(points, weights, *map_arguments(self.distance_map), pose, self.settings.c_m)
+        found = error_and_gradient(points, weights, self.distance_map.table, pose, self.settings.c_m)
         return float(found[0])
-
-    def _rprop(
-        self,
-        points: FloatArray,
-        weights: FloatArray,
-        start: FloatArray,
-        c_m: float,
-        iterations: int,
-        steps: FloatArray,
-        record: bool,
-    ) -> tuple[FloatArray, float, FloatArray]:
-        trace = np.zeros((iterations + 1 if record else 0, 4))
-        s = self.settings
-        best, error = rprop(
-            points,
-            weights,
-            *map_arguments(self.distance_map),
-            start,
-            c_m,
-            iterations,
-            steps,
-            self._smallest_steps,
-            self._largest_steps,
-            s.grow,
-            s.shrink,
-            trace,
-        )
-        return best, float(error), trace
-
-
-def map_arguments(distance_map: DistanceMap) -> tuple[FloatArray, float, float, float]:
-    """values, origin_x, origin_y, resolution_m: what the loops take of a distance map."""
-    origin_x, origin_y = distance_map.origin_m
-    return distance_map.values, float(origin_x), float(origin_y), distance_map.resolution_m
 
 
 def as_pose(pose: FloatArray) -> Pose:

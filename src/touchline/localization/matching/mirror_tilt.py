@@ -90,7 +90,7 @@ class MirrorTilt:
         widths = [s.first_width_m] * 3 * unsure + [s.width_m] * s.iterations
         for width_m in widths:
             matrix, vector = normal_equations(
-                points.positions_m, points.covariances_m2, state, s.height_m, width_m, s.least_noise_m, *self._lines
+                points.positions_m, points.covariances_m2, state, s.height_m, width_m, s.least_noise_m, self._lines
             )
             state = state + np.linalg.solve(matrix + information, vector + information @ (start - state))
         bend = state[3:]
@@ -119,11 +119,11 @@ def bent(positions_m: FloatArray, bend_per_m: FloatArray, height_m: float) -> Fl
 
 
 @njit(cache=True)
-def normal_equations(points, covariances, state, height_m, width_m, least_noise_m, bars, bows):  # type: ignore[no-untyped-def]
+def normal_equations(points, covariances, state, height_m, width_m, least_noise_m, lines):  # type: ignore[no-untyped-def]
     """Robust Gauss-Newton equations of the distances to the lines: matrix (5, 5) and vector (5,) of a step.
 
     points (N, 2) and covariances (N, 2, 2): as seen, robot frame, m. state: x, y, heading (field frame; m, rad) and the
-    bend g (1/m). height_m: of the mirror. width_m: c of the error function. bars, bows: FieldModel.line_tables.
+    bend g (1/m). height_m: of the mirror. width_m: c of the error function. lines: LineTables.
     """
     matrix = np.zeros((5, 5))
     vector = np.zeros(5)
@@ -135,7 +135,7 @@ def normal_equations(points, covariances, state, height_m, width_m, least_noise_
         stretch = 1.0 + state[3] * px + state[4] * py
         bx, by = stretch * px + square * state[3], stretch * py + square * state[4]
         fx, fy = state[0] + cosine * bx - sine * by, state[1] + sine * bx + cosine * by
-        distance, line_x, line_y = nearest_line_point(bars, bows, fx, fy)
+        distance, line_x, line_y = nearest_line_point(lines, fx, fy)
         if distance < 1e-7:
             continue
         nx, ny = (fx - line_x) / distance, (fy - line_y) / distance

@@ -10,7 +10,6 @@ from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.localization.matching.global_search import sample_positions
 from touchline.localization.matching.kernels import grid_errors
-from touchline.localization.matching.matcher import map_arguments
 
 _COARSE_M = 0.1
 
@@ -44,13 +43,13 @@ class PoseGrid:
 
         points (N, 2) robot frame; each pose is judged by its mean error (equation 2 of Xiong et al.) with width c_m.
         """
-        table, *place = map_arguments(distance_map)
         # A tenth of a metre is fine enough for samples half a metre apart, and such a table stays in the cache.
         stride = max(round(_COARSE_M / distance_map.resolution_m), 1)
-        table = np.ascontiguousarray(table[::stride, ::stride, :1])
-        errors = grid_errors(
-            points, table, place[0], place[1], place[2] * stride, self.positions, self.headings, c_m
-        ).ravel()
+        coarse = distance_map.table._replace(
+            values=np.ascontiguousarray(distance_map.values[::stride, ::stride, :1]),
+            resolution_m=distance_map.resolution_m * stride,
+        )
+        errors = grid_errors(points, coarse, self.positions, self.headings, c_m).ravel()
         likely = min(len(errors), 100 * count)  # the rest is never reached: each pick strikes out some 30 neighbours
         order = np.argpartition(errors, likely - 1)[:likely]
         order = order[np.argsort(errors[order])]
