@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from touchline.cli import calibrate, check, evaluate, experiment, fields, locate, run, simulate, systems, view
+from touchline.cli.compile import compile_loops
 from touchline.cli.console import DEBUG_VARIABLE, complain
 from touchline.cli.run import INTERRUPTED
 from touchline.errors import TouchlineError
@@ -32,6 +33,7 @@ app.command("view")(view.view)
 app.command("simulate")(simulate.simulate)
 app.command("experiment")(experiment.experiment)
 app.command("systems")(systems.systems)
+app.command("compile")(compile_loops)
 app.add_typer(fields.fields_app, name="fields")
 app.add_typer(calibrate.calibrate_app, name="calibrate")
 

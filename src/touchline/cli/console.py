@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
@@ -55,3 +57,22 @@ def print_errors(console: Console, errors: ErrorTable) -> None:
     """The error table and what was left out of it."""
     console.print(error_table(errors))
     console.print(errors.left_out(), style="dim")
+
+
+@contextmanager
+def told_of_compiling(say: Callable[[str], None]) -> Iterator[None]:
+    """Says, once, that the inner loops are being compiled, if they are: that is what a first start waits for."""
+    from numba.core import event
+
+    class Listener(event.Listener):
+        told = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.told:
+                say("compiling the inner loops, once on this machine: some ten seconds (or ahead: touchline compile)")
+                self.told = True
+
+        def on_end(self, event: Any) -> None: ...
+
+    with event.install_listener("numba:compile", Listener()):
+        yield

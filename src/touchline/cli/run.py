@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors
+from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors, told_of_compiling
 from touchline.cli.console import output as output_console
 from touchline.errors import InputError, TouchlineError
 
@@ -123,7 +123,11 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=errors_console()) as progress, interruptible() as stop:
+    with (
+        Progress(*columns, console=errors_console()) as progress,
+        told_of_compiling(progress.console.print),
+        interruptible() as stop,
+    ):
         task = progress.add_task(prepared.source.name, total=len(prepared.source), rate="")
 
         def advance(*_: object) -> None:
