@@ -43,11 +43,10 @@ def table(estimates: Iterable) -> np.ndarray:
 
 
 def drive(source, name: str) -> np.ndarray:
-    from touchline.systems import open_system
+    from touchline.systems import RobotSetup, open_system
 
-    camera = getattr(source, "camera", None)
-    rng = np.random.default_rng(0)
-    system = open_system(name, source.field, camera, None, rng, source.wheel_directions_rad)
+    setup = RobotSetup(source.field, getattr(source, "camera", None), source.wheel_directions_rad)
+    system = open_system(name, setup)
     return table([system.step(frame) for frame in source])
 
 

@@ -14,7 +14,7 @@ from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.motion.odometry import Motion
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.types import Frame, System
 
 
@@ -30,9 +30,7 @@ def test_one_update_of_iris_fusion(benchmark: BenchmarkFixture) -> None:
     simulation, frames = drive()
 
     def ready() -> System:
-        made = open_system(
-            "iris-fusion", simulation.field, None, None, np.random.default_rng(0), simulation.wheel_directions_rad
-        )
+        made = open_system("iris-fusion", RobotSetup(simulation.field, None, simulation.wheel_directions_rad))
         for frame in frames[:20]:
             made.step(frame)
         return made

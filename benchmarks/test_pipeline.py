@@ -13,7 +13,7 @@ from touchline.localization.matching.mirror_tilt import MirrorTilt
 from touchline.localization.matching.weights import precision_weights
 from touchline.perception.profiles import sample_paths
 from touchline.sources import open_source
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mti import NubotMti
 from touchline.types import Frame
 
@@ -29,7 +29,7 @@ def frames() -> list[Frame]:
 def warm(frames: list[Frame]) -> NubotMti:
     """A system that has followed the first 20 images: compiled, colours learned."""
     source = open_source(EXAMPLE)
-    system = open_system("nubot-mti", source.field, source.camera)
+    system = open_system("nubot-mti", RobotSetup(source.field, source.camera))
     for frame in frames[:20]:
         system.step(frame)
     assert isinstance(system, NubotMti)

@@ -12,7 +12,7 @@ from touchline.geometry import FloatArray, wrap_angle
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.types import Status
 
 NAMES = (
@@ -30,7 +30,7 @@ def shortened(name: str, seconds: float | None = None, seed: int | None = None) 
 
 def errors_of(source: Simulation | Recording, camera: OmniCamera) -> FloatArray:
     """(N, 2) how far nubot-mti is from the truth, distance (m) and heading (rad), in the frames in which it tracks."""
-    system = open_system("nubot-mti", source.field, camera)
+    system = open_system("nubot-mti", RobotSetup(source.field, camera))
     assert source.truth is not None
     errors = []
     for index, frame in enumerate(source):

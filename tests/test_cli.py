@@ -46,9 +46,7 @@ def _workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("TOUCHLINE_DEBUG", raising=False)
     for name, kind in (("fake", FakeSystem), ("broken", BrokenSystem), ("refusing", RefusingSystem)):
-        info = SystemInfo(
-            name, f"a {name} system", FakeSettings, lambda field, camera, s, rng, kind=kind: kind(rng, s.noise_m)
-        )
+        info = SystemInfo(name, f"a {name} system", FakeSettings, lambda setup, s, rng, kind=kind: kind(rng, s.noise_m))
         monkeypatch.setitem(SYSTEMS, name, info)
 
 
@@ -145,7 +143,7 @@ def test_settings_come_from_a_file_and_the_command_line_wins(recording: Path, tm
 def test_the_start_reaches_the_system(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[FakeSystem] = []
 
-    def make(field: object, camera: object, settings: object, rng: np.random.Generator) -> FakeSystem:
+    def make(setup: object, settings: object, rng: np.random.Generator) -> FakeSystem:
         made.append(FakeSystem(rng))
         return made[-1]
 
@@ -227,7 +225,7 @@ def test_ctrl_c_finishes_the_folder_with_what_was_done(
                 signal.raise_signal(signal.SIGINT)
             return super().step(frame)
 
-    info = SystemInfo("fake", "", FakeSettings, lambda field, camera, settings, rng: Interrupting(rng))
+    info = SystemInfo("fake", "", FakeSettings, lambda setup, settings, rng: Interrupting(rng))
     monkeypatch.setitem(SYSTEMS, "fake", info)
     handler = signal.getsignal(signal.SIGINT)
     assert main(["run", str(recording), "--system", "fake"]) == 130
@@ -249,7 +247,7 @@ def test_ctrl_c_before_the_first_frame_is_told(
 
 
 def system_that(monkeypatch: pytest.MonkeyPatch, kind: type[FakeSystem], **options: Any) -> None:
-    info = SystemInfo("fake", "", FakeSettings, lambda field, camera, settings, rng: kind(rng, **options))
+    info = SystemInfo("fake", "", FakeSettings, lambda setup, settings, rng: kind(rng, **options))
     monkeypatch.setitem(SYSTEMS, "fake", info)
 
 

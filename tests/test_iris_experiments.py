@@ -14,6 +14,7 @@ from touchline.experiments.result import ExperimentResult
 from touchline.experiments.writing import write_result
 from touchline.field import open_field
 from touchline.geometry import wrap_angles
+from touchline.systems import RobotSetup
 from touchline.types import Frame, Mode, Samples, Status
 
 
@@ -162,7 +163,7 @@ def test_what_an_outcome_says_comes_from_the_truth() -> None:
 def blind(seed: int) -> IrisDrive:
     """A drive whose camera shows nothing at all."""
     field, stamps = open_field("indoor-9x6"), np.arange(40, dtype=np.int64) * 100_000_000
-    return drive(map(Frame, stamps.tolist()), Samples(stamps, np.zeros((40, 3))), field, None, None, seed)
+    return drive(map(Frame, stamps.tolist()), Samples(stamps, np.zeros((40, 3))), RobotSetup(field), seed)
 
 
 def test_a_drive_that_never_finds_the_robot_holds_nothing() -> None:

@@ -17,7 +17,7 @@ from touchline.motion import WheelOdometry
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import MotionSettings, open_scenario
 from touchline.sources import open_source
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.types import Estimate, Frame, LinePoints, Mode, Prior, Samples, Status, empty_points
 
@@ -37,7 +37,7 @@ def simulation(field: str, seed: int) -> Simulation:
 def system(run: Simulation, *sets: str, prior: Prior | None = None, seed: int = 0, wheels: bool = True) -> IrisFusion:
     settings = load_settings(IrisFusionSettings, None, sets)
     directions = run.wheel_directions_rad if wheels else None
-    made = open_system("iris-fusion", run.field, None, settings, np.random.default_rng(seed), directions)
+    made = open_system("iris-fusion", RobotSetup(run.field, None, directions), settings, np.random.default_rng(seed))
     assert isinstance(made, IrisFusion)
     made.reset(prior)
     return made
@@ -83,8 +83,7 @@ def test_a_robot_carried_away_under_a_covered_camera_is_right_within_5_images(sh
 
 def recorded(folder: Path) -> tuple[list[Estimate], FloatArray]:
     source = open_source(folder)
-    rng = np.random.default_rng(0)
-    made = open_system("iris-fusion", source.field, source.camera, None, rng, source.wheel_directions_rad)
+    made = open_system("iris-fusion", RobotSetup(source.field, source.camera, source.wheel_directions_rad))
     estimates = [made.step(frame) for frame in source]
     assert source.truth is not None
     errors = np.array([e.pose for e in estimates]) - source.truth.samples().values
@@ -346,6 +345,6 @@ def test_a_reset_forgets_everything(prior: Prior | None) -> None:
 
 
 def test_frames_without_anything_break_nothing() -> None:
-    made = open_system("iris-fusion", open_field("indoor-9x6"), None)
+    made = open_system("iris-fusion", RobotSetup(open_field("indoor-9x6")))
     statuses = [made.step(Frame(k * 100_000_000)).status for k in range(30)]
     assert set(statuses) == {Status.SEARCHING}

@@ -20,7 +20,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.particles.monte_carlo import PAPER_FORM
 from touchline.perception import SelfLearningDetector
 from touchline.sources import open_source
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.types import Estimate, Frame, LinePoints, Prior, Samples, Status, empty_points
 
@@ -62,7 +62,7 @@ def follow(folder: Path, sectors: str, *sets: str) -> tuple[FloatArray, list[Est
     """Errors (N, 3), estimates, and which images are black (N,)."""
     frames, black, poses = recorded(folder, sectors)
     settings = load_settings(NubotMclSettings, None, sets)
-    system = open_system("nubot-mcl", open_source(folder).field, None, settings, np.random.default_rng(0))
+    system = open_system("nubot-mcl", RobotSetup(open_source(folder).field), settings)
     return *errors_of([system.step(each) for each in frames], poses), np.array(black)
 
 
@@ -85,7 +85,7 @@ def test_black_sectors_over_up_to_half_the_image_cost_little(shared_data: Path, 
 
 def test_a_system_with_a_camera_sees_the_lines_itself(shared_data: Path) -> None:
     source = open_source(shared_data / "omni_msl_sun")
-    made = open_system("nubot-mcl", source.field, source.camera, NubotMclSettings(), np.random.default_rng(0))
+    made = open_system("nubot-mcl", RobotSetup(source.field, source.camera))
     seen = [made.step(each) for each in itertools.islice(source, 10)]
     _, told, _ = follow(shared_data / "omni_msl_sun", "none")
     assert [e.pose for e in seen] == [e.pose for e in told[:10]]
@@ -129,7 +129,7 @@ def frame(index: int, points: LinePoints, odometry: Pose, compass_rad: float | N
 
 def system(*sets: str, prior: Prior | None = None, seed: int = 0) -> NubotMcl:
     settings = load_settings(NubotMclSettings, None, sets)
-    made = open_system("nubot-mcl", FIELD, None, settings, np.random.default_rng(seed))
+    made = open_system("nubot-mcl", RobotSetup(FIELD), settings, np.random.default_rng(seed))
     assert isinstance(made, NubotMcl)
     made.reset(prior)
     return made

@@ -15,7 +15,7 @@ from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.sources import open_source
-from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, open_system
+from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, RobotSetup, open_system
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.types import Estimate, Frame, LinePoints, Prior, Samples, Status
 
@@ -44,7 +44,7 @@ def localized(shared_data: Path) -> Callable[[str], Localized]:
     def localize(name: str) -> Localized:
         if name not in known:
             source = open_source(shared_data / name)
-            system = open_system("nubot-mti", source.field, source.camera)
+            system = open_system("nubot-mti", RobotSetup(source.field, source.camera))
             truth = np.loadtxt(shared_data / name / "ground_truth.tum")
             poses = np.column_stack((truth[:, 1:3], 2 * np.arctan2(truth[:, 6], truth[:, 7])))
             estimates, black = [], []
@@ -161,7 +161,7 @@ def drive(length: int = 20, start: Pose = Pose(-3.0, 2.0, 0.3)) -> list[Pose]:  
 
 def localize(made: Sequence[Frame], prior: Prior | None = None, **settings: object) -> list[Estimate]:
     overrides = [f"{key.replace('__', '.')}={value}" for key, value in settings.items()]
-    system = open_system("nubot-mti", FIELD, None, load_settings(NubotMtiSettings, None, overrides))
+    system = open_system("nubot-mti", RobotSetup(FIELD), load_settings(NubotMtiSettings, None, overrides))
     system.reset(prior)
     return [system.step(frame) for frame in made]
 
@@ -351,7 +351,7 @@ def test_a_handful_of_stray_points_is_as_good_as_none() -> None:
 
 def test_reset_forgets_the_colours_too(small_data: Path) -> None:
     source = open_source(small_data / "omni_msl_track")
-    system = open_system("nubot-mti", source.field, source.camera)
+    system = open_system("nubot-mti", RobotSetup(source.field, source.camera))
     assert isinstance(system, NubotMti)
     assert system.detector is not None
     system.step(next(iter(source)))
@@ -396,7 +396,7 @@ def test_compass_drift_is_corrected() -> None:
         replace(f, compass=Samples(f.compass.stamp_ns, f.compass.values + 0.01 * k)) if f.compass else f
         for k, f in enumerate(frames(path, compass_error_rad=0.0))
     ]
-    system = open_system("nubot-mti", FIELD, None)
+    system = open_system("nubot-mti", RobotSetup(FIELD))
     for frame in made:
         system.step(frame)
     offset = system.correction.offset_rad  # type: ignore[attr-defined]
@@ -405,7 +405,7 @@ def test_compass_drift_is_corrected() -> None:
 
 def test_the_same_frames_give_the_same_poses_and_reset_forgets() -> None:
     made = frames(drive(12))
-    system = open_system("nubot-mti", FIELD, None)
+    system = open_system("nubot-mti", RobotSetup(FIELD))
     first = [system.step(f).pose for f in made]
     system.reset()
     assert [system.step(f).pose for f in made] == first
@@ -440,6 +440,6 @@ def test_one_line_alone_leaves_the_way_along_it_to_the_odometry(nudge_m: float) 
 def test_unknown_systems_and_foreign_settings_are_refused() -> None:
     assert DEFAULT_SYSTEM in SYSTEMS
     with pytest.raises(InputError, match="did you mean 'nubot-mti'"):
-        open_system("nubot-mtl", FIELD, None)
+        open_system("nubot-mtl", RobotSetup(FIELD))
     with pytest.raises(InputError, match="takes NubotMtiSettings"):
-        open_system("nubot-mti", FIELD, None, NubotMtiSettings().map)
+        open_system("nubot-mti", RobotSetup(FIELD), NubotMtiSettings().map)

@@ -13,7 +13,7 @@ import pytest
 from touchline.geometry import Pose
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import SYSTEMS, open_system
+from touchline.systems import SYSTEMS, RobotSetup, open_system
 from touchline.types import Estimate, Frame, LinePoints, Samples, Status, System, empty_points
 
 every_system = pytest.mark.parametrize("name", SYSTEMS)
@@ -29,7 +29,7 @@ def drive() -> tuple[Simulation, list[Frame], list[Pose]]:
 
 def system(name: str) -> System:
     run = drive()[0]
-    made = open_system(name, run.field, None, None, np.random.default_rng(0), run.wheel_directions_rad)
+    made = open_system(name, RobotSetup(run.field, wheel_directions_rad=run.wheel_directions_rad))
     made.reset()
     return made
 

@@ -19,7 +19,7 @@ from touchline.simulation.observation.point_errors import ObservationNoise
 from touchline.simulation.observation.runs import BAR, bar_table, circle_runs, ray_runs, round_table
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import Scenario, open_scenario
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.types import Status
 
 NO_CLUTTER = GoalClutter(net_points=0.0, side_points=0.0)
@@ -289,7 +289,7 @@ def reduced(name: str, mirror: dict[str, tuple[float, float]], rate_hz: float, s
 def tracking_errors(scenario: Scenario, level: str) -> FloatArray:
     """(N, 2) position error (m) and heading error (rad) of nubot-mti, tracked frames only."""
     simulation = Simulation(scenario, level)
-    system = open_system("nubot-mti", simulation.field, simulation.camera if level == "images" else None)
+    system = open_system("nubot-mti", RobotSetup(simulation.field, simulation.camera if level == "images" else None))
     errors = []
     for index, frame in enumerate(simulation):
         estimate, truth = system.step(frame), simulation.truth[index]

@@ -18,7 +18,7 @@ from touchline.simulation.scenario import open_scenario, scenario_names
 from touchline.simulation.stage import body_parts, body_size
 from touchline.simulation.world.world import RobotActor, robot_blocks
 from touchline.sources import open_source
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.types import Prior
 
 HUMANOID = ("chessboard", "humanoid-walk", "walk-in-place")
@@ -81,7 +81,7 @@ class TestEveryScenario:
     @pytest.mark.parametrize("name", HUMANOID)
     def test_nubot_mti_follows_the_humanoid_at_the_level_of_points(self, name: str) -> None:
         simulation = Simulation(open_scenario(name, seconds=20.0), "points")
-        system = open_system("nubot-mti", simulation.field, None)
+        system = open_system("nubot-mti", RobotSetup(simulation.field))
         system.reset(Prior(pose=simulation.start))
         errors = [
             system.step(frame).pose.distance_to(simulation.truth[index]) for index, frame in enumerate(simulation)

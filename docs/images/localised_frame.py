@@ -18,7 +18,7 @@ from touchline.field import FieldModel
 from touchline.field.drawing import draw_field, field_view
 from touchline.geometry import FloatArray, Pose
 from touchline.sources import open_source
-from touchline.systems import DEFAULT_SYSTEM, open_system
+from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
 from touchline.types import LinePoints
 from touchline.view.overlay import LINE_COLOR, ON_LINE_COLOR, overlay_image
 
@@ -31,7 +31,7 @@ Picture = npt.NDArray[np.uint8]
 
 def main(recording: Path, index: int, picture: Path) -> None:
     source = open_source(recording)
-    system = open_system(DEFAULT_SYSTEM, source.field, source.camera)
+    system = open_system(DEFAULT_SYSTEM, RobotSetup(source.field, source.camera))
     path = []
     for number, frame in enumerate(source):
         estimate = system.step(frame)

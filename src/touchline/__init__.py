@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from touchline.field import open_field
     from touchline.localization import locate
     from touchline.sources import open_source
-    from touchline.systems import open_system
+    from touchline.systems import RobotSetup, open_system
 
-__all__ = ["evaluate", "locate", "open_camera", "open_field", "open_source", "open_system", "run"]
+__all__ = ["RobotSetup", "evaluate", "locate", "open_camera", "open_field", "open_source", "open_system", "run"]
 
 _PLACES = {
     "run": ("touchline.api", "run"),
@@ -31,6 +31,7 @@ _PLACES = {
     "open_field": ("touchline.field", "open_field"),
     "open_source": ("touchline.sources", "open_source"),
     "open_system": ("touchline.systems", "open_system"),
+    "RobotSetup": ("touchline.systems", "RobotSetup"),
 }
 
 

@@ -25,8 +25,8 @@ from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import WheelOdometrySettings
 from touchline.perception import LearningSettings
-from touchline.sources import Recording, open_source
-from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo, open_system, system_info
+from touchline.sources import SENSOR_FILES, Recording, open_source
+from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, RobotSetup, SystemInfo, open_system, system_info
 from touchline.types import Prior, Status, System
 from touchline.view.overlay import overlay_image
 
@@ -143,8 +143,8 @@ def prepare(
     file = None if config is None else Path(config)
     settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices)
     source = open_source(recording)
-    rng = np.random.default_rng(seed)
-    built = open_system(system, source.field, source.camera, settings, rng, source.wheel_directions_rad)
+    setup = RobotSetup(source.field, source.camera, source.wheel_directions_rad)
+    built = open_system(system, setup, settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
     return PreparedRun(source, built, info, settings, prior, seed, (*notices, *_notices(source, info, settings)))
@@ -177,19 +177,22 @@ def cpu_name() -> str:
 
 
 def _notices(source: Recording, info: SystemInfo, settings: Settings) -> tuple[str, ...]:
-    """Whether the recording lacks what the system measures its way with, and what it uses instead."""
-    if not info.measuring_wheels:
+    """Whether the recording lacks sensors that the system needs, and what it uses instead."""
+    needs = info.needs
+    if needs is None:
         return ()
-    missing = [file for file in ("wheels.csv", "imu.csv") if file not in source.sensor_files]
+    files = dict.fromkeys(SENSOR_FILES[sensor] for sensor in needs.sensors)
+    missing = [file for file in files if file not in source.sensor_files]
     told = any(isinstance(part, WheelOdometrySettings) and part.a_dir_rad is not None for _, part in settings)
-    if source.wheel_directions_rad is None and not told and "wheels.csv" not in missing:
+    if "wheels" in needs.sensors and source.wheel_directions_rad is None and not told and "wheels.csv" not in missing:
         missing.append("the wheels' rolling directions (wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml)")
     if not missing:
         return ()
-    what = f"{info.name} measures its way with two wheels and a gyro, but the recording lacks {' and '.join(missing)}"
-    if "odometry.csv" in source.sensor_files:
-        return (f"{what}: odometry.csv is used instead",)
-    return (f"{what}, and odometry.csv, which would stand in: no motion is measured, poses come from the images alone",)
+    what = f"{info.name} {needs.purpose}, but the recording lacks {' and '.join(missing)}"
+    stand_in = SENSOR_FILES[needs.stand_in]
+    if stand_in in source.sensor_files:
+        return (f"{what}: {stand_in} is used instead",)
+    return (f"{what}, and {stand_in}, which would stand in: {needs.without}",)
 
 
 def _learns_colours(settings: Settings) -> bool:

@@ -15,6 +15,7 @@ from touchline.geometry import FloatArray, wrap_angles
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
+from touchline.systems.setup import RobotSetup
 from touchline.types import Estimate, Status
 
 _MOST_FRAMES = 100  # of the beginning: enough to tell a calibration, and a few tenths of a second
@@ -39,7 +40,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         field = recording.field
     except InputError:
         return  # the check of the field says so
-    system = NubotMti(field, camera, NubotMtiSettings(), np.random.default_rng(0))
+    system = NubotMti(RobotSetup(field, camera), NubotMtiSettings(), np.random.default_rng(0))
     estimates, looked = [], 0
     for frame in recording.again():
         if looked == _MOST_FRAMES:

@@ -18,6 +18,7 @@ from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import FloatArray
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.systems import RobotSetup
 from touchline.types import Status
 
 START_S, SECONDS = 8.0, 18.0
@@ -76,7 +77,7 @@ def disturbed_drive(kind: str, scenario_name: str, field: str, seed: int, level:
     disturb, lasts_s = known[kind]
     frames = (disturb(frame) for frame in simulation)
     camera = simulation.camera if level == "images" else None
-    driven = drive(frames, simulation.truth.samples(), simulation.field, camera, wheels, seed)
+    driven = drive(frames, simulation.truth.samples(), RobotSetup(simulation.field, camera, wheels), seed)
     return _outcome(driven, START_S + lasts_s)
 
 

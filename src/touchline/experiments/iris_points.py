@@ -27,6 +27,7 @@ from touchline.field.error_map import error_map
 from touchline.geometry import FloatArray
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.systems import RobotSetup
 
 SCENARIO, PLACES = "tour-20", 20
 PUBLIC = "omni_9x6_points"
@@ -44,7 +45,7 @@ def tour(seed: int) -> IrisDrive:
     """One drive through 20 random places, two seconds at each, at the observation level."""
     simulation = Simulation(open_scenario(SCENARIO, seed), level="points")
     truth = simulation.truth.samples()
-    return drive(simulation, truth, simulation.field, None, simulation.wheel_directions_rad, seed)
+    return drive(simulation, truth, RobotSetup(simulation.field, None, simulation.wheel_directions_rad), seed)
 
 
 def recorded_tour(seed: int) -> IrisDrive | None:
@@ -52,7 +53,8 @@ def recorded_tour(seed: int) -> IrisDrive | None:
     source = public_recording(PUBLIC)
     if source is None or source.truth is None:
         return None
-    return drive(source, source.truth.samples(), source.field, source.camera, source.wheel_directions_rad, seed)
+    setup = RobotSetup(source.field, source.camera, source.wheel_directions_rad)
+    return drive(source, source.truth.samples(), setup, seed)
 
 
 def standing(driven: IrisDrive) -> list[npt.NDArray[np.int64]]:

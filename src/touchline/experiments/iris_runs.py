@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.motion import WheelOdometry
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
 from touchline.types import Estimate, Frame, Mode, Samples, Status, empty_points
 
@@ -67,9 +66,7 @@ class IrisDrive:
 def drive(
     frames: Iterable[Frame],
     truth: Samples,
-    field: FieldModel,
-    camera: OmniCamera | None,
-    wheel_directions_rad: tuple[float, float] | None,
+    setup: RobotSetup,
     seed: int,
 ) -> IrisDrive:
     """Take every frame through the fusion, the particle filter alone and the odometry alone.
@@ -79,9 +76,9 @@ def drive(
     mean (figure 8), moved by the same wheels and gyro. Nothing comes to them from the fusion.
     """
     settings = IrisFusionSettings()
-    system = open_system("iris-fusion", field, camera, settings, np.random.default_rng(seed), wheel_directions_rad)
-    odometry = WheelOdometry(settings.wheels, *(wheel_directions_rad or (None, None)))
-    particles = ParticleFilter(field, np.random.default_rng(seed), settings.particles)
+    system = open_system("iris-fusion", setup, settings, np.random.default_rng(seed))
+    odometry = WheelOdometry(settings.wheels, *(setup.wheel_directions_rad or (None, None)))
+    particles = ParticleFilter(setup.field, np.random.default_rng(seed), settings.particles)
     told: list[Estimate] = []
     poses: dict[str, list[Pose]] = {name: [] for name in SYSTEMS}
     before = 0
@@ -103,7 +100,7 @@ def drive(
         for name, pose in zip(SYSTEMS, (odometry.pose, particles.pose, estimate.pose), strict=True):
             poses[name].append(pose)
     return IrisDrive(
-        field,
+        setup.field,
         np.array([e.stamp_ns for e in told], dtype=np.int64),
         np.asarray(truth.values[before:], dtype=np.float64),
         {name: np.array(track, dtype=np.float64).reshape(-1, 3) for name, track in poses.items()},

@@ -18,7 +18,7 @@ from touchline.motion import WheelOdometry
 from touchline.perception import HsvLineDetector
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.systems.iris_fusion import IrisFusionSettings
 from touchline.types import Frame, Status
 
@@ -76,8 +76,8 @@ def _updates(
 ) -> tuple[FloatArray, float]:
     """Milliseconds (N,) of every step on frames that bring their line points, and the share of tracking."""
     settings = load_settings(IrisFusionSettings, None, [f"particles.particles={particles}"])
-    rng, directions_rad = np.random.default_rng(seed), simulation.wheel_directions_rad
-    system = open_system("iris-fusion", simulation.field, None, settings, rng, directions_rad)
+    setup = RobotSetup(simulation.field, wheel_directions_rad=simulation.wheel_directions_rad)
+    system = open_system("iris-fusion", setup, settings, np.random.default_rng(seed))
     for frame in frames[:_WARM]:
         system.step(frame)
     system.reset()

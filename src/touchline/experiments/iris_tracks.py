@@ -16,6 +16,7 @@ from touchline.experiments.result import ExperimentResult, Headline, percent, sp
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, field_axes, new_figure
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.systems import RobotSetup
 from touchline.types import Mode
 
 CYAN = "#00a3c4"
@@ -86,7 +87,7 @@ def from_a_to_b(seed: int) -> IrisDrive:
     first, second = (covered(*hidden) for hidden in HIDDEN_S)
     frames = (second(first(frame)) for frame in simulation)
     truth = simulation.truth.samples()
-    return drive(frames, truth, simulation.field, None, simulation.wheel_directions_rad, seed)
+    return drive(frames, truth, RobotSetup(simulation.field, None, simulation.wheel_directions_rad), seed)
 
 
 def iris_track(seeds: int) -> ExperimentResult:

@@ -23,7 +23,7 @@ from touchline.experiments.scenes import (
 )
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.systems.matching_tracker import MatchingTracker
 from touchline.types import Estimate, Frame, LinePoints, Prior, Samples, Status, empty_points
 
@@ -108,7 +108,7 @@ def kidnap(
     error_rad: of the compass at the new place; tracking had corrected it at the old one.
     """
     rng = np.random.default_rng(seed)
-    system = open_system(system_name, field, None, None, rng)
+    system = open_system(system_name, RobotSetup(field), None, rng)
     assert isinstance(system, MatchingTracker)
     system.reset(Prior(pose=old))
     robot = Carried(system, rng)

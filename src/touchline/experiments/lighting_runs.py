@@ -18,7 +18,7 @@ from touchline.perception import LinePointDetector
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import LightSettings, open_scenario
-from touchline.systems import SYSTEMS, open_system
+from touchline.systems import SYSTEMS, RobotSetup, open_system
 from touchline.types import ImageArray, Samples, Status
 
 PaperRow = tuple[float, float, float]
@@ -173,7 +173,7 @@ def drive(
     """One run with frozen colours. fixed: exposure (ms) and gain all along; none: the control keeps them right."""
     run = simulation(case, seed, seconds)
     settings = load_settings(SYSTEMS["nubot-mcl"].settings, None, [f"learning.colour_file={colours}"])
-    system = open_system("nubot-mcl", run.field, run.camera, settings, np.random.default_rng(seed))
+    system = open_system("nubot-mcl", RobotSetup(run.field, run.camera), settings, np.random.default_rng(seed))
     loop = ControlledExposure(run) if fixed is None else None
     if fixed is not None:
         run.set(*fixed)

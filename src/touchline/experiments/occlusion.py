@@ -20,7 +20,7 @@ from touchline.geometry import FloatArray
 from touchline.localization.particles.monte_carlo import PAPER_FORM as PAPER_PARTICLES
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mcl import NubotMclSettings
 from touchline.types import ImageArray, Samples, Status
 
@@ -149,8 +149,8 @@ def _drive(system_name: str, condition: Condition, seed: int) -> Drive:
     scenario = open_scenario("straight-tracks", seed)
     camera = scenario.camera.model_copy(update={"black_sectors_deg": condition.sectors})
     simulation = Simulation(scenario.model_copy(update={"camera": camera}), level="points")
-    rng, directions_rad = np.random.default_rng(seed), simulation.wheel_directions_rad
-    system = open_system(system_name, simulation.field, None, condition.settings, rng, directions_rad)
+    setup = RobotSetup(simulation.field, wheel_directions_rad=simulation.wheel_directions_rad)
+    system = open_system(system_name, setup, condition.settings, np.random.default_rng(seed))
     estimates = [system.step(frame) for frame in simulation]
     path = np.array([estimate.pose for estimate in estimates])
     truth = simulation.truth
@@ -171,8 +171,8 @@ def _recorded(seeds: int) -> list[tuple[Condition, list[ErrorTable]]]:
     chosen = [replace(c, name=f"recorded, {c.name}", paper=None) for c in CONDITIONS]
     found: list[tuple[Condition, list[ErrorTable]]] = [(c, []) for c in chosen]
     for (condition, errors), seed in follow([(f, seed) for f in found for seed in range(seeds)], "recorded drives"):
-        rng = np.random.default_rng(seed)
-        system = open_system("nubot-mcl", recording.field, recording.camera, condition.settings, rng)
+        rng, setup = np.random.default_rng(seed), RobotSetup(recording.field, recording.camera)
+        system = open_system("nubot-mcl", setup, condition.settings, rng)
         hidden = black_pixels(recording.camera, condition.sectors)
         estimates = [system.step(replace(frame, image=_blackened(frame.image, hidden))) for frame in recording]
         located = np.array([estimate.status is Status.TRACKING for estimate in estimates])

@@ -18,7 +18,7 @@ from touchline.localization.particles.monte_carlo import MonteCarlo, MonteCarloS
 from touchline.motion.odometry import Motion
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mti import NubotMti
 from touchline.types import Frame, Status
 
@@ -203,7 +203,7 @@ def _whole_frames(seed: int, count: int = 40) -> tuple[FloatArray, FloatArray]:
 
 def _frame_times(simulation: Simulation, frames: list[Frame], count: int, search: bool) -> FloatArray:
     """Milliseconds (count,) per frame; search: the pose is forgotten before each."""
-    system = open_system("nubot-mti", simulation.field, simulation.camera)
+    system = open_system("nubot-mti", RobotSetup(simulation.field, simulation.camera))
     assert isinstance(system, NubotMti)
     times = []
     for frame in frames:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from touchline.sources.folder import Recording
+from touchline.sources.folder import SENSOR_FILES, Recording
 from touchline.sources.problems import Problem, ProblemKind, ProblemLog
 from touchline.sources.source import Source, Truth
 
-__all__ = ["Problem", "ProblemKind", "ProblemLog", "Recording", "Source", "Truth", "open_source"]
+__all__ = ["SENSOR_FILES", "Problem", "ProblemKind", "ProblemLog", "Recording", "Source", "Truth", "open_source"]
 
 
 def open_source(path: str | Path) -> Recording:

@@ -30,6 +30,14 @@ SENSOR_COLUMNS = {
     "wheels.csv": ("a", "b"),
     "imu.csv": ("roll", "pitch", "yaw", "gx", "gy", "gz"),
 }
+SENSOR_FILES = {
+    "odometry": "odometry.csv",
+    "wheels": "wheels.csv",
+    "gyro": "imu.csv",
+    "compass": "imu.csv",
+    "tilt": "imu.csv",
+}
+"""The table in which a recording keeps each sensor of `Frame`."""
 _MAY_BE_EMPTY = SENSOR_COLUMNS["imu.csv"]  # three sensors in one file: a robot without compass has the others
 
 

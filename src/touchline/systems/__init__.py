@@ -7,31 +7,44 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.errors import InputError
-from touchline.field import FieldModel
 from touchline.messages import did_you_mean
 from touchline.perception import HsvLineDetector, LinePointDetector
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
+from touchline.systems.setup import RobotSetup
 from touchline.types import System
 
 
 @dataclass(frozen=True, slots=True)
-class SystemInfo:
-    """One system: its name, one line about it, its settings and how it is made from field, camera, settings and rng.
+class Needs:
+    """The sensors that a system measures with beside camera and compass, by their names in `Frame`.
 
-    measuring_wheels: whether it is made from the wheels' rolling directions, too (a, b or None; robot frame, rad).
-    line_detector: how it finds line points, for a closer look at an image.
+    purpose: what they are for, as in "NAME measures its way". stand_in: the sensor that takes their place where one of
+    them is missing; without: what happens if that is missing, too.
+    """
+
+    purpose: str
+    sensors: tuple[str, ...]
+    stand_in: str
+    without: str
+
+
+@dataclass(frozen=True, slots=True)
+class SystemInfo:
+    """One system: its name, one line about it, its settings, and how it is made from setup, settings and rng.
+
+    needs: sensors whose absence a user should be told of. line_detector: how it finds line points, for a closer look
+    at an image.
     """
 
     name: str
     description: str
     settings: type[Settings]
     factory: Callable[..., System]
-    measuring_wheels: bool = False
+    needs: Needs | None = None
     line_detector: type[LinePointDetector | HsvLineDetector] = LinePointDetector
 
 
@@ -56,7 +69,12 @@ SYSTEMS = {
             "measuring wheels and gyro, 600 particles on an error map, fused in three modes (Ismail et al. 2021)",
             IrisFusionSettings,
             IrisFusion,
-            measuring_wheels=True,
+            Needs(
+                "measures its way with two wheels and a gyro",
+                ("wheels", "gyro"),
+                "odometry",
+                "no motion is measured, poses come from the images alone",
+            ),
             line_detector=HsvLineDetector,
         ),
     )
@@ -71,25 +89,18 @@ def system_info(name: str) -> SystemInfo:
 
 
 def open_system(
-    name: str,
-    field: FieldModel,
-    camera: OmniCamera | None,
-    settings: Settings | None = None,
-    rng: np.random.Generator | None = None,
-    wheel_directions_rad: tuple[float, float] | None = None,
+    name: str, setup: RobotSetup, settings: Settings | None = None, rng: np.random.Generator | None = None
 ) -> System:
     """A system that is ready for its first frame.
 
-    camera: None if the frames bring their line points. wheel_directions_rad: rolling directions of the measuring
-    wheels a and b in the robot frame, for systems that use them; None if nobody knows. Raises InputError for an
-    unknown name, and for settings of another system.
+    settings: its own, by default the paper's values. rng: where all its chance comes from, by default of seed 0.
+    Raises InputError for an unknown name, and for settings of another system.
     """
     info = system_info(name)
     chosen = info.settings() if settings is None else settings
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
-    parts = (field, camera, chosen, np.random.default_rng(0) if rng is None else rng)
-    return info.factory(*parts, wheel_directions_rad) if info.measuring_wheels else info.factory(*parts)
+    return info.factory(setup, chosen, np.random.default_rng(0) if rng is None else rng)
 
 
-__all__ = ["DEFAULT_SYSTEM", "SYSTEMS", "SystemInfo", "open_system", "system_info"]
+__all__ = ["DEFAULT_SYSTEM", "SYSTEMS", "Needs", "RobotSetup", "SystemInfo", "open_system", "system_info"]

@@ -19,9 +19,7 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from touchline.camera import OmniCamera
 from touchline.config import Settings
-from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, Vision, without_bias
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
@@ -30,6 +28,7 @@ from touchline.localization.particles.particle_filter import ParticleFilter, Par
 from touchline.motion import CompassTrack, CompassTrackSettings, Motion, WheelOdometry, WheelOdometrySettings
 from touchline.motion.history import NANOSECONDS
 from touchline.perception.hsv_lines import HsvLineDetector, HsvLineSettings
+from touchline.systems.setup import RobotSetup
 from touchline.types import (
     Estimate,
     Frame,
@@ -73,23 +72,16 @@ class IrisFusionSettings(Settings):
 class IrisFusion:
     """The system as sources and sinks know it: `reset` and `step`."""
 
-    def __init__(
-        self,
-        field: FieldModel,
-        camera: OmniCamera | None,
-        settings: IrisFusionSettings,
-        rng: np.random.Generator,
-        wheel_directions_rad: tuple[float, float] | None = None,
-    ) -> None:
-        """camera: None if frames bring their points. rng: all chance comes from it. wheel_directions_rad: rolling
-        directions of the wheels a and b in the robot frame; without them the frames' odometry takes their place.
-        """
+    def __init__(self, setup: RobotSetup, settings: IrisFusionSettings, rng: np.random.Generator) -> None:
+        """setup: without its wheels' directions the frames' odometry takes the wheels' place."""
         self.settings = settings
-        self.field = field
+        self.field = field = setup.field
         self.unknown = np.diag([0.5 * field.length, 0.5 * field.width, math.pi]) ** 2
         """Covariance (3, 3) of a pose of a robot that may be anywhere (m, m, rad)."""
-        self.detector = None if camera is None else HsvLineDetector(camera, settings.lines, field.line_width)
-        self.odometry = WheelOdometry(settings.wheels, *(wheel_directions_rad or (None, None)))
+        self.detector = (
+            None if setup.camera is None else HsvLineDetector(setup.camera, settings.lines, field.line_width)
+        )
+        self.odometry = WheelOdometry(settings.wheels, *(setup.wheel_directions_rad or (None, None)))
         self.rng = rng
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)

@@ -16,9 +16,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 from pydantic import Field
 
-from touchline.camera import OmniCamera
 from touchline.config import Settings
-from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.compass_correction import CompassCorrection, CompassSettings
 from touchline.localization.fusion.failure import FailureDetector, FailureSettings
@@ -30,6 +28,7 @@ from touchline.localization.matching.weights import WeightSettings, precision_we
 from touchline.motion.compass import CompassTrack, CompassTrackSettings
 from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector
+from touchline.systems.setup import RobotSetup
 from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Status, empty_points
 
 # Without a compass the whole circle is searched; matching turns by half a step and more.
@@ -63,19 +62,15 @@ class MatchingTracker(ABC):
     """A system as sources and sinks know it: `reset` and `step`. Global localization is its heirs' part."""
 
     def __init__(
-        self,
-        field: FieldModel,
-        camera: OmniCamera | None,
-        settings: TrackerSettings,
-        search: GlobalSearchSettings | None = None,
+        self, setup: RobotSetup, settings: TrackerSettings, search: GlobalSearchSettings | None = None
     ) -> None:
-        """camera: None if frames bring their points. search: of the whole field, where something looks wrong."""
+        """search: of the whole field, where something looks wrong."""
         self.shared = settings
-        self.field = field
+        self.field = field = setup.field
         self.detector = (
             None
-            if camera is None
-            else SelfLearningDetector(camera, settings.line_points, settings.learning, field.line_width)
+            if setup.camera is None
+            else SelfLearningDetector(setup.camera, settings.line_points, settings.learning, field.line_width)
         )
         self.matcher = Matcher(field.distance_map(settings.map.resolution_m, settings.map.margin_m), settings.matching)
         self.search = GlobalSearch(self.matcher, field.length, field.width, search)

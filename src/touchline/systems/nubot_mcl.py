@@ -17,13 +17,12 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from touchline.camera import OmniCamera
-from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.pose_filter import PoseFilter
 from touchline.localization.matching.matcher import Match, as_pose
 from touchline.localization.particles.monte_carlo import MonteCarlo, MonteCarloSettings
 from touchline.systems.matching_tracker import MatchingTracker, TrackerSettings
+from touchline.systems.setup import RobotSetup
 from touchline.types import Frame, LinePoints, Prior, Status
 
 
@@ -76,13 +75,12 @@ class NubotMclSettings(TrackerSettings):
 class NubotMcl(MatchingTracker):
     """The system as sources and sinks know it: `reset` and `step`."""
 
-    def __init__(
-        self, field: FieldModel, camera: OmniCamera | None, settings: NubotMclSettings, rng: np.random.Generator
-    ) -> None:
-        """camera: None if frames bring their points. rng: all chance comes from it."""
-        super().__init__(field, camera, settings)
+    def __init__(self, setup: RobotSetup, settings: NubotMclSettings, rng: np.random.Generator) -> None:
+        """rng: all chance comes from it."""
+        super().__init__(setup, settings)
         self.settings = settings
         self.alone = settings.followed_by == "particles"
+        field = setup.field
         self.particles = MonteCarlo(
             self.matcher, field.length, field.width, rng, settings.particles, symmetric=field.is_symmetric
         )

@@ -15,13 +15,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from touchline.camera import OmniCamera
-from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.localization.fusion.pose_filter import PoseFilter
 from touchline.localization.matching.global_search import GlobalFix, GlobalSearchSettings
 from touchline.localization.matching.matcher import Match
 from touchline.systems.matching_tracker import MatchingTracker, TrackerSettings
+from touchline.systems.setup import RobotSetup
 from touchline.types import Hypothesis, LinePoints, Prior, Status
 
 
@@ -34,11 +33,9 @@ class NubotMtiSettings(TrackerSettings):
 class NubotMti(MatchingTracker):
     """The system as sources and sinks know it: `reset` and `step`."""
 
-    def __init__(
-        self, field: FieldModel, camera: OmniCamera | None, settings: NubotMtiSettings, rng: np.random.Generator
-    ) -> None:
-        """camera: None if frames bring their points. rng is not needed: nothing here is left to chance."""
-        super().__init__(field, camera, settings, settings.global_search)
+    def __init__(self, setup: RobotSetup, settings: NubotMtiSettings, rng: np.random.Generator) -> None:
+        """rng is not needed: nothing here is left to chance."""
+        super().__init__(setup, settings, settings.global_search)
         self.settings = settings
         self.reset()
 

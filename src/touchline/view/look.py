@@ -19,7 +19,7 @@ from touchline.messages import counted
 from touchline.perception import HsvLineDetector, LinePointDetector
 from touchline.perception.covered import is_covered
 from touchline.sources import Recording, open_source
-from touchline.systems import DEFAULT_SYSTEM, open_system, system_info
+from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system, system_info
 from touchline.types import Estimate, ImageArray, LinePoints, Status, System
 from touchline.view.overlay import overlay_image
 from touchline.view.stages import stage_pictures
@@ -73,8 +73,7 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
         raise InputError(f"{path}: has no image {index}; its images are 0 to {len(source) - 1}")
     if index is not None:
         _readable(source, index)  # before the system goes a long way for nothing
-    rng = np.random.default_rng(0)
-    running = open_system(system, source.field, source.camera, None, rng, source.wheel_directions_rad)
+    running = open_system(system, RobotSetup(source.field, source.camera, source.wheel_directions_rad))
     running.reset()
     index, estimate = _first_located(source, running) if index is None else _step_to(source, running, index)
     image = _readable(source, index)
