@@ -22,7 +22,7 @@ from numba import njit
 from touchline.config import settings_rows
 from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose
-from touchline.perception import SelfLearningDetector
+from touchline.perception import SelfLearningDetector, observe
 from touchline.simulation.observation.crossings import COLUMNS, GRAZED, MIXED, PLAIN
 from touchline.simulation.observation.goal_clutter import GoalClutter
 from touchline.simulation.observation.observed_lines import ObservedLines
@@ -54,7 +54,7 @@ def detected(simulation: Simulation) -> Iterator[LinePoints]:
     """What the detector finds in each image of a run."""
     detector = SelfLearningDetector(simulation.camera, line_width_m=simulation.field.line_width)
     for frame in simulation:
-        yield detector.detect(frame)
+        yield observe(frame, detector).points
 
 
 def compare(simulation: Simulation, found: Iterator[LinePoints], every: int = 1) -> Comparison:

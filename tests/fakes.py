@@ -41,6 +41,8 @@ def true_samples(count: int) -> Samples:
 class FakeSystem:
     """Knows the truth, and errs by a seeded noise. The frames in `searching` are not located."""
 
+    detector = None
+
     def __init__(self, rng: np.random.Generator, noise_m: float = 0.01, searching: tuple[int, ...] = (0,)) -> None:
         self.rng = rng
         self.noise_m = noise_m

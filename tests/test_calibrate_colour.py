@@ -226,7 +226,7 @@ def test_a_kept_table_is_never_learned_anew(
     detector = SelfLearningDetector(camera, learning=learning)
     dim = (image * 0.5).astype(np.uint8)
     for stamp, picture in enumerate((image, image, dim, dim, dim)):
-        detector.detect(Frame(stamp, image=picture))
+        detector.observe(Frame(stamp, image=picture))
         assert detector.detector.colours is not None
         assert np.array_equal(detector.detector.colours.table, colours.table)
 

@@ -26,7 +26,7 @@ from synthetic import (
 from touchline.camera import OmniCamera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.perception import HsvLineDetector, HsvLineSettings
+from touchline.perception import HsvLineDetector, HsvLineSettings, observe
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.ray_runs import RUN_COLUMNS, white_runs
 from touchline.sources import open_source
@@ -220,8 +220,9 @@ def test_images_without_carpet_or_of_another_size_are_told(cross_image: ImageArr
 
 def test_frames_without_something_to_see_say_why(cross_image: ImageArray) -> None:
     detector = HsvLineDetector(CAMERA)
-    assert len(detector.detect_frame(Frame(0, image=cross_image))) >= 80
-    assert detector.problem is None
+    seen = detector.observe(Frame(0, image=cross_image))
+    assert len(seen.points) >= 80
+    assert seen.problem is None
     for frame, why in (
         (Frame(1, problem="it is broken"), "broken"),
         (Frame(2), "no image"),
@@ -229,10 +230,11 @@ def test_frames_without_something_to_see_say_why(cross_image: ImageArray) -> Non
         (Frame(4, image=np.where(np.arange(480)[:, None, None] < 240, cross_image * 0 + 30, 200).astype(np.uint8)),
          "carpet"),
     ):  # fmt: skip
-        assert len(detector.detect_frame(frame)) == 0
-        assert why in str(detector.problem)
+        seen = observe(frame, detector)
+        assert len(seen.points) == 0
+        assert why in str(seen.problem)
     given = detected(cross_image)
-    assert detector.detect_frame(Frame(5, points=given)) is given
+    assert observe(Frame(5, points=given), detector).points is given
 
 
 def test_runs_are_those_of_the_plain_twin(cross_image: ImageArray) -> None:

@@ -18,7 +18,7 @@ from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.particles.monte_carlo import PAPER_FORM
-from touchline.perception import SelfLearningDetector
+from touchline.perception import SelfLearningDetector, observe
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
@@ -51,7 +51,7 @@ def recorded(folder: Path, sectors: str) -> tuple[list[Frame], list[bool], Float
     for frame in source:
         assert frame.image is not None
         image = np.where(hidden[..., np.newaxis], np.uint8(0), frame.image)
-        points = detector.detect(replace(frame, image=image))
+        points = observe(replace(frame, image=image), detector).points
         frames.append(replace(frame, image=None, points=points))
         black.append(bool(frame.image.mean() < 12))
     truth = np.loadtxt(folder / "ground_truth.tum")

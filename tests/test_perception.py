@@ -12,7 +12,7 @@ from synthetic import BLACK, CROSS, GREEN, WHITE, YELLOW, distances, line_field,
 from touchline.camera import OmniCamera
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
-from touchline.perception import LinePointDetector, LinePointSettings, SelfLearningDetector
+from touchline.perception import LinePointDetector, LinePointSettings, SelfLearningDetector, observe
 from touchline.perception.colour import GREEN as GREEN_CLASS
 from touchline.perception.colour import WHITE as WHITE_CLASS
 from touchline.perception.colour import NoCarpetError
@@ -183,21 +183,22 @@ def test_detection_before_learning_is_refused(cross_image: ImageArray) -> None:
 def test_self_learning_skips_covered_images_and_follows_the_light(cross_image: ImageArray) -> None:
     black = np.zeros_like(cross_image)
     detector = SelfLearningDetector(CAMERA)
-    assert len(detector.detect(Frame(0, black))) == 0
-    assert len(detector.detect(Frame(1, None))) == 0
-    usual = len(detector.detect(Frame(2, cross_image)))
+    assert len(observe(Frame(0, black), detector).points) == 0
+    assert len(observe(Frame(1, None), detector).points) == 0
+    usual = len(detector.observe(Frame(2, cross_image)).points)
     for k in range(10):
-        detector.detect(Frame(3 + k, cross_image))
+        detector.observe(Frame(3 + k, cross_image))
     # lamps of another colour, and dim: what was green is not any more, until it is learned again
     tinted = np.clip(cross_image * np.array([0.55, 0.75, 0.75]), 0, 255).astype(np.uint8)
-    counts = [len(detector.detect(Frame(20 + k, tinted))) for k in range(12)]
+    counts = [len(detector.observe(Frame(20 + k, tinted)).points) for k in range(12)]
     assert usual >= 80
     assert counts[-1] >= 0.9 * usual
 
 
 def test_points_that_a_frame_brings_are_taken_as_they_are() -> None:
     points = LinePoints(np.ones((3, 2)), np.zeros((3, 2, 2)), np.ones(3), np.full((3, 2), np.nan))
-    assert SelfLearningDetector(CAMERA).detect(Frame(0, points=points)) is points
+    for detector in (SelfLearningDetector(CAMERA), None):
+        assert observe(Frame(0, points=points), detector).points is points
 
 
 def test_noise_raises_the_threshold_instead_of_making_points() -> None:
@@ -314,16 +315,21 @@ def test_a_failed_lesson_changes_nothing(cross_image: ImageArray) -> None:
 
 def test_reset_forgets_the_colours_and_says_what_is_missing(cross_image: ImageArray) -> None:
     detector = SelfLearningDetector(CAMERA)
-    assert len(detector.detect(Frame(0, cross_image))) > 0
-    assert detector.problem is None
+    assert detector.learns_colours
+    seen = detector.observe(Frame(0, cross_image))
+    assert len(seen.points) > 0
+    assert seen.problem is None
     detector.reset()
     grey = np.full((480, 480, 3), 120, np.uint8)
     grey[:240] = 180
-    assert len(detector.detect(Frame(1, grey))) == 0
-    assert detector.problem is not None
-    assert "no green carpet" in detector.problem
+    seen = detector.observe(Frame(1, grey))
+    assert len(seen.points) == 0
+    assert seen.problem is not None
+    assert "no green carpet" in seen.problem
+    with pytest.raises(TouchlineError, match="no colours yet"):
+        detector.stages(cross_image)
     with pytest.raises(InputError, match="the camera file says"):
-        detector.detect(Frame(2, cross_image[:-20]))
+        detector.observe(Frame(2, cross_image[:-20]))
 
 
 def test_a_covered_camera_is_told_from_a_dim_one(cross_image: ImageArray) -> None:

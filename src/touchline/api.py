@@ -24,10 +24,17 @@ from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import WheelOdometrySettings
-from touchline.perception import LearningSettings
 from touchline.sources import SENSOR_FILES, Recording, open_source
-from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, RobotSetup, SystemInfo, open_system, system_info
-from touchline.types import Prior, Status, System
+from touchline.systems import (
+    DEFAULT_SYSTEM,
+    SYSTEMS,
+    LocalizationSystem,
+    RobotSetup,
+    SystemInfo,
+    open_system,
+    system_info,
+)
+from touchline.types import Prior, Status
 from touchline.view.overlay import overlay_image
 
 if TYPE_CHECKING:
@@ -69,7 +76,7 @@ class PreparedRun:
     """A run whose input has been checked: nothing is written before `execute`."""
 
     source: Recording
-    system: System
+    system: LocalizationSystem
     info: SystemInfo
     settings: Settings
     prior: Prior
@@ -117,7 +124,7 @@ class PreparedRun:
             },
             "system": self.info.name,
             "settings": self.settings.model_dump(mode="json"),
-            "learns_colours": _learns_colours(self.settings),
+            "learns_colours": self.system.detector is not None and self.system.detector.learns_colours,
             "notices": list(self.notices),
             "prior": {"pose": None if pose is None else list(pose), "own_half": self.prior.own_half},
             "seed": self.seed,
@@ -193,11 +200,6 @@ def _notices(source: Recording, info: SystemInfo, settings: Settings) -> tuple[s
     if stand_in in source.sensor_files:
         return (f"{what}: {stand_in} is used instead",)
     return (f"{what}, and {stand_in}, which would stand in: {needs.without}",)
-
-
-def _learns_colours(settings: Settings) -> bool:
-    """Whether the first images teach the system its colours: not if it has a table, or goes by thresholds."""
-    return any(isinstance(part, LearningSettings) and part.colour_file is None for _, part in settings)
 
 
 def _problems(source: Recording) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,8 +20,7 @@ if TYPE_CHECKING:
     from touchline.field import FieldModel
     from touchline.geometry import FloatArray, Pose
     from touchline.localization import Location
-    from touchline.perception import LinePointDetector
-    from touchline.types import ImageArray, LinePoints
+    from touchline.types import ImageArray
 
 _ASSUMED_FIELD = "msl-18x12"
 
@@ -124,15 +124,12 @@ def _from_image(
     from touchline.camera import open_camera
     from touchline.evaluation.run_folder import new_folder
     from touchline.localization import WeightSettings, locate_points, precision_weights
-    from touchline.perception import LinePointDetector
-    from touchline.view.look import read_image
-    from touchline.view.overlay import overlay_image
+    from touchline.view.look import observe_image
     from touchline.view.picture_files import save_picture
 
     assert camera is not None, "the caller chose this function because there is one"
-    model = open_camera(camera)
-    image = read_image(source)
-    points = _detected(source, image, LinePointDetector(model, line_width_m=field.line_width))
+    look = observe_image(source, open_camera(camera), field)
+    points = look.observation.points
     found: Location | NoFitError
     try:
         found = locate_points(points.positions_m, field, heading, precision_weights(points, WeightSettings()))
@@ -140,25 +137,8 @@ def _from_image(
         found = error
     pose = None if isinstance(found, NoFitError) else found.pose
     path = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
-    save_picture(path, overlay_image(image, model, field, pose, points))
+    save_picture(path, replace(look, field_from_robot=pose).overlay())
     return found, path
-
-
-def _detected(source: Path, image: ImageArray, detector: LinePointDetector) -> LinePoints:
-    """The line points of a lone image, which its own colours are learned from; errors name the file."""
-    try:
-        detector.learn([image])
-        return detector.detect(image)
-    except TouchlineError as error:
-        deep = " (read as an image of 16 bits per channel; 8 are expected)" if _has_16_bits(source) else ""
-        raise type(error)(f"{source}: {error}{deep}") from None
-
-
-def _has_16_bits(path: Path) -> bool:
-    """Whether a file is a PNG of 16 bits per channel: often 10 or 12 bits of a camera, and then almost black."""
-    with path.open("rb") as file:
-        head = file.read(25)
-    return head[:4] == b"\x89PNG" and head[24:] == b"\x10"
 
 
 def _print_table(source: Path, field: FieldModel, assumed: bool, location: Location) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from touchline.types import Frame, ImageArray
+from touchline.types import ImageArray
 
 LEAST_CONTRAST = 1.5  # grey levels between parts of the image: a covered one has 0.3, the dimmest usable one 3
 
@@ -16,15 +16,6 @@ def contrast(image: ImageArray) -> float:
     return float(parts.mean(axis=(1, 3, 4)).std())
 
 
-def is_covered(image: ImageArray, least_contrast: float = LEAST_CONTRAST) -> bool:
+def is_covered(image: ImageArray) -> bool:
     """Whether an image (H, W, 3) shows nothing but noise, as under a covered lens; a dim hall has contrast."""
-    return contrast(image) < least_contrast
-
-
-def visible_image(frame: Frame, least_contrast: float = LEAST_CONTRAST) -> tuple[ImageArray | None, str | None]:
-    """The image of a frame, if something can be seen in it; else None and why not."""
-    if frame.image is None:
-        return None, frame.problem or "there is no image"
-    if is_covered(frame.image, least_contrast):
-        return None, "the image is black, or shows nothing at all"
-    return frame.image, None
+    return contrast(image) < LEAST_CONTRAST

@@ -9,9 +9,10 @@ section II.B.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -23,7 +24,6 @@ from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
-from touchline.perception.covered import LEAST_CONTRAST, visible_image
 from touchline.perception.hsv_thresholds import (
     AutomaticThresholds,
     FixedThresholds,
@@ -35,7 +35,7 @@ from touchline.perception.hsv_thresholds import (
 from touchline.perception.ray_runs import RUN_COLUMNS, white_runs
 from touchline.perception.scan_lines import usable_radius
 from touchline.perception.threshold_stages import draw_threshold_stages
-from touchline.types import Frame, ImageArray, LinePoints, empty_points
+from touchline.types import Frame, ImageArray, LinePoints, Observation, empty_points
 
 _MOST_RUNS = 2048
 _COARSE = 2  # the hull is looked for at half the resolution
@@ -45,6 +45,10 @@ _THIN = 4  # every fourth pixel both ways is plenty for a histogram
 
 class HsvLineSettings(Settings):
     """Detection of lines by thresholds. Lengths in the image are in pixels, for images of about 500 pixels."""
+
+    removed: ClassVar[Mapping[str, str]] = {
+        "least_contrast": "a covered camera is told by the same contrast everywhere (perception/covered.py)"
+    }
 
     thresholds: Literal["automatic", "fixed"] = Field(
         "automatic",
@@ -83,11 +87,6 @@ class HsvLineSettings(Settings):
         None,
         description="camera.yaml that touchline calibrate range has written; none: the range table of the recording's",
     )
-    least_contrast: float = Field(
-        LEAST_CONTRAST,
-        ge=0,
-        description="standard deviation (grey levels) between parts of the image below which the camera is covered",
-    )
     noise_px: float = Field(0.4, gt=0, description="standard deviation of a point in the image (px)")
     noise_m: float = Field(
         0.01, ge=0, description="standard deviation of a point on the ground that comes from no pixel (m)"
@@ -108,7 +107,9 @@ class Masks:
 
 
 class HsvLineDetector:
-    """Finds line points in the images of one camera; nothing has to be learned."""
+    """A `Detector` of line points by thresholds; nothing has to be learned."""
+
+    learns_colours = False
 
     def __init__(
         self, camera: OmniCamera, settings: HsvLineSettings | None = None, line_width_m: float = 0.125
@@ -134,22 +135,18 @@ class HsvLineDetector:
         self._found = np.empty((_MOST_RUNS, RUN_COLUMNS))
         self.thresholds: Thresholds | None = None
         """Of the last image."""
-        self.problem: str | None = None
-        """Why nothing could be seen in the last frame."""
 
-    def detect_frame(self, frame: Frame) -> LinePoints:
-        """Line points of a frame: its own if it has them already, none where no field is to be seen (see `problem`)."""
-        self.problem = None
-        if frame.points is not None:
-            return frame.points
-        image, self.problem = visible_image(frame, self.settings.least_contrast)
-        if image is None:
-            return empty_points()
+    def reset(self) -> None:
+        """Nothing is to be forgotten: every image is looked at by itself."""
+
+    def observe(self, frame: Frame) -> Observation:
+        """Line points of a frame's image, none where no carpet is seen. Raises InputError for one of another size."""
+        if frame.image is None:
+            raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
         try:
-            return self.detect(image)
+            return Observation(frame.stamp_ns, self.detect(frame.image))
         except NoCarpetError as error:
-            self.problem = str(error)
-            return empty_points()
+            return Observation(frame.stamp_ns, empty_points(), str(error))
 
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R, uint8. Raises NoCarpetError where no green is seen."""

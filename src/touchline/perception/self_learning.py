@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from pydantic import Field
 
 from touchline.camera import OmniCamera
 from touchline.config import Settings
+from touchline.errors import InputError
 from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
-from touchline.perception.covered import LEAST_CONTRAST, visible_image
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
-from touchline.types import Frame, ImageArray, LinePoints, empty_points
+from touchline.types import Frame, ImageArray, Observation, empty_points
 
 
 class LearningSettings(Settings):
     """When colours are learned."""
+
+    removed: ClassVar[Mapping[str, str]] = {
+        "least_contrast": "a covered camera is told by the same contrast everywhere (perception/covered.py)"
+    }
 
     frames: int = Field(
         5,
@@ -38,16 +45,10 @@ class LearningSettings(Settings):
         description="a colour table written by touchline calibrate colour, kept for the whole run; none: colours are "
         "learned from the first images, and again when the green fades",
     )
-    least_contrast: float = Field(
-        LEAST_CONTRAST,
-        ge=0,
-        description="standard deviation (grey levels) between parts of the image below which the camera is covered: "
-        "a covered one has 0.2, the dimmest usable image 3",
-    )
 
 
 class SelfLearningDetector:
-    """Line points of frame after frame, without any colours given beforehand."""
+    """A `Detector` of line points that needs no colours given beforehand."""
 
     def __init__(
         self,
@@ -60,8 +61,12 @@ class SelfLearningDetector:
         self.settings = learning or LearningSettings()
         file = self.settings.colour_file
         self._kept: ColourModel | None = None if file is None else load_colours(file)
-        self.problem: str | None = None  # why nothing can be seen in the last frame
         self._begin_anew()
+
+    @property
+    def learns_colours(self) -> bool:
+        """Whether the first images teach it its colours: not with a colour table."""
+        return self._kept is None
 
     def reset(self) -> None:
         """Forget the colours."""
@@ -73,26 +78,35 @@ class SelfLearningDetector:
         self._images: list[ImageArray] = []
         self._usual_green = 0.0
         self._faded = 0
+        self._faded_image: ImageArray | None = None
 
-    def detect(self, frame: Frame) -> LinePoints:
-        """Line points of a frame: its own if it has them already, none where no field is to be seen (see `problem`)."""
-        self.problem = None
-        if frame.points is not None:
-            return frame.points
-        image, self.problem = visible_image(frame, self.settings.least_contrast)
-        if image is None or (len(self._images) < self.settings.frames and not self._learn(image)):
-            return empty_points()
+    def observe(self, frame: Frame) -> Observation:
+        """Line points of a frame's image, none where no carpet is seen. Raises InputError for one of another size."""
+        image, problem = frame.image, None
+        if image is None:
+            raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
+        if self._faded_image is not None:
+            self._learn(self._faded_image)
+            self._faded_image = None
+        if len(self._images) < self.settings.frames:
+            problem = self._learn(image)
+        if self.detector.colours is None:
+            return Observation(frame.stamp_ns, empty_points(), problem)
         points = self.detector.detect(image)
         if self._kept is None:
             self._watch_green(image)
-        return points
+        return Observation(frame.stamp_ns, points, problem)
 
-    def _learn(self, image: ImageArray) -> bool:
-        """Learn from this image and those kept; whether colours are known now."""
+    def stages(self, image: ImageArray) -> dict[str, ImageArray]:
+        """Title -> picture (H, W, 3), B, G, R, of each step. Raises TouchlineError before any colours are known."""
+        return self.detector.stages(image)
+
+    def _learn(self, image: ImageArray) -> str | None:
+        """Learn from this image and those kept; why nothing could be learned, if so."""
         self._images.append(image)
         # the first image serves at once, all together once they are there: learning costs as much as many frames
         if len(self._images) not in (1, self.settings.frames):
-            return self.detector.colours is not None
+            return None
         try:
             if self._kept is not None:
                 self.detector.use_colours(self._kept, self._images)
@@ -100,8 +114,8 @@ class SelfLearningDetector:
                 self.detector.learn(self._images)
         except NoCarpetError as error:
             self._images.pop()
-            self.problem = str(error)
-        return self.detector.colours is not None
+            return str(error)
+        return None
 
     def _watch_green(self, image: ImageArray) -> None:
         share = self.detector.green_share
@@ -112,4 +126,4 @@ class SelfLearningDetector:
             self._usual_green += 0.1 * (share - self._usual_green) if self._usual_green else share
         if self._faded >= self.settings.faded_frames:
             self._begin_anew()
-            self._learn(image)
+            self._faded_image = image  # learned from before the next one: `stages` still shows what this one gave

@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.messages import did_you_mean
-from touchline.perception import HsvLineDetector, LinePointDetector
+from touchline.perception import Detector
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.systems.setup import RobotSetup
 from touchline.types import System
+
+
+class LocalizationSystem(System, Protocol):
+    """A system of this package: what it sees with can be looked at, too."""
+
+    @property
+    def detector(self) -> Detector | None:
+        """Image -> observation; None without a camera."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,16 +46,14 @@ class Needs:
 class SystemInfo:
     """One system: its name, one line about it, its settings, and how it is made from setup, settings and rng.
 
-    needs: sensors whose absence a user should be told of. line_detector: how it finds line points, for a closer look
-    at an image.
+    needs: sensors whose absence a user should be told of.
     """
 
     name: str
     description: str
     settings: type[Settings]
-    factory: Callable[..., System]
+    factory: Callable[..., LocalizationSystem]
     needs: Needs | None = None
-    line_detector: type[LinePointDetector | HsvLineDetector] = LinePointDetector
 
 
 DEFAULT_SYSTEM = "nubot-mti"
@@ -75,7 +83,6 @@ SYSTEMS = {
                 "odometry",
                 "no motion is measured, poses come from the images alone",
             ),
-            line_detector=HsvLineDetector,
         ),
     )
 }
@@ -90,7 +97,7 @@ def system_info(name: str) -> SystemInfo:
 
 def open_system(
     name: str, setup: RobotSetup, settings: Settings | None = None, rng: np.random.Generator | None = None
-) -> System:
+) -> LocalizationSystem:
     """A system that is ready for its first frame.
 
     settings: its own, by default the paper's values. rng: where all its chance comes from, by default of seed 0.
@@ -103,4 +110,13 @@ def open_system(
     return info.factory(setup, chosen, np.random.default_rng(0) if rng is None else rng)
 
 
-__all__ = ["DEFAULT_SYSTEM", "SYSTEMS", "Needs", "RobotSetup", "SystemInfo", "open_system", "system_info"]
+__all__ = [
+    "DEFAULT_SYSTEM",
+    "SYSTEMS",
+    "LocalizationSystem",
+    "Needs",
+    "RobotSetup",
+    "SystemInfo",
+    "open_system",
+    "system_info",
+]

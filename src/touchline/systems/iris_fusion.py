@@ -27,7 +27,7 @@ from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.particles.particle_filter import ParticleFilter, ParticleFilterSettings
 from touchline.motion import CompassTrack, CompassTrackSettings, Motion, WheelOdometry, WheelOdometrySettings
 from touchline.motion.history import NANOSECONDS
-from touchline.perception.hsv_lines import HsvLineDetector, HsvLineSettings
+from touchline.perception import HsvLineDetector, HsvLineSettings, observe
 from touchline.systems.setup import RobotSetup
 from touchline.types import (
     Estimate,
@@ -35,10 +35,8 @@ from touchline.types import (
     Hypothesis,
     LinePoints,
     Mode,
-    Observation,
     Prior,
     Status,
-    empty_points,
 )
 
 _STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
@@ -112,7 +110,8 @@ class IrisFusion:
         started = time.perf_counter()
         if self.searching:
             self.status = Status.SEARCHING
-        points = self._line_points(frame)
+        observation = observe(frame, self.detector)  # figures 6 and 7
+        points = observation.points
         seen = time.perf_counter()
         self.compass.add(frame.compass, frame.gyro)
         compass_rad = self.compass.heading_at(frame.stamp_ns)
@@ -132,15 +131,9 @@ class IrisFusion:
             twin,
             1e3 * (seen - started),
             1e3 * (done - seen),
-            Observation(frame.stamp_ns, points, None if self.detector is None else self.detector.problem),
+            observation,
             self.fusion.mode,
         )
-
-    def _line_points(self, frame: Frame) -> LinePoints:
-        """Figures 6 and 7: line points of the image."""
-        if self.detector is not None:
-            return self.detector.detect_frame(frame).finite()
-        return empty_points() if frame.points is None else frame.points.finite()
 
     def _odometry(self, frame: Frame) -> tuple[Motion, float, bool]:
         """Figure 4: the motion since the last frame, its time (s), and whether the gyro told all of its turn.

@@ -27,9 +27,9 @@ from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltSe
 from touchline.localization.matching.weights import WeightSettings, precision_weights
 from touchline.motion.compass import CompassTrack, CompassTrackSettings
 from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
-from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector
+from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Status, empty_points
+from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Prior, Status
 
 # Without a compass the whole circle is searched; matching turns by half a step and more.
 _ALL_HEADINGS = tuple(float(heading) for heading in np.arange(24) * np.pi / 12.0 - np.pi)
@@ -101,7 +101,8 @@ class MatchingTracker(ABC):
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
         started = time.perf_counter()
-        points = self._line_points(frame)
+        observation = observe(frame, self.detector)  # section 4.1
+        points = observation.points
         seen = time.perf_counter()
         self._predict(frame)
         compass_rad = self.compass.heading_at(frame.stamp_ns)
@@ -129,7 +130,7 @@ class MatchingTracker(ABC):
             self.rivals if self.side_known else (*self.rivals, self._twin(match)),
             1e3 * (seen - started),
             1e3 * (done - seen),
-            Observation(frame.stamp_ns, points, None if self.detector is None else self.detector.problem),
+            observation,
         )
 
     def _covariance(self) -> FloatArray:
@@ -165,12 +166,6 @@ class MatchingTracker(ABC):
     def _twin(self, match: Match | None) -> Hypothesis:
         """The pose at the other end of a symmetric field, which the lines alone can't exclude."""
         return Hypothesis(self.filter.pose.mirrored(), float("nan") if match is None else match.mean_distance_m)
-
-    def _line_points(self, frame: Frame) -> LinePoints:
-        """Section 4.1: line points of the panoramic image."""
-        if self.detector is not None:
-            return self.detector.detect(frame).finite()
-        return empty_points() if frame.points is None else frame.points.finite()
 
     def _predict(self, frame: Frame) -> None:
         """Section 4.2: the odometry carries the pose on to this frame."""

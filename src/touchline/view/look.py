@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -10,49 +10,61 @@ import cv2
 import numpy as np
 
 from touchline.camera import OmniCamera, open_camera
-from touchline.errors import InputError, NoFitError
+from touchline.errors import InputError, NoFitError, TouchlineError
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.messages import counted
-from touchline.perception import HsvLineDetector, LinePointDetector
-from touchline.perception.covered import is_covered
+from touchline.perception import Detector
 from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system, system_info
-from touchline.types import Estimate, ImageArray, LinePoints, Status, System
+from touchline.types import Estimate, Frame, ImageArray, Observation, Status, System
+from touchline.view.birds_eye import birds_eye_image
 from touchline.view.overlay import overlay_image
-from touchline.view.stages import stage_pictures
 
-_COLOUR_IMAGES = 5
+_ASSUMED_FIELD = "msl-18x12"  # of a lone image of which only the points are wanted: its lines' width
 _SEARCHED_IMAGES = 100  # a robot that is not found in as many is not found because of something else
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Look:
-    """An image (H, W, 3) BGR with what was detected in it, and the pose, if one was found; `found` says how."""
+    """An image (H, W, 3) BGR with what was observed in it, and the pose, if one was found; `found` says how.
+
+    detector: made the observation and has seen nothing since; None if the observation came with the image.
+    """
 
     name: str
     image: ImageArray
     camera: OmniCamera
-    detector: LinePointDetector | HsvLineDetector
-    points: LinePoints
+    detector: Detector | None
+    observation: Observation
     field: FieldModel | None
     field_from_robot: Pose | None
     found: str
 
     def overlay(self) -> ImageArray:
         """Points and field lines over the image."""
-        return overlay_image(self.image, self.camera, self.field, self.field_from_robot, self.points)
+        points = self.observation.points
+        return overlay_image(self.image, self.camera, self.field, self.field_from_robot, points)
 
     def stages(self) -> dict[str, ImageArray]:
-        """Title -> picture of every stage."""
-        pose = self.field_from_robot
-        return stage_pictures(self.image, self.camera, self.detector, self.field, pose, self.points)
+        """Title -> picture (H, W, 3) BGR of every stage, in their order; none of the detector's where it saw nothing.
+
+        Without field or pose the last picture shows points alone.
+        """
+        blind = self.observation.problem is not None
+        steps = {} if self.detector is None or blind else self.detector.stages(self.image)
+        return {
+            "original": self.image,
+            **steps,
+            "bird's-eye view": birds_eye_image(self.image, self.camera, self.observation.points),
+            "overlay": self.overlay(),
+        }
 
     def words(self) -> str:
         """What was found, in one line."""
-        points = counted(len(self.points), "line point")
+        points = self.observation.problem or counted(len(self.observation.points), "line point")
         if self.field_from_robot is None:
             return f"{self.name}: {points}; {self.found}"
         return f"{self.name}: {points}; {pose_text(self.field_from_robot)} ({self.found})"
@@ -65,7 +77,7 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
     not show it has no pose.
     Raises InputError if there is no such image or it cannot be read, and for an unknown system.
     """
-    info = system_info(system)
+    system_info(system)  # an unknown name is told before the recording is read
     source = open_source(path)
     if not len(source):
         raise InputError(f"{path}: has no images")
@@ -75,16 +87,16 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
         _readable(source, index)  # before the system goes a long way for nothing
     running = open_system(system, RobotSetup(source.field, source.camera, source.wheel_directions_rad))
     running.reset()
-    index, estimate = _first_located(source, running) if index is None else _step_to(source, running, index)
+    index, frame, estimate = _first_located(source, running) if index is None else _step_to(source, running, index)
     image = _readable(source, index)
-    detector = _ready(info.line_detector(source.camera, line_width_m=source.field.line_width), [image, *_some(source)])
-    points = detector.detect(image)
+    detector = running.detector if frame.points is None else None
+    assert estimate.observation is not None
     name = f"{source.name}-{index}"
     pose: Pose | None = estimate.pose
     found = f"{estimate.status.value}, as {system} has it after {counted(index + 1, 'image')}"
     if estimate.status is not Status.TRACKING:
         pose, found = None, f"no field lines are drawn: the robot is not located ({found})"
-    return Look(name, image, source.camera, detector, points, source.field, pose, found)
+    return Look(name, image, source.camera, detector, estimate.observation, source.field, pose, found)
 
 
 def _readable(source: Recording, index: int) -> ImageArray:
@@ -94,22 +106,22 @@ def _readable(source: Recording, index: int) -> ImageArray:
     return image
 
 
-def _step_to(source: Recording, system: System, index: int) -> tuple[int, Estimate]:
-    """The index, and the estimate after the images up to it."""
-    estimates = [system.step(frame) for frame in islice(source, index + 1)]
-    return index, estimates[-1]
+def _step_to(source: Recording, system: System, index: int) -> tuple[int, Frame, Estimate]:
+    """The index, its frame, and the estimate after the images up to it."""
+    for frame in islice(source, index + 1):
+        estimate = system.step(frame)
+    return index, frame, estimate
 
 
-def _first_located(source: Recording, system: System) -> tuple[int, Estimate]:
+def _first_located(source: Recording, system: System) -> tuple[int, Frame, Estimate]:
     """The first of the images in which the system is sure of the pose, or else the very first."""
-    first = None
     for index, frame in enumerate(islice(source, _SEARCHED_IMAGES)):
         estimate = system.step(frame)
-        first = first or estimate
-        if estimate.status is Status.TRACKING and frame.image is not None and not is_covered(frame.image):
-            return index, estimate
-    assert first is not None  # a source without images is refused before
-    return 0, first
+        seen = estimate.observation is not None and estimate.observation.problem is None
+        if estimate.status is Status.TRACKING and seen and frame.image is not None:
+            return index, frame, estimate
+    system.reset()
+    return _step_to(source, system, 0)
 
 
 def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, system: str = DEFAULT_SYSTEM) -> Look:
@@ -119,21 +131,16 @@ def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, 
     poses that fit equally well: the first of them is drawn.
     Raises InputError if a file cannot be read, and for an unknown system.
     """
-    make = system_info(system).line_detector
-    camera = open_camera(camera_file)
-    field = None if field_name is None else open_field(field_name)
-    image = read_image(path)
-    detector = _ready(make(camera) if field is None else make(camera, line_width_m=field.line_width), [image])
-    points = detector.detect(image)
-    pose, found = None, "no pose: give the field with --field NAME"
-    if field is not None:
-        try:
-            weights = precision_weights(points, WeightSettings())
-            pose = locate_points(points.positions_m, field, weights=weights).pose
-            found = "or its mirror image, without a compass"
-        except NoFitError as error:
-            found = f"no pose: {error}"
-    return Look(path.stem, image, camera, detector, points, field, pose, found)
+    field = open_field(field_name or _ASSUMED_FIELD)
+    look = observe_image(path, open_camera(camera_file), field, system)
+    if field_name is None:
+        return replace(look, field=None, found="no pose: give the field with --field NAME")
+    points = look.observation.points
+    try:
+        location = locate_points(points.positions_m, field, weights=precision_weights(points, WeightSettings()))
+    except NoFitError as error:
+        return replace(look, found=f"no pose: {error}")
+    return replace(look, field_from_robot=location.pose, found="or its mirror image, without a compass")
 
 
 def read_image(path: Path) -> ImageArray:
@@ -148,17 +155,27 @@ def read_image(path: Path) -> ImageArray:
     return np.asarray(image, dtype=np.uint8)
 
 
-def _ready(
-    detector: LinePointDetector | HsvLineDetector, images: list[ImageArray]
-) -> LinePointDetector | HsvLineDetector:
-    """The detector, its colours learned from images if it needs that."""
-    if isinstance(detector, LinePointDetector):
-        detector.learn(images)
-    return detector
+def observe_image(path: Path, camera: OmniCamera, field: FieldModel, system: str = DEFAULT_SYSTEM) -> Look:
+    """What a system sees in the image of a file, without a pose.
+
+    Raises InputError if it can't be read or is of another size than the camera's, TouchlineError where nothing can be
+    seen; all name the file.
+    """
+    image = read_image(path)
+    detector = open_system(system, RobotSetup(field, camera)).detector
+    try:
+        assert detector is not None, "there is a camera"
+        observation = detector.observe(Frame(0, image))
+        if observation.problem is not None:
+            raise TouchlineError(observation.problem)
+    except TouchlineError as error:
+        deep = " (read as an image of 16 bits per channel; 8 are expected)" if _has_16_bits(path) else ""
+        raise type(error)(f"{path}: {error}{deep}") from None
+    return Look(path.stem, image, camera, detector, observation, field, None, "no pose")
 
 
-def _some(source: Recording) -> list[ImageArray]:
-    """A few images spread over the recording that show something, to learn the colours from."""
-    indices = np.unique(np.linspace(0, len(source) - 1, _COLOUR_IMAGES).astype(int))
-    images = [source.image(int(index)) for index in indices]
-    return [image for image in images if image is not None and not is_covered(image)]
+def _has_16_bits(path: Path) -> bool:
+    """Whether a file is a PNG of 16 bits per channel: often 10 or 12 bits of a camera, and then almost black."""
+    with path.open("rb") as file:
+        head = file.read(25)
+    return head[:4] == b"\x89PNG" and head[24:] == b"\x10"

@@ -8,39 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from touchline.camera import OmniCamera
-from touchline.field import FieldModel
-from touchline.geometry import Pose
-from touchline.perception import HsvLineDetector, LinePointDetector
-from touchline.types import ImageArray, LinePoints
-from touchline.view.birds_eye import birds_eye_image
-from touchline.view.overlay import overlay_image
+from touchline.types import ImageArray
 from touchline.view.picture_files import save_picture
 
 _TILE_PX = 640
 _TITLE_PX = 40
 _GAP_PX = 12
 _PAPER = (24, 24, 24)
-
-
-def stage_pictures(
-    image: ImageArray,
-    camera: OmniCamera,
-    detector: LinePointDetector | HsvLineDetector,
-    field: FieldModel | None,
-    field_from_robot: Pose | None,
-    points: LinePoints,
-) -> dict[str, ImageArray]:
-    """Title -> picture (H, W, 3) BGR of every stage, in their order.
-
-    A detector that learns colours must have learned them. Without field or pose the last picture shows points alone.
-    """
-    return {
-        "original": image,
-        **detector.stages(image),
-        "bird's-eye view": birds_eye_image(image, camera, points),
-        "overlay": overlay_image(image, camera, field, field_from_robot, points),
-    }
 
 
 def contact_sheet(pictures: Mapping[str, ImageArray], columns: int = 3) -> ImageArray:

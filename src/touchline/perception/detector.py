@@ -1,0 +1,54 @@
+"""What every detector does, and the one place where it is decided whether a detector is asked at all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Protocol
+
+from touchline.perception.covered import is_covered
+from touchline.types import Frame, ImageArray, Observation, empty_points
+
+
+class Detector(Protocol):
+    """Image -> observation, frame after frame of one camera."""
+
+    @property
+    def learns_colours(self) -> bool:
+        """Whether the first images teach it its colours."""
+        ...
+
+    def observe(self, frame: Frame) -> Observation:
+        """What the image of a frame shows; `problem` says why nothing could be seen, if so.
+
+        Raises InputError for an image of another size than the camera's, and for a frame without one.
+        """
+        ...
+
+    def stages(self, image: ImageArray) -> dict[str, ImageArray]:
+        """Title -> picture (H, W, 3), B, G, R, of each step by which `observe` would take an image (H, W, 3) now.
+
+        Raises TouchlineError where nothing can be seen.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Forget what earlier images have taught."""
+        ...
+
+
+def observe(frame: Frame, detector: Detector | None) -> Observation:
+    """What a frame shows: the line points that it brings, or else what the detector finds in its image.
+
+    Points without a finite position, covariance and confidence are left out. detector: None without a camera.
+    """
+    if frame.points is not None:
+        return Observation(frame.stamp_ns, frame.points.finite())
+    if detector is None:
+        return Observation(frame.stamp_ns, empty_points())
+    if frame.image is None:
+        return Observation(frame.stamp_ns, empty_points(), frame.problem or "there is no image")
+    if is_covered(frame.image):
+        return Observation(frame.stamp_ns, empty_points(), "the image is black, or shows nothing at all")
+    seen = detector.observe(frame)
+    points = seen.points.finite()
+    return seen if points is seen.points else replace(seen, points=points)
