@@ -66,6 +66,6 @@ def test_the_fusion_alone(benchmark: BenchmarkFixture) -> None:
 
 def points_of(frame: Frame) -> FloatArray:
     """100 points (100, 2) of a frame."""
-    assert frame.points is not None
-    positions_m = frame.points.positions_m
+    assert frame.observation is not None
+    positions_m = frame.observation.points.positions_m
     return np.ascontiguousarray(positions_m[np.arange(100) * len(positions_m) // 100])

@@ -275,7 +275,7 @@ def test_an_unknown_side_of_the_field_is_told(
     class Blind(FakeSystem):
         def step(self, frame: Frame) -> Estimate:
             estimate = super().step(frame)
-            return replace(estimate, rivals=(Hypothesis(estimate.pose.mirrored(), 0.02),))
+            return replace(estimate, hypotheses=(Hypothesis(estimate.pose.mirrored(), 0.02),))
 
     system_that(monkeypatch, Blind)
     assert main(["run", str(recording), "--system", "fake"]) == 0

@@ -43,7 +43,9 @@ def test_every_image_has_one_line_in_both_files(tmp_path: Path) -> None:
 
 def test_estimates_csv_holds_all_that_the_estimate_said(tmp_path: Path) -> None:
     covariance = np.array([[0.04, 0.001, 0.002], [0.001, 0.09, 0.003], [0.002, 0.003, 0.01]])
-    estimate = Estimate(1_234_567_890, true_pose(3), covariance, Status.LOST, 0.123, 45, (), 1.25, 0.5)
+    estimate = Estimate(
+        1_234_567_890, true_pose(3), covariance, Status.LOST, 0.123, 45, perception_ms=1.25, localization_ms=0.5
+    )
     path = tmp_path / "estimates.csv"
     path.write_text(HEADER + "\n" + csv_row(estimate))
     header, row = path.read_text().splitlines()
@@ -124,7 +126,7 @@ def test_frames_that_fit_the_other_end_of_the_field_as_well_are_counted(tmp_path
             estimate = super().step(frame)
             x, y, heading = estimate.pose
             rivals = [Hypothesis(Pose(-x + 0.3, -y, heading + math.pi), 0.02), Hypothesis(Pose(-x, -y, heading), 0.02)]
-            return replace(estimate, rivals=tuple(rivals[0 if len(self.seen) <= 6 else 1 :]))
+            return replace(estimate, hypotheses=tuple(rivals[0 if len(self.seen) <= 6 else 1 :]))
 
     tally = run_into(tmp_path / "run", FakeSource(10), Lost(np.random.default_rng(0), noise_m=0.0))
     assert tally.either_side == 5  # the first of the six is not located

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from touchline.field import Crossing, CrossingKind, FieldModel, open_field, preset_names
+from touchline.field import Crossing, FieldModel, open_field, preset_names
+from touchline.types import CrossingKind
 
 DEGREE = math.pi / 180.0
 

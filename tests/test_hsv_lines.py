@@ -30,7 +30,7 @@ from touchline.perception import HsvLineDetector, HsvLineSettings, observe
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.ray_runs import RUN_COLUMNS, white_runs
 from touchline.sources import open_source
-from touchline.types import Frame, ImageArray, LinePoints
+from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 CAMERA = mirror_camera()
 
@@ -234,7 +234,7 @@ def test_frames_without_something_to_see_say_why(cross_image: ImageArray) -> Non
         assert len(seen.points) == 0
         assert why in str(seen.problem)
     given = detected(cross_image)
-    assert observe(Frame(5, points=given), detector).points is given
+    assert observe(Frame(5, observation=Observation(5, given)), detector).points is given
 
 
 def test_runs_are_those_of_the_plain_twin(cross_image: ImageArray) -> None:

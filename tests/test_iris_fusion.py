@@ -19,7 +19,7 @@ from touchline.simulation.scenario import MotionSettings, open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
-from touchline.types import Estimate, Frame, LinePoints, Mode, Prior, Samples, Status, empty_points
+from touchline.types import Estimate, Frame, LinePoints, Mode, Observation, Prior, Samples, Status, empty_points
 
 PAPER = (
     "particles.worst_units=255", "particles.least_effective=0", "particles.roughening=0", "particles.nearby_share=0",
@@ -143,9 +143,9 @@ def test_without_a_compass_both_ends_of_the_field_are_named() -> None:
         last = [made.step(replace(frame, compass=None)) for frame in run][-1]
         here = truth(run, len(run) - 1)
         assert last.status is Status.TRACKING
-        assert len(last.rivals) == 1
-        assert last.rivals[0].pose == last.pose.mirrored()
-        assert min(off_m(last, here), last.rivals[0].pose.distance_to(here)) < 0.05
+        assert len(last.hypotheses) == 1
+        assert last.hypotheses[0].pose == last.pose.mirrored()
+        assert min(off_m(last, here), last.hypotheses[0].pose.distance_to(here)) < 0.05
 
 
 def test_a_compass_that_is_heard_late_tells_which_end_it_is() -> None:
@@ -155,8 +155,8 @@ def test_a_compass_that_is_heard_late_tells_which_end_it_is() -> None:
         made = system(run, seed=seed)
         estimates = [made.step(replace(frame, compass=None) if k < 50 else frame) for k, frame in enumerate(run)]
         mirrored.append(off_m(estimates[49], truth(run, 49)) > 0.5)
-        assert all(len(e.rivals) == 1 for e in estimates[10:50])
-        assert all(e.rivals == () and off_m(e, truth(run, k)) < 0.05 for k, e in enumerate(estimates) if k >= 65)
+        assert all(len(e.hypotheses) == 1 for e in estimates[10:50])
+        assert all(e.hypotheses == () and off_m(e, truth(run, k)) < 0.05 for k, e in enumerate(estimates) if k >= 65)
     assert {True, False} == set(mirrored)
 
 
@@ -169,7 +169,8 @@ def test_a_robot_that_is_lost_without_a_compass_keeps_the_heading_that_was_known
         for k, frame in enumerate(run):
             frame = frame if k < 30 else replace(frame, compass=None)
             hidden = 35 <= k < 60
-            estimate = made.step(replace(frame, points=empty_points(), **NO_MOTION) if hidden else frame)
+            unseen = replace(frame, observation=Observation(frame.stamp_ns), **NO_MOTION)
+            estimate = made.step(unseen if hidden else frame)
             if k == 59:
                 assert estimate.status is Status.LOST
                 assert math.sqrt(np.trace(estimate.covariance[:2, :2])) > 0.6
@@ -183,7 +184,7 @@ def test_the_own_half_decides_without_a_compass() -> None:
     made = system(run, prior=Prior(own_half=True))
     last = [made.step(replace(frame, compass=None)) for frame in run][-1]
     assert off_m(last, truth(run, len(run) - 1)) < 0.05
-    assert last.rivals == ()
+    assert last.hypotheses == ()
 
 
 @pytest.mark.parametrize("field", ["indoor-9x6", "msl-18x12"])
@@ -197,9 +198,10 @@ def test_particles_of_a_robot_in_its_own_half_never_wander_to_the_other_before_i
         made, rng = system(run, prior=Prior(own_half=True), seed=seed), np.random.default_rng(seed)
         estimates = []
         for k, frame in enumerate(frames):
-            assert frame.points is not None
-            points = strewn(frame.points, rng) if k < 3 else empty_points() if k < 23 else frame.points
-            estimates.append(made.step(replace(frame, points=points)))
+            assert frame.observation is not None
+            points = frame.observation.points
+            points = strewn(points, rng) if k < 3 else empty_points() if k < 23 else points
+            estimates.append(made.step(replace(frame, observation=Observation(frame.stamp_ns, points))))
         assert all(e.status is Status.TRACKING for e in estimates[33:])
         assert all(off_m(e, here) < 0.1 for e in estimates if e.status is Status.TRACKING)
 
@@ -212,10 +214,10 @@ def test_a_robot_told_to_be_in_its_own_half_may_leave_it_while_it_is_searched_fo
     assert truth(run, 25).x > 0.5
     made = system(run, prior=Prior(own_half=True))
     for k, frame in enumerate(run):
-        hidden = replace(frame, compass=None, points=empty_points() if k < 25 else frame.points)
+        hidden = replace(frame, compass=None, observation=Observation(frame.stamp_ns) if k < 25 else frame.observation)
         estimate = made.step(hidden)
     assert estimate.status is Status.TRACKING
-    assert estimate.rivals == ()
+    assert estimate.hypotheses == ()
     assert off_m(estimate, truth(run, len(run) - 1)) < 0.05
 
 
@@ -229,7 +231,7 @@ def test_the_gyro_s_bias_is_taken_off_what_the_gyro_told_and_nothing_else(what: 
     turns = {"felt": 0.0, "silent": 0.0}
     for k, frame in enumerate(run):
         silent = k >= 50
-        frame = replace(frame, points=None, gyro=None if silent else frame.gyro)
+        frame = replace(frame, observation=None, gyro=None if silent else frame.gyro)
         frame = frame if what == "odometry" else replace(frame, odometry=None)
         before, reckoned = made.odometry.pose, plain.pose
         made.step(frame)
@@ -244,7 +246,7 @@ def test_the_gyro_s_bias_is_taken_off_what_the_gyro_told_and_nothing_else(what: 
 def test_with_a_compass_there_is_no_rival() -> None:
     run = simulation("indoor-9x6", 0)
     made = system(run)
-    assert [made.step(frame) for frame in run][-1].rivals == ()
+    assert [made.step(frame) for frame in run][-1].hypotheses == ()
 
 
 def test_a_robot_told_the_wrong_end_of_the_field_is_put_right_by_the_compass_and_stays_there_without() -> None:
@@ -290,8 +292,8 @@ def test_a_bad_image_never_pulls_the_pose(field: str, what: str) -> None:
     made, rng = system(run), np.random.default_rng(0)
     errors_m = []
     for k, frame in enumerate(run):
-        points = frame.points
-        assert points is not None
+        assert frame.observation is not None
+        points = frame.observation.points
         if k > 20 and k % 10 == 0:
             if what == "shifted":
                 points = moved(points, Pose(0.4, 0.3, 0.0))
@@ -304,7 +306,7 @@ def test_a_bad_image_never_pulls_the_pose(field: str, what: str) -> None:
                 wrong = rng.random(len(points)) < 0.5
                 positions_m[wrong] = rng.uniform(-5.0, 5.0, (int(wrong.sum()), 2))
                 points = replace(points, positions_m=positions_m)
-        estimate = made.step(replace(frame, points=points))
+        estimate = made.step(replace(frame, observation=Observation(frame.stamp_ns, points)))
         if k > 20:
             assert estimate.status is Status.TRACKING
             errors_m.append(off_m(estimate, truth(run, k)))
@@ -333,13 +335,14 @@ def test_a_reset_forgets_everything(prior: Prior | None) -> None:
         made.rng.bit_generator.state = state
         made.reset(prior)
         estimates = [made.step(frame) for frame in run]
-        return [(e.pose, e.covariance.tolist(), e.status, e.mode, e.rivals, e.residual_m) for e in estimates]
+        return [(e.pose, e.covariance.tolist(), e.status, e.mode, e.hypotheses, e.residual_m) for e in estimates]
 
     at_first, rng = told(), np.random.default_rng(0)
     made.reset()
     for k, frame in enumerate(other):
-        assert frame.points is not None
-        last = made.step(replace(frame, compass=None, points=strewn(frame.points, rng) if k > 60 else frame.points))
+        assert frame.observation is not None
+        seen = strewn(frame.observation.points, rng) if k > 60 else frame.observation.points
+        last = made.step(replace(frame, compass=None, observation=Observation(frame.stamp_ns, seen)))
     assert last.status is Status.SEARCHING
     assert str(told()) == str(at_first)  # as text, since a residual may be NaN
 

@@ -47,10 +47,10 @@ def located() -> Location:
 
 
 def test_without_a_heading_the_pose_and_its_twin_are_found(located: Location) -> None:
-    poses = [located.pose, *(rival.pose for rival in located.rivals)]
+    poses = [located.pose, *(rival.pose for rival in located.hypotheses)]
     for expected in (TRUTH, TRUTH.mirrored()):
         assert any(apart(pose, expected)[0] < 0.1 and apart(pose, expected)[1] < 0.03 for pose in poses)
-    assert located.rivals[0].residual_m == pytest.approx(located.mean_distance_m, rel=0.05)
+    assert located.hypotheses[0].residual_m == pytest.approx(located.mean_distance_m, rel=0.05)
 
 
 def test_the_figures_are_those_of_the_points(located: Location) -> None:
@@ -66,7 +66,7 @@ def test_the_figures_are_those_of_the_points(located: Location) -> None:
 def test_a_heading_leaves_one_of_the_twins(truth: Pose) -> None:
     location = locate_points(seen_from(TRUTH), FIELD, heading=wrap_angle(truth.heading + 0.1))
     assert is_at(location, truth)
-    assert location.rivals == ()
+    assert location.hypotheses == ()
 
 
 def test_poses_over_the_whole_circle_are_found() -> None:
@@ -83,7 +83,7 @@ def test_two_alike_places_are_rivals_of_each_other() -> None:
     )
     points = view(circles, Pose(4.0, 0.5, 0.3), np.random.default_rng(0), reach_m=3.0)
     location = locate_points(points, circles, heading=0.3)
-    found = sorted(pose.x for pose in (location.pose, *(rival.pose for rival in location.rivals)))
+    found = sorted(pose.x for pose in (location.pose, *(rival.pose for rival in location.hypotheses)))
     assert found[0] == pytest.approx(-4.0, abs=0.5)
     assert found[-1] == pytest.approx(4.0, abs=0.5)
 
@@ -167,15 +167,15 @@ def test_rivals_are_as_near_to_the_lines_as_the_pose() -> None:
     tied = loose.model_copy(update={"rival_margin_m": 0.0})
     many, few = (locate_points(points, FIELD, settings=s) for s in (loose, tied))
     assert few.pose == many.pose
-    assert max(rival.residual_m for rival in many.rivals) > 3 * many.mean_distance_m
-    assert few.rivals == tuple(r for r in many.rivals if r.residual_m <= 3 * many.mean_distance_m)
+    assert max(rival.residual_m for rival in many.hypotheses) > 3 * many.mean_distance_m
+    assert few.hypotheses == tuple(r for r in many.hypotheses if r.residual_m <= 3 * many.mean_distance_m)
 
 
 def test_the_twin_is_always_a_rival_on_a_symmetric_field() -> None:
     strict = LocateSettings(rival_factor=1.0, rival_margin=0.0, rival_margin_m=0.0)
     for seed in range(3):
         location = locate_points(seen_from(TRUTH, seed), FIELD, settings=strict)
-        assert any(is_near(rival.pose, location.pose.mirrored()) for rival in location.rivals)
+        assert any(is_near(rival.pose, location.pose.mirrored()) for rival in location.hypotheses)
 
 
 def test_too_few_points_are_refused() -> None:
@@ -206,7 +206,7 @@ def test_the_same_points_give_the_same_answer(located: Location) -> None:
     again = locate_points(seen_from(TRUTH), FIELD)
     assert again.pose == located.pose
     assert again.chance == located.chance
-    assert again.rivals == located.rivals
+    assert again.hypotheses == located.hypotheses
 
 
 def test_rearranging_keeps_the_ranges_and_the_pieces() -> None:

@@ -40,7 +40,7 @@ def test_the_table_shows_the_pose_its_residual_and_the_twin(points: Path, capsys
     assert "from the nearest line on average" in lines[0]
     assert lines[1].startswith("the field msl-18x12 is assumed")
     rows = {line.split("  ")[0]: line.split() for line in lines[3:]}
-    places = [tuple(map(float, rows[name][-5:-2])) for name in ("pose", "rival 1")]
+    places = [tuple(map(float, rows[name][-5:-2])) for name in ("pose", "hypothesis 1")]
     for expected in (TRUTH, TRUTH.mirrored()):
         assert any(np.allclose(place, expected, atol=0.05) for place in places)
     assert float(rows["pose"][-1]) < 10.0  # cm
@@ -49,7 +49,7 @@ def test_the_table_shows_the_pose_its_residual_and_the_twin(points: Path, capsys
 def test_a_heading_leaves_one_pose(points: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["locate", str(points), "--heading", "0.6", "--field", "msl-18x12"]) == 0
     out = capsys.readouterr().out
-    assert "rival" not in out
+    assert "hypothesis" not in out
     assert "assumed" not in out
     assert "no other pose explains the points as well" in out
 
@@ -62,7 +62,7 @@ def test_json_holds_everything(points: Path, capsys: pytest.CaptureFixture[str])
     assert np.array(tree["covariance"]).shape == (3, 3)
     assert tree["points"] == 100
     assert (tree["field"], tree["field_assumed"]) == ("msl-18x12", True)
-    assert tree["rivals"] == []
+    assert tree["hypotheses"] == []
     assert 0 < tree["median_distance_m"] <= tree["mean_distance_m"] < 0.1
     assert tree["deviations_better_than_chance"] > 3
 

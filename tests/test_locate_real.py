@@ -66,7 +66,7 @@ def test_nubots_robots_stand_where_the_brute_force_fit_has_them(
     )
     assert is_at_an_image(location, pose, 0.03, math.radians(0.5))
     assert mean_distance_m(field, location, points) <= 1.1 * mean_m
-    assert any(rival.pose.distance_to(location.pose.mirrored()) < 0.03 for rival in location.rivals)
+    assert any(rival.pose.distance_to(location.pose.mirrored()) < 0.03 for rival in location.hypotheses)
 
 
 def test_the_falcons_robot_stands_where_its_own_score_is_best(small_data: Path) -> None:
@@ -93,7 +93,7 @@ def test_with_a_heading_only_that_pose_is_left(small_data: Path, name: str) -> N
     points = load_points(small_data / "real" / f"{name}.csv")
     location = locate_points(points, field_named(field), heading=wrap_angle(pose.heading + 0.1))
     assert location.pose.distance_to(pose) < 0.03
-    assert location.rivals == ()
+    assert location.hypotheses == ()
 
 
 @pytest.mark.parametrize("off_deg", [60, 90, 120, -60, -90, -120])
@@ -110,10 +110,10 @@ def test_with_a_wrong_heading_nothing_is_found(small_data: Path, off_deg: float)
 def test_a_poor_fit_has_its_twin_and_no_rival_that_is_far_worse(small_data: Path, name: str, field: str) -> None:
     """On the wrong field, or with a poor mirror, a third of the points is off; poorer poses yet are no rivals."""
     location = locate_points(load_points(small_data / "real" / f"{name}.csv"), field_named(field))
-    cm = [round(100 * rival.residual_m) for rival in location.rivals]
+    cm = [round(100 * rival.residual_m) for rival in location.hypotheses]
     print(f"{name}: {100 * location.mean_distance_m:.1f} cm; rivals {cm} cm")
-    assert all(rival.residual_m <= 1.25 * location.mean_distance_m + 0.02 for rival in location.rivals)
-    assert any(rival.pose.distance_to(location.pose.mirrored()) < 0.03 for rival in location.rivals)
+    assert all(rival.residual_m <= 1.25 * location.mean_distance_m + 0.02 for rival in location.hypotheses)
+    assert any(rival.pose.distance_to(location.pose.mirrored()) < 0.03 for rival in location.hypotheses)
 
 
 def test_the_fields_of_the_scans_are_those_recovered_from_the_models(small_data: Path) -> None:

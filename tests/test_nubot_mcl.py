@@ -22,7 +22,7 @@ from touchline.perception import SelfLearningDetector, observe
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
-from touchline.types import Estimate, Frame, LinePoints, Prior, Samples, Status, empty_points
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
 
 FIELD = open_field("msl-18x12")
 # from, to in degrees, in the image; the last is a contiguous half, which the papers don't have
@@ -52,7 +52,7 @@ def recorded(folder: Path, sectors: str) -> tuple[list[Frame], list[bool], Float
         assert frame.image is not None
         image = np.where(hidden[..., np.newaxis], np.uint8(0), frame.image)
         points = observe(replace(frame, image=image), detector).points
-        frames.append(replace(frame, image=None, points=points))
+        frames.append(replace(frame, image=None, observation=Observation(frame.stamp_ns, points)))
         black.append(bool(frame.image.mean() < 12))
     truth = np.loadtxt(folder / "ground_truth.tum")
     return frames, black, np.column_stack((truth[:, 1:3], 2 * np.arctan2(truth[:, 6], truth[:, 7])))
@@ -124,7 +124,12 @@ def seen_from(pose: Pose, seed: int = 0, reach_m: float = 5.0) -> LinePoints:
 def frame(index: int, points: LinePoints, odometry: Pose, compass_rad: float | None) -> Frame:
     stamp = np.array([index * 100_000_000], dtype=np.int64)
     compass = None if compass_rad is None else Samples(stamp, np.array([[compass_rad]]))
-    return Frame(int(stamp[0]), points=points, odometry=Samples(stamp, np.array([odometry])), compass=compass)
+    return Frame(
+        int(stamp[0]),
+        observation=Observation(int(stamp[0]), points),
+        odometry=Samples(stamp, np.array([odometry])),
+        compass=compass,
+    )
 
 
 def system(*sets: str, prior: Prior | None = None, seed: int = 0) -> NubotMcl:
@@ -193,7 +198,7 @@ def test_without_a_compass_the_pose_or_its_twin_is_found_and_both_are_named() ->
     pose = Pose(-5.0, -3.0, -2.0)
     estimate = stand(system(), pose, range(12), None)[-1]
     assert estimate.status is Status.TRACKING
-    named = [estimate.pose, *(rival.pose for rival in estimate.rivals)]
+    named = [estimate.pose, *(rival.pose for rival in estimate.hypotheses)]
     assert min(p.distance_to(pose) for p in named) < 0.03
     assert min(p.distance_to(pose.mirrored()) for p in named) < 0.03
 
@@ -202,7 +207,7 @@ def test_the_own_half_decides_without_a_compass() -> None:
     pose = Pose(-5.0, -3.0, -2.0)
     estimate = stand(system(prior=Prior(own_half=True)), pose, range(12), None)[-1]
     assert error_m(estimate, pose) < 0.03
-    assert not any(rival.pose.distance_to(pose.mirrored()) < 0.5 for rival in estimate.rivals)
+    assert not any(rival.pose.distance_to(pose.mirrored()) < 0.5 for rival in estimate.hypotheses)
 
 
 @pytest.mark.parametrize("error_deg", [5.0, -5.0, 20.0, -20.0])

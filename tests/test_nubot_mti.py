@@ -17,7 +17,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.sources import open_source
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, RobotSetup, open_system
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
-from touchline.types import Estimate, Frame, LinePoints, Prior, Samples, Status
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
 
 FIELD = open_field("msl-18x12")
 
@@ -125,6 +125,11 @@ def seen_from(pose: Pose, reach_m: float = 5.0, seed: int = 0, outliers: int = 5
 NOTHING = LinePoints(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)))
 
 
+def seen(frame: Frame, points: LinePoints) -> Frame:
+    """The frame with other line points."""
+    return replace(frame, observation=Observation(frame.stamp_ns, points))
+
+
 def frames(
     path: Sequence[Pose],
     *,
@@ -144,7 +149,7 @@ def frames(
         made.append(
             Frame(
                 stamp,
-                points=NOTHING if k in blind else seen_from(pose, seed=k),
+                observation=Observation(stamp, NOTHING if k in blind else seen_from(pose, seed=k)),
                 odometry=Samples(stamps, np.array([odo])) if odometry else None,
                 compass=compass,
             )
@@ -186,7 +191,7 @@ def test_without_a_compass_both_ends_of_the_field_are_named() -> None:
     path = drive()
     estimates = localize(frames(path, compass_error_rad=None))
     for estimate, pose in zip(estimates, path, strict=True):
-        twin = estimate.rivals[-1].pose
+        twin = estimate.hypotheses[-1].pose
         assert min(distance(estimate, pose), twin.distance_to(pose)) < 0.04
         assert twin.distance_to(estimate.pose.mirrored()) < 1e-9
 
@@ -196,7 +201,7 @@ def test_the_own_half_decides_without_a_compass(start: Pose) -> None:
     path = drive(start=start, length=8)
     estimates = localize(frames(path, compass_error_rad=None), Prior(own_half=True))
     assert all(distance(e, p) < 0.04 for e, p in zip(estimates, path, strict=True))
-    assert all(len(e.rivals) == 0 or e.rivals[-1].pose.distance_to(e.pose.mirrored()) > 0.5 for e in estimates)
+    assert all(len(e.hypotheses) == 0 or e.hypotheses[-1].pose.distance_to(e.pose.mirrored()) > 0.5 for e in estimates)
 
 
 def test_a_told_pose_is_tracked_from_the_first_frame() -> None:
@@ -249,8 +254,10 @@ def test_a_poor_calibration_is_believed_after_some_frames() -> None:
     path = [Pose(-3.0, 2.0, 0.3)] * 8
     made = []
     for frame in frames(path):
-        assert frame.points is not None
-        made.append(replace(frame, points=replace(frame.points, positions_m=1.1 * frame.points.positions_m)))
+        assert frame.observation is not None
+        points = frame.observation.points
+        scaled = replace(points, positions_m=1.1 * points.positions_m)
+        made.append(seen(frame, scaled))
     estimates = localize(made)
     assert [e.status for e in estimates[:3]] == [Status.SEARCHING] * 3
     assert all(e.status is Status.TRACKING for e in estimates[3:])
@@ -286,18 +293,14 @@ def test_rivals_of_a_global_fix_state_their_mean_distance() -> None:
     made = frames([pose] * 3)
     few = []
     for frame in made:  # only the penalty area's front: many places explain a short line
-        assert frame.points is not None
-        p = frame.points
+        assert frame.observation is not None
+        p = frame.observation.points
         keep = np.abs(pose.transform(p.positions_m)[:, 0] + 6.8125) < 0.08
-        few.append(
-            replace(
-                frame,
-                points=LinePoints(p.positions_m[keep], p.covariances_m2[keep], p.confidences[keep], p.pixels[keep]),
-            )
-        )
+        kept = LinePoints(p.positions_m[keep], p.covariances_m2[keep], p.confidences[keep], p.pixels[keep])
+        few.append(seen(frame, kept))
     estimate = localize(few)[0]
-    assert len(estimate.rivals) >= 1
-    for rival in estimate.rivals:
+    assert len(estimate.hypotheses) >= 1
+    for rival in estimate.hypotheses:
         points = estimate.observation.points.positions_m if estimate.observation else np.zeros((0, 2))
         wanted = float(np.mean(FIELD.line_distances(rival.pose.transform(points))))
         assert rival.residual_m == pytest.approx(wanted, abs=0.03)
@@ -307,11 +310,11 @@ def test_points_that_are_no_numbers_are_left_out() -> None:
     path = drive(6)
     spoiled = []
     for frame in frames(path):
-        assert frame.points is not None
-        p = frame.points
+        assert frame.observation is not None
+        p = frame.observation.points
         positions, covariances = p.positions_m.copy(), p.covariances_m2.copy()
         positions[3], covariances[5] = np.nan, np.inf
-        spoiled.append(replace(frame, points=LinePoints(positions, covariances, p.confidences, p.pixels)))
+        spoiled.append(seen(frame, LinePoints(positions, covariances, p.confidences, p.pixels)))
     assert all(distance(e, p) < 0.03 for e, p in zip(localize(spoiled), path, strict=True))
 
 
@@ -343,7 +346,7 @@ def test_a_handful_of_stray_points_is_as_good_as_none() -> None:
     made = frames(path)
     stray = np.array([[1.0, 0.5], [1.1, 0.8], [0.9, -0.4], [2.0, 1.0]])
     few = LinePoints(stray, np.tile(np.eye(2) * 1e-4, (4, 1, 1)), np.ones(4), np.full((4, 2), np.nan))
-    made[4] = replace(made[4], points=few)
+    made[4] = seen(made[4], few)
     estimates = localize(made)
     assert math.isnan(estimates[4].residual_m)
     assert distance(estimates[4], path[4]) < 0.05
@@ -421,15 +424,15 @@ def test_one_line_alone_leaves_the_way_along_it_to_the_odometry(nudge_m: float) 
     made = frames(path, jumps=[10] if nudge_m else [])
     only_one = []
     for k, (frame, pose) in enumerate(zip(made, path, strict=True)):
-        points = frame.points
-        assert points is not None
+        assert frame.observation is not None
+        points = frame.observation.points
         if k >= 4:
             field_y = pose.transform(points.positions_m)[:, 1]
             keep = (np.abs(field_y - 5.9375) < 0.1) & (np.abs(points.positions_m[:, 0]) < 2.0)
             points = LinePoints(
                 points.positions_m[keep], points.covariances_m2[keep], points.confidences[keep], points.pixels[keep]
             )
-        only_one.append(replace(frame, points=points))
+        only_one.append(seen(frame, points))
     estimates = localize(only_one)
     assert all(distance(e, p) < 0.08 + nudge_m for e, p in zip(estimates, path, strict=True))
     assert all(abs(e.pose.y - p.y) < 0.03 for e, p in zip(estimates, path, strict=True))

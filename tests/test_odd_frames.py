@@ -14,7 +14,7 @@ from touchline.geometry import Pose
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import SYSTEMS, RobotSetup, open_system
-from touchline.types import Estimate, Frame, LinePoints, Samples, Status, System, empty_points
+from touchline.types import Estimate, Frame, LinePoints, Observation, Samples, Status, System
 
 every_system = pytest.mark.parametrize("name", SYSTEMS)
 
@@ -39,16 +39,16 @@ def nan(samples: Samples | None) -> Samples | None:
 
 
 def without_numbers(frame: Frame) -> Frame:
-    assert frame.points is not None
-    p = frame.points
+    assert frame.observation is not None
+    p = frame.observation.points
     points = LinePoints(np.full_like(p.positions_m, np.nan), p.covariances_m2, p.confidences, p.pixels)
     sensors = {key: nan(getattr(frame, key)) for key in ("odometry", "wheels", "gyro", "compass", "tilt")}
-    return replace(frame, points=points, **sensors)
+    return replace(frame, observation=Observation(frame.stamp_ns, points), **sensors)
 
 
 ODD: dict[str, Callable[[Frame], Frame]] = {
-    "no points": lambda frame: replace(frame, points=None),
-    "an empty image": lambda frame: replace(frame, points=empty_points()),
+    "no points": lambda frame: replace(frame, observation=None),
+    "an empty image": lambda frame: replace(frame, observation=Observation(frame.stamp_ns)),
     "no numbers": without_numbers,
     "nothing": lambda frame: Frame(frame.stamp_ns),
 }

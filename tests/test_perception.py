@@ -20,7 +20,7 @@ from touchline.perception.covered import is_covered
 from touchline.perception.field_boundary import green_ends, inside_green
 from touchline.perception.profiles import BODY, sample_paths
 from touchline.perception.scan_lines import build_scan_lines
-from touchline.types import Frame, ImageArray, LinePoints
+from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 CAMERA = mirror_camera()
 
@@ -198,7 +198,7 @@ def test_self_learning_skips_covered_images_and_follows_the_light(cross_image: I
 def test_points_that_a_frame_brings_are_taken_as_they_are() -> None:
     points = LinePoints(np.ones((3, 2)), np.zeros((3, 2, 2)), np.ones(3), np.full((3, 2), np.nan))
     for detector in (SelfLearningDetector(CAMERA), None):
-        assert observe(Frame(0, points=points), detector).points is points
+        assert observe(Frame(0, observation=Observation(0, points)), detector).points is points
 
 
 def test_noise_raises_the_threshold_instead_of_making_points() -> None:

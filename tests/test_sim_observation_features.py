@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from touchline.field import open_field
-from touchline.field.crossings import CrossingKind
 from touchline.geometry import Pose, wrap_angle
 from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures
 from touchline.simulation.observation.observed_lines import leaning_view
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.types import CrossingKind, LandmarkKind
 
 SILENT = FeatureNoise(
     outwards_px=0.0, across_px=0.0, orientation_deg=0.0, found_share=1.0, found_half_m=99.0, line_share=1.0,
@@ -29,12 +29,12 @@ def observer(noise: FeatureNoise = SILENT, view_rad: float = math.pi) -> Observe
 def test_without_noise_each_crossing_is_one_of_the_field_with_its_kind_and_orientation() -> None:
     seen = observer().observe(POSE, np.random.default_rng(0)).crossings
     assert len(seen) > 5
-    for crossing in seen:
-        x, y = POSE.transform(crossing.position_m)
+    for kind, position_m, orientation_rad in zip(seen.kinds, seen.positions_m, seen.orientations_rad, strict=True):
+        x, y = POSE.transform(position_m)
         twin = min(observer().field.crossings, key=lambda c: math.hypot(c.x - x, c.y - y))
         assert math.hypot(twin.x - x, twin.y - y) < 1e-4
-        assert crossing.kind is twin.kind
-        turn = wrap_angle(crossing.orientation_rad + POSE.heading - twin.orientation_rad)
+        assert kind == twin.kind
+        turn = wrap_angle(orientation_rad + POSE.heading - twin.orientation_rad)
         quarter = turn % (math.pi / 2) if twin.kind is CrossingKind.X else turn
         assert min(abs(quarter), abs(quarter - math.pi / 2)) < 1e-9
 
@@ -43,31 +43,32 @@ def test_all_within_reach_is_seen_and_nothing_beyond() -> None:
     features = observer().observe(POSE, np.random.default_rng(0))
     ranges = [math.hypot(c.x - POSE.x, c.y - POSE.y) for c in observer().field.crossings]
     assert len(features.crossings) == sum(0.4 < r <= 5.5 for r in ranges)
-    assert max(math.hypot(*c.position_m) for c in features.crossings) <= 5.5 + 1e-6
-    assert {post.colors_from_ground for post in features.posts} >= {("yellow",), ("yellow", "blue", "yellow")}
+    assert np.hypot(*features.crossings.positions_m.T).max() <= 5.5 + 1e-6
+    assert set(features.landmarks.kinds) == {LandmarkKind.POST, LandmarkKind.POLE}
+    assert set(features.landmarks.colors) >= {("yellow",), ("yellow", "blue", "yellow")}
 
 
 def test_lines_are_the_visible_part_of_the_fields_lines() -> None:
     lines = observer().observe(POSE, np.random.default_rng(0)).lines
     assert len(lines) == 5  # the goal area is too far away or too short
-    for line in lines:
-        steps = np.linspace(line.ends_m[0], line.ends_m[1], 20)
+    for start, end in lines.ends_m:
+        steps = np.linspace(start, end, 20)
         assert np.all(observer().field.line_distances(POSE.transform(steps)) < 1e-3)
-        assert math.hypot(*(line.ends_m[1] - line.ends_m[0])) >= 0.6
+        assert math.hypot(*(end - start)) >= 0.6
 
 
 def test_what_stands_behind_a_robot_or_in_a_black_sector_is_not_seen() -> None:
     free = observer().observe(POSE, np.random.default_rng(0))
-    target = free.crossings[0].position_m
+    target = free.crossings.positions_m[0]
     body = np.array([(*POSE.transform(0.6 * target), 0.26, 0.8)])
     blocked = observer().observe(POSE, np.random.default_rng(0), body)
-    assert not any(np.allclose(crossing.position_m, target) for crossing in blocked.crossings)
+    assert not any(np.allclose(position, target) for position in blocked.crossings.positions_m)
     assert len(blocked.crossings) < len(free.crossings)
     bearing = math.atan2(target[1], target[0])
     black = observer().observe(POSE, np.random.default_rng(0), None, np.array([[bearing - 0.1, bearing + 0.1]]))
-    assert not any(np.allclose(crossing.position_m, target) for crossing in black.crossings)
+    assert not any(np.allclose(position, target) for position in black.crossings.positions_m)
     ahead = observer(view_rad=0.5).observe(POSE, np.random.default_rng(0))
-    assert all(abs(math.atan2(*c.position_m[::-1])) <= 0.5 + 1e-6 for c in ahead.crossings)
+    assert all(abs(math.atan2(y, x)) <= 0.5 + 1e-6 for x, y in ahead.crossings.positions_m)
 
 
 def test_errors_are_as_large_as_their_covariances_say() -> None:
@@ -75,20 +76,20 @@ def test_errors_are_as_large_as_their_covariances_say() -> None:
     exact = observer().observe(POSE, np.random.default_rng(0)).crossings
     squares = []
     for seed in range(150):
-        for truth, seen in zip(exact, noisy.observe(POSE, np.random.default_rng(seed)).crossings, strict=True):
-            error = seen.position_m - truth.position_m
-            squares.append(error @ np.linalg.solve(seen.covariance_m2, error))
+        seen = noisy.observe(POSE, np.random.default_rng(seed)).crossings
+        for error, covariance in zip(seen.positions_m - exact.positions_m, seen.covariances_m2, strict=True):
+            squares.append(error @ np.linalg.solve(covariance, error))
     assert np.mean(squares) == pytest.approx(2.0, rel=0.1)
 
 
 def test_errors_are_larger_across_than_outwards_and_have_heavy_tails() -> None:
     noisy, exact = observer(FeatureNoise(farthest_m=5.5)), observer().observe(POSE, np.random.default_rng(0)).crossings
-    every = np.array([crossing.position_m for crossing in exact])
+    every = exact.positions_m
     errors = []
     for seed in range(300):
-        for seen in noisy.observe(POSE, np.random.default_rng(seed)).crossings:
-            truth = every[np.argmin(np.hypot(*(every - seen.position_m).T))]
-            ends = noisy.camera.image_from_ground(np.array([truth, seen.position_m]))
+        for position in noisy.observe(POSE, np.random.default_rng(seed)).crossings.positions_m:
+            truth = every[np.argmin(np.hypot(*(every - position).T))]
+            ends = noisy.camera.image_from_ground(np.array([truth, position]))
             out = (ends[0] - noisy.camera.center) / math.hypot(*(ends[0] - noisy.camera.center))
             errors.append(((ends[1] - ends[0]) @ out, (ends[1] - ends[0]) @ (-out[1], out[0])))
     outwards, across = (np.diff(np.percentile(e, (15.87, 84.13)))[0] / 2.0 for e in np.array(errors).T)
@@ -102,11 +103,11 @@ def test_a_lean_moves_all_features_of_an_image_together_and_their_covariances_kn
     squares, sides = [], []
     for seed in range(200):
         seen = leaning.observe(POSE, np.random.default_rng(seed))
-        for truth, crossing in zip(exact.crossings, seen.crossings, strict=True):
-            error = crossing.position_m - truth.position_m
-            squares.append(error @ np.linalg.solve(crossing.covariance_m2, error))
-        ahead = [c.position_m[0] - t.position_m[0] for c, t in zip(seen.crossings, exact.crossings, strict=True)]
-        ahead += [c.position_m[0] - t.position_m[0] for c, t in zip(seen.posts, exact.posts, strict=True)]
+        errors = seen.crossings.positions_m - exact.crossings.positions_m
+        for error, covariance in zip(errors, seen.crossings.covariances_m2, strict=True):
+            squares.append(error @ np.linalg.solve(covariance, error))
+        feet = seen.landmarks.positions_m - exact.landmarks.positions_m
+        ahead = np.concatenate((errors[:, 0], feet[:, 0]))
         sides.append(abs(np.mean(np.sign(ahead))))
     assert np.mean(squares) == pytest.approx(2.0, rel=0.15)
     assert np.mean(sides) > 0.5
@@ -115,8 +116,8 @@ def test_a_lean_moves_all_features_of_an_image_together_and_their_covariances_kn
 def test_fewer_crossings_are_found_far_away() -> None:
     far = observer(SILENT.model_copy(update={"found_half_m": 3.0, "found_slope_m": 0.3}))
     seen = [far.observe(POSE, np.random.default_rng(seed)).crossings for seed in range(100)]
-    ranges = np.array([math.hypot(*crossing.position_m) for crossings in seen for crossing in crossings])
-    every = np.array([math.hypot(*c.position_m) for c in observer().observe(POSE, np.random.default_rng(0)).crossings])
+    ranges = np.concatenate([np.hypot(*crossings.positions_m.T) for crossings in seen])
+    every = np.hypot(*observer().observe(POSE, np.random.default_rng(0)).crossings.positions_m.T)
     assert np.sum(ranges < 2.4) == pytest.approx(100 * np.sum(every < 2.4), rel=0.1)
     assert np.sum(ranges > 4.0) < 5 * np.sum(every > 4.0)
 
@@ -127,10 +128,10 @@ def test_misses_and_wrong_kinds_come_as_often_as_documented() -> None:
     kinds = {(round(c.x, 3), round(c.y, 3)): c.kind for c in observer().field.crossings}
     found, wrong = 0, 0
     for seed in range(200):
-        for crossing in observer(noise).observe(POSE, np.random.default_rng(seed)).crossings:
-            x, y = POSE.transform(crossing.position_m)
+        seen = observer(noise).observe(POSE, np.random.default_rng(seed)).crossings
+        for kind, (x, y) in zip(seen.kinds, POSE.transform(seen.positions_m), strict=True):
             twin = min(kinds, key=lambda place: math.hypot(place[0] - x, place[1] - y))
-            found, wrong = found + 1, wrong + (kinds[twin] is not crossing.kind)
+            found, wrong = found + 1, wrong + (kinds[twin] != kind)
     assert found / (200 * every) == pytest.approx(0.7, abs=0.04)
     assert wrong / found == pytest.approx(0.2, abs=0.04)
 
@@ -138,6 +139,6 @@ def test_misses_and_wrong_kinds_come_as_often_as_documented() -> None:
 def test_a_run_gives_the_same_features_for_a_frame_and_none_when_covered() -> None:
     simulation = Simulation(open_scenario("kidnap", seconds=3.0), "points")
     one, same = simulation.features(3), simulation.features(3)
-    np.testing.assert_array_equal([c.position_m for c in one.crossings], [c.position_m for c in same.crossings])
-    assert simulation.features(18).crossings == ()
+    np.testing.assert_array_equal(one.crossings.positions_m, same.crossings.positions_m)
+    assert len(simulation.features(18).crossings) == 0
     assert len(Simulation(open_scenario("humanoid-walk", seconds=2.0), "points").features(5).lines) > 0

@@ -22,9 +22,9 @@ for name in names:
         frame = simulation.frame(index)
         arrays = [s.values for s in (frame.odometry, frame.wheels, frame.gyro, frame.compass, frame.tilt) if s]
         if level == "points":
-            p = frame.points
+            p = frame.observation.points
             arrays += [p.positions_m, p.covariances_m2, p.confidences, p.pixels]
-            arrays += [c.position_m for c in simulation.features(index).crossings]
+            arrays.append(simulation.features(index).crossings.positions_m)
         else:
             arrays.append(frame.image)
         for array in arrays:

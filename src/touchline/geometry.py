@@ -77,6 +77,12 @@ class Pose(NamedTuple):
         return np.array(self, dtype=np.float64)
 
 
+def mirrored_covariance(covariance: FloatArray) -> FloatArray:
+    """Covariance (3, 3) of x, y, heading of the mirrored pose: turned by half a turn."""
+    half_turn = np.array([-1.0, -1.0, 1.0])
+    return covariance * np.outer(half_turn, half_turn)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Pose3:
     """A pose in space, read as the transform `target_from_source` of the frame it places.

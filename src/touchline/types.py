@@ -1,6 +1,7 @@
 """The three values that flow through Touchline: Frame, Observation, Estimate.
 
-Arrays are not copied: treat them as read-only. Time stamps are integer nanoseconds of one clock.
+Arrays are not copied: treat them as read-only. Time stamps are integer nanoseconds of one clock. What is seen is in the
+robot frame: x forward, y left, metres.
 """
 
 from __future__ import annotations
@@ -8,15 +9,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, Pose, Pose3
 
 ImageArray = npt.NDArray[np.uint8]
+KindArray = npt.NDArray[np.str_]
+Colors = tuple[str, ...]
+"""From the ground up; empty where not known."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -39,9 +43,23 @@ class Samples:
         return len(self.stamp_ns)
 
 
+def _check_shapes(what: str, **arrays: tuple[npt.NDArray[Any], tuple[int, ...]]) -> None:
+    """Raises ValueError unless each array has its shape."""
+    wrong = [f"{name} {shape}, got {array.shape}" for name, (array, shape) in arrays.items() if array.shape != shape]
+    if wrong:
+        raise ValueError(f"{what} need {'; '.join(wrong)}")
+
+
+def _check_kinds(what: str, kinds: KindArray, known: type[StrEnum]) -> None:
+    """Raises ValueError for a kind that is not known."""
+    unknown = set(kinds.tolist()) - set(known)
+    if unknown:
+        raise ValueError(f"{what} are of the kinds {', '.join(known)}, not {', '.join(sorted(map(str, unknown)))}")
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class LinePoints:
-    """Points on white lines.
+    """Points on white lines; of an observation's `boundary`, points where the field's green ends.
 
     positions_m: (N, 2) robot frame. covariances_m2: (N, 2, 2) robot frame. confidences: (N,) in 0..1.
     pixels: (N, 2) u, v of where each was seen; NaN where unknown.
@@ -70,18 +88,169 @@ class LinePoints:
         return LinePoints(self.positions_m[kept], self.covariances_m2[kept], self.confidences[kept], self.pixels[kept])
 
 
+def empty_points() -> LinePoints:
+    """No line points."""
+    return LinePoints(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Lines:
+    """Visible parts of straight lines.
+
+    ends_m: (N, 2, 2) both ends, robot frame. covariances_m2: (N, 2, 2, 2) of each end; NaN where unknown.
+    confidences: (N,) in 0..1. pixels: (N, 2, 2) u, v of each end; NaN where unknown.
+    """
+
+    ends_m: FloatArray
+    covariances_m2: FloatArray
+    confidences: FloatArray
+    pixels: FloatArray
+
+    def __post_init__(self) -> None:
+        n = len(self.ends_m)
+        _check_shapes(
+            "lines",
+            ends_m=(self.ends_m, (n, 2, 2)),
+            covariances_m2=(self.covariances_m2, (n, 2, 2, 2)),
+            confidences=(self.confidences, (n,)),
+            pixels=(self.pixels, (n, 2, 2)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.ends_m)
+
+
+def no_lines() -> Lines:
+    """No lines."""
+    return Lines(np.zeros((0, 2, 2)), np.zeros((0, 2, 2, 2)), np.zeros(0), np.zeros((0, 2, 2)))
+
+
+class CrossingKind(StrEnum):
+    """How many arms of paint leave a crossing: two, three or four."""
+
+    L = "L"
+    T = "T"
+    X = "X"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Crossings:
+    """Where lines meet.
+
+    kinds: (N,) of `CrossingKind`. positions_m: (N, 2) robot frame. orientations_rad: (N,) robot frame, of L the
+    bisector into the opening, of T the stem, away from the bar, of X either line modulo pi/2; NaN where unknown.
+    covariances_m2: (N, 2, 2); NaN where unknown. confidences: (N,) in 0..1. pixels: (N, 2) u, v; NaN where unknown.
+    """
+
+    kinds: KindArray
+    positions_m: FloatArray
+    orientations_rad: FloatArray
+    covariances_m2: FloatArray
+    confidences: FloatArray
+    pixels: FloatArray
+
+    def __post_init__(self) -> None:
+        n = len(self.positions_m)
+        _check_shapes(
+            "crossings",
+            kinds=(self.kinds, (n,)),
+            positions_m=(self.positions_m, (n, 2)),
+            orientations_rad=(self.orientations_rad, (n,)),
+            covariances_m2=(self.covariances_m2, (n, 2, 2)),
+            confidences=(self.confidences, (n,)),
+            pixels=(self.pixels, (n, 2)),
+        )
+        _check_kinds("crossings", self.kinds, CrossingKind)
+
+    def __len__(self) -> int:
+        return len(self.positions_m)
+
+
+def no_crossings() -> Crossings:
+    """No crossings."""
+    return Crossings(
+        np.zeros(0, "U1"), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2))
+    )
+
+
+class LandmarkKind(StrEnum):
+    """Things that stand or are painted at one known place of the field."""
+
+    POST = "post"
+    POLE = "pole"
+    GOAL = "goal"
+    PENALTY_MARK = "penalty_mark"
+    CIRCLE = "circle"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Landmarks:
+    """Feet of goal posts and poles, middles of goals, penalty marks and the centre circle.
+
+    kinds: (N,) of `LandmarkKind`. positions_m: (N, 2) robot frame. covariances_m2: (N, 2, 2); NaN where unknown.
+    confidences: (N,) in 0..1. colors: of each from the ground up, empty where not known. pixels: (N, 2) u, v; NaN
+    where unknown.
+    """
+
+    kinds: KindArray
+    positions_m: FloatArray
+    covariances_m2: FloatArray
+    confidences: FloatArray
+    colors: tuple[Colors, ...]
+    pixels: FloatArray
+
+    def __post_init__(self) -> None:
+        n = len(self.positions_m)
+        _check_shapes(
+            "landmarks",
+            kinds=(self.kinds, (n,)),
+            positions_m=(self.positions_m, (n, 2)),
+            covariances_m2=(self.covariances_m2, (n, 2, 2)),
+            confidences=(self.confidences, (n,)),
+            pixels=(self.pixels, (n, 2)),
+        )
+        if len(self.colors) != n:
+            raise ValueError(f"{n} landmarks need as many tuples of colours, got {len(self.colors)}")
+        _check_kinds("landmarks", self.kinds, LandmarkKind)
+
+    def __len__(self) -> int:
+        return len(self.positions_m)
+
+
+def no_landmarks() -> Landmarks:
+    """No landmarks."""
+    return Landmarks(np.zeros(0, "U1"), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), (), np.zeros((0, 2)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Observation:
+    """What was seen in one frame, in the robot frame. problem: why nothing could be seen, if so."""
+
+    stamp_ns: int
+    points: LinePoints = field(default_factory=empty_points)
+    lines: Lines = field(default_factory=no_lines)
+    crossings: Crossings = field(default_factory=no_crossings)
+    landmarks: Landmarks = field(default_factory=no_landmarks)
+    boundary: LinePoints = field(default_factory=empty_points)
+    problem: str | None = None
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Frame:
-    """One image (or its line points) and all that was measured since the frame before.
+    """One image (or what was seen in it) and all that was measured since the frame before.
 
-    image: uint8 (H, W, 3), BGR. odometry: x, y, theta in the odometry frame. wheels: a, b travelled (m).
-    gyro: gx, gy, gz (rad/s). compass: yaw in the field frame (rad). tilt: roll, pitch (rad).
-    `problem` says why an expected image is missing. Anything but the stamp may be missing (None).
+    image: uint8 (H, W, 3), BGR. observation: what a detector of the robot's own found, which takes the place of the
+    image. base_from_camera: pose of the camera body in the base frame at this stamp, lean of the body included; it
+    takes the place of the camera's mount and of `tilt`. odometry: x, y, theta in the odometry frame.
+    wheels: a, b travelled (m). gyro: gx, gy, gz (rad/s). compass: yaw in the field frame (rad).
+    tilt: roll, pitch (rad). `problem` says why an expected image is missing. Anything but the stamp may be missing
+    (None).
     """
 
     stamp_ns: int
     image: ImageArray | None = None
-    points: LinePoints | None = None
+    observation: Observation | None = None
+    base_from_camera: Pose3 | None = None
     odometry: Samples | None = None
     wheels: Samples | None = None
     gyro: Samples | None = None
@@ -90,15 +259,6 @@ class Frame:
     exposure_ms: float | None = None
     gain: float | None = None
     name: str = ""
-    problem: str | None = None
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Observation:
-    """What was seen in one frame, in the robot frame. problem: why nothing could be seen, if so."""
-
-    stamp_ns: int
-    points: LinePoints
     problem: str | None = None
 
 
@@ -120,18 +280,25 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """A pose that would explain the observation, too. residual_m: mean distance of the points to the lines."""
+    """Another pose that would explain what was seen, too.
+
+    residual_m: mean distance of the points to the lines. probability: of being the right one; None where the system
+    estimates none. covariance: (3, 3) of x, y, heading in (m, m, rad), field frame; None where unknown.
+    """
 
     pose: Pose
     residual_m: float
+    probability: float | None = None
+    covariance: FloatArray | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Estimate:
     """Where the robot stands. covariance: (3, 3) of x, y, heading in (m, m, rad), field frame.
 
-    residual_m: (weighted) mean distance of the points to the nearest line; NaN without points. mode: of systems that
-    fuse sensors by modes, None of others.
+    residual_m: (weighted) mean distance of the points to the nearest line; NaN without points. hypotheses: the other
+    poses that are possible, this one not among them. probability: of this pose being the right one; None where the
+    system estimates none. mode: of systems that fuse sensors by modes, None of others.
     """
 
     stamp_ns: int
@@ -140,25 +307,93 @@ class Estimate:
     status: Status
     residual_m: float = float("nan")
     points: int = 0
-    rivals: tuple[Hypothesis, ...] = ()
+    hypotheses: tuple[Hypothesis, ...] = ()
+    probability: float | None = None
     perception_ms: float = 0.0
     localization_ms: float = 0.0
     observation: Observation | None = field(default=None, repr=False)
     mode: Mode | None = None
+    problems: tuple[str, ...] = ()
+    """What was wrong with the robot's data since the estimate before: complete sentences."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the observation, in numbers, words and lists as JSON knows them; NaN as None."""
+        return {
+            "stamp_ns": int(self.stamp_ns),
+            "pose": _pose_tree(self.pose),
+            "covariance": self.covariance.tolist(),
+            "status": self.status.value,
+            "residual_m": _number_or_none(self.residual_m),
+            "points": int(self.points),
+            "probability": self.probability,
+            "hypotheses": [
+                {
+                    "pose": _pose_tree(other.pose),
+                    "residual_m": _number_or_none(other.residual_m),
+                    "probability": other.probability,
+                    "covariance": None if other.covariance is None else other.covariance.tolist(),
+                }
+                for other in self.hypotheses
+            ],
+            "perception_ms": float(self.perception_ms),
+            "localization_ms": float(self.localization_ms),
+            "mode": None if self.mode is None else self.mode.value,
+            "problems": list(self.problems),
+        }
+
+    def matrix(self) -> FloatArray:
+        """`field_from_robot` as a homogeneous transform (4, 4)."""
+        c, s = math.cos(self.pose.heading), math.sin(self.pose.heading)
+        return np.array(
+            [[c, -s, 0.0, self.pose.x], [s, c, 0.0, self.pose.y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+        )
+
+    def ros_covariance(self) -> FloatArray:
+        """(36,) the covariance as ROS's PoseWithCovariance holds it: rows of x, y, z, roll, pitch, yaw; 0 off the
+        plane.
+        """
+        full = np.zeros((6, 6))
+        full[np.ix_((0, 1, 5), (0, 1, 5))] = self.covariance
+        return full.ravel()
+
+
+def _pose_tree(pose: Pose) -> dict[str, float]:
+    return {"x_m": float(pose.x), "y_m": float(pose.y), "heading_rad": float(pose.heading)}
+
+
+def _number_or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known before the first frame: a pose, the own half (x < 0), or nothing. Raises InputError for both."""
+    """What is known before the first frame: a pose, the own half (x < 0), or nothing.
+
+    covariance: (3, 3) of the pose in (m, m, rad); None: as the system's settings have it.
+    Raises InputError for a pose and a half, and for a pose or covariance that is none.
+    """
 
     pose: Pose | None = None
     own_half: bool = False
+    covariance: FloatArray | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if self.pose is not None and not all(math.isfinite(value) for value in self.pose):
             raise InputError(f"the start pose {tuple(self.pose)} must be three finite numbers: x, y (m), heading (rad)")
         if self.pose is not None and self.own_half:
             raise InputError("give a start pose or the own half, not both")
+        if self.covariance is not None:
+            _check_covariance(self.pose, self.covariance)
+
+
+def _check_covariance(pose: Pose | None, covariance: FloatArray) -> None:
+    """Raises InputError unless the covariance is that of a pose."""
+    if pose is None:
+        raise InputError("a covariance needs the start pose that it is of")
+    if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
+        raise InputError(f"the start pose's covariance must be (3, 3) finite numbers, got shape {covariance.shape}")
+    if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] <= 0.0:
+        raise InputError("the start pose's covariance must be symmetric with positive variances")
 
 
 class System(Protocol):
@@ -174,8 +409,3 @@ class System(Protocol):
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
         ...
-
-
-def empty_points() -> LinePoints:
-    """No line points."""
-    return LinePoints(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)))

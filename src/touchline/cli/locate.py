@@ -1,4 +1,4 @@
-"""`touchline locate`: the pose of one observation, line points or an image, and its rivals."""
+"""`touchline locate`: the pose of one observation, line points or an image, and the other poses that explain it."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def locate(
         ),
     ] = None,
 ) -> None:
-    """Find the pose from one set of line points, with every rival that explains them as well.
+    """Find the pose from one set of line points, with every other pose that explains them as well.
 
     Points are in the robot's frame: x forward, y left, metres. Points that fit no pose are refused (exit status 1).
     """
@@ -147,7 +147,7 @@ def _print_table(source: Path, field: FieldModel, assumed: bool, location: Locat
     if assumed:
         out.print(f"the field {field.name} is assumed; --field NAME or FILE tells another", style="dim", markup=False)
     out.print(_table(location))
-    if not location.rivals:
+    if not location.hypotheses:
         out.print("no other pose explains the points as well", style="dim")
 
 
@@ -160,7 +160,7 @@ def _summary(source: Path, field: FieldModel, location: Location) -> str:
 
 
 def _table(location: Location) -> Table:
-    """The pose and its rivals, m and degrees, with standard deviations of the pose."""
+    """The pose and the other hypotheses, m and degrees, with standard deviations of the pose."""
     import numpy as np
     from rich.table import Table
 
@@ -169,7 +169,7 @@ def _table(location: Location) -> Table:
     for title in ("x (m)", "y (m)", "heading (rad)", "heading (°)", "mean distance (cm)"):
         table.add_column(title, justify="right")
     rows = [("pose", location.pose, location.mean_distance_m)]
-    rows += [(f"rival {k}", rival.pose, rival.residual_m) for k, rival in enumerate(location.rivals, start=1)]
+    rows += [(f"hypothesis {k}", other.pose, other.residual_m) for k, other in enumerate(location.hypotheses, start=1)]
     for name, pose, distance_m in rows:
         degrees = float(np.degrees(pose.heading))
         numbers = (f"{pose.x:.3f}", f"{pose.y:.3f}", f"{pose.heading:.4f}", f"{degrees:.2f}", f"{100 * distance_m:.1f}")
@@ -206,7 +206,9 @@ def _print_json(found: Location | NoFitError, field: FieldModel, assumed: bool, 
             "error": found.error,
             "points": found.points,
             "deviations_better_than_chance": found.chance.significance,
-            "rivals": [{**_pose_tree(r.pose), "mean_distance_m": r.residual_m} for r in found.rivals],
+            "hypotheses": [
+                {**_pose_tree(other.pose), "mean_distance_m": other.residual_m} for other in found.hypotheses
+            ],
         }
     tree |= {"field": field.name, "field_assumed": assumed}
     if picture is not None:

@@ -1,4 +1,4 @@
-"""estimates.csv of a run: one row per image, everything an estimate says but its rivals.
+"""estimates.csv of a run: one row per image, everything an estimate says but its other hypotheses.
 
 Systems that fuse sensors by modes have one more column, `mode`, at the end.
 """

@@ -71,7 +71,7 @@ class RunTally:
             self.black += 1
             first_ns = self.black_ns.pop()[0] if was_black else frame.stamp_ns
             self.black_ns.append((first_ns, frame.stamp_ns))
-        if frame.image is None and frame.points is None:
+        if frame.image is None and frame.observation is None:
             self.missing_images += 1
         if fits_other_side(estimate):
             self.either_side, self.other_side = self.either_side + 1, estimate.pose.mirrored()
@@ -198,7 +198,7 @@ def fits_other_side(estimate: Estimate) -> bool:
         return False
     x, y, heading = estimate.pose.mirrored()
     return any(
-        math.hypot(rival.pose.x - x, rival.pose.y - y) < _SAME_PLACE_M
-        and abs(wrap_angle(rival.pose.heading - heading)) < _SAME_HEADING_RAD
-        for rival in estimate.rivals
+        math.hypot(other.pose.x - x, other.pose.y - y) < _SAME_PLACE_M
+        and abs(wrap_angle(other.pose.heading - heading)) < _SAME_HEADING_RAD
+        for other in estimate.hypotheses
     )

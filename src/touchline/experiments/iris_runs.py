@@ -15,7 +15,7 @@ from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.motion import WheelOdometry
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
-from touchline.types import Estimate, Frame, Mode, Samples, Status, empty_points
+from touchline.types import Estimate, Frame, Mode, Observation, Samples, Status, empty_points
 
 SYSTEMS = ("odometry", "particle filter", "sensor fusion")
 
@@ -124,7 +124,8 @@ def covered(start_s: float, seconds: float) -> Disturb:
         if not start_s <= frame.stamp_ns / 1e9 < start_s + seconds:
             return frame
         image = None if frame.image is None else np.zeros_like(frame.image)
-        return replace(frame, image=image, points=None if frame.points is None else empty_points())
+        seen = None if frame.observation is None else Observation(frame.stamp_ns)
+        return replace(frame, image=image, observation=seen)
 
     return disturb
 

@@ -42,7 +42,7 @@ def iris_timing(seeds: int) -> ExperimentResult:
         tracking.append(followed)
         odometry_ms.append(_odometry(simulation, frames))
         detection_ms.append(_detection(seed))
-    points = float(np.mean([len(frame.points) for frame in frames if frame.points is not None]))
+    points = float(np.mean([len(frame.observation.points) for frame in frames if frame.observation is not None]))
     counts = follow(PARTICLES, "numbers of particles")
     curve_ms = [float(np.median(_updates(simulation, frames[:200], 0, count)[0])) for count in counts]
     rows = [

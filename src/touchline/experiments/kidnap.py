@@ -25,7 +25,7 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.matching_tracker import MatchingTracker
-from touchline.types import Estimate, Frame, LinePoints, Prior, Samples, Status, empty_points
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
 
 PERIOD_S = 0.1
 SPEED_M_S = 0.3
@@ -80,7 +80,7 @@ class Carried:
         self.index += 1
         return Frame(
             int(stamp_ns[0]),
-            points=points,
+            observation=Observation(int(stamp_ns[0]), points),
             odometry=Samples(stamp_ns, np.array([self.odometry])),
             gyro=Samples(stamp_ns, 0.002 * self.rng.standard_normal((1, 3))),
             compass=Samples(stamp_ns, np.array([[wrap_angle(compass)]])),

@@ -10,23 +10,15 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 from touchline.field.distances import arc_sweep
 from touchline.geometry import FloatArray, wrap_angle
+from touchline.types import CrossingKind
 
 Point = tuple[float, float]
 
 _SAME_ARM_RAD = math.radians(15.0)  # arms closer than this are one line, painted in two pieces
 _FLAT_RAD = math.radians(150.0)  # two arms that differ by more go straight on
-
-
-class CrossingKind(StrEnum):
-    """How many arms of paint leave a crossing: two, three or four."""
-
-    L = "L"
-    T = "T"
-    X = "X"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from touchline.perception.covered import is_covered
-from touchline.types import Frame, ImageArray, Observation, empty_points
+from touchline.types import Frame, ImageArray, Observation
 
 
 class Detector(Protocol):
@@ -37,18 +37,21 @@ class Detector(Protocol):
 
 
 def observe(frame: Frame, detector: Detector | None) -> Observation:
-    """What a frame shows: the line points that it brings, or else what the detector finds in its image.
+    """What a frame shows: the observation that it brings, or else what the detector finds in its image.
 
     Points without a finite position, covariance and confidence are left out. detector: None without a camera.
     """
-    if frame.points is not None:
-        return Observation(frame.stamp_ns, frame.points.finite())
+    if frame.observation is not None:
+        return _with_finite_points(frame.observation)
     if detector is None:
-        return Observation(frame.stamp_ns, empty_points())
+        return Observation(frame.stamp_ns)
     if frame.image is None:
-        return Observation(frame.stamp_ns, empty_points(), frame.problem or "there is no image")
+        return Observation(frame.stamp_ns, problem=frame.problem or "there is no image")
     if is_covered(frame.image):
-        return Observation(frame.stamp_ns, empty_points(), "the image is black, or shows nothing at all")
-    seen = detector.observe(frame)
+        return Observation(frame.stamp_ns, problem="the image is black, or shows nothing at all")
+    return _with_finite_points(detector.observe(frame))
+
+
+def _with_finite_points(seen: Observation) -> Observation:
     points = seen.points.finite()
     return seen if points is seen.points else replace(seen, points=points)

@@ -35,7 +35,7 @@ from touchline.perception.hsv_thresholds import (
 from touchline.perception.ray_runs import RUN_COLUMNS, white_runs
 from touchline.perception.scan_lines import usable_radius
 from touchline.perception.threshold_stages import draw_threshold_stages
-from touchline.types import Frame, ImageArray, LinePoints, Observation, empty_points
+from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 _MOST_RUNS = 2048
 _COARSE = 2  # the hull is looked for at half the resolution
@@ -146,7 +146,7 @@ class HsvLineDetector:
         try:
             return Observation(frame.stamp_ns, self.detect(frame.image))
         except NoCarpetError as error:
-            return Observation(frame.stamp_ns, empty_points(), str(error))
+            return Observation(frame.stamp_ns, problem=str(error))
 
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R, uint8. Raises NoCarpetError where no green is seen."""

@@ -13,7 +13,7 @@ from touchline.errors import InputError
 from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
-from touchline.types import Frame, ImageArray, Observation, empty_points
+from touchline.types import Frame, ImageArray, Observation
 
 
 class LearningSettings(Settings):
@@ -91,11 +91,11 @@ class SelfLearningDetector:
         if len(self._images) < self.settings.frames:
             problem = self._learn(image)
         if self.detector.colours is None:
-            return Observation(frame.stamp_ns, empty_points(), problem)
+            return Observation(frame.stamp_ns, problem=problem)
         points = self.detector.detect(image)
         if self._kept is None:
             self._watch_green(image)
-        return Observation(frame.stamp_ns, points, problem)
+        return Observation(frame.stamp_ns, points, problem=problem)
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
         """Title -> picture (H, W, 3), B, G, R, of each step. Raises TouchlineError before any colours are known."""

@@ -17,7 +17,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.simulation.cameras.factory import SimulatedCamera, base_motion, open_simulated_camera, project_ground
-from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures, SeenFeatures
+from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures
 from touchline.simulation.observation.observed_lines import ObservedLines, leaning_view
 from touchline.simulation.observation.point_errors import ObservationNoise
 from touchline.simulation.robot.motions import make_track
@@ -30,7 +30,7 @@ from touchline.simulation.stage import body_parts, make_world
 from touchline.simulation.world.calibration_layout import make_layout
 from touchline.simulation.world.world import World, WorldState
 from touchline.sources import ProblemLog, Truth
-from touchline.types import Frame, ImageArray, LinePoints, Samples, empty_points
+from touchline.types import Frame, ImageArray, LinePoints, Observation, Samples, empty_points
 
 LEVELS = ("images", "points")
 _BALL = (0.11, 0.22)
@@ -177,7 +177,7 @@ class Simulation:
         return Frame(
             stamp_ns=int(self._stamps[index]),
             image=self.image(index) if images else None,
-            points=None if images else self.points(index),
+            observation=None if images else Observation(int(self._stamps[index]), self.points(index)),
             odometry=odometry,
             wheels=wheels,
             gyro=_columns(imu, 3, 6),
@@ -241,13 +241,14 @@ class Simulation:
         pose = Pose(*self._poses[index].tolist())
         return self._observed.observe(pose, rng, self._bodies(time_s), self._black_rad)
 
-    def features(self, index: int) -> SeenFeatures:
-        """Lines, crossings and posts of one frame at the observation level."""
+    def features(self, index: int) -> Observation:
+        """Lines, crossings, posts and poles of one frame at the observation level, without its line points."""
         time_s = float(self.image_times_s[index])
         if self.track.covered_at(time_s):
-            return SeenFeatures((), (), ())
+            return Observation(int(self._stamps[index]))
         rng = np.random.default_rng([self.scenario.seed, 9, index])
-        return self._features.observe(Pose(*self._poses[index].tolist()), rng, self._bodies(time_s), self._black_rad)
+        pose, stamp_ns = Pose(*self._poses[index].tolist()), int(self._stamps[index])
+        return self._features.observe(pose, rng, self._bodies(time_s), self._black_rad, stamp_ns)
 
     @cached_property
     def _features(self) -> ObservedFeatures:

@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import Field
 
 from touchline.config import Settings
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, Vision, without_bias
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
 from touchline.localization.matching.global_search import OWN_HALF
@@ -120,19 +120,20 @@ class IrisFusion:
         self.fusion.update(self.odometry.pose, motion, vision, duration_s, by_gyro)  # figure 11, (15) to (19)
         self._correct()
         done = time.perf_counter()
-        twin = () if self.side_known else (Hypothesis(self.fusion.pose.mirrored(), residual_m),)
+        covariance = (self.unknown if self.searching else self.fusion.covariance).copy()
+        mirrored = Hypothesis(self.fusion.pose.mirrored(), residual_m, covariance=mirrored_covariance(covariance))
         return Estimate(
             frame.stamp_ns,
             self.fusion.pose,
-            (self.unknown if self.searching else self.fusion.covariance).copy(),
+            covariance,
             self.status,
             residual_m,
             len(points),
-            twin,
-            1e3 * (seen - started),
-            1e3 * (done - seen),
-            observation,
-            self.fusion.mode,
+            () if self.side_known else (mirrored,),
+            perception_ms=1e3 * (seen - started),
+            localization_ms=1e3 * (done - seen),
+            observation=observation,
+            mode=self.fusion.mode,
         )
 
     def _odometry(self, frame: Frame) -> tuple[Motion, float, bool]:

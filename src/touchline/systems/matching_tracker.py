@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from touchline.config import Settings
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.fusion.compass_correction import CompassCorrection, CompassSettings
 from touchline.localization.fusion.failure import FailureDetector, FailureSettings
 from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter
@@ -91,7 +91,7 @@ class MatchingTracker(ABC):
         self.placed = prior.pose is not None
         self.told = prior.pose is not None
         self.tilt.reset()
-        self.rivals: tuple[Hypothesis, ...] = ()
+        self.hypotheses: tuple[Hypothesis, ...] = ()
         self.failures = 0  # how often the pose was believed wrong
         self.stamp_ns: int | None = None
         self.motion: Motion | None = None
@@ -127,10 +127,10 @@ class MatchingTracker(ABC):
             self.status,
             float("nan") if match is None else match.mean_distance_m,
             len(points),
-            self.rivals if self.side_known else (*self.rivals, self._twin(match)),
-            1e3 * (seen - started),
-            1e3 * (done - seen),
-            observation,
+            self.hypotheses if self.side_known else (*self.hypotheses, self._mirrored(match)),
+            perception_ms=1e3 * (seen - started),
+            localization_ms=1e3 * (done - seen),
+            observation=observation,
         )
 
     def _covariance(self) -> FloatArray:
@@ -163,9 +163,11 @@ class MatchingTracker(ABC):
             abs(wrap_angle(heading_rad - self.correction.heading(compass_rad))) < self.shared.failure.lone_heading_rad
         )
 
-    def _twin(self, match: Match | None) -> Hypothesis:
+    def _mirrored(self, match: Match | None) -> Hypothesis:
         """The pose at the other end of a symmetric field, which the lines alone can't exclude."""
-        return Hypothesis(self.filter.pose.mirrored(), float("nan") if match is None else match.mean_distance_m)
+        residual_m = float("nan") if match is None else match.mean_distance_m
+        covariance = mirrored_covariance(self._covariance())
+        return Hypothesis(self.filter.pose.mirrored(), residual_m, covariance=covariance)
 
     def _predict(self, frame: Frame) -> None:
         """Section 4.2: the odometry carries the pose on to this frame."""
@@ -175,7 +177,7 @@ class MatchingTracker(ABC):
             self.motion = self.odometry.between(self.stamp_ns, frame.stamp_ns)
             self.filter.predict(self.motion.pose, self.motion.covariance)
         self.stamp_ns = frame.stamp_ns
-        self.rivals = ()
+        self.hypotheses = ()
 
     def _match_from_prediction(self, points: LinePoints, weights: FloatArray, compass_rad: float | None) -> Match:
         """Section 4.2: matching that starts where the odometry says."""

@@ -69,7 +69,7 @@ class NubotMti(MatchingTracker):
             self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
             self.side_known = self._knows_the_side(compass_rad)
             self.placed, self.confirmations = True, 0
-        self.rivals = () if fix is None else self._rivals(fix, match, points, weights)
+        self.hypotheses = () if fix is None else self._hypotheses(fix, match, points, weights)
         if accepted or self.confirmations >= s.confirmations:
             self.confirmations = 0
             self._believe()
@@ -77,14 +77,17 @@ class NubotMti(MatchingTracker):
             self.status = Status.SEARCHING
         return match
 
-    def _rivals(self, fix: GlobalFix, chosen: Match, points: LinePoints, weights: FloatArray) -> tuple[Hypothesis, ...]:
+    def _hypotheses(
+        self, fix: GlobalFix, chosen: Match, points: LinePoints, weights: FloatArray
+    ) -> tuple[Hypothesis, ...]:
         """Refined samples elsewhere that explain the points nearly as well as the chosen pose."""
         s = self.settings.global_search
         positions_m = self.tilt.corrected(points.positions_m)
-        rivals: list[Hypothesis] = []
+        others: list[Hypothesis] = []
         for candidate in sorted(fix.rounds[-1].candidates, key=lambda c: c.error):
-            elsewhere = all(candidate.pose.distance_to(p) > 0.5 for p in (chosen.pose, *(r.pose for r in rivals)))
+            known = (chosen.pose, *(other.pose for other in others))
+            elsewhere = all(candidate.pose.distance_to(pose) > 0.5 for pose in known)
             if elsewhere and candidate.error <= s.rival_factor * chosen.error + s.rival_margin:
                 match = self.matcher.assess(positions_m, weights, candidate.pose.as_array(), candidate.error)
-                rivals.append(Hypothesis(candidate.pose, match.mean_distance_m))
-        return tuple(rivals)
+                others.append(Hypothesis(candidate.pose, match.mean_distance_m, covariance=match.covariance))
+        return tuple(others)

@@ -89,7 +89,7 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
     running.reset()
     index, frame, estimate = _first_located(source, running) if index is None else _step_to(source, running, index)
     image = _readable(source, index)
-    detector = running.detector if frame.points is None else None
+    detector = running.detector if frame.observation is None else None
     assert estimate.observation is not None
     name = f"{source.name}-{index}"
     pose: Pose | None = estimate.pose

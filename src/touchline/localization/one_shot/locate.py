@@ -13,7 +13,7 @@ from pydantic import Field
 from touchline.config import Settings
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
 from touchline.localization.one_shot.permutation_test import Chance, ChanceSettings, chance_test
@@ -87,7 +87,7 @@ class Location:
 
     pose, covariance (3, 3) in (m, m, rad): field frame. error: weighted mean of the error function.
     mean_distance_m, median_distance_m: of the points to the nearest line centre, all points alike, exact distances.
-    rivals: other poses of similar error, the better first; residual_m is their mean_distance_m.
+    hypotheses: other poses of similar error, the better first; residual_m is their mean_distance_m.
     points: different points used. chance: the error against that of the same points rearranged.
     """
 
@@ -96,7 +96,7 @@ class Location:
     error: float
     mean_distance_m: float
     median_distance_m: float
-    rivals: tuple[Hypothesis, ...]
+    hypotheses: tuple[Hypothesis, ...]
     points: int
     chance: Chance
 
@@ -142,7 +142,7 @@ def locate_points(
     settings: LocateSettings | None = None,
     seed: int = 0,
 ) -> Location:
-    """Best pose of line points (N, 2) in m, robot frame, with all its rivals.
+    """Best pose of line points (N, 2) in m, robot frame, with all others that explain the points as well.
 
     heading: from a compass (rad, field frame); None searches the whole circle. weights (N,): relative; None weighs by
     the generic range noise. seed: of the test against chance.
@@ -169,8 +169,8 @@ def locate_points(
         raise ScatterError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
     if median_m > s.most_median_m:
         raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
-    rivals = _rivals(matches, field, points, mean_m, heading, s)
-    return Location(best.pose, best.covariance, best.error, mean_m, median_m, rivals, len(points), chance)
+    others = _hypotheses(matches, field, points, mean_m, heading, s)
+    return Location(best.pose, best.covariance, best.error, mean_m, median_m, others, len(points), chance)
 
 
 def _check_heading(heading: float | None) -> None:
@@ -185,7 +185,7 @@ def _check_heading(heading: float | None) -> None:
         )
 
 
-def _rivals(
+def _hypotheses(
     matches: list[Match], field: FieldModel, points: FloatArray, mean_m: float, heading: float | None, s: LocateSettings
 ) -> tuple[Hypothesis, ...]:
     """The other matches whose error and mean distance are both about those of the first, the better first.
@@ -194,13 +194,19 @@ def _rivals(
     """
     best = matches[0]
     most_error, most_m = best.error * s.rival_factor + s.rival_margin, mean_m * s.rival_factor + s.rival_margin_m
-    similar = [match.pose for match in matches[1:] if match.error <= most_error]
-    means_m = [float(np.mean(field.line_distances(pose.transform(points)))) for pose in similar]
-    rivals = [Hypothesis(pose, found_m) for pose, found_m in zip(similar, means_m, strict=True) if found_m <= most_m]
-    twin = best.pose.mirrored()
-    if field.is_symmetric and _allowed(twin, heading, s) and not _is_among(twin, [r.pose for r in rivals], s):
-        rivals.insert(0, Hypothesis(twin, mean_m))  # it explains the points equally well by the field's symmetry
-    return tuple(rivals)
+    similar = [match for match in matches[1:] if match.error <= most_error]
+    means_m = [float(np.mean(field.line_distances(match.pose.transform(points)))) for match in similar]
+    others = [
+        Hypothesis(match.pose, found_m, covariance=match.covariance)
+        for match, found_m in zip(similar, means_m, strict=True)
+        if found_m <= most_m
+    ]
+    mirrored = best.pose.mirrored()
+    known = [other.pose for other in others]
+    if field.is_symmetric and _allowed(mirrored, heading, s) and not _is_among(mirrored, known, s):
+        # it explains the points equally well by the field's symmetry
+        others.insert(0, Hypothesis(mirrored, mean_m, covariance=mirrored_covariance(best.covariance)))
+    return tuple(others)
 
 
 def _different_points(

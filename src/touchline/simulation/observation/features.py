@@ -8,8 +8,8 @@ Posts and the ends of lines are given the same noise; what is set and not measur
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -17,13 +17,14 @@ from pydantic import Field
 from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.field import FieldModel
-from touchline.field.crossings import CrossingKind
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.simulation.observation.crossings import hidden
 from touchline.simulation.observation.observed_lines import occluders
+from touchline.types import CrossingKind, Crossings, LandmarkKind, Landmarks, Lines, Observation
 
 Table = FloatArray | None
 _STEP_M = 0.05
+_LANDMARKS = {"goal": LandmarkKind.POST.value, "pole": LandmarkKind.POLE.value}  # by the kinds of the field's posts
 
 
 class FeatureNoise(Settings):
@@ -53,41 +54,12 @@ class FeatureNoise(Settings):
     height_m: float = Field(0.8, gt=0, description="height of the view: how far bodies hide the ground")
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class SeenCrossing:
-    """position_m: (2,), covariance_m2: (2, 2), orientation_rad as of `touchline.field.Crossing`; robot frame."""
+class _Seen(NamedTuple):
+    """Places as they are seen. positions_m: (N, 2) robot frame; covariances_m2: (N, 2, 2); pixels: (N, 2)."""
 
-    kind: CrossingKind
-    position_m: FloatArray
-    covariance_m2: FloatArray
-    orientation_rad: float
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SeenPost:
-    """The foot of a goal post or pole. position_m: (2,), covariance_m2: (2, 2), robot frame."""
-
-    kind: str
-    position_m: FloatArray
-    covariance_m2: FloatArray
-    colors_from_ground: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SeenLine:
-    """The visible part of a straight line. ends_m: (2, 2), covariances_m2: (2, 2, 2) of each end; robot frame."""
-
-    ends_m: FloatArray
+    positions_m: FloatArray
     covariances_m2: FloatArray
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SeenFeatures:
-    """Everything beside line points that was seen in one frame."""
-
-    lines: tuple[SeenLine, ...]
-    crossings: tuple[SeenCrossing, ...]
-    posts: tuple[SeenPost, ...]
+    pixels: FloatArray
 
 
 class ObservedFeatures:
@@ -101,44 +73,58 @@ class ObservedFeatures:
         self.noise = noise or FeatureNoise()
 
     def observe(
-        self, pose: Pose, rng: np.random.Generator, bodies: Table = None, black_rad: Table = None
-    ) -> SeenFeatures:
-        """Features seen from a pose; bodies (K, 4) and black_rad (B, 2) as of `ObservedLines.observe`."""
+        self, pose: Pose, rng: np.random.Generator, bodies: Table = None, black_rad: Table = None, stamp_ns: int = 0
+    ) -> Observation:
+        """Lines, crossings, posts and poles seen from a pose; bodies (K, 4), black_rad (B, 2) as of `ObservedLines`."""
         hiding = occluders(np.zeros((0, 4)) if bodies is None else bodies, self.noise.height_m)
         black = np.zeros((0, 2)) if black_rad is None else black_rad
-        crossings, posts = self._crossings(pose, rng, hiding, black), self._posts(pose, rng, hiding, black)
-        seen = SeenFeatures(tuple(self._lines(pose, rng, hiding, black)), tuple(crossings), tuple(posts))
+        crossings, landmarks = self._crossings(pose, rng, hiding, black), self._posts(pose, rng, hiding, black)
+        lines = self._lines(pose, rng, hiding, black)
+        seen = Observation(stamp_ns, lines=lines, crossings=crossings, landmarks=landmarks)
         if self.noise.lean_deg == 0.0:
             return seen
         roll, pitch = math.radians(self.noise.lean_deg) * rng.standard_normal(2)
         return _leaning(seen, float(roll), float(pitch), self.noise)
 
-    def _crossings(
-        self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray
-    ) -> list[SeenCrossing]:
-        seen = []
+    def _crossings(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> Crossings:
+        kinds, orientations = [], []
         places = np.array([(c.x, c.y) for c in self.field.crossings]).reshape(-1, 2)
         noise = self.noise
         away = np.hypot(*(places - (pose.x, pose.y)).T)
         shares = noise.found_share / (1.0 + np.exp((away - noise.found_half_m) / noise.found_slope_m))
-        for index, position, covariance in self._found(pose, places, shares, rng, hiding, black):
+        chosen, seen = self._found(pose, places, shares, rng, hiding, black)
+        for index in chosen:
             crossing = self.field.crossings[index]
             kind = crossing.kind
             if rng.random() < noise.wrong_kind_share:
                 kind = [k for k in CrossingKind if k is not kind][int(rng.integers(2))]
             turned = crossing.orientation_rad - pose.heading
             turned += math.radians(noise.orientation_deg) * float(self._tailed(rng.standard_normal()))
-            turned = turned % (0.5 * math.pi) if kind is CrossingKind.X else wrap_angle(turned)
-            seen.append(SeenCrossing(kind, position, covariance, turned))
-        return seen
+            kinds.append(kind.value)
+            orientations.append(turned % (0.5 * math.pi) if kind is CrossingKind.X else wrap_angle(turned))
+        return Crossings(
+            np.array(kinds, dtype="U1"),
+            seen.positions_m,
+            np.array(orientations, dtype=np.float64),
+            seen.covariances_m2,
+            np.ones(len(chosen)),
+            seen.pixels,
+        )
 
-    def _posts(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> list[SeenPost]:
+    def _posts(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> Landmarks:
         posts = self.field.posts
         places = np.array([(p.x, p.y) for p in posts]).reshape(-1, 2)
-        found = self._found(pose, places, self.noise.post_share, rng, hiding, black)
-        return [SeenPost(posts[i].kind, at, covariance, posts[i].colors_from_ground) for i, at, covariance in found]
+        chosen, seen = self._found(pose, places, self.noise.post_share, rng, hiding, black)
+        return Landmarks(
+            np.array([_LANDMARKS[posts[i].kind] for i in chosen], dtype="U4"),
+            seen.positions_m,
+            seen.covariances_m2,
+            np.ones(len(chosen)),
+            tuple(posts[i].colors_from_ground for i in chosen),
+            seen.pixels,
+        )
 
-    def _lines(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> list[SeenLine]:
+    def _lines(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> Lines:
         """Of each straight line the longest stretch in view."""
         seen = []
         for x1, y1, x2, y2 in self.field.segments:
@@ -149,9 +135,13 @@ class ObservedFeatures:
             if len(ends) == 0 or math.hypot(*(ends[1] - ends[0])) < self.noise.shortest_line_m:
                 continue
             if rng.random() < self.noise.line_share:
-                position, covariance = self._perturbed(pose.inverse().transform(ends), rng)
-                seen.append(SeenLine(position, covariance))
-        return seen
+                seen.append(self._perturbed(pose.inverse().transform(ends), rng))
+        return Lines(
+            np.array([line.positions_m for line in seen]).reshape(-1, 2, 2),
+            np.array([line.covariances_m2 for line in seen]).reshape(-1, 2, 2, 2),
+            np.ones(len(seen)),
+            np.array([line.pixels for line in seen]).reshape(-1, 2, 2),
+        )
 
     def _found(
         self,
@@ -161,15 +151,14 @@ class ObservedFeatures:
         rng: np.random.Generator,
         hiding: FloatArray,
         black: FloatArray,
-    ) -> list[tuple[int, FloatArray, FloatArray]]:
-        """Index, perturbed position and covariance of the places (N, 2), field frame, that are in view and found.
+    ) -> tuple[list[int], _Seen]:
+        """Indices of the places (N, 2), field frame, that are in view and found, and how they are seen.
 
         shares: how many of them are found, (N,) or all alike.
         """
         seen = self.in_view(pose, places, hiding, black) & (rng.random(len(places)) < shares)
         chosen = np.flatnonzero(seen)
-        positions, covariances = self._perturbed(pose.inverse().transform(places[chosen]), rng)
-        return [(int(i), positions[k], covariances[k]) for k, i in enumerate(chosen)]
+        return chosen.tolist(), self._perturbed(pose.inverse().transform(places[chosen]), rng)
 
     def in_view(self, pose: Pose, places: FloatArray, hiding: FloatArray, black: FloatArray) -> np.ndarray:
         """(N,) whether places (N, 2), field frame, are near enough, inside the view, and hidden by nothing."""
@@ -185,26 +174,27 @@ class ObservedFeatures:
             seen[index] = not hidden(pose.x, pose.y, places[index, 0], places[index, 1], hiding)
         return np.asarray(seen)
 
-    def _perturbed(self, ground: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Positions (N, 2) and covariances (N, 2, 2) of ground points (N, 2) seen with the noise of a pixel."""
+    def _perturbed(self, ground: FloatArray, rng: np.random.Generator) -> _Seen:
+        """Ground points (N, 2) as they are seen with the noise of a pixel."""
         n = self.noise
         pixels = self.camera.image_from_ground(ground)
         out = pixels - np.array(self.camera.center)
         out /= np.maximum(np.hypot(out[:, 0], out[:, 1]), 1e-9)[:, np.newaxis]
         axes = np.stack((n.outwards_px * out, n.across_px * out[:, ::-1] * (-1.0, 1.0)), axis=-1)
         chance = self._tailed(rng.standard_normal((len(ground), 2)))
-        moved = self.camera.ground_from_image(pixels + np.einsum("nij,nj->ni", axes, chance))
+        seen = pixels + np.einsum("nij,nj->ni", axes, chance)
+        moved = self.camera.ground_from_image(seen)
         variance = math.expm1(2.0 * n.tail**2) / (2.0 * n.tail**2)
         spread = self.camera.ground_jacobian(pixels) @ axes
         covariances: FloatArray = variance * spread @ spread.transpose(0, 2, 1)
-        return np.where(np.isfinite(moved), moved, ground), covariances
+        return _Seen(np.where(np.isfinite(moved), moved, ground), covariances, seen)
 
     def _tailed(self, chance: Any) -> Any:
         """Standard normal numbers with heavier tails."""
         return np.sinh(self.noise.tail * chance) / self.noise.tail
 
 
-def _leaning(seen: SeenFeatures, roll: float, pitch: float, noise: FeatureNoise) -> SeenFeatures:
+def _leaning(seen: Observation, roll: float, pitch: float, noise: FeatureNoise) -> Observation:
     """Features as a view at a height sees them that leans by an unknown roll and pitch (rad), with that in their
     covariances.
     """
@@ -217,12 +207,16 @@ def _leaning(seen: SeenFeatures, roll: float, pitch: float, noise: FeatureNoise)
         shared = sum(axis[..., :, np.newaxis] * axis[..., np.newaxis, :] for axis in (by_roll, by_pitch))
         return ground + roll * by_roll + pitch * by_pitch, covariances + lean_rad**2 * shared
 
-    lines = tuple(SeenLine(*moved(line.ends_m, line.covariances_m2)) for line in seen.lines)
-    crossings = tuple(
-        SeenCrossing(c.kind, *moved(c.position_m, c.covariance_m2), c.orientation_rad) for c in seen.crossings
+    lines, crossings, landmarks = seen.lines, seen.crossings, seen.landmarks
+    ends, end_covariances = moved(lines.ends_m, lines.covariances_m2)
+    corners, corner_covariances = moved(crossings.positions_m, crossings.covariances_m2)
+    feet, foot_covariances = moved(landmarks.positions_m, landmarks.covariances_m2)
+    return replace(
+        seen,
+        lines=replace(lines, ends_m=ends, covariances_m2=end_covariances),
+        crossings=replace(crossings, positions_m=corners, covariances_m2=corner_covariances),
+        landmarks=replace(landmarks, positions_m=feet, covariances_m2=foot_covariances),
     )
-    posts = tuple(SeenPost(p.kind, *moved(p.position_m, p.covariance_m2), p.colors_from_ground) for p in seen.posts)
-    return SeenFeatures(lines, crossings, posts)
 
 
 def _longest_run(flags: np.ndarray) -> tuple[int, int]:
