@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from touchline.motion import WheelOdometry
+from touchline.motion import DeadReckoning, MotionHistory, WheelSettings
 from touchline.perception import HsvLineDetector
 from touchline.sources import open_source
 from touchline.types import Frame, ImageArray
@@ -70,6 +70,12 @@ def test_wheel_odometry_of_one_frame(benchmark: BenchmarkFixture, frames: list[F
     """Five samples each of wheels and gyro."""
     directions = open_source(EXAMPLE).wheel_directions_rad
     assert directions is not None
-    odometry, rest = WheelOdometry(None, *directions), iter(frames[1:])
-    odometry.update(frames[0])
-    benchmark.pedantic(odometry.update, setup=lambda: ((next(rest),), {}), rounds=len(frames) - 1)
+    history, rest = MotionHistory(wheels=WheelSettings(), wheel_directions_rad=directions), iter(frames[1:])
+    odometry = DeadReckoning(history)
+
+    def motion(frame: Frame) -> None:
+        history.add(frame)
+        odometry.advance(frame.stamp_ns)
+
+    motion(frames[0])
+    benchmark.pedantic(motion, setup=lambda: ((next(rest),), {}), rounds=len(frames) - 1)

@@ -13,7 +13,7 @@ import pytest
 from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.motion import WheelOdometry
+from touchline.motion import DeadReckoning, MotionHistory
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import MotionSettings, open_scenario
 from touchline.sources import open_source
@@ -227,7 +227,9 @@ def test_the_gyro_s_bias_is_taken_off_what_the_gyro_told_and_nothing_else(what: 
     run = simulation("indoor-9x6", 2)
     made = system(run, prior=Prior(pose=truth(run, 0)))
     made.fusion.bias_rad_s = math.radians(2.0)
-    plain = WheelOdometry(made.settings.wheels, *run.wheel_directions_rad)
+    s = made.settings
+    history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, run.wheel_directions_rad)
+    plain = DeadReckoning(history)
     turns = {"felt": 0.0, "silent": 0.0}
     for k, frame in enumerate(run):
         silent = k >= 50
@@ -235,7 +237,8 @@ def test_the_gyro_s_bias_is_taken_off_what_the_gyro_told_and_nothing_else(what: 
         frame = frame if what == "odometry" else replace(frame, odometry=None)
         before, reckoned = made.odometry.pose, plain.pose
         made.step(frame)
-        plain.update(frame)
+        history.add(frame)
+        plain.advance(frame.stamp_ns)
         ours, theirs = (b.inverse().compose(o.pose) for b, o in ((before, made.odometry), (reckoned, plain)))
         if 0 < k < 50 or k > 55:
             turns["silent" if silent else "felt"] += wrap_angle(theirs.heading - ours.heading)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from touchline.geometry import Pose, wrap_angle
-from touchline.motion import CompassTrack, CompassTrackSettings, OdometrySettings, OdometryTrack
-from touchline.types import Samples
+from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
+from touchline.types import Frame, Samples
 
 MS = 1_000_000
 
@@ -29,10 +29,10 @@ def wrap(angles: np.ndarray) -> list[float]:
     return [wrap_angle(float(angle)) for angle in angles]
 
 
-def track(*samples: Samples, settings: OdometrySettings | None = None) -> OdometryTrack:
-    one = OdometryTrack(settings)
+def track(*samples: Samples, settings: OdometrySettings | None = None) -> MotionHistory:
+    one = MotionHistory(settings)
     for part in samples:
-        one.add(part)
+        one.add_samples("odometry", part)
     return one
 
 
@@ -113,15 +113,15 @@ def test_broken_and_repeated_samples_are_left_out_and_counted() -> None:
     values[5, 1] = np.nan
     stamps[10] = stamps[2]
     one = track(Samples(stamps, values), Samples(stamps[:3], values[:3]))
-    assert one.history.dropped == 5
+    assert one.dropped["odometry"] == 5
     assert one.between(0, 400 * MS).pose == pytest.approx(track(samples).between(0, 400 * MS).pose, abs=1e-4)
 
 
 def test_old_samples_are_forgotten() -> None:
-    one = OdometryTrack()
+    one = MotionHistory()
     for start in range(0, 60_000, 1000):
-        one.add(odometry(np.arange(start, start + 1000, 20.0)))
-    assert len(one.history) < 300
+        one.add(Frame((start + 1000) * MS, odometry=odometry(np.arange(start, start + 1000, 20.0))))
+    assert len(one.odometry.samples) < 320
 
 
 def test_time_does_not_run_backwards() -> None:
@@ -144,19 +144,19 @@ def gyro(times_ms: np.ndarray, rate: float) -> Samples:
 @pytest.mark.parametrize("stamp_ms", [333, 480, 487])
 def test_the_lag_of_the_compass_is_made_good(with_gyro: bool, start: float, stamp_ms: int) -> None:
     times = np.arange(0, 500, 20.0)
-    one = CompassTrack()
-    one.add(yaw(times, 2.0, start=start), gyro(times, 2.0) if with_gyro else None)
-    heading = one.heading_at(stamp_ms * MS)
+    one = MotionHistory()
+    one.add(Frame(500 * MS, compass=yaw(times, 2.0, start=start), gyro=gyro(times, 2.0) if with_gyro else None))
+    heading = one.at(stamp_ms * MS).heading_rad
     assert heading is not None
     assert abs(wrap_angle(heading - (start + 2.0 * stamp_ms / 1000.0))) < 1e-6
 
 
 def test_without_a_recent_sample_there_is_no_heading() -> None:
-    one = CompassTrack(CompassTrackSettings(oldest_s=0.3))
-    assert one.heading_at(0) is None
-    one.add(yaw(np.arange(1000, 1500, 20.0), 0.0))
-    assert one.heading_at(1700 * MS) is not None
-    assert one.heading_at(1800 * MS) is None
-    assert one.heading_at(500 * MS) is None
-    one.reset()
-    assert one.heading_at(1480 * MS) is None
+    one = MotionHistory(compass=CompassTrackSettings(oldest_s=0.3))
+    assert one.at(0).heading_rad is None
+    one.add_samples("compass", yaw(np.arange(1000, 1500, 20.0), 0.0))
+    assert one.at(1700 * MS).heading_rad is not None
+    assert one.at(1800 * MS).heading_rad is None
+    assert one.at(500 * MS).heading_rad is None
+    one.clear()
+    assert one.at(1480 * MS).heading_rad is None

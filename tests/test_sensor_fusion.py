@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, Vision, blended, without_bias
+from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, Vision, blended
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
+from touchline.motion.dead_reckoning import without_bias
 from touchline.motion.odometry import Motion
 from touchline.types import Mode
 

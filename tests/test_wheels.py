@@ -18,7 +18,7 @@ from touchline.api import prepare
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import Pose, wrap_angle
-from touchline.motion import WheelOdometry, WheelOdometrySettings
+from touchline.motion import DeadReckoning, GyroSettings, Motion, MotionHistory, WheelSettings
 from touchline.motion.wheel_pair import WheelPair
 from touchline.sources import open_source
 from touchline.sources.description import wheel_directions_rad
@@ -79,14 +79,31 @@ def frames(
     ]
 
 
+def reckoning(
+    directions_rad: tuple[float, ...] | None, wheels: WheelSettings | None = None, gyro: GyroSettings | None = None
+) -> DeadReckoning:
+    """Dead reckoning by a motion history with wheels that roll in the first two of these directions."""
+    directions = None if directions_rad is None else (directions_rad[0], directions_rad[1])
+    return DeadReckoning(MotionHistory(None, None, gyro, wheels or WheelSettings(), directions))
+
+
+def take(odometry: DeadReckoning, frame: Frame) -> Motion:
+    """The motion since the frame before."""
+    odometry.history.add(frame)
+    return odometry.advance(frame.stamp_ns)
+
+
 def reckon(
-    mount: tuple[float, float, float, float], given: list[Frame], start: Pose | None = None, **options: float
-) -> WheelOdometry:
-    a_dir, b_dir, a_lever, b_lever = mount
-    odometry = WheelOdometry(WheelOdometrySettings(a_lever_m=a_lever, b_lever_m=b_lever, **options), a_dir, b_dir)
+    mount: tuple[float, float, float, float],
+    given: list[Frame],
+    start: Pose | None = None,
+    gyro: GyroSettings | None = None,
+    **options: float,
+) -> DeadReckoning:
+    odometry = reckoning(mount, WheelSettings(a_lever_m=mount[2], b_lever_m=mount[3], **options), gyro)
     odometry.reset(start)
     for frame in given:
-        odometry.update(frame)
+        take(odometry, frame)
     return odometry
 
 
@@ -167,10 +184,10 @@ def test_motions_chain_to_the_pose() -> None:
     """Each frame's motion is before_from_after; samples that come late are made good by the next one."""
     drive, mount = Drive(0.8, 0.5, 1.5), MOUNTS[0]
     times = np.arange(0, 1001, 20.0)
-    odometry, chained = WheelOdometry(None, *mount[:2]), Pose(3.0, 1.0, -3.0)
+    odometry, chained = reckoning(mount), Pose(3.0, 1.0, -3.0)
     odometry.reset(chained)
     for frame in frames([0.0, 95.0, 190.0, 333.0, 1000.0], drive.wheels(times, mount), drive.gyro(times)):
-        motion = odometry.update(frame)
+        motion = take(odometry, frame)
         chained = chained.compose(motion.pose)
         assert_same(odometry.pose, chained)
         assert motion.missing_s == 0.0
@@ -189,7 +206,7 @@ def test_a_wrong_guess_beyond_the_newest_sample_is_made_good() -> None:
     ]
     odometry = reckon(MOUNTS[0], late)
     assert odometry.pose.x == pytest.approx(0.25)
-    motion = odometry.update(Frame(400 * MS, wheels=part(wheels, 200 * MS, 400 * MS), gyro=part(gyro, 200 * MS, 10**9)))
+    motion = take(odometry, Frame(400 * MS, wheels=part(wheels, 200 * MS, 400 * MS), gyro=part(gyro, 200 * MS, 10**9)))
     assert motion.pose.x == pytest.approx(-0.05)
     assert odometry.pose.x == pytest.approx(0.2)
 
@@ -205,7 +222,7 @@ def test_the_offset_is_what_the_fusion_says_and_the_sums_go_on() -> None:
     odometry.set_pose(told)
     assert_same(odometry.pose, told)
     assert odometry.sums == sums
-    odometry.update(given[2])
+    take(odometry, given[2])
     expected = told.compose(drive.pose(0.99).inverse().compose(drive.pose(1.93)))
     assert_same(odometry.pose, expected, 1e-6)
 
@@ -213,12 +230,12 @@ def test_the_offset_is_what_the_fusion_says_and_the_sums_go_on() -> None:
 @pytest.mark.parametrize("b_dir", [QUARTER, QUARTER + math.pi, QUARTER - 0.1, QUARTER + math.pi + 0.1])
 def test_parallel_wheels_are_refused_in_words(b_dir: float) -> None:
     with pytest.raises(InputError, match=r"45\.0° \(a\).*parallel.*can't tell forward from sideways"):
-        WheelOdometry(None, QUARTER, b_dir)
+        reckoning((QUARTER, b_dir))
 
 
 def test_directions_in_the_settings_go_before_those_of_the_recording() -> None:
-    odometry = WheelOdometry(WheelOdometrySettings(a_dir_rad=0.1, b_dir_rad=1.4), QUARTER, -QUARTER)
-    assert odometry.pair == WheelPair(0.1, 1.4)
+    odometry = reckoning((QUARTER, -QUARTER), WheelSettings(a_dir_rad=0.1, b_dir_rad=1.4))
+    assert odometry.wheels.pair == WheelPair(0.1, 1.4)
 
 
 def test_scales_and_bias_correct_the_readings() -> None:
@@ -228,8 +245,8 @@ def test_scales_and_bias_correct_the_readings() -> None:
     wrong = Samples(wheels.stamp_ns, wheels.values / [1.02, 0.97])
     biased = Samples(gyro.stamp_ns, gyro.values / 1.01 + 0.05)
     given = frames([0.0, 1000.0], wrong, biased)
-    options = {"a_scale": 1.02, "b_scale": 0.97, "gyro_scale": 1.01, "gyro_bias_rad_s": 0.05}
-    assert_same(reckon(mount, given, **options).pose, drive.pose(1.0))
+    right = reckon(mount, given, gyro=GyroSettings(scale=1.01, bias_rad_s=0.05), a_scale=1.02, b_scale=0.97)
+    assert_same(right.pose, drive.pose(1.0))
     assert reckon(mount, given).pose.distance_to(drive.pose(1.0)) > 0.01
 
 
@@ -244,11 +261,11 @@ def test_a_counter_that_starts_again_at_zero_does_not_move_the_robot(both: bool)
     values[np.ix_(again, columns)] -= values[times == 2000.0][:, columns]
     given = frames([0.0, 1900.0, 2050.0, 3000.0], Samples(wheels.stamp_ns, values), drive.gyro(times))
     odometry = reckon(mount, given[:2])
-    motion = odometry.update(given[2])
+    motion = take(odometry, given[2])
     assert motion.missing_s == pytest.approx(0.02)
     assert np.sqrt(motion.covariance[0, 0]) > 0.02
-    odometry.update(given[3])
-    assert odometry.wheels.restarts == 1
+    take(odometry, given[3])
+    assert odometry.wheels.wheels.restarts == 1
     assert_same(odometry.pose, drive.pose(3.0), 1e-6)
 
 
@@ -269,10 +286,10 @@ def test_without_the_gyro_for_a_second_the_turn_is_unknown_and_said_to_be() -> N
     times = np.arange(0, 2001, 20.0)
     given = frames([0.0, 500.0, 1500.0, 2000.0], drive.wheels(times, mount), drive.gyro(hole(times)))
     odometry = reckon(mount, given[:2])
-    motion = odometry.update(given[2])
+    motion = take(odometry, given[2])
     assert motion.missing_s == pytest.approx(1.0)
     assert np.sqrt(motion.covariance[2, 2]) > 1.0
-    assert odometry.update(given[3]).missing_s == 0.0
+    assert take(odometry, given[3]).missing_s == 0.0
 
 
 @pytest.mark.parametrize(
@@ -288,8 +305,8 @@ def test_gaps_of_wheels_and_gyro_add_up_and_count_once_where_they_overlap(
     known, felt = (times[(times <= 1000 * first) | (times >= 1000 * last)] for first, last in (no_wheels_s, no_gyro_s))
     wheels = drive.wheels(known, mount)
     wheels.values[known >= 1000 * no_wheels_s[1]] += 20.0
-    odometry = WheelOdometry(None, *mount[:2])
-    motion = [odometry.update(frame) for frame in frames([0.0, 2000.0], wheels, drive.gyro(felt))][-1]
+    odometry = reckoning(mount)
+    motion = [take(odometry, frame) for frame in frames([0.0, 2000.0], wheels, drive.gyro(felt))][-1]
     assert motion.missing_s == pytest.approx(missing_s)
 
 
@@ -300,10 +317,9 @@ def test_the_odometry_takes_the_place_of_what_is_missing(gone: str) -> None:
     times = np.arange(0, 1001, 20.0)
     wheels = None if gone in ("wheels", "both") else drive.wheels(times, mount)
     gyro = None if gone in ("gyro", "both") else drive.gyro(times)
-    directions = (None, None) if gone == "directions" else mount[:2]
-    odometry = WheelOdometry(None, *directions)
+    odometry = reckoning(None if gone == "directions" else mount)
     odometry.reset(Pose(1.0, 1.0, 1.0))
-    motions = [odometry.update(f) for f in frames([0.0, 400.0, 1000.0], wheels, gyro, drive.odometry(times))]
+    motions = [take(odometry, f) for f in frames([0.0, 400.0, 1000.0], wheels, gyro, drive.odometry(times))]
     assert_same(odometry.pose, Pose(1.0, 1.0, 1.0).compose(drive.pose(1.0)))
     assert odometry.fallbacks == 2
     assert motions[-1].missing_s == 0.0
@@ -330,9 +346,9 @@ def relative(pose: Callable[[float], Pose], start_s: float, end_s: float) -> Pos
 
 
 def test_with_nothing_at_all_the_robot_may_be_anywhere_near() -> None:
-    odometry = WheelOdometry(None, QUARTER, -QUARTER)
-    odometry.update(Frame(0))
-    motion = odometry.update(Frame(500 * MS))
+    odometry = reckoning((QUARTER, -QUARTER))
+    take(odometry, Frame(0))
+    motion = take(odometry, Frame(500 * MS))
     assert motion.pose == Pose(0.0, 0.0, 0.0)
     assert motion.missing_s == pytest.approx(0.5)
     assert np.sqrt(motion.covariance[0, 0]) == pytest.approx(0.5, abs=0.05)
@@ -347,26 +363,29 @@ def test_broken_and_repeated_samples_are_left_out_and_counted() -> None:
     gyro.values[8] = [np.nan, np.nan, drive.rate]  # rates of roll and pitch don't matter
     wheels.stamp_ns[10] = wheels.stamp_ns[2]
     odometry = reckon(mount, frames([0.0, 1000.0], wheels, gyro))
-    odometry.update(Frame(1000 * MS, wheels=wheels, gyro=gyro))
+    take(odometry, Frame(1000 * MS, wheels=wheels, gyro=gyro))
     assert_same(odometry.pose, drive.pose(1.0), 1e-6)
-    assert odometry.wheels.dropped == 2 + len(times)
-    assert odometry.gyro.dropped == 1 + len(times)
+    assert odometry.history.dropped == {"odometry": 0, "compass": 0, "attitude": 0} | {
+        "wheels": 2 + len(times),
+        "gyro": 1 + len(times),
+    }
 
 
 def test_time_does_not_run_backwards() -> None:
-    odometry = WheelOdometry(None, QUARTER, -QUARTER)
-    odometry.update(Frame(100 * MS))
+    odometry = reckoning((QUARTER, -QUARTER))
+    take(odometry, Frame(100 * MS))
     with pytest.raises(ValueError, match="forward"):
-        odometry.update(Frame(50 * MS))
+        take(odometry, Frame(50 * MS))
     assert odometry.stamp_ns == 100 * MS  # as if it had not been
 
 
-def test_a_long_run_keeps_a_short_memory() -> None:
+def test_a_long_run_keeps_some_seconds_in_memory() -> None:
     drive, mount = Drive(0.5, 0.1, 0.3), MOUNTS[0]
     times = np.arange(0, 60_001, 20.0)
     ends = list(np.arange(0.0, 60_001.0, 100.0))
     odometry = reckon(mount, frames(ends, drive.wheels(times, mount), drive.gyro(times)))
-    assert max(len(odometry.wheels), len(odometry.gyro)) < 20
+    sensors = (odometry.wheels.wheels, odometry.wheels.gyro)
+    assert all(100 < len(sensor.integral.samples) < 300 for sensor in sensors)
     assert_same(odometry.pose, drive.pose(60.0), 1e-6)
 
 
@@ -382,10 +401,9 @@ def test_an_error_of_the_turn_is_taken_for_travel_over_the_levers() -> None:
     turn_rad, levers, error = 0.3, (0.2, -0.1), 0.05
     mount = (0.0, math.pi / 2, *levers)
     drive, times = Drive(0.0, 0.0, 1.0), np.arange(0, 301, 20.0)
-    none = {"wheel_error": 0, "slip_m": 0, "gyro_bias_error_rad_s": 0, "gyro_noise_rad": 0, "drift_m": 0}
-    options = {"a_lever_m": levers[0], "b_lever_m": levers[1], "gyro_error": error, **none}
-    odometry = WheelOdometry(WheelOdometrySettings(**options), *mount[:2])  # type: ignore[arg-type]
-    motion = [odometry.update(f) for f in frames([0.0, 300.0], drive.wheels(times, mount), drive.gyro(times))][-1]
+    wheels = WheelSettings(a_lever_m=levers[0], b_lever_m=levers[1], scale_error=0, slip_m=0, drift_m=0)
+    odometry = reckoning(mount, wheels, GyroSettings(scale_error=error, bias_error_rad_s=0, noise_rad=0))
+    motion = [take(odometry, f) for f in frames([0.0, 300.0], drive.wheels(times, mount), drive.gyro(times))][-1]
     half = turn_rad / 2  # the step's displacement points along the heading in its middle
     x_m = -(levers[0] * math.cos(half) - levers[1] * math.sin(half))
     y_m = -(levers[0] * math.sin(half) + levers[1] * math.cos(half))
@@ -399,20 +417,21 @@ def test_the_covariance_is_that_of_many_noisy_runs(mount: tuple[float, float, fl
     rng = np.random.default_rng(4)
     drive = Drive(1.2, 0.4, 1.0)
     times = np.arange(0, 301, 20.0)
-    s = WheelOdometrySettings(drift_m=0.0, gyro_bias_error_rad_s=0.05, a_lever_m=mount[2], b_lever_m=mount[3])
+    s = WheelSettings(drift_m=0.0, a_lever_m=mount[2], b_lever_m=mount[3])
+    g = GyroSettings(bias_error_rad_s=0.05)
     wheels, gyro, ends = drive.wheels(times, mount), drive.gyro(times), []
     steps = np.diff(wheels.values, axis=0)
     for _ in range(400):
-        noisy = steps * (1.0 + s.wheel_error * rng.standard_normal(2))
+        noisy = steps * (1.0 + s.scale_error * rng.standard_normal(2))
         noisy += s.slip_m * np.sqrt(np.abs(steps)) * rng.standard_normal(steps.shape)
-        bias = s.gyro_bias_error_rad_s * rng.standard_normal()
-        rate = drive.rate * (1.0 + s.gyro_error * rng.standard_normal()) + bias
-        rates = rate + s.gyro_noise_rad / math.sqrt(0.02) * rng.standard_normal(len(times))
+        bias = g.bias_error_rad_s * rng.standard_normal()
+        rate = drive.rate * (1.0 + g.scale_error * rng.standard_normal()) + bias
+        rates = rate + g.noise_rad / math.sqrt(0.02) * rng.standard_normal(len(times))
         values = np.column_stack((0 * rates, 0 * rates, rates))
         counted = np.r_[np.zeros((1, 2)), np.cumsum(noisy, axis=0)]
         given = frames([0.0, 300.0], Samples(wheels.stamp_ns, counted), Samples(gyro.stamp_ns, values))
-        odometry = WheelOdometry(s, *mount[:2])
-        motion = [odometry.update(frame) for frame in given][-1]
+        odometry = reckoning(mount, s, g)
+        motion = [take(odometry, frame) for frame in given][-1]
         ends.append(np.array(motion.pose) - drive.pose(0.3))
     found = np.cov(np.array(ends).T)
     scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
@@ -444,7 +463,7 @@ def test_a_system_gets_the_directions_of_the_recording(tmp_path: Path) -> None:
     folder = with_sensors(tmp_path / "one", "wheels: {a_dir_rad: 0.2, b_dir_rad: 1.7}\n")
     prepared = prepare(folder, "iris-fusion")
     assert isinstance(prepared.system, IrisFusion)
-    assert prepared.system.odometry.pair == WheelPair(0.2, 1.7)
+    assert prepared.system.odometry.wheels.pair == WheelPair(0.2, 1.7)
     assert prepared.notices == ()
     assert prepare(folder, "nubot-mti").notices == ()
 

@@ -23,7 +23,7 @@ from touchline.evaluation.runner import OnFrame, RunTally, run_frames
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
-from touchline.motion import WheelOdometrySettings
+from touchline.motion import WheelSettings
 from touchline.sources import SENSOR_FILES, Recording, open_source
 from touchline.systems import (
     DEFAULT_SYSTEM,
@@ -190,7 +190,7 @@ def _notices(source: Recording, info: SystemInfo, settings: Settings) -> tuple[s
         return ()
     files = dict.fromkeys(SENSOR_FILES[sensor] for sensor in needs.sensors)
     missing = [file for file in files if file not in source.sensor_files]
-    told = any(isinstance(part, WheelOdometrySettings) and part.a_dir_rad is not None for _, part in settings)
+    told = any(isinstance(part, WheelSettings) and part.a_dir_rad is not None for _, part in settings)
     if "wheels" in needs.sensors and source.wheel_directions_rad is None and not told and "wheels.csv" not in missing:
         missing.append("the wheels' rolling directions (wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml)")
     if not missing:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.localization.particles.particle_filter import ParticleFilter
-from touchline.motion import WheelOdometry
+from touchline.motion import DeadReckoning, MotionHistory
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
 from touchline.types import Estimate, Frame, Mode, Observation, Samples, Status, empty_points
@@ -77,13 +77,16 @@ def drive(
     """
     settings = IrisFusionSettings()
     system = open_system("iris-fusion", setup, settings, np.random.default_rng(seed))
-    odometry = WheelOdometry(settings.wheels, *(setup.wheel_directions_rad or (None, None)))
+    s = settings
+    history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
+    odometry = DeadReckoning(history)
     particles = ParticleFilter(setup.field, np.random.default_rng(seed), settings.particles)
     told: list[Estimate] = []
     poses: dict[str, list[Pose]] = {name: [] for name in SYSTEMS}
     before = 0
     for frame in frames:
-        motion = odometry.update(frame)
+        history.add(frame)
+        motion = odometry.advance(frame.stamp_ns)
         estimate = system.step(frame)
         points = empty_points() if estimate.observation is None else estimate.observation.points
         if told:

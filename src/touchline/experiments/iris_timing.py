@@ -14,7 +14,7 @@ from touchline.experiments.progress import follow
 from touchline.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import FloatArray
-from touchline.motion import WheelOdometry
+from touchline.motion import DeadReckoning, Motion, MotionHistory, WheelSettings
 from touchline.perception import HsvLineDetector
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -92,8 +92,14 @@ def _updates(
 
 def _odometry(simulation: Simulation, frames: Sequence[Frame]) -> FloatArray:
     """Milliseconds (N,) of the wheels and the gyro alone."""
-    odometry = WheelOdometry(None, *simulation.wheel_directions_rad)
-    return _timed(odometry.update, frames)
+    history = MotionHistory(wheels=WheelSettings(), wheel_directions_rad=simulation.wheel_directions_rad)
+    odometry = DeadReckoning(history)
+
+    def motion(frame: Frame) -> Motion:
+        history.add(frame)
+        return odometry.advance(frame.stamp_ns)
+
+    return _timed(motion, frames)
 
 
 def _detection(seed: int) -> FloatArray:

@@ -1,15 +1,22 @@
-"""Wheels, gyro and compass: the motion between two stamps with its noise, and the heading at one."""
+"""Odometry, wheels, gyro, compass, attitude: the motion between two stamps with its noise, the orientation at one."""
 
-from touchline.motion.compass import CompassTrack, CompassTrackSettings
-from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
-from touchline.motion.wheels import WheelOdometry, WheelOdometrySettings
+from touchline.motion.clocks import FrameOrder, frame_order
+from touchline.motion.compass import CompassTrackSettings
+from touchline.motion.dead_reckoning import DeadReckoning
+from touchline.motion.gyro import GyroSettings
+from touchline.motion.history import MotionHistory, Orientation
+from touchline.motion.odometry import Motion, OdometrySettings
+from touchline.motion.wheels import WheelSettings
 
 __all__ = [
-    "CompassTrack",
     "CompassTrackSettings",
+    "DeadReckoning",
+    "FrameOrder",
+    "GyroSettings",
     "Motion",
+    "MotionHistory",
     "OdometrySettings",
-    "OdometryTrack",
-    "WheelOdometry",
-    "WheelOdometrySettings",
+    "Orientation",
+    "WheelSettings",
+    "frame_order",
 ]

@@ -1,4 +1,4 @@
-"""Compass and gyro: the heading at a stamp."""
+"""The compass: the heading at a stamp, its lag made good by the gyro."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from pydantic import Field
 
 from touchline.config import Settings
 from touchline.geometry import wrap_angle
-from touchline.motion.history import NANOSECONDS, History
+from touchline.motion.gyro import IntegratedGyro
+from touchline.motion.samples import NANOSECONDS, SampleHistory
 from touchline.types import Samples
 
 
@@ -30,44 +31,52 @@ class CompassTrackSettings(Settings):
     )
 
 
-class CompassTrack:
-    """The compass and gyro readings of the last seconds."""
+class Compass:
+    """The compass headings of the last seconds."""
 
-    def __init__(self, settings: CompassTrackSettings | None = None) -> None:
-        self.settings = settings or CompassTrackSettings()
-        self.compass = History(columns=1, angles=(0,))
-        self.gyro = History(columns=3)
+    def __init__(self, settings: CompassTrackSettings, gyro: IntegratedGyro) -> None:
+        """gyro: tells the turning rate while the compass has not reported yet."""
+        self.settings = settings
+        self.samples = SampleHistory(columns=1, angles=(0,))
+        self.gyro = gyro
 
-    def add(self, compass: Samples | None, gyro: Samples | None = None) -> None:
-        """Append samples that came with a frame: yaw (rad, field frame) and gx, gy, gz (rad/s)."""
-        self.compass.add(compass)
-        self.gyro.add(gyro)
+    @property
+    def dropped(self) -> int:
+        """Samples that were left out: not finite, or not later than the newest."""
+        return self.samples.dropped
 
-    def reset(self) -> None:
+    def add(self, samples: Samples) -> None:
+        """Append samples: yaw (rad, field frame)."""
+        self.samples.add(samples)
+
+    def forget_before(self, stamp_ns: int) -> None:
+        """Forget what isn't needed to look up headings from a stamp on."""
+        self.samples.forget_before(stamp_ns)
+
+    def clear(self) -> None:
         """Forget all samples."""
-        self.compass.clear()
-        self.gyro.clear()
+        self.samples.clear()
 
     def heading_at(self, stamp_ns: int) -> float | None:
         """The compass heading (rad, field frame, uncorrected) at a stamp; None if there's no recent sample.
 
         The reading for this instant comes lag_s later. While it isn't there yet, the turning rate bridges the time.
         """
-        if len(self.compass) == 0:
+        if len(self.samples) == 0:
             return None
         wanted_ns = stamp_ns + int(self.settings.lag_s * NANOSECONDS)
-        beyond_s = (wanted_ns - self.compass.last_ns) / NANOSECONDS
-        before_s = (self.compass.first_ns - wanted_ns) / NANOSECONDS
+        beyond_s = (wanted_ns - self.samples.last_ns) / NANOSECONDS
+        before_s = (self.samples.first_ns - wanted_ns) / NANOSECONDS
         if max(beyond_s - self.settings.lag_s, before_s) > self.settings.oldest_s:
             return None
-        heading = self.compass.at(wanted_ns)[0]
+        heading = self.samples.at(wanted_ns)[0]
         if beyond_s > 0.0:
             heading += self._rate_rad_s(stamp_ns, beyond_s) * beyond_s
         return wrap_angle(heading)
 
     def _rate_rad_s(self, stamp_ns: int, bridged_s: float) -> float:
         """Turning rate over the bridged time before the stamp."""
-        recent = self.gyro.between(stamp_ns - int(bridged_s * NANOSECONDS), stamp_ns)
+        recent = self.gyro.rates_rad_s(stamp_ns - int(bridged_s * NANOSECONDS), stamp_ns)
         if len(recent):
-            return float(recent[:, 2].mean())
-        return float(self.compass.slope(self.settings.rate_window_s)[0])
+            return float(recent.mean())
+        return float(self.samples.slope(self.settings.rate_window_s)[0])

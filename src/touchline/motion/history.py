@@ -1,108 +1,146 @@
-"""The recent samples of one sensor, looked up by time."""
+"""All that a robot feels of its own motion in the last seconds, and any past interval of it, as often as asked."""
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_left, bisect_right
+from typing import NamedTuple, Protocol
 
-import numpy as np
+from touchline.motion.clocks import SensorClocks
+from touchline.motion.compass import Compass, CompassTrackSettings
+from touchline.motion.gyro import GyroSettings, IntegratedGyro
+from touchline.motion.odometry import Motion, Odometry, OdometrySettings
+from touchline.motion.samples import NANOSECONDS, SampleHistory
+from touchline.motion.wheel_odometry import WheelOdometry
+from touchline.motion.wheels import WheelSettings
+from touchline.types import Frame, Samples
 
-from touchline.geometry import FloatArray
-from touchline.types import Samples
-
-NANOSECONDS = 1e9
+_KEPT_NS = int(5.0 * NANOSECONDS)  # before the last frame: images come late by some tenths of a second
+_LONGEST_NS = int(60.0 * NANOSECONDS)  # without any frame, so that memory stays bounded
 
 
-class History:
-    """Samples of one sensor in the order of time; those older than `keep_s` before the newest are forgotten.
+class Orientation(NamedTuple):
+    """The compass heading (rad, field frame, uncorrected), roll and pitch (rad); None where not measured lately."""
 
-    Rows with a value that is not finite and rows that don't come after the newest are left out and counted in
-    `dropped`. `angles`: columns that hold angles (rad); they are unwrapped here and interpolate the short way.
+    heading_rad: float | None
+    roll_rad: float | None
+    pitch_rad: float | None
+
+
+class Sensor(Protocol):
+    """What the history knows of each sensor."""
+
+    @property
+    def dropped(self) -> int: ...
+    def add(self, samples: Samples) -> None: ...
+    def forget_before(self, stamp_ns: int) -> None: ...
+    def clear(self) -> None: ...
+
+
+class MotionHistory:
+    """Odometry, measuring wheels, gyro, compass and attitude of at least the last 5 s, each with its own noise.
+
+    Samples without numbers and out of order are dropped, samples far ahead of everything else are refused; both are
+    counted.
     """
 
-    # Plain lists: a frame brings a handful of rows, for which arrays cost ten times as much.
+    def __init__(
+        self,
+        odometry: OdometrySettings | None = None,
+        compass: CompassTrackSettings | None = None,
+        gyro: GyroSettings | None = None,
+        wheels: WheelSettings | None = None,
+        wheel_directions_rad: tuple[float, float] | None = None,
+    ) -> None:
+        """wheels: None for motion by the odometry alone. wheel_directions_rad: of a and b in the robot frame, where the
+        settings name none. Raises InputError for parallel wheels.
+        """
+        odometry, compass = odometry or OdometrySettings(), compass or CompassTrackSettings()
+        self.clocks = SensorClocks()
+        self.odometry = Odometry(odometry)
+        self.gyro = IntegratedGyro(gyro or GyroSettings(), odometry.extrapolation_s)
+        self.compass = Compass(compass, self.gyro)
+        self.attitude = SampleHistory(columns=2)
+        self.wheels: WheelOdometry | None = None
+        self._sensors: dict[str, Sensor] = {
+            "odometry": self.odometry,
+            "gyro": self.gyro,
+            "compass": self.compass,
+            "attitude": self.attitude,
+        }
+        if wheels is not None:
+            self.wheels = WheelOdometry(wheels, wheels.pair(wheel_directions_rad), self.gyro, odometry)
+            self._sensors["wheels"] = self.wheels.wheels
 
-    def __init__(self, columns: int, angles: tuple[int, ...] = (), keep_s: float = 5.0) -> None:
-        self.dropped = 0
-        self._columns = columns
-        self._angles = angles
-        self._keep_ns = int(keep_s * NANOSECONDS)
-        self._stamps_ns: list[int] = []
-        self._rows: list[list[float]] = []
+    def add(self, frame: Frame) -> None:
+        """Take all samples of a frame. Raises ValueError, and takes none, if it is older than the newest frame."""
+        newest_ns = self.clocks.frame_ns
+        if newest_ns is not None and frame.stamp_ns < newest_ns:
+            raise ValueError(f"motion runs forward in time, got {newest_ns} to {frame.stamp_ns} ns")
+        self.clocks.frame_ns = frame.stamp_ns
+        self.add_samples("odometry", frame.odometry)
+        self.add_samples("wheels", frame.wheels)
+        self.add_samples("gyro", frame.gyro)
+        self.add_samples("compass", frame.compass)
+        self.add_samples("attitude", frame.tilt)
+        if newest_ns is not None:
+            for sensor in self._sensors.values():
+                sensor.forget_before(newest_ns - _KEPT_NS)
 
-    def __len__(self) -> int:
-        return len(self._stamps_ns)
-
-    @property
-    def first_ns(self) -> int:
-        """Stamp of the oldest sample kept. Raises IndexError without samples."""
-        return self._stamps_ns[0]
-
-    @property
-    def last_ns(self) -> int:
-        """Stamp of the newest sample. Raises IndexError without samples."""
-        return self._stamps_ns[-1]
-
-    def add(self, samples: Samples | None) -> None:
-        """Append samples; their first columns are used. None, when the sensor said nothing, is fine."""
-        if samples is None:
+    def add_samples(self, name: str, samples: Samples | None) -> None:
+        """Take samples of a sensor: odometry, wheels, gyro, compass, attitude. Those of one not in use are ignored."""
+        sensor = self._sensors.get(name)
+        if sensor is None or samples is None or len(samples) == 0:
             return
-        for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
-            row = values[: self._columns]
-            if not all(map(math.isfinite, row)) or (self._stamps_ns and stamp_ns <= self._stamps_ns[-1]):
-                self.dropped += 1
-                continue
-            for column in self._angles:
-                last = self._rows[-1][column] if self._rows else 0.0
-                row[column] = last + math.remainder(row[column] - last, 2.0 * math.pi)
-            self.append(stamp_ns, row)
-        if self._stamps_ns:
-            old = bisect_left(self._stamps_ns, self._stamps_ns[-1] - self._keep_ns)
-            del self._stamps_ns[:old], self._rows[:old]
-
-    def append(self, stamp_ns: int, row: list[float]) -> None:
-        """Append one sample that is finite and later than the newest; none is forgotten for it."""
-        self._stamps_ns.append(stamp_ns)
-        self._rows.append(row)
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        """Stamps of the samples kept, in the order of time; not to be changed."""
-        return self._stamps_ns
-
-    def forget_before(self, stamp_ns: int) -> None:
-        """Forget what isn't needed to look up values from a stamp on."""
-        old = max(bisect_right(self._stamps_ns, stamp_ns) - 1, 0)
-        del self._stamps_ns[:old], self._rows[:old]
+        believed = self.clocks.believed(name, samples)
+        if believed.clock_jumped:
+            sensor.clear()
+        if len(believed.samples):
+            sensor.add(believed.samples)
+            sensor.forget_before(int(believed.samples.stamp_ns.max()) - _LONGEST_NS)
 
     def clear(self) -> None:
-        """Forget all samples."""
-        self._stamps_ns, self._rows = [], []
+        """Forget all samples, as if none had come yet; counts stay."""
+        self.clocks.clear()
+        for sensor in self._sensors.values():
+            sensor.clear()
 
-    def at(self, stamp_ns: int) -> list[float]:
-        """Values (columns,) by linear interpolation; before the first and after the last sample, that sample's."""
-        if not self._rows:
-            raise ValueError("there are no samples to look up")
-        after = bisect_right(self._stamps_ns, stamp_ns)
-        if after == 0 or after == len(self):
-            return list(self._rows[min(after, len(self) - 1)])
-        start_ns, end_ns = self._stamps_ns[after - 1], self._stamps_ns[after]
-        share = (stamp_ns - start_ns) / (end_ns - start_ns)
-        return [a + share * (b - a) for a, b in zip(self._rows[after - 1], self._rows[after], strict=True)]
+    def between(self, start_ns: int, end_ns: int) -> Motion:
+        """The robot's motion from one stamp to a later one, by wheels and gyro or by the odometry, if it knows more.
 
-    def between(self, start_ns: int, end_ns: int) -> FloatArray:
-        """Values (M, columns) of the samples from one stamp to another, both included."""
-        rows = self._rows[bisect_left(self._stamps_ns, start_ns) : bisect_right(self._stamps_ns, end_ns)]
-        return np.array(rows, dtype=np.float64).reshape(-1, self._columns)
+        Raises ValueError if the stamps run backwards.
+        """
+        if end_ns < start_ns:
+            raise ValueError(f"motion runs forward in time, got {start_ns} to {end_ns} ns")
+        if self.wheels is None:
+            return self.odometry.between(start_ns, end_ns)
+        return self.odometry_instead(start_ns, end_ns) or self.wheels.between(start_ns, end_ns)
 
-    def slope(self, window_s: float) -> FloatArray:
-        """Rate of change (columns,) per second over the newest `window_s`; zero with fewer than two samples there."""
-        if len(self) < 2:
-            return np.zeros(self._columns)
-        first = bisect_left(self._stamps_ns, self._stamps_ns[-1] - int(window_s * NANOSECONDS))
-        if len(self) - first < 2:
-            return np.zeros(self._columns)
-        t = (np.array(self._stamps_ns[first:]) - self._stamps_ns[-1]) / NANOSECONDS
-        t = t - t.mean()
-        rows = np.array(self._rows[first:])
-        return np.asarray(t @ (rows - rows.mean(axis=0)) / (t @ t))
+    def odometry_instead(self, start_ns: int, end_ns: int) -> Motion | None:
+        """The odometry's motion, if wheels or gyro say nothing for some of the time and the odometry knows more."""
+        missing_s = 0.0 if self.wheels is None else self.wheels.missing_s(start_ns, end_ns)
+        if missing_s == 0.0:
+            return None
+        motion = self.odometry.between(start_ns, end_ns)
+        return motion if motion.missing_s < missing_s else None
+
+    def at(self, stamp_ns: int) -> Orientation:
+        """How the robot was oriented at a stamp."""
+        return Orientation(self.compass.heading_at(stamp_ns), *self._attitude_at(stamp_ns))
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Samples left out so far, by sensor: without a number, or not later than the newest."""
+        return {name: sensor.dropped for name, sensor in self._sensors.items()}
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """Samples refused so far, by sensor: far ahead of the frames and of every other sensor."""
+        return {name: self.clocks.refused[name] for name in self._sensors}
+
+    def _attitude_at(self, stamp_ns: int) -> tuple[float | None, float | None]:
+        """Roll and pitch (rad), as late as the compass: both come from one filter."""
+        s, known = self.compass.settings, self.attitude
+        wanted_ns = stamp_ns + int(s.lag_s * NANOSECONDS)
+        if len(known) == 0 or max(stamp_ns - known.last_ns, known.first_ns - wanted_ns) > s.oldest_s * NANOSECONDS:
+            return None, None
+        roll_rad, pitch_rad = known.at(wanted_ns)
+        return roll_rad, pitch_rad

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.motion.history import NANOSECONDS, History
+from touchline.motion.samples import NANOSECONDS, SampleHistory
 from touchline.types import Samples
 
 
@@ -49,35 +49,44 @@ class OdometrySettings(Settings):
 class Motion(NamedTuple):
     """Motion between two stamps: `before_from_after`, covariance (3, 3) in the robot frame before it (m, m, rad).
 
-    missing_s: time of it that no odometry covers; there zero motion is assumed, with a wide covariance.
+    missing_s: time of it that no sensor covers; there zero motion is assumed, with a wide covariance. by_gyro: whether
+    the gyro told all of its turn.
     """
 
     pose: Pose
     covariance: FloatArray
     missing_s: float
+    by_gyro: bool = False
 
 
-class OdometryTrack:
-    """The odometry of the last seconds."""
+class Odometry:
+    """The odometry of the last seconds: dead reckoning by the robot itself, from driven wheels or steps."""
 
-    def __init__(self, settings: OdometrySettings | None = None) -> None:
-        self.settings = settings or OdometrySettings()
-        self.history = History(columns=3, angles=(2,))
+    def __init__(self, settings: OdometrySettings) -> None:
+        self.settings = settings
+        self.samples = SampleHistory(columns=3, angles=(2,), keep_s=5.0)
 
-    def add(self, samples: Samples | None) -> None:
-        """Append the samples x, y, theta (m, m, rad; odometry frame) that came with a frame."""
-        self.history.add(samples)
+    @property
+    def dropped(self) -> int:
+        """Samples that were left out: not finite, or not later than the newest."""
+        return self.samples.dropped
 
-    def reset(self) -> None:
+    def add(self, samples: Samples) -> None:
+        """Append samples x, y, theta (m, m, rad; odometry frame)."""
+        self.samples.add(samples)
+
+    def forget_before(self, stamp_ns: int) -> None:
+        """Forget what isn't needed to look up poses from a stamp on."""
+        self.samples.forget_before(stamp_ns)
+
+    def clear(self) -> None:
         """Forget all samples."""
-        self.history.clear()
+        self.samples.clear()
 
     def between(self, start_ns: int, end_ns: int) -> Motion:
-        """The robot's motion from one stamp to a later one. Raises ValueError if they run backwards."""
-        if end_ns < start_ns:
-            raise ValueError(f"motion runs forward in time, got {start_ns} to {end_ns} ns")
+        """The robot's motion from one stamp to a later one."""
         duration_s = (end_ns - start_ns) / NANOSECONDS
-        if len(self.history) == 0:
+        if len(self.samples) == 0:
             still = Pose(0.0, 0.0, 0.0)
             return Motion(still, self._covariance(still, 0.0, 0.0, duration_s, duration_s), duration_s)
         start, end = self._pose_at(start_ns), self._pose_at(end_ns)
@@ -88,23 +97,23 @@ class OdometryTrack:
 
     def _pose_at(self, stamp_ns: int) -> Pose:
         """Pose in the odometry frame, carried on a little beyond the newest sample."""
-        pose = Pose(*self.history.at(stamp_ns))
-        beyond_s = (stamp_ns - self.history.last_ns) / NANOSECONDS
+        pose = Pose(*self.samples.at(stamp_ns))
+        beyond_s = (stamp_ns - self.samples.last_ns) / NANOSECONDS
         if beyond_s <= 0.0:
             return Pose(pose.x, pose.y, wrap_angle(pose.heading))
-        step = self.history.slope(self.settings.extrapolation_s) * min(beyond_s, self.settings.extrapolation_s)
+        step = self.samples.slope(self.settings.extrapolation_s) * min(beyond_s, self.settings.extrapolation_s)
         return Pose(pose.x + float(step[0]), pose.y + float(step[1]), wrap_angle(pose.heading + float(step[2])))
 
     def _missing_s(self, start_ns: int, end_ns: int) -> float:
         """Time between the stamps before the first sample and after the end of the extrapolation."""
-        first_ns = self.history.first_ns
-        last_ns = self.history.last_ns + int(self.settings.extrapolation_s * NANOSECONDS)
+        first_ns = self.samples.first_ns
+        last_ns = self.samples.last_ns + int(self.settings.extrapolation_s * NANOSECONDS)
         covered_ns = max(min(end_ns, last_ns) - max(start_ns, first_ns), 0)
         return (end_ns - start_ns - covered_ns) / NANOSECONDS
 
     def _travel(self, start_ns: int, end_ns: int, pose: Pose) -> tuple[float, float]:
         """Length of the way (m) and sum of the turns (rad): at least those of the motion as a whole."""
-        steps = np.diff(self.history.between(start_ns, end_ns), axis=0)
+        steps = np.diff(self.samples.between(start_ns, end_ns), axis=0)
         way_m, turn_rad = float(np.sum(np.hypot(steps[:, 0], steps[:, 1]))), float(np.sum(np.abs(steps[:, 2])))
         return max(way_m, math.hypot(pose.x, pose.y)), max(turn_rad, abs(pose.heading))
 

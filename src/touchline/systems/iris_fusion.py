@@ -15,18 +15,27 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
-from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, Vision, without_bias
+from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, Vision
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
 from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.particles.particle_filter import ParticleFilter, ParticleFilterSettings
-from touchline.motion import CompassTrack, CompassTrackSettings, Motion, WheelOdometry, WheelOdometrySettings
-from touchline.motion.history import NANOSECONDS
+from touchline.motion import (
+    CompassTrackSettings,
+    DeadReckoning,
+    GyroSettings,
+    Motion,
+    MotionHistory,
+    OdometrySettings,
+    WheelSettings,
+)
+from touchline.motion.samples import NANOSECONDS
 from touchline.perception import HsvLineDetector, HsvLineSettings, observe
 from touchline.systems.setup import RobotSetup
 from touchline.types import (
@@ -45,13 +54,26 @@ _STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 class IrisFusionSettings(Settings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
+    renamed: ClassVar = {
+        "wheels.wheel_error": "wheels.scale_error",
+        "wheels.most_speed_m_s": "wheels.max_speed_m_s",
+        "wheels.gyro_scale": "gyro.scale",
+        "wheels.gyro_bias_rad_s": "gyro.bias_rad_s",
+        "wheels.gyro_error": "gyro.scale_error",
+        "wheels.gyro_bias_error_rad_s": "gyro.bias_error_rad_s",
+        "wheels.gyro_noise_rad": "gyro.noise_rad",
+        "wheels.gap_s": "gyro.gap_s",
+        "wheels.fallback": "odometry",
+    }
     lines: HsvLineSettings = HsvLineSettings()
     most_points: int = Field(
         100,
         ge=1,
         description="line points that the particles are weighed by, evenly chosen of more: the time grows with it",
     )
-    wheels: WheelOdometrySettings = WheelOdometrySettings()
+    wheels: WheelSettings = WheelSettings()
+    gyro: GyroSettings = GyroSettings()
+    odometry: OdometrySettings = OdometrySettings()
     compass_track: CompassTrackSettings = CompassTrackSettings()
     particles: ParticleFilterSettings = ParticleFilterSettings()
     fusion: SensorFusionSettings = SensorFusionSettings()
@@ -79,11 +101,12 @@ class IrisFusion:
         self.detector = (
             None if setup.camera is None else HsvLineDetector(setup.camera, settings.lines, field.line_width)
         )
-        self.odometry = WheelOdometry(settings.wheels, *(setup.wheel_directions_rad or (None, None)))
+        s = settings
+        self.history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
+        self.odometry = DeadReckoning(self.history)
         self.rng = rng
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)
-        self.compass = CompassTrack(settings.compass_track)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -91,8 +114,8 @@ class IrisFusion:
         s, prior = self.settings, prior or Prior()
         self.region = replace(OWN_HALF, most_x=OWN_HALF.most_x + s.own_half_m) if prior.own_half else None
         self.moved = Pose(0.0, 0.0, 0.0)  # since the robot was told to be in the region
+        self.history.clear()
         self.odometry.reset(prior.pose)
-        self.compass.reset()
         self.fusion.forget()
         self.status, self.side_known = Status.SEARCHING, True
         self.stamp_ns: int | None = None
@@ -113,11 +136,13 @@ class IrisFusion:
         observation = observe(frame, self.detector)  # figures 6 and 7
         points = observation.points
         seen = time.perf_counter()
-        self.compass.add(frame.compass, frame.gyro)
-        compass_rad = self.compass.heading_at(frame.stamp_ns)
-        motion, duration_s, by_gyro = self._odometry(frame)  # figure 4, equations (1) to (6)
+        self.history.add(frame)
+        compass_rad = self.history.at(frame.stamp_ns).heading_rad
+        duration_s = 0.0 if self.stamp_ns is None else (frame.stamp_ns - self.stamp_ns) / NANOSECONDS
+        self.stamp_ns = frame.stamp_ns
+        motion = self.odometry.advance(frame.stamp_ns, self.fusion.bias_rad_s)  # figure 4, equations (1) to (6)
         vision, residual_m = self._particle_filter(points, motion, compass_rad)  # figure 8, equations (7) to (14)
-        self.fusion.update(self.odometry.pose, motion, vision, duration_s, by_gyro)  # figure 11, (15) to (19)
+        self.fusion.update(self.odometry.pose, motion, vision, duration_s, motion.by_gyro)  # figure 11, (15) to (19)
         self._correct()
         done = time.perf_counter()
         covariance = (self.unknown if self.searching else self.fusion.covariance).copy()
@@ -135,24 +160,6 @@ class IrisFusion:
             observation=observation,
             mode=self.fusion.mode,
         )
-
-    def _odometry(self, frame: Frame) -> tuple[Motion, float, bool]:
-        """Figure 4: the motion since the last frame, its time (s), and whether the gyro told all of its turn.
-
-        What the fusion knows of the gyro's bias is taken off.
-        """
-        before, started_ns = self.odometry.pose, self.stamp_ns
-        replaced = self.odometry.fallbacks
-        motion = self.odometry.update(frame)
-        self.stamp_ns = frame.stamp_ns
-        if started_ns is None:
-            return motion, 0.0, False
-        duration_s = (frame.stamp_ns - started_ns) / NANOSECONDS
-        by_gyro = motion.missing_s == 0.0 and self.odometry.fallbacks == replaced
-        if by_gyro:
-            motion = without_bias(motion, self.fusion.bias_rad_s, duration_s)
-            self.odometry.set_pose(before.compose(motion.pose))
-        return motion, duration_s, by_gyro
 
     def _particle_filter(
         self, points: LinePoints, motion: Motion, compass_rad: float | None

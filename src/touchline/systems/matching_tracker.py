@@ -25,8 +25,7 @@ from touchline.localization.matching.global_search import OWN_HALF, GlobalFix, G
 from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings, as_pose
 from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltSettings
 from touchline.localization.matching.weights import WeightSettings, precision_weights
-from touchline.motion.compass import CompassTrack, CompassTrackSettings
-from touchline.motion.odometry import Motion, OdometrySettings, OdometryTrack
+from touchline.motion import CompassTrackSettings, Motion, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.setup import RobotSetup
 from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Prior, Status
@@ -82,8 +81,7 @@ class MatchingTracker(ABC):
         prior = prior or Prior()
         self.region = OWN_HALF if prior.own_half else None
         self.side_known = True
-        self.odometry = OdometryTrack(s.odometry)
-        self.compass = CompassTrack(s.compass_track)
+        self.history = MotionHistory(s.odometry, s.compass_track)
         self.correction = CompassCorrection(s.compass)
         self.failure = FailureDetector(s.failure)
         self.filter = PoseFilter(prior.pose or Pose(0.0, 0.0, 0.0), None, s.fusion)
@@ -105,7 +103,7 @@ class MatchingTracker(ABC):
         points = observation.points
         seen = time.perf_counter()
         self._predict(frame)
-        compass_rad = self.compass.heading_at(frame.stamp_ns)
+        compass_rad = self.history.at(frame.stamp_ns).heading_rad
         weights = precision_weights(points, self.shared.weights)
         usable = len(points) >= self.shared.failure.least_points
         match = self._match_from_prediction(points, weights, compass_rad) if usable and self.placed else None
@@ -171,10 +169,9 @@ class MatchingTracker(ABC):
 
     def _predict(self, frame: Frame) -> None:
         """Section 4.2: the odometry carries the pose on to this frame."""
-        self.odometry.add(frame.odometry)
-        self.compass.add(frame.compass, frame.gyro)
+        self.history.add(frame)
         if self.stamp_ns is not None:
-            self.motion = self.odometry.between(self.stamp_ns, frame.stamp_ns)
+            self.motion = self.history.between(self.stamp_ns, frame.stamp_ns)
             self.filter.predict(self.motion.pose, self.motion.covariance)
         self.stamp_ns = frame.stamp_ns
         self.hypotheses = ()

@@ -277,13 +277,6 @@ class SensorFusion:
             self.covariance = p + q
 
 
-def without_bias(motion: Motion, bias_rad_s: float, duration_s: float) -> Motion:
-    """A motion over some time without the turn that a gyro's bias added to it, and half of that in its direction."""
-    turn_rad = bias_rad_s * duration_s
-    moved = Pose(0.0, 0.0, -0.5 * turn_rad).compose(motion.pose)
-    return motion._replace(pose=moved._replace(heading=wrap_angle(motion.pose.heading - turn_rad)))
-
-
 def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:
     """Equations (15) to (19): β of the odometry and 1 - β of the particles; f of equation (13) is the arc tangent."""
     sine = beta * math.sin(odometry.heading) + (1.0 - beta) * math.sin(particles.heading)

@@ -1,0 +1,114 @@
+"""Stamps that can't be right: which samples are believed, and what becomes of a frame that runs backwards."""
+
+from __future__ import annotations
+
+from collections import Counter
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.motion.samples import NANOSECONDS
+from touchline.types import Samples
+
+_JUMP_NS = int(1.0 * NANOSECONDS)  # ten image periods: drivers deliver late, but not by that much
+_CONFIRMATIONS = 3  # one wrong stamp is a broken message, several that follow each other are a clock
+
+
+class FrameOrder(Enum):
+    """What a frame's stamp means after the newest frame before it."""
+
+    NEXT = "next"
+    """Not older."""
+    LATE = "late"
+    """Older by up to a second, as of a driver that mixes frames up: to be dropped."""
+    CLOCK_SET_BACK = "clock set back"
+    """Older by more: the histories have to start anew."""
+
+
+def frame_order(stamp_ns: int, newest_ns: int | None) -> FrameOrder:
+    """How a frame follows the newest one before it; None if it is the first."""
+    if newest_ns is None or stamp_ns >= newest_ns:
+        return FrameOrder.NEXT
+    return FrameOrder.LATE if newest_ns - stamp_ns <= _JUMP_NS else FrameOrder.CLOCK_SET_BACK
+
+
+class Believed(NamedTuple):
+    """Samples whose stamps are believed. clock_jumped: what the sensor said before them belongs to another clock."""
+
+    samples: Samples
+    clock_jumped: bool
+
+
+class SensorClocks:
+    """Compares the stamps of each sensor with those of frames and of all other sensors.
+
+    A sample more than 1 s ahead of all of them is refused; three such in a row that follow each other within 1 s are a
+    clock that jumped, and are believed. Should the frames not follow, the sensor's next sample at their time is.
+    """
+
+    def __init__(self) -> None:
+        self.refused: Counter[str] = Counter()
+        """Samples refused so far, by sensor."""
+        self.jumps: Counter[str] = Counter()
+        """Times that a sensor's clock has jumped."""
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all stamps; the counts stay."""
+        self.frame_ns: int | None = None
+        self._newest_ns: dict[str, int] = {}
+        self._refused_in_a_row: dict[str, list[tuple[int, list[float]]]] = {}
+
+    def believed(self, sensor: str, samples: Samples) -> Believed:
+        """Those of a sensor's new samples that are believed. Rows behind the newest are its history's to judge."""
+        stamps_ns = samples.stamp_ns
+        newest_ns = max((*self._newest_ns.values(), int(stamps_ns[0]) if self.frame_ns is None else self.frame_ns))
+        last_ns = int(stamps_ns.max())
+        if last_ns <= newest_ns + _JUMP_NS and not self._is_ahead_of_frames(sensor):
+            self._believe(sensor, last_ns)
+            return Believed(samples, clock_jumped=False)
+        return self._one_by_one(sensor, samples)
+
+    def _is_ahead_of_frames(self, sensor: str) -> bool:
+        newest_ns = self._newest_ns.get(sensor)
+        return newest_ns is not None and self.frame_ns is not None and newest_ns > self.frame_ns + _JUMP_NS
+
+    def _believe(self, sensor: str, stamp_ns: int) -> None:
+        self._newest_ns[sensor] = max(stamp_ns, self._newest_ns.get(sensor, stamp_ns))
+        self._refused_in_a_row.pop(sensor, None)
+
+    def _one_by_one(self, sensor: str, samples: Samples) -> Believed:
+        rows: list[tuple[int, list[float]]] = []
+        jumped = False
+        for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
+            if self._is_ahead_of_frames(sensor) and abs(stamp_ns - (self.frame_ns or 0)) <= _JUMP_NS:
+                rows, jumped = [(stamp_ns, values)], True
+                del self._newest_ns[sensor]
+                self._believe(sensor, stamp_ns)
+            elif self._is_near_others(stamp_ns):
+                rows.append((stamp_ns, values))
+                self._believe(sensor, stamp_ns)
+            elif confirmed := self._refuse(sensor, stamp_ns, values):
+                rows, jumped = confirmed, True
+                self._believe(sensor, stamp_ns)
+        self.jumps[sensor] += jumped
+        stamps_ns = np.array([stamp_ns for stamp_ns, _ in rows], dtype=np.int64)
+        kept = np.array([values for _, values in rows], dtype=np.float64).reshape(-1, samples.values.shape[1])
+        return Believed(Samples(stamps_ns, kept), jumped)
+
+    def _is_near_others(self, stamp_ns: int) -> bool:
+        known_ns = [*self._newest_ns.values(), *([] if self.frame_ns is None else [self.frame_ns])]
+        return not known_ns or stamp_ns <= max(known_ns) + _JUMP_NS
+
+    def _refuse(self, sensor: str, stamp_ns: int, values: list[float]) -> list[tuple[int, list[float]]]:
+        """Refuse a sample. Returns those refused in a row once they are so many that the clock must have jumped."""
+        row = self._refused_in_a_row.setdefault(sensor, [])
+        if row and not 0 < stamp_ns - row[-1][0] <= _JUMP_NS:
+            row.clear()
+        row.append((stamp_ns, values))
+        self.refused[sensor] += 1
+        if len(row) < _CONFIRMATIONS:
+            return []
+        self.refused[sensor] -= len(row)
+        return row

@@ -1,0 +1,75 @@
+"""The gyro: its turning rate integrated to an angle, and how far that errs."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.geometry import FloatArray
+from touchline.motion.integrated import IntegratedSensor
+from touchline.motion.samples import NANOSECONDS
+from touchline.types import Samples
+
+
+class GyroSettings(Settings):
+    """How the gyro is scaled, and how much it errs."""
+
+    scale: float = Field(1.0, gt=0, description="true turning rate per rate that the gyro shows")
+    bias_rad_s: float = Field(0.0, description="what the gyro shows at rest (rad/s); 0: not known")
+    scale_error: float = Field(0.01, ge=0, description="relative error of the scale: 1 % is usual of cheap gyros")
+    bias_error_rad_s: float = Field(
+        0.01, ge=0, description="error of the bias (rad/s): 0.2 to 0.5 degrees per second are usual"
+    )
+    noise_rad: float = Field(
+        0.002, ge=0, description="random heading error after one second (rad), growing with the root of the time"
+    )
+    gap_s: float = Field(
+        0.25, gt=0, description="time without a reading after which the turn in it is unknown (s): two of a slow one"
+    )
+
+    def variance(self, turns_rad: float, duration_s: float) -> float:
+        """Variance (rad²) of the angle after some time in which the turns add up to turns_rad, both ways."""
+        known = (self.scale_error * turns_rad) ** 2 + (self.bias_error_rad_s * duration_s) ** 2
+        return known + self.noise_rad**2 * duration_s
+
+
+class IntegratedGyro:
+    """Equation (1) of Ismail et al. 2021: the turning rate, integrated to an angle by trapezoids."""
+
+    def __init__(self, settings: GyroSettings, extrapolation_s: float) -> None:
+        """extrapolation_s: how long the last rate is believed to go on after the newest reading (s)."""
+        self.settings = settings
+        self.integral = IntegratedSensor(2, extrapolation_s)
+        """Of the samples: the angle (rad, not wrapped) and the corrected rate (rad/s) at each reading."""
+        self.dropped = 0
+
+    def add(self, samples: Samples) -> None:
+        """Append readings gx, gy, gz (rad/s). Rows whose gz isn't finite or not later than the newest are dropped."""
+        s, known = self.settings, self.integral.samples
+        for stamp_ns, reading in zip(samples.stamp_ns.tolist(), samples.values[:, 2].tolist(), strict=True):
+            if not math.isfinite(reading) or (len(known) and stamp_ns <= known.last_ns):
+                self.dropped += 1
+                continue
+            rate_rad_s = s.scale * (reading - s.bias_rad_s)
+            if len(known) == 0:
+                self.integral.append(stamp_ns, [0.0, rate_rad_s], after_gap=False)
+                continue
+            duration_ns = stamp_ns - known.last_ns
+            angle_rad, last_rad_s = known.at(known.last_ns)
+            angle_rad += 0.5 * (last_rad_s + rate_rad_s) * duration_ns / NANOSECONDS
+            after_gap = duration_ns > int(s.gap_s * NANOSECONDS)
+            self.integral.append(stamp_ns, [angle_rad, rate_rad_s], after_gap)
+
+    def rates_rad_s(self, start_ns: int, end_ns: int) -> FloatArray:
+        """Turning rates (M,) read from one stamp to another, both included."""
+        return self.integral.samples.between(start_ns, end_ns)[:, 1]
+
+    def forget_before(self, stamp_ns: int) -> None:
+        """Forget what isn't needed to look up angles from a stamp on."""
+        self.integral.forget_before(stamp_ns)
+
+    def clear(self) -> None:
+        """Forget all readings."""
+        self.integral.clear()

@@ -1,0 +1,107 @@
+"""The recent samples of one sensor, looked up by time."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+
+import numpy as np
+
+from touchline.geometry import FloatArray
+from touchline.types import Samples
+
+NANOSECONDS = 1e9
+
+
+class SampleHistory:
+    """Samples of one sensor in the order of time, until `forget_before`, or for `keep_s` before the newest.
+
+    Rows with a value that is not finite and rows that don't come after the newest are left out and counted in
+    `dropped`. `angles`: columns that hold angles (rad); they are unwrapped here and interpolate the short way.
+    """
+
+    # Plain lists: a frame brings a handful of rows, for which arrays cost ten times as much.
+
+    def __init__(self, columns: int, angles: tuple[int, ...] = (), keep_s: float | None = None) -> None:
+        self.dropped = 0
+        self._keep_ns = None if keep_s is None else int(keep_s * NANOSECONDS)
+        self._columns = columns
+        self._angles = angles
+        self._stamps_ns: list[int] = []
+        self._rows: list[list[float]] = []
+
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
+
+    @property
+    def first_ns(self) -> int:
+        """Stamp of the oldest sample kept. Raises IndexError without samples."""
+        return self._stamps_ns[0]
+
+    @property
+    def last_ns(self) -> int:
+        """Stamp of the newest sample. Raises IndexError without samples."""
+        return self._stamps_ns[-1]
+
+    def add(self, samples: Samples | None) -> None:
+        """Append samples; their first columns are used. None, when the sensor said nothing, is fine."""
+        if samples is None:
+            return
+        for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
+            row = values[: self._columns]
+            if not all(map(math.isfinite, row)) or (self._stamps_ns and stamp_ns <= self._stamps_ns[-1]):
+                self.dropped += 1
+                continue
+            for column in self._angles:
+                last = self._rows[-1][column] if self._rows else 0.0
+                row[column] = last + math.remainder(row[column] - last, 2.0 * math.pi)
+            self.append(stamp_ns, row)
+        if self._keep_ns is not None and self._stamps_ns:
+            old = bisect_left(self._stamps_ns, self._stamps_ns[-1] - self._keep_ns)
+            del self._stamps_ns[:old], self._rows[:old]
+
+    def append(self, stamp_ns: int, row: list[float]) -> None:
+        """Append one sample that is finite and later than the newest."""
+        self._stamps_ns.append(stamp_ns)
+        self._rows.append(row)
+
+    def stamps_within(self, start_ns: int, end_ns: int) -> list[int]:
+        """Stamps of the samples after one stamp and before another, in the order of time."""
+        return self._stamps_ns[bisect_right(self._stamps_ns, start_ns) : bisect_left(self._stamps_ns, end_ns)]
+
+    def forget_before(self, stamp_ns: int) -> None:
+        """Forget what isn't needed to look up values from a stamp on."""
+        old = max(bisect_right(self._stamps_ns, stamp_ns) - 1, 0)
+        del self._stamps_ns[:old], self._rows[:old]
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._stamps_ns, self._rows = [], []
+
+    def at(self, stamp_ns: int) -> list[float]:
+        """Values (columns,) by linear interpolation; before the first and after the last sample, that sample's."""
+        if not self._rows:
+            raise ValueError("there are no samples to look up")
+        after = bisect_right(self._stamps_ns, stamp_ns)
+        if after == 0 or after == len(self):
+            return list(self._rows[min(after, len(self) - 1)])
+        start_ns, end_ns = self._stamps_ns[after - 1], self._stamps_ns[after]
+        share = (stamp_ns - start_ns) / (end_ns - start_ns)
+        return [a + share * (b - a) for a, b in zip(self._rows[after - 1], self._rows[after], strict=True)]
+
+    def between(self, start_ns: int, end_ns: int) -> FloatArray:
+        """Values (M, columns) of the samples from one stamp to another, both included."""
+        rows = self._rows[bisect_left(self._stamps_ns, start_ns) : bisect_right(self._stamps_ns, end_ns)]
+        return np.array(rows, dtype=np.float64).reshape(-1, self._columns)
+
+    def slope(self, window_s: float) -> FloatArray:
+        """Rate of change (columns,) per second over the newest `window_s`; zero with fewer than two samples there."""
+        if len(self) < 2:
+            return np.zeros(self._columns)
+        first = bisect_left(self._stamps_ns, self._stamps_ns[-1] - int(window_s * NANOSECONDS))
+        if len(self) - first < 2:
+            return np.zeros(self._columns)
+        t = (np.array(self._stamps_ns[first:]) - self._stamps_ns[-1]) / NANOSECONDS
+        t = t - t.mean()
+        rows = np.array(self._rows[first:])
+        return np.asarray(t @ (rows - rows.mean(axis=0)) / (t @ t))
