@@ -15,7 +15,7 @@ from touchline.geometry import Pose
 from touchline.simulation.cameras.base import Motion, field_from_body
 from touchline.simulation.cameras.mirror import solve_mirror, tangent_range
 from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
-from touchline.simulation.cameras.pinhole import Mount, SimulatedPinholeCamera
+from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera, humanoid_camera
 from touchline.simulation.rendering.casting import cast_rays
 from touchline.simulation.rendering.paint import build_paint, paint_at
 from touchline.simulation.world.hall import default_world
@@ -38,7 +38,7 @@ def omni() -> SimulatedOmniCamera:
 
 @pytest.fixture(scope="module")
 def pinhole() -> SimulatedPinholeCamera:
-    return SimulatedPinholeCamera(mount=Mount(roll=0.02, yaw=-0.03))
+    return SimulatedPinholeCamera(humanoid_camera(roll=0.02, yaw=-0.03))
 
 
 def plain_world(field: FieldModel, **changes: object) -> World:
@@ -212,7 +212,7 @@ def test_a_robot_hides_what_is_behind_it_and_stands_where_it_is(field: FieldMode
 
 
 def test_a_balls_middle_and_width_are_those_of_a_sphere(field: FieldModel) -> None:
-    camera = SimulatedPinholeCamera(distortion=(0.0,) * 5, mount=Mount(x=0.0))
+    camera = SimulatedPinholeCamera(humanoid_camera(place_m=(0.0, 0.0, 1.1), distortion=(0.0,) * 5))
     place = Pose(1.5, 0.1, 0.0)
     x, y = POSE.compose(place)[:2]
     ball = BallActor(x, y, 0.11, (0.0, 0.0, 0.0))

@@ -15,6 +15,7 @@ from touchline.field import open_field
 from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import Scenario, open_scenario
+from touchline.systems import RobotSetup, open_system
 from touchline.types import Frame
 
 
@@ -122,9 +123,10 @@ class TestMistakes:
         with pytest.raises(InputError, match="a recording holds images"):
             write_recording(Simulation(Scenario(seconds=1.0), "points"), tmp_path / "new")
 
-    def test_a_pinhole_camera_is_no_omni_camera(self) -> None:
-        with pytest.raises(InputError, match="at the level of points"):
-            _ = shortened("humanoid-walk").camera
+    def test_a_system_for_mirrors_says_so_of_a_pinhole_camera(self) -> None:
+        simulation = shortened("humanoid-walk")
+        with pytest.raises(InputError, match=r"nubot-mti finds line points in images of an omnidirectional camera; "):
+            open_system("nubot-mti", RobotSetup(simulation.field, simulation.camera))
 
 
 class TestCommand:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import OmniCamera
+from touchline.camera import Camera
 from touchline.config import read_yaml
 from touchline.errors import InputError, TouchlineError
 from touchline.messages import did_you_mean
@@ -49,7 +49,7 @@ def calibrate_recording(recording: Recording, regions_file: Path | None = None) 
 
 
 def calibrate_unmarked(
-    images: Sequence[ImageArray], camera: OmniCamera, name: str, line_width_m: float = 0.125
+    images: Sequence[ImageArray], camera: Camera, name: str, line_width_m: float = 0.125
 ) -> ColourCalibration:
     """From the field itself: its green is the most frequent one around the robot, white what crosses it as lines do."""
     detector = LinePointDetector(camera, line_width_m=line_width_m)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from touchline.camera.omni import OmniCamera, omni_from_mapping
+from touchline.camera.base import Camera, field_of_view, leaning
+from touchline.camera.omni import OmniCamera, omni_from_mapping, require_omni
+from touchline.camera.pinhole import PinholeCamera, pinhole_from_mapping
 from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.messages import did_you_mean
@@ -12,18 +15,31 @@ from touchline.messages import did_you_mean
 MODELS = ("omni", "pinhole")
 
 
-def open_camera(path: str | Path) -> OmniCamera:
+def open_camera(path: str | Path) -> Camera:
     """The camera that a camera.yaml describes. Raises InputError for an unknown model or a broken file."""
     path = Path(path)
-    tree = read_yaml_mapping(path)
+    return camera_from_mapping(read_yaml_mapping(path), path)
+
+
+def camera_from_mapping(tree: dict[str, Any], path: Path) -> Camera:
+    """The camera of a camera.yaml's content; `path` is named in errors."""
     model = tree.get("model")
     if model is None:
         raise InputError(f"{path}: 'model' is missing; one of {', '.join(MODELS)}")
     if model == "omni":
         return omni_from_mapping(tree, path)
     if model == "pinhole":
-        raise InputError(f"{path}: no system uses a pinhole camera yet; 'model: omni' is needed")
+        return pinhole_from_mapping(tree, path)
     raise InputError(f"{path}: unknown camera model {model!r}; {did_you_mean(str(model), MODELS)}")
 
 
-__all__ = ["OmniCamera", "open_camera"]
+__all__ = [
+    "Camera",
+    "OmniCamera",
+    "PinholeCamera",
+    "camera_from_mapping",
+    "field_of_view",
+    "leaning",
+    "open_camera",
+    "require_omni",
+]

@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from touchline.camera.base import Camera
 from touchline.camera.exposure_search import EntropySearch, PathSettings, SearchSettings, Tried
-from touchline.camera.omni import OmniCamera
+from touchline.camera.omni import require_omni
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
@@ -87,11 +88,15 @@ def image_entropy(image: ImageArray, mask: Mask | None = None) -> float:
     return total
 
 
-def mirror_masks(camera: OmniCamera) -> tuple[Mask, Mask]:
-    """(H, W) pixels of the robot's own top, and of the field around it, as camera.yaml's radii divide them."""
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
-    radius = np.hypot(u - camera.center[0], v - camera.center[1])
-    return radius < 0.8 * camera.inner_radius_px, (radius > camera.inner_radius_px) & (radius < camera.outer_radius_px)
+def mirror_masks(camera: Camera) -> tuple[Mask, Mask]:
+    """(H, W) pixels of the robot's own top, and of the field around it, as camera.yaml's radii divide them.
+
+    Raises InputError for a camera that does not look at a mirror.
+    """
+    mirror = require_omni(camera, "the robot's own top is in the middle of images of")
+    v, u = np.mgrid[0 : mirror.height, 0 : mirror.width]
+    radius = np.hypot(u - mirror.center[0], v - mirror.center[1])
+    return radius < 0.8 * mirror.inner_radius_px, (radius > mirror.inner_radius_px) & (radius < mirror.outer_radius_px)
 
 
 class ExposureControl:

@@ -8,7 +8,6 @@ bearings, too: a second table of the same rows may tell by how much.
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from touchline.camera.base import Camera, Mask, ground_jacobian, ground_of_rays, pixel_covariances
+from touchline.camera.reading import read_image_size, read_number, read_numbers, read_switch, require_keys
 from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, Pose3
 
 _KEYS = ("width", "height", "center", "inner_radius_px", "outer_radius_px", "handedness", "mount_yaw", "range_table")
 _INVERSE_STEPS = 6
@@ -35,6 +36,9 @@ class OmniCamera:
     radius_px: (R,) the table's radii; bearings_rad: (B,) ascending in [0, 2 pi), B = 1 when the table holds for all
     directions; range_m: (B, R) ground range from the base origin; bearing_offset_rad: (B, R) what the true bearing is
     more than the formula's, none for a mirror that turns none. Rows belong to the formula's bearings.
+    viewpoint_height_m: where the rays that the mirror collects would meet, above the base origin; without it the
+    camera has no rays, only ground points. use_attitude: whether the IMU's roll and pitch are used; usually it errs
+    more than a wheeled robot leans.
     """
 
     width: int
@@ -48,6 +52,8 @@ class OmniCamera:
     bearings_rad: FloatArray
     range_m: FloatArray
     bearing_offset_rad: FloatArray | None = None
+    viewpoint_height_m: float | None = None
+    use_attitude: bool = False
     # for the compiled loops: ranges (1, B, F) at uniform steps, with bearing offsets below them (2, B, F);
     # u0, v0, handedness, yaw, first radius, step, last radius
     lookup_table: FloatArray = field(init=False, repr=False)
@@ -75,36 +81,75 @@ class OmniCamera:
             ),
         )
 
-    def ground_from_image(self, pixels: npt.ArrayLike) -> FloatArray:
-        """Ground points (N, 2) in the base frame (m) of pixels (N, 2) u, v; NaN outside the table's radii."""
+    @property
+    def model(self) -> str:
+        """`omni`."""
+        return "omni"
+
+    @property
+    def base_from_camera(self) -> Pose3:
+        """The viewpoint above the base origin, axes as the base frame's. InputError if its height is not known."""
+        if self.viewpoint_height_m is None:
+            raise InputError(
+                "an omnidirectional camera needs 'viewpoint_height_m' in camera.yaml for rays and attitude"
+            )
+        return Pose3(np.eye(3), np.array([0.0, 0.0, self.viewpoint_height_m]))
+
+    def ray(self, pixels: npt.ArrayLike, base_from_camera: Pose3 | None = None) -> FloatArray:
+        """Unit vectors (N, 3) of what pixels (N, 2) see, in the base frame, from the viewpoint on.
+
+        NaN outside the table. Raises InputError without `viewpoint_height_m`.
+        """
+        still = self.base_from_camera
+        ground = self.ground_from_image(pixels)
+        rays = np.column_stack((ground, np.full(len(ground), -still.translation_m[2])))
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        return rays if base_from_camera is None else rays @ base_from_camera.rotation.T
+
+    def ground_from_image(self, pixels: npt.ArrayLike, base_from_camera: Pose3 | None = None) -> FloatArray:
+        """Ground points (N, 2) in the base frame (m) of pixels (N, 2) u, v; NaN outside the table's radii.
+
+        With a pose of the camera: InputError without `viewpoint_height_m`, NaN at and above the horizon.
+        """
+        if base_from_camera is not None:
+            return ground_of_rays(base_from_camera.translation_m, self.ray(pixels, base_from_camera))
         uv = np.ascontiguousarray(np.asarray(pixels, dtype=np.float64).reshape(-1, 2))
         return ground_from_pixels(uv, self.lookup_constants, self.bearings_rad, self.lookup_table)
 
-    def image_from_ground(self, points: npt.ArrayLike) -> FloatArray:
-        """Pixels (N, 2) u, v of ground points (N, 2) in the base frame (m); NaN outside the table's ranges."""
-        xy = np.ascontiguousarray(np.asarray(points, dtype=np.float64).reshape(-1, 2))
+    def image_from_ground(self, points: npt.ArrayLike, base_from_camera: Pose3 | None = None) -> FloatArray:
+        """Pixels (N, 2) u, v of ground points (N, 2) in the base frame (m); NaN outside the table's ranges.
+
+        With a pose of the camera: InputError without `viewpoint_height_m`.
+        """
+        xy: FloatArray = np.ascontiguousarray(np.asarray(points, dtype=np.float64).reshape(-1, 2))
+        if base_from_camera is not None:
+            xy = np.ascontiguousarray(self._ground_if_upright(xy, base_from_camera))
         return pixels_from_ground(xy, self.lookup_constants, self.bearings_rad, self.lookup_table)
 
     def ground_jacobian(self, pixels: npt.ArrayLike) -> FloatArray:
-        """(N, 2, 2) derivative of the ground point (m) by the pixel, from differences over one pixel.
+        """(N, 2, 2) derivative of the ground point (m) by the pixel; see `camera.base.ground_jacobian`."""
+        return ground_jacobian(self.ground_from_image, pixels)
 
-        At the table's edges the difference is one-sided, over half a pixel. NaN outside the table.
-        """
-        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-        here = self.ground_from_image(uv)
-        columns = []
-        for offset in (np.array([0.5, 0.0]), np.array([0.0, 0.5])):
-            after, before = self.ground_from_image(uv + offset), self.ground_from_image(uv - offset)
-            ahead, behind = 2.0 * (after - here), 2.0 * (here - before)
-            central = np.where(np.isnan(ahead), behind, np.where(np.isnan(behind), ahead, 0.5 * (ahead + behind)))
-            columns.append(central)
-        return np.stack(columns, axis=-1)
-
-    def ground_covariances(self, pixels: npt.ArrayLike, noise_px: float, noise_m: float) -> FloatArray:
+    def ground_covariances(
+        self, pixels: npt.ArrayLike, noise_px: float, noise_m: float, base_from_camera: Pose3 | None = None
+    ) -> FloatArray:
         """(N, 2, 2) covariances (m²) of ground points: the pixels' noise through the mirror, and the ground's own."""
-        jacobians = self.ground_jacobian(pixels)
-        covariances: FloatArray = noise_px**2 * jacobians @ jacobians.transpose(0, 2, 1)
-        return covariances + np.eye(2) * noise_m**2
+        jacobians = ground_jacobian(lambda uv: self.ground_from_image(uv, base_from_camera), pixels)
+        return pixel_covariances(jacobians, noise_px, noise_m)
+
+    def sees(self, pixels: FloatArray) -> Mask:
+        """Whether pixels (N, 2) lie between the inner and the outer radius; False for NaN."""
+        radius = np.hypot(pixels[:, 0] - self.center[0], pixels[:, 1] - self.center[1])
+        inside: Mask = (radius >= self.inner_radius_px) & (radius <= self.outer_radius_px)
+        return inside
+
+    def _ground_if_upright(self, points: FloatArray, base_from_camera: Pose3) -> FloatArray:
+        """The ground points (N, 2) that an upright camera would see in the directions of ground points (N, 2)."""
+        height = float(self.base_from_camera.translation_m[2])
+        seen = base_from_camera.inverse().transform(np.column_stack((points, np.zeros(len(points)))))
+        depth = np.where(seen[:, 2] < 0.0, -seen[:, 2], np.nan)
+        upright: FloatArray = seen[:, :2] * (height / depth)[:, np.newaxis]
+        return upright
 
     @classmethod
     def load(cls, path: str | Path) -> OmniCamera:
@@ -113,49 +158,61 @@ class OmniCamera:
         return omni_from_mapping(read_yaml_mapping(path), path)
 
 
+def require_omni(camera: Camera, purpose: str) -> OmniCamera:
+    """The camera, if it looks at a mirror; else InputError: `purpose` an omnidirectional camera, and what there is.
+
+    purpose: what needs it, up to the word before: "nubot-mti finds line points in images of".
+    """
+    if isinstance(camera, OmniCamera):
+        return camera
+    raise InputError(f"{purpose} an omnidirectional camera; this camera is a {camera.model}")
+
+
 def omni_from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
     """An OmniCamera from the content of a camera.yaml; `path` is named in errors."""
-    for key in _KEYS:
-        if key not in tree:
-            unknown = [str(other) for other in tree if other not in (*_KEYS, "model")]
-            alike = difflib.get_close_matches(key, unknown, n=1)
-            hint = f" (is '{alike[0]}' meant for it?)" if alike else ""
-            raise InputError(f"{path}: '{key}' is missing{hint}; an omni camera needs {', '.join(_KEYS)}")
-    center = _numbers(tree["center"], path, "center", 1)
+    require_keys(tree, _KEYS, path, "an omni camera")
+    center = read_numbers(tree["center"], path, "center", 1)
     if center.shape != (2,):
         raise InputError(f"{path}: 'center' needs two numbers, u and v")
     if tree["handedness"] not in (1, -1):
         raise InputError(f"{path}: 'handedness' must be 1 or -1, found {tree['handedness']!r}")
-    inner, outer = (_number(tree[key], path, key) for key in ("inner_radius_px", "outer_radius_px"))
+    inner, outer = (read_number(tree[key], path, key) for key in ("inner_radius_px", "outer_radius_px"))
     if not 0.0 <= inner < outer:
         raise InputError(f"{path}: 'inner_radius_px' ({inner:g}) must lie between 0 and 'outer_radius_px' ({outer:g})")
-    sizes = {key: _number(tree[key], path, key) for key in ("width", "height")}
-    for key, size in sizes.items():
-        if size != int(size) or size < 1:
-            raise InputError(f"{path}: '{key}' must be a whole number of pixels, found {tree[key]!r}")
+    width, height = read_image_size(tree, path)
+    viewpoint_height_m = None
+    if tree.get("viewpoint_height_m") is not None:
+        viewpoint_height_m = read_number(tree["viewpoint_height_m"], path, "viewpoint_height_m")
+        if not viewpoint_height_m > 0.0:
+            raise InputError(f"{path}: 'viewpoint_height_m' must be positive (m), found {viewpoint_height_m:g}")
+    use_attitude = read_switch(tree, "use_attitude", False, path)
+    if use_attitude and viewpoint_height_m is None:
+        raise InputError(f"{path}: 'use_attitude: true' needs 'viewpoint_height_m', the viewpoint's height (m)")
     radii, bearings, ranges, offsets = _range_table(tree["range_table"], path)
     return OmniCamera(
-        int(sizes["width"]),
-        int(sizes["height"]),
+        width,
+        height,
         (float(center[0]), float(center[1])),
         inner,
         outer,
         int(tree["handedness"]),
-        _number(tree["mount_yaw"], path, "mount_yaw"),
+        read_number(tree["mount_yaw"], path, "mount_yaw"),
         radii,
         bearings,
         ranges,
         offsets,
+        viewpoint_height_m,
+        use_attitude,
     )
 
 
 def _range_table(table: Any, path: Path) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
     if not isinstance(table, dict) or "radius_px" not in table or "range_m" not in table:
         raise InputError(f"{path}: 'range_table' needs 'radius_px' and 'range_m' (and 'bearing_rad' if per direction)")
-    radii = _numbers(table["radius_px"], path, "range_table.radius_px", 1)
+    radii = read_numbers(table["radius_px"], path, "range_table.radius_px", 1)
     if "bearing_rad" in table:
-        bearings = np.mod(_numbers(table["bearing_rad"], path, "range_table.bearing_rad", 1), 2.0 * np.pi)
-        ranges = _numbers(table["range_m"], path, "range_table.range_m", 2)
+        bearings = np.mod(read_numbers(table["bearing_rad"], path, "range_table.bearing_rad", 1), 2.0 * np.pi)
+        ranges = read_numbers(table["range_m"], path, "range_table.range_m", 2)
         if len(bearings) != len(ranges):
             raise InputError(f"{path}: 'range_table' has {len(bearings)} bearings but {len(ranges)} rows of ranges")
         offsets = _offsets(table, ranges.shape, path)
@@ -167,7 +224,7 @@ def _range_table(table: Any, path: Path) -> tuple[FloatArray, FloatArray, FloatA
         if "bearing_offset_rad" in table:
             raise InputError(f"{path}: 'range_table.bearing_offset_rad' needs 'bearing_rad', the bearings of its rows")
         bearings, offsets = np.zeros(1), None
-        ranges = _numbers(table["range_m"], path, "range_table.range_m", 1)[np.newaxis]
+        ranges = read_numbers(table["range_m"], path, "range_table.range_m", 1)[np.newaxis]
     if len(radii) < 2 or ranges.shape[1] != len(radii):
         raise InputError(
             f"{path}: 'range_table' has {len(radii)} radii but {ranges.shape[1]} ranges (at least two of each)"
@@ -185,28 +242,12 @@ def _offsets(table: dict[str, Any], shape: tuple[int, ...], path: Path) -> Float
     if "bearing_offset_rad" not in table:
         return None
     key = "range_table.bearing_offset_rad"
-    offsets = _numbers(table["bearing_offset_rad"], path, key, 2)
+    offsets = read_numbers(table["bearing_offset_rad"], path, key, 2)
     if offsets.shape != shape:
         raise InputError(f"{path}: '{key}' must have a row for each bearing with an entry for each radius")
     if np.abs(offsets).max() > _LARGEST_OFFSET_RAD:
         raise InputError(f"{path}: '{key}' holds {np.abs(offsets).max():g}; offsets are radians, at most 0.2")
     return offsets
-
-
-def _numbers(value: Any, path: Path, key: str, dimensions: int) -> FloatArray:
-    try:
-        array: FloatArray = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{path}: '{key}' must be a list of numbers (rows of equal length)") from None
-    if array.ndim != dimensions or array.size == 0 or not np.all(np.isfinite(array)):
-        raise InputError(f"{path}: '{key}' must be a list of finite numbers{' for each bearing' * (dimensions == 2)}")
-    return array
-
-
-def _number(value: Any, path: Path, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(f"{path}: '{key}' must be a number, found {value!r}")
-    return float(value)
 
 
 def _monotone_cubic(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:

@@ -49,6 +49,9 @@ def check_camera(survey: Survey) -> Iterator[Finding]:
     except InputError as error:
         yield Finding("camera", Severity.ERROR, CAMERA, _told(error, recording.camera_file), _CORRECT)
         return
+    if survey.omni is None:
+        return
+    camera = survey.omni
     oddities = list(_omni_oddities(camera))
     yield from oddities
     if not oddities and not recording.problems.counts[ProblemKind.IMAGE_SIZE]:

@@ -61,8 +61,10 @@ class Survey:
         """The omnidirectional camera; None if there is none or its file is broken (the check of it says so)."""
         if self.recording.camera_kind != "omni" or self.recording.camera_file is None:
             return None
+        from touchline.camera import require_omni
+
         try:
-            return self.recording.camera
+            return require_omni(self.recording.camera, "this check needs")
         except InputError:
             return None
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from touchline.calibration.range_figure import range_figure
 from touchline.calibration.range_pairs import Optics, RangePairs
 from touchline.calibration.range_regression import RangeRegression, fit_range
-from touchline.camera import OmniCamera
+from touchline.camera import Camera, require_omni
 from touchline.errors import TouchlineError
 from touchline.experiments.progress import follow
 from touchline.experiments.result import ExperimentResult, Headline, percent, spread
@@ -130,14 +130,15 @@ def _standing(scenario_name: str, place: Pose, seed: int) -> Simulation:
     return Simulation(scenario.model_copy(update=changes))
 
 
-def _marked(camera: OmniCamera, rng: np.random.Generator) -> RangePairs:
+def _marked(camera: Camera, rng: np.random.Generator) -> RangePairs:
     """Marks at the distances of the calibration strip in many directions, read with a little noise."""
     bearings = np.repeat(2.0 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS), len(STRIP_EDGES_M))
     ranges = np.tile(STRIP_EDGES_M, _DIRECTIONS)
     pixels = camera.image_from_ground(np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings))))
-    offset = pixels + _MARK_NOISE_PX * rng.standard_normal(pixels.shape) - camera.center
+    mirror = require_omni(camera, "marks are read in images of")
+    offset = pixels + _MARK_NOISE_PX * rng.standard_normal(pixels.shape) - mirror.center
     optics = Optics(
-        camera.width, camera.height, camera.center, camera.handedness, camera.mount_yaw_rad, camera.inner_radius_px
+        mirror.width, mirror.height, mirror.center, mirror.handedness, mirror.mount_yaw_rad, mirror.inner_radius_px
     )
     places = tuple(f"mark {k}" for k in range(len(ranges)))
     words = f"{len(ranges)} simulated marks"

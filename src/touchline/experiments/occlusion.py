@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from touchline.camera import OmniCamera
+from touchline.camera import Camera, require_omni
 from touchline.config import Settings
 from touchline.evaluation.metrics import ErrorTable, error_table
 from touchline.experiments.progress import follow
@@ -181,10 +181,11 @@ def _recorded(seeds: int) -> list[tuple[Condition, list[ErrorTable]]]:
     return found
 
 
-def black_pixels(camera: OmniCamera, sectors: Sectors) -> npt.NDArray[np.bool_]:
+def black_pixels(camera: Camera, sectors: Sectors) -> npt.NDArray[np.bool_]:
     """(H, W): the pixels of sectors given in degrees about the image's centre."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
-    angle = np.degrees(np.arctan2(v - camera.center[1], u - camera.center[0])) % 360.0
+    u0, v0 = require_omni(camera, "sectors about the middle are blackened in images of").center
+    angle = np.degrees(np.arctan2(v - v0, u - u0)) % 360.0
     hidden = np.zeros(angle.shape, dtype=np.bool_)
     for low, high in sectors:
         hidden |= (angle >= low) & (angle < high)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from touchline.camera import OmniCamera
+from touchline.camera import OmniCamera, require_omni
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.simulation.observation.observed_lines import ObservedLines
@@ -29,7 +29,7 @@ RED, BLUE, MAGENTA = "#c62828", "#1a56a8", "#c2269b"
 @cache
 def the_camera() -> OmniCamera:
     """The papers' mirror of three parts, as designed."""
-    return Simulation(open_scenario("straight-tracks"), level="points").camera
+    return require_omni(Simulation(open_scenario("straight-tracks"), level="points").camera, "the papers have")
 
 
 @cache

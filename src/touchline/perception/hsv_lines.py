@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from touchline.camera import OmniCamera, open_camera
+from touchline.camera import Camera, OmniCamera, open_camera, require_omni
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
@@ -111,21 +111,22 @@ class HsvLineDetector:
 
     learns_colours = False
 
-    def __init__(
-        self, camera: OmniCamera, settings: HsvLineSettings | None = None, line_width_m: float = 0.125
-    ) -> None:
-        """Raises InputError if the settings' range_file can't be read or is of another image size."""
+    def __init__(self, camera: Camera, settings: HsvLineSettings | None = None, line_width_m: float = 0.125) -> None:
+        """Raises InputError for a camera that does not look at a mirror, and if the settings' range_file can't be read
+        or is of another image size.
+        """
         self.settings = s = settings or HsvLineSettings()
-        self.camera = _with_ranges(camera, s.range_file)
+        mirror = require_omni(camera, "line points are found along rays in images of")
+        self.camera = _with_ranges(mirror, s.range_file)
         self.line_width_m = line_width_m
         self.outer_px = usable_radius(self.camera, s.coarsest_px_m)
         angles = np.radians(np.arange(0.0, 360.0, s.ray_step_deg))
         self.rays = np.column_stack((np.cos(angles), np.sin(angles)))
-        v, u = np.mgrid[0 : camera.height, 0 : camera.width]
-        radius = np.hypot(u - camera.center[0], v - camera.center[1])
-        self._seen = np.where(radius <= camera.outer_radius_px, 255, 0).astype(np.uint8)
-        self._body = (radius <= camera.inner_radius_px)[::_COARSE, ::_COARSE]
-        ring: npt.NDArray[np.bool_] = (radius > camera.inner_radius_px) & (radius < 0.8 * self.outer_px)
+        v, u = np.mgrid[0 : mirror.height, 0 : mirror.width]
+        radius = np.hypot(u - mirror.center[0], v - mirror.center[1])
+        self._seen = np.where(radius <= mirror.outer_radius_px, 255, 0).astype(np.uint8)
+        self._body = (radius <= mirror.inner_radius_px)[::_COARSE, ::_COARSE]
+        ring: npt.NDArray[np.bool_] = (radius > mirror.inner_radius_px) & (radius < 0.8 * self.outer_px)
         self._noise_rows = np.ascontiguousarray(ring[::_ROWS])
         self._ring = np.flatnonzero(ring[::_THIN, ::_THIN])
         self._closing, self._opening = (
@@ -216,7 +217,7 @@ class HsvLineDetector:
 def _with_ranges(camera: OmniCamera, file: str | None) -> OmniCamera:
     if file is None:
         return camera
-    ranged = open_camera(Path(file))
+    ranged = require_omni(open_camera(Path(file)), f"{file}: the setting range_file has to name")
     if (ranged.width, ranged.height) != (camera.width, camera.height):
         raise InputError(
             f"{file}: is for images of {ranged.width} x {ranged.height} pixels, the recording's have "

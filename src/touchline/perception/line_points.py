@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from touchline.camera import OmniCamera
+from touchline.camera import Camera, require_omni
 from touchline.config import Settings
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
@@ -108,21 +108,20 @@ class LinePointSettings(Settings):
 class LinePointDetector:
     """Finds line points in the images of one camera. `learn` first, then `detect` each image."""
 
-    def __init__(
-        self, camera: OmniCamera, settings: LinePointSettings | None = None, line_width_m: float = 0.125
-    ) -> None:
-        self.camera = camera
+    def __init__(self, camera: Camera, settings: LinePointSettings | None = None, line_width_m: float = 0.125) -> None:
+        """Raises InputError for a camera that does not look at a mirror."""
+        self.camera = mirror = require_omni(camera, "line points are found along rays and circles in images of")
         self.settings = settings or LinePointSettings()
         s = self.settings
         self.line_width_m = s.line_width_m or line_width_m
-        self.outer_px = usable_radius(camera, s.coarsest_px_m)
+        self.outer_px = usable_radius(mirror, s.coarsest_px_m)
         self.scan_lines: ScanLines = build_scan_lines(
-            camera, s.radial_scan_lines, s.circles, camera.inner_radius_px, self.outer_px
+            mirror, s.radial_scan_lines, s.circles, mirror.inner_radius_px, self.outer_px
         )
-        self._see_body(np.zeros((camera.height, camera.width), dtype=np.bool_))
+        self._see_body(np.zeros((mirror.height, mirror.width), dtype=np.bool_))
         self.colours: ColourModel | None = None
         self.green_ends_px = np.full(s.radial_scan_lines, self.outer_px)
-        self._gaps = gap_lengths(camera, camera.inner_radius_px, self.outer_px, s.field_gap_m)
+        self._gaps = gap_lengths(mirror, mirror.inner_radius_px, self.outer_px, s.field_gap_m)
         self._smoothing_px = 0.0
         self._noise = 0.0
         n = len(self.scan_lines.samples)

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from touchline.camera import OmniCamera
+from touchline.camera import Camera
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.perception.colour import ColourModel, NoCarpetError
@@ -52,7 +52,7 @@ class SelfLearningDetector:
 
     def __init__(
         self,
-        camera: OmniCamera,
+        camera: Camera,
         settings: LinePointSettings | None = None,
         learning: LearningSettings | None = None,
         line_width_m: float = 0.125,

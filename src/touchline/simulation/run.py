@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import OmniCamera
-from touchline.camera.omni import omni_from_mapping
+from touchline.camera import Camera, camera_from_mapping, require_omni
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
@@ -110,11 +109,9 @@ class Simulation:
         return None
 
     @cached_property
-    def camera(self) -> OmniCamera:
-        """The camera as it was designed (without the mirror's lean and shift); InputError for a pinhole camera."""
-        if self.camera_kind != "omni":
-            raise InputError(f"{self.name}: no system uses a pinhole camera yet; run it at the level of points")
-        return omni_from_mapping(self.camera_model.camera_yaml(), Path(f"{self.name}, camera"))
+    def camera(self) -> Camera:
+        """The camera as it was designed (without the mirror's lean and shift)."""
+        return camera_from_mapping(self.camera_model.camera_yaml(), Path(f"{self.name}, camera"))
 
     @property
     def wheel_directions_rad(self) -> tuple[float, float]:
@@ -268,7 +265,8 @@ class Simulation:
     def _observed(self) -> ObservedLines:
         if self.camera_kind == "omni":
             seed, as_built = self.scenario.seed, partial(project_ground, self.camera_model, attitude=(0.0, 0.0))
-            return ObservedLines(self.camera, self.field, self._noise, seed=seed, as_built=as_built)
+            mirror = require_omni(self.camera, "line points are computed for")
+            return ObservedLines(mirror, self.field, self._noise, seed=seed, as_built=as_built)
         tree = self.camera_model.camera_yaml()
         view = leaning_view(float(tree["mount"]["z"]), float(tree["fx"]), _PINHOLE_REACH_M)
         half_rad = math.atan2(0.5 * float(tree["width"]), float(tree["fx"]))

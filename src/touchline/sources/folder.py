@@ -21,7 +21,7 @@ from touchline.sources.truth import TRUTH, read_truth
 from touchline.types import Frame, ImageArray, Samples
 
 if TYPE_CHECKING:
-    from touchline.camera import OmniCamera
+    from touchline.camera import Camera
     from touchline.field import FieldModel
 
 IMAGE_LIST = "images.csv"
@@ -113,7 +113,7 @@ class Recording:
         return self._about.linear
 
     @cached_property
-    def camera(self) -> OmniCamera:
+    def camera(self) -> Camera:
         """The camera model; InputError if there is none."""
         from touchline.camera import open_camera
 

@@ -15,7 +15,7 @@ from touchline.sources.tables import StampArray
 from touchline.types import Frame, Samples
 
 if TYPE_CHECKING:
-    from touchline.camera import OmniCamera
+    from touchline.camera import Camera
     from touchline.field import FieldModel
 
 
@@ -83,7 +83,7 @@ class Source(Protocol):
         ...
 
     @property
-    def camera(self) -> OmniCamera:
+    def camera(self) -> Camera:
         """The camera model; InputError if there is none."""
         ...
 

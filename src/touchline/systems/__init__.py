@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from touchline.camera import require_omni
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.messages import did_you_mean
@@ -101,12 +102,14 @@ def open_system(
     """A system that is ready for its first frame.
 
     settings: its own, by default the paper's values. rng: where all its chance comes from, by default of seed 0.
-    Raises InputError for an unknown name, and for settings of another system.
+    Raises InputError for an unknown name, for settings of another system and for a camera that the system cannot use.
     """
     info = system_info(name)
     chosen = info.settings() if settings is None else settings
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
+    if setup.camera is not None:
+        require_omni(setup.camera, f"{name} finds line points in images of")
     return info.factory(setup, chosen, np.random.default_rng(0) if rng is None else rng)
 
 

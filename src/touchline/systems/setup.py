@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from touchline.camera import OmniCamera
+from touchline.camera import Camera
 from touchline.field import FieldModel
 
 
@@ -17,7 +17,7 @@ class RobotSetup:
     """
 
     field: FieldModel
-    camera: OmniCamera | None = None
+    camera: Camera | None = None
     wheel_directions_rad: tuple[float, float] | None = None
 
 

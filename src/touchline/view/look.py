@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from touchline.camera import OmniCamera, open_camera
+from touchline.camera import Camera, open_camera
 from touchline.errors import InputError, NoFitError, TouchlineError
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
@@ -36,7 +36,7 @@ class Look:
 
     name: str
     image: ImageArray
-    camera: OmniCamera
+    camera: Camera
     detector: Detector | None
     observation: Observation
     field: FieldModel | None
@@ -155,7 +155,7 @@ def read_image(path: Path) -> ImageArray:
     return np.asarray(image, dtype=np.uint8)
 
 
-def observe_image(path: Path, camera: OmniCamera, field: FieldModel, system: str = DEFAULT_SYSTEM) -> Look:
+def observe_image(path: Path, camera: Camera, field: FieldModel, system: str = DEFAULT_SYSTEM) -> Look:
     """What a system sees in the image of a file, without a pose.
 
     Raises InputError if it can't be read or is of another size than the camera's, TouchlineError where nothing can be

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import OmniCamera
+from touchline.camera import Camera
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.messages import counted
 from touchline.types import ImageArray, LinePoints
 
@@ -27,21 +27,23 @@ IntArray = npt.NDArray[np.int32]
 
 def overlay_image(
     image: ImageArray,
-    camera: OmniCamera,
+    camera: Camera,
     field: FieldModel | None,
     field_from_robot: Pose | None,
     points: LinePoints | None,
     scale: int = 2,
+    base_from_camera: Pose3 | None = None,
 ) -> ImageArray:
     """The image (H, W, 3) BGR, enlarged `scale` times, with points and field lines drawn over it and a legend below.
 
     Without a field or pose only the points are drawn. Points nearer than 15 cm to a line of the model have another
-    colour than the rest; their size grows with their confidence.
+    colour than the rest; their size grows with their confidence. base_from_camera: where the camera was; None for its
+    place on a robot that does not lean.
     """
     canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
     legend: list[tuple[str, tuple[int, int, int]]] = []
     if field is not None and field_from_robot is not None:
-        for line in projected_lines(camera, field, field_from_robot):
+        for line in projected_lines(camera, field, field_from_robot, base_from_camera):
             cv2.polylines(canvas, [_fixed_point(line, scale)], False, LINE_COLOR, scale, cv2.LINE_AA, _SHIFT)
         legend.append(("field lines at this pose", LINE_COLOR))
     if points is not None:
@@ -49,18 +51,20 @@ def overlay_image(
     return _with_legend(canvas, legend)
 
 
-def projected_lines(camera: OmniCamera, field: FieldModel, field_from_robot: Pose) -> list[FloatArray]:
+def projected_lines(
+    camera: Camera, field: FieldModel, field_from_robot: Pose, base_from_camera: Pose3 | None = None
+) -> list[FloatArray]:
     """The visible pieces of the field's centre lines in the image: arrays (K, 2) of pixels u, v, K >= 2."""
     robot_from_field = field_from_robot.inverse()
     pieces: list[FloatArray] = []
     for line in field.polylines(_STEP_M):
-        pieces += _visible_pieces(camera, camera.image_from_ground(robot_from_field.transform(line)))
+        pixels = camera.image_from_ground(robot_from_field.transform(line), base_from_camera)
+        pieces += _visible_pieces(camera, pixels)
     return pieces
 
 
-def _visible_pieces(camera: OmniCamera, pixels: FloatArray) -> list[FloatArray]:
-    radius = np.hypot(pixels[:, 0] - camera.center[0], pixels[:, 1] - camera.center[1])
-    seen = (radius >= camera.inner_radius_px) & (radius <= camera.outer_radius_px)  # NaN is not
+def _visible_pieces(camera: Camera, pixels: FloatArray) -> list[FloatArray]:
+    seen = camera.sees(pixels)
     step = np.hypot(*np.diff(pixels, axis=0).T)
     with np.errstate(invalid="ignore"):
         broken = ~(seen[:-1] & seen[1:] & (step <= _LONGEST_STEP_PX))

@@ -65,7 +65,7 @@ def _from_file(path: Path, kind: str, readout_s: float) -> SimulatedCamera:
         raise InputError(f"{path}: is a camera of the model '{model}', but camera.kind is '{kind}'")
     if model == "omni":
         return SimulatedOmniCamera.from_mapping(tree, path, readout_s=readout_s)
-    return SimulatedPinholeCamera.from_mapping(tree, str(path), readout_s=readout_s)
+    return SimulatedPinholeCamera.from_mapping(tree, path, readout_s=readout_s)
 
 
 def _mirror_camera(settings: CameraSettings, readout_s: float) -> SimulatedCamera:
