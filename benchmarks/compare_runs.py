@@ -76,7 +76,7 @@ def point_sets() -> Rows:
     from touchline.field import open_field
     from touchline.geometry import Pose
     from touchline.localization import GlobalSearch, Matcher, WeightSettings, range_weights
-    from touchline.localization.particles.monte_carlo import MonteCarlo, MonteCarloSettings
+    from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
 
     path = DATA / "points" / "msl_18x12.npz"
     if not path.is_file():
@@ -101,9 +101,10 @@ def point_sets() -> Rows:
         rows = []
         for index, (view, weight) in enumerate(zip(views[:50], weights, strict=False)):
             rng = np.random.default_rng(index)
-            mcl = MonteCarlo(matcher, field.length, field.width, rng, MonteCarloSettings())
+            mcl = NubotParticles(matcher, field.length, field.width, rng, NubotParticleSettings())
             mcl.restart(float(data["compass"][index]))
-            rows.append((*mcl.cycle(None, view, weight), *np.ravel(mcl.covariance)))
+            found = mcl.update(view, weight)
+            rows.append((*found.pose, *np.ravel(found.covariance)))
         return np.array(rows)
 
     yield "points matching", matching

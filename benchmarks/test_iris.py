@@ -9,8 +9,9 @@ import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.fusion.modes import SensorFusion, Vision
-from touchline.localization.particles.particle_filter import ParticleFilter
+from touchline.localization.fusion.modes import SensorFusion
+from touchline.localization.particles.iris_particles import IrisParticles
+from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion.odometry import Motion
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -45,13 +46,13 @@ def test_one_cycle_of_the_particle_filter(benchmark: BenchmarkFixture) -> None:
     """Motion, 600 particles x 100 points, tempering, resampling, mean."""
     simulation, frames = drive()
     points = points_of(frames[100])
-    particles = ParticleFilter(simulation.field, np.random.default_rng(0))
+    particles = IrisParticles(simulation.field, np.random.default_rng(0))
     particles.start_at(Pose(*simulation.truth.poses[100]), np.diag([0.03, 0.03, 0.01]) ** 2)
     still = Motion(Pose(0.0, 0.0, 0.0), np.diag([1e-5, 1e-5, 1e-6]), 0.0)
 
     def cycle() -> None:
-        particles.move(still)
-        particles.cycle(points)
+        particles.predict(still)
+        particles.update(points)
 
     benchmark(cycle)
 
@@ -60,7 +61,7 @@ def test_the_fusion_alone(benchmark: BenchmarkFixture) -> None:
     pose = Pose(1.0, 0.5, 0.3)
     fusion, motion = SensorFusion(), Motion(Pose(0.0, 0.0, 0.0), np.diag([1e-5, 1e-5, 1e-6]), 0.0)
     fusion.place(pose, np.eye(3) * 1e-4)
-    vision = Vision(pose, np.eye(3) * 1e-4, 100, 0.95)
+    vision = ParticleEstimate(pose, np.eye(3) * 1e-4, 100, 0.95)
     benchmark(fusion.update, pose, motion, vision, 0.1)
 
 

@@ -9,7 +9,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching.matcher import Matcher
-from touchline.localization.particles.monte_carlo import MonteCarlo, MonteCarloSettings
+from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")
@@ -26,39 +26,44 @@ def line_points(count: int) -> FloatArray:
     return np.ascontiguousarray(seen[rng.permutation(len(seen))[:count]] + rng.normal(0.0, 0.02, (count, 2)))
 
 
-def spread(particles: int, refined: int = 0) -> MonteCarlo:
+def spread(particles: int, refined: int = 0) -> NubotParticles:
     """Particles that are drawn anew in every cycle, the dearest case."""
-    settings = MonteCarloSettings(particles=particles, refined_clusters=refined, least_effective=1.0)
-    mcl = MonteCarlo(MATCHER, FIELD.length, FIELD.width, np.random.default_rng(0), settings)
+    settings = NubotParticleSettings(particles=particles, refined_clusters=refined, least_effective=1.0)
+    mcl = NubotParticles(MATCHER, FIELD.length, FIELD.width, np.random.default_rng(0), settings)
     mcl.restart(POSE.heading)
     return mcl
+
+
+def cycle(mcl: NubotParticles, points: FloatArray) -> None:
+    mcl.predict(MOTION)
+    mcl.update(points, None)
 
 
 @pytest.mark.parametrize("particles", [1, 100, 600, 2000, 6000, 20_000, 100_000])
 def test_one_whole_cycle(benchmark: BenchmarkFixture, particles: int) -> None:
     """Motion, weights, resampling, estimate with 100 points: 600 particles in 350 µs or less, then linear."""
     mcl, points = spread(particles), line_points(100)
-    benchmark(mcl.cycle, MOTION, points, None)
+    benchmark(cycle, mcl, points)
 
 
 @pytest.mark.parametrize("points", [10, 30, 300, 1000])
 def test_one_whole_cycle_of_600_particles_by_points(benchmark: BenchmarkFixture, points: int) -> None:
     mcl = spread(600)
-    benchmark(mcl.cycle, MOTION, line_points(points), None)
+    benchmark(cycle, mcl, line_points(points))
 
 
 def test_one_whole_cycle_with_five_refined_clusters(benchmark: BenchmarkFixture) -> None:
     mcl = spread(600, refined=5)
-    benchmark(mcl.cycle, MOTION, line_points(100), None)
+    benchmark(cycle, mcl, line_points(100))
 
 
 def test_weights_of_600_particles(benchmark: BenchmarkFixture) -> None:
     mcl = spread(600)
-    benchmark(mcl.log_likelihoods, line_points(100), None, mcl.particles)
+    benchmark(mcl.log_likelihoods, line_points(100), None, mcl.particles.poses)
 
 
 def test_weights_of_600_particles_numpy_twin(benchmark: BenchmarkFixture) -> None:
-    particles, points = spread(600).particles, line_points(100)
+    particles, points = spread(600).particles.poses, line_points(100)
     table = MATCHER.distance_map
     squares = table.values[::2, ::2, 0] ** 2
 

@@ -110,7 +110,7 @@ def test_the_paper_s_own_form_can_be_chosen_and_follows_a_robot_whose_place_was_
     run = simulation("indoor-9x6", 1)
     made = system(run, *PAPER, prior=Prior(pose=truth(run, 0)))
     estimates = [made.step(frame) for frame in run]
-    assert made.particles.exponent == 1.0
+    assert made.particles.filter.exponent == 1.0
     assert max(off_m(e, truth(run, k)) for k, e in enumerate(estimates)) < 0.3
 
 

@@ -17,7 +17,7 @@ from touchline.camera import OmniCamera
 from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.particles.monte_carlo import PAPER_FORM
+from touchline.localization.particles.nubot_particles import PAPER_FORM
 from touchline.perception import SelfLearningDetector, observe
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system

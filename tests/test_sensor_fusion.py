@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, Vision, blended
+from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, blended
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
+from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion.dead_reckoning import without_bias
 from touchline.motion.odometry import Motion
 from touchline.types import Mode
@@ -20,8 +21,8 @@ HERE = Pose(1.0, 0.5, 0.3)
 SETTINGS = SensorFusionSettings()
 
 
-def seen(pose: Pose, points: int = 80, on_lines: float = 0.95, spread_m: float = 0.03) -> Vision:
-    return Vision(pose, np.diag([spread_m**2 / 2, spread_m**2 / 2, 1e-4]), points, on_lines)
+def seen(pose: Pose, points: int = 80, inlier_ratio: float = 0.95, spread_m: float = 0.03) -> ParticleEstimate:
+    return ParticleEstimate(pose, np.diag([spread_m**2 / 2, spread_m**2 / 2, 1e-4]), points, inlier_ratio)
 
 
 def at(x: float, y: float = 0.5, heading: float = 0.3) -> Pose:
@@ -38,7 +39,7 @@ def placed(settings: SensorFusionSettings | None = None, pose: Pose = HERE) -> S
     return fusion
 
 
-def step(fusion: SensorFusion, odometry: Pose, vision: Vision | None, motion: Motion = STEP) -> Mode:
+def step(fusion: SensorFusion, odometry: Pose, vision: ParticleEstimate | None, motion: Motion = STEP) -> Mode:
     return fusion.update(odometry, motion, vision, 0.1)
 
 
@@ -92,7 +93,7 @@ def test_after_a_gap_the_odometry_has_a_smaller_share() -> None:
     "bad",
     [
         {"points": SETTINGS.least_points - 1},
-        {"on_lines": SETTINGS.least_share - 0.01},
+        {"inlier_ratio": SETTINGS.least_share - 0.01},
         {"spread_m": SETTINGS.widest_m + 0.01},
     ],
 )
@@ -109,7 +110,7 @@ def test_an_image_that_shows_too_little_leaves_odometry_alone_and_one_good_image
     "middling",
     [
         {"points": (SETTINGS.least_points + SETTINGS.enough_points) // 2},
-        {"on_lines": 0.5 * (SETTINGS.least_share + SETTINGS.accepted_share)},
+        {"inlier_ratio": 0.5 * (SETTINGS.least_share + SETTINGS.accepted_share)},
         {"spread_m": 0.5 * (SETTINGS.narrow_m + SETTINGS.widest_m)},
     ],
 )
@@ -157,10 +158,10 @@ def test_a_robot_without_a_pose_is_found_only_by_images_that_fit_well() -> None:
     still = Motion(Pose(0, 0, 0), STEP.covariance, 0.0)
     poor = SETTINGS.found_share - 0.02
     fusion = SensorFusion()
-    assert {step(fusion, HERE, seen(at(-2.0), on_lines=poor), still) for _ in range(10)} == {Mode.ODOMETRY}
+    assert {step(fusion, HERE, seen(at(-2.0), inlier_ratio=poor), still) for _ in range(10)} == {Mode.ODOMETRY}
     assert not fusion.placed
     fusion.search_anew(1, displaced=False)  # one has ended without finding it: a poor calibration, perhaps
-    assert [step(fusion, HERE, seen(at(-2.0), on_lines=poor), still) for _ in range(3)][-1] is Mode.OMNIVISION
+    assert [step(fusion, HERE, seen(at(-2.0), inlier_ratio=poor), still) for _ in range(3)][-1] is Mode.OMNIVISION
     assert fusion.placed
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angles
-from touchline.localization.particles.particle_filter import ParticleFilter
+from touchline.localization.particles.iris_particles import IrisParticles
 from touchline.motion import DeadReckoning, MotionHistory
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
@@ -80,7 +80,7 @@ def drive(
     s = settings
     history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
     odometry = DeadReckoning(history)
-    particles = ParticleFilter(setup.field, np.random.default_rng(seed), settings.particles)
+    particles = IrisParticles(setup.field, np.random.default_rng(seed), settings.particles)
     told: list[Estimate] = []
     poses: dict[str, list[Pose]] = {name: [] for name in SYSTEMS}
     before = 0
@@ -90,9 +90,9 @@ def drive(
         estimate = system.step(frame)
         points = empty_points() if estimate.observation is None else estimate.observation.points
         if told:
-            particles.move(motion)
+            particles.predict(motion)
             if len(points) >= settings.fusion.least_points:
-                particles.cycle(evenly_chosen(points.positions_m, settings.most_points))
+                particles.update(evenly_chosen(points.positions_m, settings.most_points))
         elif estimate.status is Status.TRACKING:
             odometry.set_pose(estimate.pose)
             particles.start_at(estimate.pose, estimate.covariance)
@@ -100,7 +100,7 @@ def drive(
             before += 1
             continue
         told.append(estimate)
-        for name, pose in zip(SYSTEMS, (odometry.pose, particles.pose, estimate.pose), strict=True):
+        for name, pose in zip(SYSTEMS, (odometry.pose, particles.estimate().pose, estimate.pose), strict=True):
             poses[name].append(pose)
     return IrisDrive(
         setup.field,

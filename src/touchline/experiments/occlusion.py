@@ -17,7 +17,7 @@ from touchline.experiments.result import ExperimentResult, Headline, spread
 from touchline.experiments.scenes import RED, field_axes, new_figure, public_recording
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
-from touchline.localization.particles.monte_carlo import PAPER_FORM as PAPER_PARTICLES
+from touchline.localization.particles.nubot_particles import PAPER_FORM as PAPER_PARTICLES
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system

@@ -22,10 +22,11 @@ from pydantic import Field
 
 from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
-from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, Vision
+from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
 from touchline.localization.matching.global_search import OWN_HALF
-from touchline.localization.particles.particle_filter import ParticleFilter, ParticleFilterSettings
+from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
+from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion import (
     CompassTrackSettings,
     DeadReckoning,
@@ -75,7 +76,7 @@ class IrisFusionSettings(Settings):
     gyro: GyroSettings = GyroSettings()
     odometry: OdometrySettings = OdometrySettings()
     compass_track: CompassTrackSettings = CompassTrackSettings()
-    particles: ParticleFilterSettings = ParticleFilterSettings()
+    particles: IrisParticleSettings = IrisParticleSettings()
     fusion: SensorFusionSettings = SensorFusionSettings()
     restart: RestartSettings = RestartSettings()
     start_position_m: float = Field(
@@ -121,7 +122,7 @@ class IrisFusion:
         self.stamp_ns: int | None = None
         self.searching = prior.pose is None
         self.restart.reset()
-        self.particles = ParticleFilter(self.field, self.rng, s.particles)
+        self.particles = IrisParticles(self.field, self.rng, s.particles)
         if prior.pose is not None:
             deviations = np.array([s.start_position_m, s.start_position_m, s.start_heading_rad])
             self.fusion.place(prior.pose, np.diag(deviations**2))
@@ -163,7 +164,7 @@ class IrisFusion:
 
     def _particle_filter(
         self, points: LinePoints, motion: Motion, compass_rad: float | None
-    ) -> tuple[Vision | None, float]:
+    ) -> tuple[ParticleEstimate | None, float]:
         """Figure 8: one cycle; what it says, and the mean error of the points (m, at most the map's largest)."""
         self._move(motion)
         image_cycles = self.settings.restart.image_cycles
@@ -183,15 +184,15 @@ class IrisFusion:
 
     def _move(self, motion: Motion) -> None:
         """The particles move; as long as a region was told, none of them may have begun outside."""
-        self.particles.move(motion)
+        self.particles.predict(motion)
         self.moved = self.moved.compose(motion.pose)
         if self.region is not None:
             self.particles.keep_within(self.region, self.moved)
 
-    def _holds(self, vision: Vision, compass_rad: float | None) -> bool:
+    def _holds(self, vision: ParticleEstimate, compass_rad: float | None) -> bool:
         """Whether the robot is still followed; the compass may tell at which end of the field."""
         off_compass_rad = None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
-        refuted = self.restart.is_refuted(vision.on_lines, off_compass_rad, self.status is Status.LOST)
+        refuted = self.restart.is_refuted(vision.inlier_ratio, off_compass_rad, self.status is Status.LOST)
         self.side_known |= self.restart.at_right_end
         return not refuted and self._is_where_told(vision.pose)
 
@@ -199,21 +200,21 @@ class IrisFusion:
         """Whether a robot that is here now has begun in the region told, if any was."""
         return self.region is None or self.region.contains(pose.compose(self.moved.inverse()))
 
-    def _cycles(self, points: LinePoints, count: int) -> tuple[Vision, float]:
+    def _cycles(self, points: LinePoints, count: int) -> tuple[ParticleEstimate, float]:
         """So many cycles on one image."""
         for _ in range(count - 1):
             self._cycle(points)
             self._move(_STILL)
         return self._cycle(points)
 
-    def _cycle(self, points: LinePoints) -> tuple[Vision, float]:
+    def _cycle(self, points: LinePoints) -> tuple[ParticleEstimate, float]:
         """Equations (7) to (14)."""
         self.restart.count_cycle()
         chosen = evenly_chosen(points.positions_m, self.settings.most_points)
-        pose = self.particles.cycle(chosen)
-        errors_m = self.particles.errors_m(chosen, pose)
-        on_lines = float(np.mean(errors_m <= self.settings.fusion.near_m))
-        return Vision(pose, self.particles.covariance, len(points), on_lines), float(errors_m.mean())
+        found = self.particles.update(chosen)
+        errors_m = self.particles.errors_m(chosen, found.pose)
+        inlier_ratio = float(np.mean(errors_m <= self.settings.fusion.near_m))
+        return found._replace(points=len(points), inlier_ratio=inlier_ratio), float(errors_m.mean())
 
     def _start(self, compass_rad: float | None) -> None:
         """Spread the particles over the field, or the region told; the compass helps with the first headings alone."""
@@ -223,7 +224,7 @@ class IrisFusion:
             heading_rad -= self.moved.heading
         self.particles.restart(heading_rad, self.region, deviation_rad)
         if self.region is not None:
-            self.particles.move(Motion(self.moved, np.zeros((3, 3)), 0.0))
+            self.particles.predict(Motion(self.moved, np.zeros((3, 3)), 0.0))
         if self.fusion.placed:
             self.particles.put_nearby(self.odometry.pose)  # it may have been right
         self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric

@@ -20,7 +20,7 @@ from pydantic import Field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.pose_filter import PoseFilter
 from touchline.localization.matching.matcher import Match, as_pose
-from touchline.localization.particles.monte_carlo import MonteCarlo, MonteCarloSettings
+from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
 from touchline.systems.matching_tracker import MatchingTracker, TrackerSettings
 from touchline.systems.setup import RobotSetup
 from touchline.types import Frame, LinePoints, Prior, Status
@@ -29,7 +29,7 @@ from touchline.types import Frame, LinePoints, Prior, Status
 class NubotMclSettings(TrackerSettings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
-    particles: MonteCarloSettings = MonteCarloSettings()
+    particles: NubotParticleSettings = NubotParticleSettings()
     followed_by: Literal["matching", "particles"] = Field(
         "matching", description="who follows the robot once the particles have converged; particles: MCL alone"
     )
@@ -81,7 +81,7 @@ class NubotMcl(MatchingTracker):
         self.settings = settings
         self.alone = settings.followed_by == "particles"
         field = setup.field
-        self.particles = MonteCarlo(
+        self.particles = NubotParticles(
             self.matcher, field.length, field.width, rng, settings.particles, symmetric=field.is_symmetric
         )
         self.reset()
@@ -100,7 +100,7 @@ class NubotMcl(MatchingTracker):
         if self.motion is None:
             return
         if self.cycles:
-            self.particles.move(self.motion)
+            self.particles.predict(self.motion)
         if self.doubtful is not None:
             self.doubtful = self.doubtful.compose(self.motion.pose)
 
@@ -129,7 +129,7 @@ class NubotMcl(MatchingTracker):
 
     def _match_at_mean(self, points: LinePoints, weights: FloatArray) -> Match:
         """The match that the mean of the particles leads to. It speaks for particles alone only if it is near."""
-        positions_m, mean = self.tilt.corrected(points.positions_m), self.particles.pose
+        positions_m, mean = self.tilt.corrected(points.positions_m), self.particles.estimate().pose
         pose, error, _ = self.matcher.descend(positions_m, weights, mean.as_array())
         if self.alone and mean.distance_to(as_pose(pose)) > self.settings.same_m:
             pose, error = mean.as_array(), self.matcher.error(positions_m, weights, mean.as_array())
@@ -185,7 +185,7 @@ class NubotMcl(MatchingTracker):
         self.cycles += 1
         positions_m = self.tilt.corrected(points.positions_m)
         corrected = None if compass_rad is None else self.correction.heading(compass_rad)
-        pose = self.particles.cycle(None, positions_m, weights, corrected)
-        self.filter = PoseFilter(pose, self.particles.covariance, self.settings.fusion)
-        error = self.matcher.error(positions_m, weights, pose.as_array())
-        return self.matcher.assess(positions_m, weights, pose.as_array(), error)
+        mean = self.particles.update(positions_m, weights, corrected)
+        self.filter = PoseFilter(mean.pose, mean.covariance, self.settings.fusion)
+        pose = mean.pose.as_array()
+        return self.matcher.assess(positions_m, weights, pose, self.matcher.error(positions_m, weights, pose))

@@ -7,13 +7,13 @@ fusion takes one of the two, complementary fusion both. docs/method.md states it
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
 
 from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion.odometry import Motion
 from touchline.types import Mode
 
@@ -110,16 +110,6 @@ class SensorFusionSettings(Settings):
     )
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Vision:
-    """What the particle filter makes of one image: pose, covariance (3, 3), points used, share of them on lines."""
-
-    pose: Pose
-    covariance: FloatArray
-    points: int
-    on_lines: float
-
-
 class SensorFusion:
     """`pose` [x_R y_R θ_R] and its `covariance` (3, 3) in (m, m, rad), field frame; `mode`.
 
@@ -165,7 +155,7 @@ class SensorFusion:
         self._seen: Pose | None = None
 
     def update(
-        self, odometry: Pose, motion: Motion, vision: Vision | None, duration_s: float, by_gyro: bool = True
+        self, odometry: Pose, motion: Motion, vision: ParticleEstimate | None, duration_s: float, by_gyro: bool = True
     ) -> Mode:
         """Fuse one frame. odometry: [x_o y_o θ_o], corrected after the last frame; motion: since then, in duration_s.
 
@@ -201,18 +191,18 @@ class SensorFusion:
         """Whether the last images agreed with the odometry, one after the other."""
         return self.agreeing >= self.settings.frames
 
-    def _is_good(self, vision: Vision) -> bool:
+    def _is_good(self, vision: ParticleEstimate) -> bool:
         """Whether an image may be used: enough points, most of them on lines, particles that agree."""
         s, used = self.settings, self.mode is not Mode.ODOMETRY
-        spread_m, spread_rad = _spread_m(vision.covariance), _spread_rad(vision.covariance)
         if used:
             limits = (s.least_points, s.least_share, s.widest_m, s.widest_rad)
         else:
             limits = (s.enough_points, s.accepted_share, s.narrow_m, s.narrow_rad)
-        points, share, most_m, most_rad = limits
-        return vision.points >= points and vision.on_lines >= share and spread_m <= most_m and spread_rad <= most_rad
+        points, ratio, most_m, most_rad = limits
+        agree = vision.deviation_m <= most_m and vision.deviation_rad <= most_rad
+        return vision.points >= points and vision.inlier_ratio >= ratio and agree
 
-    def _compare(self, odometry: Pose, motion: Motion, vision: Vision) -> None:
+    def _compare(self, odometry: Pose, motion: Motion, vision: ParticleEstimate) -> None:
         """Count the images in a row that agree with the odometry, and those that contradict it in one way."""
         s = self.settings
         blind_m = 3.0 * _spread_m(motion.covariance) if motion.missing_s else 0.0  # what may have been driven unseen
@@ -225,7 +215,7 @@ class SensorFusion:
             expected, vision.pose, s.agreement_m + blind_m, min(s.agreement_rad + blind_rad, _QUARTER_TURN)
         )
         self.agreeing = self.agreeing + 1 if agrees else 0
-        if agrees or vision.on_lines < max(s.found_share - s.doubt * self._failed_searches, s.accepted_share):
+        if agrees or vision.inlier_ratio < max(s.found_share - s.doubt * self._failed_searches, s.accepted_share):
             self.contradicting = 0
         else:
             self.contradicting = self.contradicting + 1 if steady else 1
@@ -240,7 +230,7 @@ class SensorFusion:
             return Mode.OMNIVISION
         return Mode.BOTH
 
-    def _take(self, odometry: Pose, vision: Vision) -> None:
+    def _take(self, odometry: Pose, vision: ParticleEstimate) -> None:
         """Equations (15) to (19), or one of the two alone."""
         if self.mode is Mode.ODOMETRY:
             self.pose = odometry

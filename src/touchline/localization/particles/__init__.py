@@ -1,1 +1,1 @@
-"""Monte Carlo localization: sets of particles, how they move and what they weigh."""
+"""Monte Carlo localization: one particle filter, put together from motion model, sensor model and policies."""
