@@ -28,7 +28,7 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.perception import HsvLineDetector, HsvLineSettings, observe
 from touchline.perception.colour import NoCarpetError
-from touchline.perception.ray_runs import RUN_COLUMNS, white_runs
+from touchline.perception.ray_runs import RUN_COLUMNS, RayPictures, Rays, RunLimits, white_runs
 from touchline.sources import open_source
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
@@ -245,8 +245,8 @@ def test_runs_are_those_of_the_plain_twin(cross_image: ImageArray) -> None:
     rays = detector.rays[::2]
     out = np.empty((200, RUN_COLUMNS))
     lookup = CAMERA.lookup_constants, CAMERA.bearings_rad, CAMERA.lookup_table
-    geometry = np.array([*CAMERA.center, 42.0, 215.0])
-    count = white_runs((lines, green, lightness), rays, geometry, np.array([4.0, 1.0, 0.75, 1.0]), lookup, out)
+    fan, limits = Rays(rays, *CAMERA.center, 42.0, 215.0), RunLimits(4, 1, 0.75, 1)
+    count = white_runs(RayPictures(lines, green, lightness), fan, limits, lookup, out)
     expected = [row for k, ray in enumerate(rays) for row in plain_runs(lines, green, lightness, ray, k)]
     assert count == len(expected) >= 20
     np.testing.assert_allclose(out[:count, :4], np.array(expected)[:, :4], atol=1e-6)

@@ -18,7 +18,7 @@ from touchline.perception.colour import WHITE as WHITE_CLASS
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.covered import is_covered
 from touchline.perception.field_boundary import green_ends, inside_green
-from touchline.perception.profiles import BODY, sample_paths
+from touchline.perception.profiles import BODY, PathSamples, sample_paths
 from touchline.perception.scan_lines import build_scan_lines
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
@@ -219,7 +219,8 @@ def test_sampling_is_bilinear() -> None:
     body = rng.random((480, 480)) < 0.1
     colours, levels, classes = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.uint8)
     masked = lines.at_samples(body)
-    sample_paths(image, lines.corners, lines.shares, masked, signal, table, colours, levels, classes)
+    samples = PathSamples(colours, levels, classes)
+    sample_paths(image, lines.corners, lines.shares, masked, signal, table, samples)
     u, v = lines.samples.T
     j, i = u.astype(int), v.astype(int)
     fu, fv = (u - j)[:, None], (v - i)[:, None]

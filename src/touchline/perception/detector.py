@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Protocol
 
+import numpy as np
+
+from touchline.camera import Camera
+from touchline.errors import InputError
 from touchline.perception.covered import is_covered
 from touchline.types import Frame, ImageArray, Observation
 
@@ -55,3 +59,12 @@ def observe(frame: Frame, detector: Detector | None) -> Observation:
 def _with_finite_points(seen: Observation) -> Observation:
     points = seen.points.finite()
     return seen if points is seen.points else replace(seen, points=points)
+
+
+def check_size(image: ImageArray, camera: Camera) -> None:
+    """Raises InputError unless the image is (H, W, 3) of uint8 as the camera takes them."""
+    wanted = (camera.height, camera.width, 3)
+    if image.shape != wanted or image.dtype != np.uint8:
+        raise InputError(
+            f"the image is {image.shape} of {image.dtype}; the camera file says {wanted} (height, width, 3), uint8"
+        )

@@ -24,6 +24,7 @@ from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
+from touchline.perception.detector import check_size
 from touchline.perception.hsv_thresholds import (
     AutomaticThresholds,
     FixedThresholds,
@@ -32,9 +33,18 @@ from touchline.perception.hsv_thresholds import (
     automatic_thresholds,
     fixed_thresholds,
 )
-from touchline.perception.ray_runs import RUN_COLUMNS, white_runs
+from touchline.perception.ray_runs import RUN_COLUMNS, RayPictures, Rays, RunLimits, white_runs
 from touchline.perception.scan_lines import usable_radius
-from touchline.perception.threshold_stages import draw_threshold_stages
+from touchline.perception.stages import (
+    BOUNDARY_PAINT,
+    GREEN_PAINT,
+    RAY_PAINT,
+    WHITE_PAINT,
+    draw_paths,
+    enlarged,
+    painted,
+    points_picture,
+)
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 _MOST_RUNS = 2048
@@ -158,7 +168,7 @@ class HsvLineDetector:
 
     def masks(self, image: ImageArray) -> Masks:
         """Figure 6: two thresholds, hull and AND of an image (H, W, 3)."""
-        self._check_size(image)
+        check_size(image, self.camera)
         s = self.settings
         noise = pixel_noise([image[::_ROWS]], self._noise_rows)
         smooth = smoothed(image, max(s.smoothing_px, smoothing_for(noise)))
@@ -173,7 +183,25 @@ class HsvLineDetector:
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
         """Title -> picture (H, W, 3), B, G, R, of each step of figures 6 and 7 on an image."""
-        return draw_threshold_stages(self, image, self.masks(image), self.detect(image))
+        pixels, masks = self.detect(image).pixels, self.masks(image)
+        return {
+            "HSV threshold": painted(image, (masks.green > 0, GREEN_PAINT)),
+            "convex hull": _hull_picture(image, masks.field),
+            "HSL threshold": painted(image, (masks.white > 0, WHITE_PAINT)),
+            "bitwise AND": painted(image, (masks.lines > 0, WHITE_PAINT)),
+            "distances along rays": self._rays_picture(masks, pixels),
+            "line points": points_picture(image, pixels),
+        }
+
+    def _rays_picture(self, masks: Masks, pixels: FloatArray) -> ImageArray:
+        """A stroke from the robot's rim to every point, over the white that the rays cross."""
+        black = np.zeros((*masks.lines.shape, 3), dtype=np.uint8)
+        picture = enlarged(painted(black, (masks.lines > 0, WHITE_PAINT)))
+        center = np.array(self.camera.center)
+        offset = pixels - center
+        rims = center + offset * (self.camera.inner_radius_px / np.hypot(*offset.T))[:, np.newaxis]
+        draw_paths(picture, np.stack((rims, pixels), axis=1), RAY_PAINT, closed=False)
+        return picture
 
     def _choose(self, hsv: ImageArray, lightness: ImageArray) -> Thresholds:
         if self.settings.thresholds == "fixed":
@@ -197,21 +225,13 @@ class HsvLineDetector:
     def _distances(self, masks: Masks) -> FloatArray:
         """Figure 7: the runs of white along every ray, (M, RUN_COLUMNS)."""
         s, camera = self.settings, self.camera
-        geometry = np.array([*camera.center, camera.inner_radius_px, self.outer_px], dtype=np.float64)
-        longest_m = s.longest_run * self.line_width_m
-        limits = np.array([s.flank_px, s.gap_px, longest_m, s.least_green], dtype=np.float64)
+        pictures = RayPictures(masks.lines, masks.green, masks.lightness)
+        u0, v0 = camera.center
+        rays = Rays(self.rays, float(u0), float(v0), float(camera.inner_radius_px), self.outer_px)
+        limits = RunLimits(s.flank_px, s.gap_px, s.longest_run * self.line_width_m, s.least_green)
         lookup = camera.lookup_constants, camera.bearings_rad, camera.lookup_table
-        count = white_runs(
-            (masks.lines, masks.green, masks.lightness), self.rays, geometry, limits, lookup, self._found
-        )
+        count = white_runs(pictures, rays, limits, lookup, self._found)
         return self._found[:count]
-
-    def _check_size(self, image: ImageArray) -> None:
-        wanted = (self.camera.height, self.camera.width, 3)
-        if image.shape != wanted or image.dtype != np.uint8:
-            raise InputError(
-                f"the image is {image.shape} of {image.dtype}; the camera file says {wanted} (height, width, 3), uint8"
-            )
 
 
 def _with_ranges(camera: OmniCamera, file: str | None) -> OmniCamera:
@@ -224,3 +244,12 @@ def _with_ranges(camera: OmniCamera, file: str | None) -> OmniCamera:
             f"{camera.width} x {camera.height}"
         )
     return ranged
+
+
+def _hull_picture(image: ImageArray, field: ImageArray) -> ImageArray:
+    outlines, _ = cv2.findContours(field, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    picture = enlarged(image)
+    draw_paths(
+        picture, [outline[:, 0].astype(np.float64) for outline in outlines], BOUNDARY_PAINT, closed=True, width=2
+    )
+    return picture

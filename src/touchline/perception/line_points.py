@@ -15,11 +15,12 @@ from pydantic import Field
 
 from touchline.camera import Camera, require_omni
 from touchline.config import Settings
-from touchline.errors import InputError, TouchlineError
+from touchline.errors import TouchlineError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import (
     GREEN,
     SMOOTH_NOISE,
+    WHITE,
     ColourModel,
     ColourSettings,
     colour_model,
@@ -29,10 +30,22 @@ from touchline.perception.colour import (
     smoothed,
     smoothing_for,
 )
+from touchline.perception.detector import check_size
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
-from touchline.perception.profiles import COLUMNS, find_line_profiles, sample_paths
+from touchline.perception.profiles import COLUMNS, PathSamples, ProfileLimits, find_line_profiles, sample_paths
 from touchline.perception.scan_lines import ScanLines, build_scan_lines, usable_radius
-from touchline.perception.stages import draw_stages
+from touchline.perception.stages import (
+    BODY_PAINT,
+    BOUNDARY_PAINT,
+    CIRCLE_PAINT,
+    GREEN_PAINT,
+    RAY_PAINT,
+    WHITE_PAINT,
+    draw_paths,
+    enlarged,
+    painted,
+    points_picture,
+)
 from touchline.types import ImageArray, LinePoints
 
 
@@ -125,7 +138,7 @@ class LinePointDetector:
         self._smoothing_px = 0.0
         self._noise = 0.0
         n = len(self.scan_lines.samples)
-        self._samples = (np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.uint8))
+        self._samples = PathSamples(np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.uint8))
         self._found = np.empty((2048, COLUMNS))
 
     def learn(self, images: Sequence[ImageArray]) -> None:
@@ -134,7 +147,7 @@ class LinePointDetector:
         Raises NoCarpetError where no green carpet is seen, InputError for an image of another size.
         """
         for image in images:
-            self._check_size(image)
+            check_size(image, self.camera)
         near, around = (self._ring(self.camera.inner_radius_px, share * self.outer_px) for share in (0.65, 0.9))
         noise = pixel_noise(images, near)
         smoothing_px = smoothing_for(noise)
@@ -156,7 +169,7 @@ class LinePointDetector:
         inner_radius_px is left out.
         """
         for image in images:
-            self._check_size(image)
+            check_size(image, self.camera)
         self.colours = colours
         self._smoothing_px = smoothing_for(colours.noise)
         self._noise = float(np.linalg.norm(colours.signal)) * min(colours.noise, SMOOTH_NOISE)
@@ -171,7 +184,7 @@ class LinePointDetector:
 
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""
-        self._check_size(image)
+        check_size(image, self.camera)
         found = self._crossings(smoothed(image, self._smoothing_px))
         covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, self.settings.noise_m)
         confidences = np.clip(found[:, 4], 0.0, 1.0)
@@ -179,14 +192,40 @@ class LinePointDetector:
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
         """Title -> picture (H, W, 3), B, G, R, of each step of `detect` on an image."""
-        points = self.detect(image)
-        assert self.colours is not None
-        return draw_stages(self, self.colours, smoothed(image, self._smoothing_px), points)
+        pixels = self.detect(image).pixels
+        assert self.colours is not None, "detect raises without"
+        smooth, model = smoothed(image, self._smoothing_px), self.colours
+        classes = model.classify(smooth)
+        level = (smooth @ model.signal) - float(model.green @ model.signal)
+        grey = np.clip(64.0 + 160.0 * level, 0, 255).astype(np.uint8)
+        layers = (classes == GREEN, GREEN_PAINT), (classes == WHITE, WHITE_PAINT), (self.body, BODY_PAINT)
+        return {
+            "colour classes": painted(smooth, *layers),
+            "white against this green": np.repeat(grey[..., np.newaxis], 3, axis=2),
+            "scan lines": self._scan_lines_picture(smooth),
+            "field boundary": self._boundary_picture(smooth),
+            "line points": points_picture(smooth, pixels),
+        }
+
+    def _scan_lines_picture(self, image: ImageArray) -> ImageArray:
+        picture, lines = enlarged(image), self.scan_lines
+        paths = np.split(lines.samples, lines.starts[1:-1])
+        for is_closed, paint in ((False, RAY_PAINT), (True, CIRCLE_PAINT)):
+            chosen = [path for path, samples in zip(paths, lines.closed, strict=True) if bool(samples) == is_closed]
+            draw_paths(picture, chosen, paint, is_closed)
+        return picture
+
+    def _boundary_picture(self, image: ImageArray) -> ImageArray:
+        picture = enlarged(image)
+        angles = 2.0 * np.pi * np.arange(len(self.green_ends_px)) / len(self.green_ends_px)
+        ends = np.column_stack((np.cos(angles), np.sin(angles))) * self.green_ends_px[:, np.newaxis]
+        draw_paths(picture, [ends + self.camera.center], BOUNDARY_PAINT, closed=True, width=2)
+        return picture
 
     @property
     def green_share(self) -> float:
         """Share of the last image's samples that were green."""
-        return float(np.mean(self._samples[2] == GREEN))
+        return float(np.mean(self._samples.classes == GREEN))
 
     def _crossings(self, image: ImageArray) -> FloatArray:
         model, lines, s, camera = self.colours, self.scan_lines, self.settings, self.camera
@@ -199,20 +238,16 @@ class LinePointDetector:
             self._masked,
             model.signal.astype(np.float32),
             model.table,
-            *self._samples,
+            self._samples,
         )
-        width = self.line_width_m
-        chords = 0.5 * width, s.steepest_crossing * width
-        limits = np.array(
-            [
-                max(s.least_contrast, s.least_sigmas * self._noise),
-                s.flank_px,
-                s.longest_run_px,
-                *chords,
-                s.blur_px,
-                s.least_whiteness,
-            ],
-            dtype=np.float64,
+        limits = ProfileLimits(
+            min_contrast=max(s.least_contrast, s.least_sigmas * self._noise),
+            flank_px=s.flank_px,
+            max_run_px=s.longest_run_px,
+            min_chord_m=0.5 * self.line_width_m,
+            max_chord_m=s.steepest_crossing * self.line_width_m,
+            blur_px=s.blur_px,
+            min_cosine=s.least_whiteness,
         )
         count = find_line_profiles(
             lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,
@@ -220,7 +255,12 @@ class LinePointDetector:
         )  # fmt: skip
         found = self._found[:count]
         green_ends(
-            lines.starts, s.radial_scan_lines, self._samples[2], self._gaps, camera.inner_radius_px, self.green_ends_px
+            lines.starts,
+            s.radial_scan_lines,
+            self._samples.classes,
+            self._gaps,
+            camera.inner_radius_px,
+            self.green_ends_px,
         )
         kept: FloatArray = found[inside_green(found, *camera.center, self.green_ends_px, 2.0)]
         return kept
@@ -268,10 +308,3 @@ class LinePointDetector:
         own = (labels == labels[v0, u0]).astype(np.uint8)
         whole = cv2.dilate(own, kernel).astype(np.bool_) & (solid | disc)  # opening has cut the corners
         return cv2.dilate(whole.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(np.bool_)
-
-    def _check_size(self, image: ImageArray) -> None:
-        wanted = (self.camera.height, self.camera.width, 3)
-        if image.shape != wanted or image.dtype != np.uint8:
-            raise InputError(
-                f"the image is {image.shape} of {image.dtype}; the camera file says {wanted} (height, width, 3), uint8"
-            )

@@ -6,6 +6,8 @@ line's centre at any angle of crossing, because the two edges of a straight line
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -18,6 +20,33 @@ BODY = 3  # a fourth class of samples: the robot itself
 COLUMNS = 7  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path
 
 
+class PathSamples(NamedTuple):
+    """What an image shows at the N samples of ScanLines.
+
+    colours: (N, 3), B, G, R. levels: (N,), the colours' signal, higher by 1 on paint than on carpet. classes: (N,).
+    """
+
+    colours: npt.NDArray[np.float32]
+    levels: npt.NDArray[np.float32]
+    classes: npt.NDArray[np.uint8]
+
+
+class ProfileLimits(NamedTuple):
+    """What the profile of a line has to be like: `LinePointSettings` for this paint and this noise.
+
+    min_contrast: height as a share of white over green. flank_px: green on each side. max_run_px: from green to green.
+    min_chord_m, max_chord_m: way through the paint, which blur_px may make longer. min_cosine: of the excess to white.
+    """
+
+    min_contrast: float
+    flank_px: int
+    max_run_px: int
+    min_chord_m: float
+    max_chord_m: float
+    blur_px: float
+    min_cosine: float
+
+
 @njit(cache=True)
 def sample_paths(
     image: ImageArray,
@@ -26,15 +55,14 @@ def sample_paths(
     masked: npt.NDArray[np.bool_],
     signal: npt.NDArray[np.float32],
     table: npt.NDArray[np.uint8],
-    colours: npt.NDArray[np.float32],
-    levels: npt.NDArray[np.float32],
-    classes: npt.NDArray[np.uint8],
+    samples: PathSamples,
 ) -> None:
     """Look up the N samples of ScanLines (corners (N,), shares (N, 2)) in an image (H, W, 3), contiguous.
 
-    Fills colours (N, 3), B, G, R, bilinear; levels (N,), `signal` (3,) of the colour; classes (N,) by the table
-    (64, 64, 64), or BODY where masked (N,) says that it is the robot itself.
+    Fills `samples`: colours bilinear, levels by `signal` (3,), classes by the table (64, 64, 64), or BODY where masked
+    (N,) says that it is the robot itself.
     """
+    colours, levels, classes = samples
     flat, below, cells = image.reshape(-1), 3 * image.shape[1], table.reshape(-1)
     for k in range(len(corners)):
         near, fu, fv = corners[k], shares[k, 0], shares[k, 1]
@@ -52,19 +80,18 @@ def sample_paths(
 
 
 @njit(cache=True)
-def _flank(samples, first, step, count, low, high, mean):  # type: ignore[no-untyped-def]
+def _flank(samples, first, step, count, span, mean):  # type: ignore[no-untyped-def]
     """Mean level of `count` samples from `first` on, walking by `step`; NaN unless three quarters of them are green.
 
     A flank that holds an edge between light and dark is none, either: beside a dark thing even green looks whitish.
-    mean (3,) is filled with the green samples' mean colour.
+    span: first sample of the scan line, and the first beyond it. mean (3,) is filled with the green samples' mean.
     """
     colours, levels, classes = samples
     last = first + step * (count - 1)
-    if min(first, last) < low or max(first, last) >= high:
+    if min(first, last) < span[0] or max(first, last) >= span[1]:
         return np.nan
     green, level, darkest, brightest = 0, 0.0, np.inf, 0.0
-    for c in range(3):
-        mean[c] = 0.0
+    mean[:] = 0.0
     for m in range(count):
         k = first + step * m
         if classes[k] != GREEN:
@@ -83,43 +110,46 @@ def _flank(samples, first, step, count, low, high, mean):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def _foot(samples, peak, step, count, reach, least, low, high, mean):  # type: ignore[no-untyped-def]
+def _foot(samples, peak, step, limits, span, mean):  # type: ignore[no-untyped-def]
     """Where the green beside a peak begins: (index, level), walking from the peak by `step`; index -1 if nowhere.
 
     The first flank that lies low enough below the peak, moved on while blur still lets it fall.
     """
-    levels = samples[1]
-    for m in range(1, reach):
+    levels, count, least = samples.levels, limits.flank_px, 0.5 * limits.min_contrast
+    for m in range(1, limits.max_run_px):
         k = peak + step * m
-        if k < low or k >= high:
+        if k < span[0] or k >= span[1]:
             break
         if levels[peak] - levels[k] < least:
             continue
-        level = _flank(samples, k, step, count, low, high, mean)
+        level = _flank(samples, k, step, count, span, mean)
         if np.isnan(level) or levels[peak] - level < least:
             continue
         for _ in range(2):
-            further = _flank(samples, k + step, step, count, low, high, mean)
+            further = _flank(samples, k + step, step, count, span, mean)
             if np.isnan(further) or further >= level:
                 break
             k, level = k + step, further
-        _flank(samples, k, step, count, low, high, mean)
+        _flank(samples, k, step, count, span, mean)
         return k, level
     return -1, 0.0
 
 
 @njit(cache=True)
-def _falls(levels, peak, step, reach, low, high, least):  # type: ignore[no-untyped-def]
-    """Whether the level falls by `least` on that side, tried at a few distances: most maxima are noise of the green."""
-    distance = 2
-    while distance < reach:
-        k = peak + step * distance
-        if k < low or k >= high:
+def _falls(levels, peak, limits, span):  # type: ignore[no-untyped-def]
+    """Whether the level falls on both sides, tried at a few distances: most maxima are noise of the green."""
+    least = 0.5 * limits.min_contrast
+    for side in range(2):
+        step, distance, fallen = 2 * side - 1, 2, False
+        while not fallen and distance < limits.max_run_px:
+            k = peak + step * distance
+            if k < span[0] or k >= span[1]:
+                return False
+            fallen = levels[peak] - levels[k] >= least
+            distance += distance // 3 + 1
+        if not fallen:
             return False
-        if levels[peak] - levels[k] >= least:
-            return True
-        distance += distance // 3 + 1
-    return False
+    return True
 
 
 @njit(cache=True)
@@ -144,12 +174,34 @@ def _edge(levels, foot, base, peak, step):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _looks_white(colours, middle, left, right, toward, least, cosine):  # type: ignore[no-untyped-def]
-    """Whether what is added to the green beside it (left, right: (3,)) is paint, not a ball's or a marker's colour."""
+def _edges(samples, peak, limits, span, means, edges):  # type: ignore[no-untyped-def]
+    """Height of a peak above the green on both sides; 0 where there is no such green or no edge towards it.
+
+    means (2, 3), edges (2,) are filled with the mean colour of the green and the position of the edge on each side.
+    """
+    levels = samples.levels
+    feet, bases = (0, 0), (0.0, 0.0)
+    for side in range(2):
+        foot, base = _foot(samples, peak, 2 * side - 1, limits, span, means[side])
+        if foot < 0:
+            return 0.0
+        feet, bases = (feet[1], foot), (bases[1], base)
+    if feet[1] - feet[0] > limits.max_run_px:
+        return 0.0
+    for side in range(2):
+        edges[side] = _edge(levels, feet[side], bases[side], peak, 1 - 2 * side)
+    if edges[0] < 0.0 or edges[1] <= edges[0]:
+        return 0.0
+    return levels[peak] - max(bases[0], bases[1])
+
+
+@njit(cache=True)
+def _looks_white(colours, middle, means, toward, least, cosine):  # type: ignore[no-untyped-def]
+    """Whether what is added to the green beside it (means (2, 3)) is paint, not a ball's or a marker's colour."""
     k = int(middle)
     dot, size, toward_size = 0.0, 0.0, 0.0
     for c in range(3):
-        excess = 0.5 * (colours[k, c] + colours[k + 1, c]) - max(left[c], right[c])
+        excess = 0.5 * (colours[k, c] + colours[k + 1, c]) - max(means[0, c], means[1, c])
         dot += excess * toward[c]
         size += excess * excess
         toward_size += toward[c] * toward[c]
@@ -157,70 +209,59 @@ def _looks_white(colours, middle, left, right, toward, least, cosine):  # type: 
 
 
 @njit(cache=True)
-def _at(path, position):  # type: ignore[no-untyped-def]
-    k = int(position)
-    f = position - k
-    return path[k, 0] + f * (path[k + 1, 0] - path[k, 0]), path[k, 1] + f * (path[k + 1, 1] - path[k, 1])
+def _size2(colour):  # type: ignore[no-untyped-def]
+    return colour[0] * colour[0] + colour[1] * colour[1] + colour[2] * colour[2]
 
 
 @njit(cache=True)
 def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out):  # type: ignore[no-untyped-def]
     """Green-white-green profiles of all scan lines into out (M, COLUMNS); returns how many.
 
-    path (N, 2), starts, closed: ScanLines. samples: colours (N, 3), levels (N,), classes (N,) of `sample_paths`.
-    paint: green and white (3,), learned. limits: least contrast (share of green to white), flank (samples), longest
-    run (samples), least and greatest chord (m), blur (px), least cosine of the excess. camera: constants, bearings,
-    ranges of the OmniCamera's look-up.
+    path (N, 2), starts, closed: ScanLines. samples: PathSamples. paint: green and white (3,), learned. limits:
+    ProfileLimits. camera: constants, bearings, ranges of the OmniCamera's look-up.
     """
-    colours, levels, classes = samples
+    levels, classes, count = samples.levels, samples.classes, limits.flank_px
     green, white = paint
-    contrast, count, reach = limits[0], int(limits[1]), int(limits[2])
-    least_chord, greatest_chord, blur_px, cosine = limits[3], limits[4], limits[5], limits[6]
+    toward = white - green
     constants, bearings, ranges = camera
-    left_mean, right_mean, toward = np.zeros(3), np.zeros(3), white - green
-    inward, outward = np.int64(-1), np.int64(1)  # as literals, they would have each of the functions compiled twice
+    means, edges, ends = np.zeros((2, 3)), np.zeros(2), np.zeros((2, 4))
     found = 0
     for p in range(len(starts) - 1):
-        low, high = starts[p], starts[p + 1]
-        k = low + count
-        while k < high - count and found < len(out):
+        span = (starts[p], starts[p + 1])
+        first, last = span[0] + count, span[1] - count
+        k = first
+        while k < last and found < len(out):
             peak = k
             k += 1
             if levels[peak] < levels[peak - 1] or levels[peak] < levels[peak + 1] or classes[peak] == BODY:
                 continue
-            if not (_falls(levels, peak, inward, reach, low, high, 0.5 * contrast)
-                    and _falls(levels, peak, outward, reach, low, high, 0.5 * contrast)):  # fmt: skip
+            if not _falls(levels, peak, limits, span):
                 continue
-            left, left_level = _foot(samples, peak, inward, count, reach, 0.5 * contrast, low, high, left_mean)
-            if left < 0:
+            height = _edges(samples, peak, limits, span, means, edges)
+            if height <= 0.0:
                 continue
-            right, right_level = _foot(samples, peak, outward, count, reach, 0.5 * contrast, low, high, right_mean)
-            if right < 0 or right - left > reach:
+            brightness = np.sqrt(max(_size2(means[0]), _size2(means[1])) / _size2(green))
+            if height < limits.min_contrast * brightness:
                 continue
-            brightness = np.sqrt(max(np.sum(left_mean**2), np.sum(right_mean**2)) / np.sum(green**2))
-            height = levels[peak] - max(left_level, right_level)
-            if height < contrast * brightness:
+            middle = 0.5 * (edges[0] + edges[1])
+            k = max(k, int(edges[1]) + 1)
+            if closed[p] > 0 and not first <= middle < first + closed[p]:
                 continue
-            a = _edge(levels, left, left_level, peak, outward)
-            b = _edge(levels, right, right_level, peak, inward)
-            if a < 0.0 or b <= a:
+            least = 0.7 * limits.min_contrast * brightness
+            if not _looks_white(samples.colours, middle, means, toward, least, limits.min_cosine):
                 continue
-            middle = 0.5 * (a + b)
-            k = max(k, int(b) + 1)
-            if closed[p] > 0 and not low + count <= middle < low + count + closed[p]:
+            for side in range(2):
+                m = int(edges[side])
+                f = edges[side] - m
+                u, v = path[m, 0] + f * (path[m + 1, 0] - path[m, 0]), path[m, 1] + f * (path[m + 1, 1] - path[m, 1])
+                x, y = ground_from_pixel(u, v, constants, bearings, ranges)
+                ends[side, 0], ends[side, 1], ends[side, 2], ends[side, 3] = x, y, u, v
+            chord = np.hypot(ends[0, 0] - ends[1, 0], ends[0, 1] - ends[1, 1])
+            blur = limits.blur_px * chord / (edges[1] - edges[0])
+            if not max(limits.min_chord_m - blur, 0.5 * limits.min_chord_m) <= chord <= limits.max_chord_m + blur:
                 continue
-            least = 0.7 * contrast * brightness
-            if not _looks_white(colours, middle, left_mean, right_mean, toward, least, cosine):
-                continue
-            (ua, va), (ub, vb) = _at(path, a), _at(path, b)
-            xa, ya = ground_from_pixel(ua, va, constants, bearings, ranges)
-            xb, yb = ground_from_pixel(ub, vb, constants, bearings, ranges)
-            chord = np.hypot(xa - xb, ya - yb)
-            blur = blur_px * chord / (b - a)
-            if not max(least_chord - blur, 0.5 * least_chord) <= chord <= greatest_chord + blur:
-                continue
-            row = out[found]
-            row[0], row[1], row[2], row[3] = 0.5 * (xa + xb), 0.5 * (ya + yb), 0.5 * (ua + ub), 0.5 * (va + vb)
-            row[4], row[5], row[6] = height / brightness, chord, p
+            for column in range(4):
+                out[found, column] = 0.5 * (ends[0, column] + ends[1, column])
+            out[found, 4], out[found, 5], out[found, 6] = height / brightness, chord, p
             found += 1
     return found

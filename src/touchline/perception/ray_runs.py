@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -14,16 +16,59 @@ RUN_COLUMNS = 7  # of a run: x, y (m), u, v (px), rise (grey levels), length on 
 _NEAR_END_PX = 6  # paint's light may vary along a long run: its height is taken near each end
 
 
-@njit(cache=True)
-def _sample_ray(pictures, u0, v0, first_px, du, dv, white, is_green, levels):  # type: ignore[no-untyped-def]
-    """Look up one ray, a sample per pixel: masks at the nearest pixel, lightness bilinear; how many are in the image.
+class RayPictures(NamedTuple):
+    """What the rays are looked up in: lines and green (H, W), 0 where there is none; lightness (H, W)."""
 
-    pictures: lines, green, lightness (H, W).
+    lines: npt.NDArray[np.uint8]
+    green: npt.NDArray[np.uint8]
+    lightness: ImageArray
+
+
+class Rays(NamedTuple):
+    """Rays of samples one pixel apart, from first_px to last_px from the image position u0, v0.
+
+    directions: (R, 2) unit vectors in the image.
+    """
+
+    directions: FloatArray
+    u0: float
+    v0: float
+    first_px: float
+    last_px: float
+
+
+class RunLimits(NamedTuple):
+    """What a run has to be like: `HsvLineSettings` for this width of the lines.
+
+    flank_px: samples beyond a run that are looked at, min_green of which on each side are green. gap_px: gap within a
+    run. max_run_m: its length on the ground.
+    """
+
+    flank_px: int
+    gap_px: int
+    max_run_m: float
+    min_green: int
+
+
+class _RaySamples(NamedTuple):
+    """What the pictures show along one ray, (S,) each."""
+
+    white: npt.NDArray[np.bool_]
+    is_green: npt.NDArray[np.bool_]
+    levels: FloatArray
+
+
+@njit(cache=True)
+def _sample_ray(pictures, rays, ray, samples):  # type: ignore[no-untyped-def]
+    """Look up one ray, a sample per pixel: masks at the nearest pixel, lightness bilinear; returns how many
+    are in the image.
     """
     lines, green, lightness = pictures
+    white, is_green, levels = samples
     height, width = lines.shape
+    du, dv = rays.directions[ray, 0], rays.directions[ray, 1]
     for n in range(len(levels)):
-        u, v = u0 + (first_px + n) * du, v0 + (first_px + n) * dv
+        u, v = rays.u0 + (rays.first_px + n) * du, rays.v0 + (rays.first_px + n) * dv
         if not (1.0 <= u <= width - 2.0 and 1.0 <= v <= height - 2.0):
             return n
         row, column = int(v + 0.5), int(u + 0.5)
@@ -51,12 +96,13 @@ def _end_of_run(white, start, n, gap):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _edge(is_green, levels, end, step, reach, n, inside):  # type: ignore[no-untyped-def]
+def _edge(samples, n, end, step, reach, inside):  # type: ignore[no-untyped-def]
     """One end of a run: (position of half the height, height, green samples beyond); position -1 if there is none.
 
-    step leads out of the run, whose last `inside` samples tell the paint's level. The level beyond is the darkest of
-    `reach` samples.
+    n: samples of the ray. step leads out of the run, whose last `inside` samples tell the paint's level. The level
+    beyond is the darkest of `reach` samples.
     """
+    is_green, levels = samples.is_green, samples.levels
     peak, darkest, greens = end, np.inf, 0
     for m in range(min(inside, _NEAR_END_PX)):
         if levels[end - step * m] > levels[peak]:
@@ -79,53 +125,51 @@ def _edge(is_green, levels, end, step, reach, n, inside):  # type: ignore[no-unt
 
 @njit(cache=True)
 def white_runs(
-    pictures: tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8], ImageArray],
-    rays: FloatArray,
-    geometry: FloatArray,
-    limits: FloatArray,
+    pictures: RayPictures,
+    rays: Rays,
+    limits: RunLimits,
     camera: tuple[FloatArray, FloatArray, FloatArray],
     out: FloatArray,
 ) -> int:
     """Runs of white along rays into out (M, RUN_COLUMNS); returns how many.
 
-    pictures: lines and green (H, W), 0 where there is none; lightness (H, W) uint8. rays (R, 2): unit directions in
-    the image. geometry: u0, v0, first and last radius (px). limits: samples beyond a run that are looked at, gap
-    within a run (samples), longest run (m), least green samples on each side. camera: constants, bearings, ranges of
-    the OmniCamera's look-up.
+    camera: constants, bearings, ranges of the OmniCamera's look-up.
 
     A run ends where the lightness falls half way from the paint to the darkest sample beside it, on each side for
     itself. Both ends are taken to the ground, and the point lies midway between them there.
     """
     constants, bearings, ranges = camera
-    u0, v0, first_px = geometry[0], geometry[1], geometry[2]
-    count = int(geometry[3] - geometry[2]) + 1
-    reach, gap, longest_m, least_green = int(limits[0]), int(limits[1]), limits[2], int(limits[3])
-    white, is_green, levels = np.zeros(count, np.bool_), np.zeros(count, np.bool_), np.zeros(count)
-    inward, outward = np.int64(-1), np.int64(1)  # as literals, they would have `_edge` compiled once for each
+    count = int(rays.last_px - rays.first_px) + 1
+    samples = _RaySamples(np.zeros(count, np.bool_), np.zeros(count, np.bool_), np.zeros(count))
+    white, ends = samples.white, np.zeros((2, 3))
     found = 0
-    for ray in range(len(rays)):
-        du, dv = rays[ray, 0], rays[ray, 1]
-        n = _sample_ray(pictures, u0, v0, first_px, du, dv, white, is_green, levels)
-        k = 1
-        while k < n - 1 and found < len(out):
-            if not white[k] or white[k - 1]:  # a run that touches the robot's body has no inner end
-                k += 1
+    for ray in range(len(rays.directions)):
+        du, dv = rays.directions[ray, 0], rays.directions[ray, 1]
+        n = _sample_ray(pictures, rays, ray, samples)
+        end = 0
+        for start in range(1, n - 1):  # a run that touches the robot's body has no inner end
+            if start <= end or not white[start] or white[start - 1] or found == len(out):
                 continue
-            start, end = k, _end_of_run(white, k, n, gap)
-            k = end + 1
-            a, rise_a, green_a = _edge(is_green, levels, start, inward, reach, n, end - start + 1)
-            b, rise_b, green_b = _edge(is_green, levels, end, outward, reach, n, end - start + 1)
-            if a < 0.0 or b <= a or min(green_a, green_b) < least_green:
+            end = _end_of_run(white, start, n, limits.gap_px)
+            rise, greens = np.inf, limits.flank_px
+            for side in range(2):
+                step, last = 2 * side - 1, (start, end)[side]
+                position, height, beyond = _edge(samples, n, last, step, limits.flank_px, end - start + 1)
+                ends[side, 0], rise, greens = position, min(rise, height), min(greens, beyond)
+            if ends[0, 0] < 0.0 or ends[1, 0] <= ends[0, 0] or greens < limits.min_green:
                 continue
-            near_px, far_px = first_px + a, first_px + b
-            xa, ya = ground_from_pixel(u0 + near_px * du, v0 + near_px * dv, constants, bearings, ranges)
-            xb, yb = ground_from_pixel(u0 + far_px * du, v0 + far_px * dv, constants, bearings, ranges)
-            length_m = np.hypot(xa - xb, ya - yb)
-            if not length_m <= longest_m:  # NaN, too: an end that has no place on the ground
+            for side in range(2):
+                px = rays.first_px + ends[side, 0]
+                ends[side, 1], ends[side, 2] = ground_from_pixel(
+                    rays.u0 + px * du, rays.v0 + px * dv, constants, bearings, ranges
+                )
+            length_m = np.hypot(ends[0, 1] - ends[1, 1], ends[0, 2] - ends[1, 2])
+            if not length_m <= limits.max_run_m:  # NaN, too: an end that has no place on the ground
                 continue
-            middle_px = 0.5 * (near_px + far_px)
+            middle_px = 0.5 * ((rays.first_px + ends[0, 0]) + (rays.first_px + ends[1, 0]))
             row = out[found]
-            row[0], row[1], row[2], row[3] = 0.5 * (xa + xb), 0.5 * (ya + yb), u0 + middle_px * du, v0 + middle_px * dv
-            row[4], row[5], row[6] = min(rise_a, rise_b), length_m, ray
+            row[0], row[1] = 0.5 * (ends[0, 1] + ends[1, 1]), 0.5 * (ends[0, 2] + ends[1, 2])
+            row[2], row[3] = rays.u0 + middle_px * du, rays.v0 + middle_px * dv
+            row[4], row[5], row[6] = rise, length_m, ray
             found += 1
     return found

@@ -1,84 +1,51 @@
-"""Pictures of what a detector does with an image, step by step."""
+"""What the pictures of a detector's steps are drawn with: colours, masks, paths and points over an image."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from touchline.perception.colour import GREEN, WHITE, ColourModel
-from touchline.types import ImageArray, LinePoints
+from touchline.geometry import FloatArray
+from touchline.types import ImageArray
 
-if TYPE_CHECKING:
-    from touchline.perception.line_points import LinePointDetector
-
-ZOOM = 2
-_GREEN_PAINT, _WHITE_PAINT, _BODY_PAINT = (70, 140, 50), (245, 245, 245), (90, 60, 120)
-_RAY, _CIRCLE, _BOUNDARY, _POINT = (200, 200, 60), (200, 120, 60), (40, 200, 255), (60, 60, 255)
-
-
-def draw_stages(
-    detector: LinePointDetector, model: ColourModel, image: ImageArray, points: LinePoints
-) -> dict[str, ImageArray]:
-    """Title -> picture (H, W, 3), BGR: classes, signal, scan lines, boundary of the field, points.
-
-    The detector has just seen the image: its boundary is that of this image.
-    """
-    return {
-        "colour classes": _classes(detector, model, image),
-        "white against this green": _signal(model, image),
-        "scan lines": _scan_lines(detector, image),
-        "field boundary": _boundary(detector, image),
-        "line points": points_picture(image, points),
-    }
+Paint = tuple[int, int, int]
+"""B, G, R."""
+GREEN_PAINT, WHITE_PAINT, BODY_PAINT = (70, 140, 50), (245, 245, 245), (90, 60, 120)
+RAY_PAINT, CIRCLE_PAINT, BOUNDARY_PAINT, POINT_PAINT = (200, 200, 60), (200, 120, 60), (40, 200, 255), (60, 60, 255)
+_ZOOM = 2
 
 
-def _classes(detector: LinePointDetector, model: ColourModel, image: ImageArray) -> ImageArray:
-    classes = model.classify(image)
+def painted(image: ImageArray, *layers: tuple[npt.NDArray[np.bool_], Paint]) -> ImageArray:
+    """The image (H, W, 3) darkened, and what each mask (H, W) covers in its paint, the last on top."""
     picture = (image // 4).astype(np.uint8)
-    picture[classes == GREEN] = _GREEN_PAINT
-    picture[classes == WHITE] = _WHITE_PAINT
-    picture[detector.body] = _BODY_PAINT
-    return picture
-
-
-def _signal(model: ColourModel, image: ImageArray) -> ImageArray:
-    level = (image @ model.signal) - float(model.green @ model.signal)
-    grey = np.clip(64.0 + 160.0 * level, 0, 255).astype(np.uint8)
-    return np.repeat(grey[..., np.newaxis], 3, axis=2)
-
-
-def _scan_lines(detector: LinePointDetector, image: ImageArray) -> ImageArray:
-    picture, lines = enlarged(image), detector.scan_lines
-    for k, closed in enumerate(lines.closed):
-        path = lines.samples[lines.starts[k] : lines.starts[k + 1]]
-        cv2.polylines(picture, [enlarged_pixels(path)], bool(closed), _CIRCLE if closed else _RAY, 1, cv2.LINE_AA)
-    return picture
-
-
-def _boundary(detector: LinePointDetector, image: ImageArray) -> ImageArray:
-    picture = enlarged(image)
-    angles = 2.0 * np.pi * np.arange(len(detector.green_ends_px)) / len(detector.green_ends_px)
-    ends = np.column_stack((np.cos(angles), np.sin(angles))) * detector.green_ends_px[:, np.newaxis]
-    cv2.polylines(picture, [enlarged_pixels(ends + detector.camera.center)], True, _BOUNDARY, 2, cv2.LINE_AA)
-    return picture
-
-
-def points_picture(image: ImageArray, points: LinePoints) -> ImageArray:
-    """The image enlarged, a circle about each point."""
-    picture = enlarged(image)
-    for pixel in enlarged_pixels(points.pixels):
-        cv2.circle(picture, (int(pixel[0]), int(pixel[1])), 4, _POINT, 1, cv2.LINE_AA)
+    for mask, paint in layers:
+        picture[mask] = paint
     return picture
 
 
 def enlarged(image: ImageArray) -> ImageArray:
-    """The image at `ZOOM` times its size."""
-    large: ImageArray = cv2.resize(image, None, fx=ZOOM, fy=ZOOM, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
+    """The image at twice its size, for what is finer than a pixel."""
+    large: ImageArray = cv2.resize(image, None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
     return large
 
 
-def enlarged_pixels(path: np.ndarray) -> np.ndarray:
+def draw_paths(picture: ImageArray, paths: Iterable[FloatArray], paint: Paint, closed: bool, width: int = 1) -> None:
+    """Draw paths (N, 2) of image positions over an enlarged picture."""
+    cv2.polylines(picture, [_enlarged_pixels(path) for path in paths], closed, paint, width, cv2.LINE_AA)
+
+
+def points_picture(image: ImageArray, pixels: FloatArray) -> ImageArray:
+    """The image enlarged, a circle about each of pixels (N, 2)."""
+    picture = enlarged(image)
+    for pixel in _enlarged_pixels(pixels):
+        cv2.circle(picture, (int(pixel[0]), int(pixel[1])), 4, POINT_PAINT, 1, cv2.LINE_AA)
+    return picture
+
+
+def _enlarged_pixels(path: FloatArray) -> npt.NDArray[np.int32]:
     """Image positions (N, 2) as whole pixels of the enlarged picture, whose pixel centres lie half a pixel further."""
-    return np.rint(ZOOM * path + 0.5 * (ZOOM - 1)).astype(np.int32)
+    whole: npt.NDArray[np.int32] = np.rint(_ZOOM * path + 0.5 * (_ZOOM - 1)).astype(np.int32)
+    return whole
