@@ -64,7 +64,7 @@ class Odometry:
 
     def __init__(self, settings: OdometrySettings) -> None:
         self.settings = settings
-        self.samples = SampleHistory(columns=3, angles=(2,), keep_s=5.0)
+        self.samples = SampleHistory(columns=3, angles=(2,))
 
     @property
     def dropped(self) -> int:

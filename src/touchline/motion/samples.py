@@ -14,7 +14,7 @@ NANOSECONDS = 1e9
 
 
 class SampleHistory:
-    """Samples of one sensor in the order of time, until `forget_before`, or for `keep_s` before the newest.
+    """Samples of one sensor in the order of time, until `forget_before`.
 
     Rows with a value that is not finite and rows that don't come after the newest are left out and counted in
     `dropped`. `angles`: columns that hold angles (rad); they are unwrapped here and interpolate the short way.
@@ -22,9 +22,8 @@ class SampleHistory:
 
     # Plain lists: a frame brings a handful of rows, for which arrays cost ten times as much.
 
-    def __init__(self, columns: int, angles: tuple[int, ...] = (), keep_s: float | None = None) -> None:
+    def __init__(self, columns: int, angles: tuple[int, ...] = ()) -> None:
         self.dropped = 0
-        self._keep_ns = None if keep_s is None else int(keep_s * NANOSECONDS)
         self._columns = columns
         self._angles = angles
         self._stamps_ns: list[int] = []
@@ -56,9 +55,6 @@ class SampleHistory:
                 last = self._rows[-1][column] if self._rows else 0.0
                 row[column] = last + math.remainder(row[column] - last, 2.0 * math.pi)
             self.append(stamp_ns, row)
-        if self._keep_ns is not None and self._stamps_ns:
-            old = bisect_left(self._stamps_ns, self._stamps_ns[-1] - self._keep_ns)
-            del self._stamps_ns[:old], self._rows[:old]
 
     def append(self, stamp_ns: int, row: list[float]) -> None:
         """Append one sample that is finite and later than the newest."""
