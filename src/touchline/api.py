@@ -97,7 +97,7 @@ class PreparedRun:
         """
         started = datetime.now(UTC).isoformat(timespec="seconds")
         with RunFolder(folder) as rows:
-            tally = run_frames(self.source, self.system, rows, on_frame=on_frame, stop=stop)
+            tally = run_frames(self.source, self.system, rows, prior=self.prior, on_frame=on_frame, stop=stop)
         summary = {**self._description(started), **tally.summary(), "errors": None}
         summary["problems"] = _problems(self.source)
         write_summary(folder, summary)

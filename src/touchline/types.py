@@ -402,7 +402,8 @@ class System(Protocol):
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp.
 
-        Raises ValueError for a frame that is older than the last one; pose and motion stay as they were.
+        Raises ValueError for a frame that is older than the last one; pose and motion stay as they were. Whoever can't
+        rule such frames out steps a `systems.ordered.OrderedSystem`.
         """
         ...
 

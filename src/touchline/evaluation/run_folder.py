@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from touchline.errors import InputError
 from touchline.evaluation.estimates import csv_row, header
-from touchline.evaluation.tum import tum_line
+from touchline.evaluation.tum import stamp_from_text, tum_line
 from touchline.types import Estimate
 
 TRAJECTORY = "trajectory.tum"
@@ -50,8 +50,8 @@ class RunFolder:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder
-        self._trajectory = (folder / TRAJECTORY).open("x", encoding="utf-8", newline="\n")
-        self._estimates = (folder / ESTIMATES).open("x", encoding="utf-8", newline="\n")
+        self._trajectory = (folder / TRAJECTORY).open("x+", encoding="utf-8", newline="\n")
+        self._estimates = (folder / ESTIMATES).open("x+", encoding="utf-8", newline="\n")
         self._begun = False
 
     def write(self, estimate: Estimate) -> None:
@@ -60,6 +60,15 @@ class RunFolder:
         self._begin(estimate)
         self._trajectory.write(tum_line(estimate.stamp_ns, estimate.pose))
         self._estimates.write(row)
+
+    def forget_from(self, stamp_ns: int) -> None:
+        """Remove all lines at a stamp or later: a clock was set back, and the run goes on from there."""
+        for file, separator in ((self._trajectory, " "), (self._estimates, ",")):
+            file.seek(0)
+            kept = [line for line in file if not _is_at_or_after(line.partition(separator)[0], stamp_ns)]
+            file.seek(0)
+            file.writelines(kept)
+            file.truncate()
 
     def close(self) -> None:
         """Bring all rows to the disk."""
@@ -80,6 +89,14 @@ class RunFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _is_at_or_after(seconds: str, stamp_ns: int) -> bool:
+    """Whether a time as it is written is not before a stamp; a header has none and stays."""
+    try:
+        return stamp_from_text(seconds) >= stamp_ns
+    except ValueError:
+        return False
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:

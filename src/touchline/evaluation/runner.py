@@ -12,8 +12,10 @@ from typing import Any, Protocol
 from touchline.evaluation.latency import LatencyHistogram
 from touchline.evaluation.run_folder import RunFolder
 from touchline.geometry import Pose, wrap_angle
+from touchline.motion import FrameOrder
 from touchline.perception.covered import is_covered
-from touchline.types import Estimate, Frame, Mode, Status, System
+from touchline.systems.ordered import OrderedSystem
+from touchline.types import Estimate, Frame, Mode, Prior, Status, System
 
 _MOST_PICTURES = 6
 _START_IMAGES = 10  # in them code is loaded and colours are learned: no measure of the speed
@@ -51,6 +53,8 @@ class RunTally:
     black_ns: list[tuple[int, int]] = field(default_factory=list)
     black: int = 0
     missing_images: int = 0
+    late_frames: int = 0
+    clock_set_back: int = 0
     either_side: int = 0
     other_side: Pose | None = None
     perception: LatencyHistogram = field(default_factory=LatencyHistogram)
@@ -94,6 +98,8 @@ class RunTally:
             "status": {status.value: self.statuses[status] for status in Status},
             **({"mode": {mode.value: self.modes[mode] for mode in Mode}} if self.modes else {}),
             "missing_images": self.missing_images,
+            "late_frames": self.late_frames,
+            "clock_set_back": self.clock_set_back,
             "black_images": {"count": self.black, "stretches_ns": self.black_ns},
             "either_side": {
                 "count": self.either_side,
@@ -147,19 +153,22 @@ def run_frames(
     system: System,
     folder: RunFolder,
     *,
+    prior: Prior | None = None,
     on_frame: Sequence[OnFrame] = (),
     stop: Callable[[], bool] = lambda: False,
 ) -> RunTally:
     """Step the system through all frames and write every estimate.
 
-    A frame without image (`frame.problem` says why) goes to the system like any other. `stop` is asked after every
-    frame; if it says so, the run ends as interrupted. An exception of the system or the source ends the run as
-    failed and is kept in the tally: what was done until then is in the folder.
+    prior: what the system has been reset with. A frame without image (`frame.problem` says why) goes to the system like
+    any other. A frame that comes late by up to a second is dropped and counted; where a clock was set back, what was
+    written from there on is replaced. `stop` is asked after every frame; if it says so, the run ends as interrupted. An
+    exception of the system or the source ends the run as failed and is kept in the tally; what was done until then is
+    in the folder.
     """
     tally = RunTally(pictures=FramePicker(len(source)))
     start_s = time.perf_counter()
     try:
-        _step_through(source, system, folder, tally, on_frame, stop)
+        _step_through(source, OrderedSystem(system, prior), folder, tally, on_frame, stop)
     except KeyboardInterrupt:
         tally.ended = "interrupted"
     except Exception as error:
@@ -170,7 +179,7 @@ def run_frames(
 
 def _step_through(
     frames: Iterable[Frame],
-    system: System,
+    system: OrderedSystem,
     folder: RunFolder,
     tally: RunTally,
     on_frame: Sequence[OnFrame],
@@ -179,14 +188,20 @@ def _step_through(
     was_black = False
     for index, frame in enumerate(frames):
         estimate = system.step(frame)
-        folder.write(estimate)
-        black = tally.black
-        tally.add(frame, estimate, was_black)
-        was_black = tally.black > black
-        if tally.pictures is not None:
-            tally.pictures.consider(index, frame, estimate)
-        for tell in on_frame:
-            tell(frame, estimate)
+        if system.order is FrameOrder.LATE:
+            tally.late_frames += 1
+        else:
+            if system.order is FrameOrder.CLOCK_SET_BACK:
+                tally.clock_set_back += 1
+                folder.forget_from(frame.stamp_ns)
+            folder.write(estimate)
+            black = tally.black
+            tally.add(frame, estimate, was_black)
+            was_black = tally.black > black
+            if tally.pictures is not None:
+                tally.pictures.consider(index, frame, estimate)
+            for tell in on_frame:
+                tell(frame, estimate)
         if stop():
             tally.ended = "interrupted"
             return

@@ -26,9 +26,9 @@ class FrameOrder(Enum):
     """Older by more: the histories have to start anew."""
 
 
-def frame_order(stamp_ns: int, newest_ns: int | None) -> FrameOrder:
-    """How a frame follows the newest one before it; None if it is the first."""
-    if newest_ns is None or stamp_ns >= newest_ns:
+def frame_order(stamp_ns: int, newest_ns: int) -> FrameOrder:
+    """How a frame follows the newest one before it."""
+    if stamp_ns >= newest_ns:
         return FrameOrder.NEXT
     return FrameOrder.LATE if newest_ns - stamp_ns <= _JUMP_NS else FrameOrder.CLOCK_SET_BACK
 

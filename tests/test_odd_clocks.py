@@ -1,0 +1,283 @@
+"""Stamps that can't be right: samples and frames an hour ahead or behind, late frames, clocks that are set."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fakes import STEP_NS, FakeSource, FakeSystem
+from test_odd_frames import drive, every_system, system
+
+from touchline.evaluation import read_tum
+from touchline.evaluation.estimates import read_estimates
+from touchline.evaluation.run_folder import RunFolder
+from touchline.evaluation.runner import run_frames
+from touchline.geometry import Pose
+from touchline.motion import FrameOrder, MotionHistory, WheelSettings, frame_order
+from touchline.motion.clocks import SensorClocks
+from touchline.systems.ordered import OrderedSystem
+from touchline.types import Estimate, Frame, Prior, Samples, Status
+
+SECOND = 1_000_000_000
+HOUR = 3600 * SECOND
+SENSORS = ("odometry", "wheels", "gyro", "compass", "tilt")
+BAD = 37  # the frame that something is wrong with; the robot has long been found
+
+
+def one_value(*stamps_ns: int) -> Samples:
+    """Samples of a sensor, one column, each with its place as the value."""
+    return Samples(np.array(stamps_ns, dtype=np.int64), np.arange(len(stamps_ns), dtype=float)[:, np.newaxis])
+
+
+def with_strays(frame: Frame, sensor: str, by_ns: int, count: int = 1) -> Frame:
+    """A frame whose samples of one sensor are joined by some more of them at another time."""
+    given = getattr(frame, sensor)
+    if given is None:
+        return frame
+    stamps = given.stamp_ns[-1] + by_ns + 20_000_000 * np.arange(count)
+    strays = Samples(stamps, np.repeat(given.values[-1:], count, axis=0))
+    parts = (given, strays) if by_ns > 0 else (strays, given)
+    joined = Samples(np.concatenate([p.stamp_ns for p in parts]), np.concatenate([p.values for p in parts]))
+    return replace(frame, **{sensor: joined})
+
+
+def silenced(poses: list[Pose], estimates: list[Estimate], after: int = BAD) -> int:
+    """After how many later frames the robot is not followed, or not to 5 cm."""
+    wrong = [
+        estimate.status is not Status.TRACKING or estimate.pose.distance_to(poses[k]) > 0.05
+        for k, estimate in enumerate(estimates)
+    ]
+    return sum(wrong[after + 1 :])
+
+
+# --- samples ----------------------------------------------------------------------------------------------------------
+
+
+@every_system
+@pytest.mark.parametrize("by_ns", [HOUR, -HOUR, 2 * SECOND])
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("count", [1, 3])
+def test_samples_at_another_time_silence_no_system(name: str, sensor: str, by_ns: int, count: int) -> None:
+    """One that strays, and three that might be a clock that jumped, were it not for all that comes afterwards."""
+    _, frames, poses = drive()
+    made = system(name)
+    given = [with_strays(f, sensor, by_ns, count) if k == BAD else f for k, f in enumerate(frames[:60])]
+    assert silenced(poses, [made.step(frame) for frame in given]) == 0
+
+
+def test_a_sample_far_ahead_is_refused_and_counted() -> None:
+    clocks = SensorClocks()
+    clocks.frame_ns = 10 * SECOND
+    stamps = (9 * SECOND, 11 * SECOND, HOUR, 11 * SECOND + 1)
+    believed = clocks.believed("wheels", one_value(*stamps))
+    assert believed.samples.stamp_ns.tolist() == [9 * SECOND, 11 * SECOND, 11 * SECOND + 1]
+    assert believed.samples.values.ravel().tolist() == [0.0, 1.0, 3.0]
+    assert not believed.clock_jumped
+    assert clocks.refused == {"wheels": 1}
+
+
+def test_two_far_ahead_are_refused_three_that_agree_are_a_clock_that_jumped() -> None:
+    clocks = SensorClocks()
+    clocks.frame_ns = 0
+    ahead = [HOUR + k * SECOND // 50 for k in range(4)]
+    for stamp in ahead[:2]:
+        assert len(clocks.believed("wheels", one_value(stamp)).samples) == 0
+    third = clocks.believed("wheels", one_value(ahead[2]))
+    assert third.clock_jumped
+    assert third.samples.stamp_ns.tolist() == ahead[:3]
+    assert clocks.believed("gyro", one_value(ahead[2])).samples.stamp_ns.tolist() == ahead[2:3]  # the others follow
+    clocks.frame_ns = HOUR
+    fourth = clocks.believed("wheels", one_value(ahead[3]))
+    assert not fourth.clock_jumped
+    assert len(fourth.samples) == 1
+    assert clocks.refused["wheels"] == 0
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        (HOUR, 2 * HOUR, 3 * HOUR),  # far from each other
+        (HOUR, HOUR, HOUR),  # one that is repeated
+        (HOUR + 2, HOUR + 1, HOUR),  # backwards
+        (HOUR, HOUR + 1, 0, HOUR + 2),  # one at the right time between them
+    ],
+)
+def test_what_does_not_follow_each_other_is_no_clock(stamps: tuple[int, ...]) -> None:
+    clocks = SensorClocks()
+    clocks.frame_ns = 0
+    believed = clocks.believed("wheels", one_value(*stamps))
+    assert not believed.clock_jumped
+    assert believed.samples.stamp_ns.tolist() == [stamp for stamp in stamps if stamp == 0]
+    assert clocks.refused["wheels"] == 3
+
+
+def test_if_the_frames_do_not_follow_a_jump_the_next_sample_at_their_time_is_believed() -> None:
+    history = MotionHistory()
+    times = np.arange(1, 6) * SECOND // 50
+    history.add(Frame(SECOND // 10, odometry=Samples(times, np.column_stack([times / SECOND, 0 * times, 0 * times]))))
+    jumped = Samples(times + HOUR, np.full((5, 3), 7.0))
+    history.add_samples("odometry", jumped)
+    assert history.odometry.samples.first_ns == times[0] + HOUR
+    later = times + SECOND // 10
+    back = Samples(later, np.column_stack([later / SECOND, 0 * times, 0 * times]))
+    history.add(Frame(SECOND // 5, odometry=back))
+    assert history.odometry.samples.last_ns == later[-1]
+    assert history.between(int(later[0]), int(later[-1])).pose.x == pytest.approx(0.08)
+
+
+def test_samples_may_go_on_for_long_without_any_frame() -> None:
+    """The camera has failed; each sample is near the one before it, of whichever sensor."""
+    history = MotionHistory()
+    history.add(Frame(0))
+    for k in range(1, 1000):
+        history.add_samples("odometry", Samples(np.array([k * SECOND // 50]), np.zeros((1, 3))))
+    assert history.refused["odometry"] == 0
+    assert history.odometry.samples.last_ns == 999 * SECOND // 50
+
+
+# --- frames -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_order_of_a_frame() -> None:
+    assert frame_order(5, 5) is FrameOrder.NEXT
+    assert frame_order(SECOND, 2 * SECOND) is FrameOrder.LATE
+    assert frame_order(SECOND - 1, 2 * SECOND) is FrameOrder.CLOCK_SET_BACK
+
+
+@every_system
+@pytest.mark.parametrize("by_ns", [HOUR, -HOUR])
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_frame_an_hour_off_keeps_the_pose_as_prior(name: str, by_ns: int, whole: bool) -> None:
+    """Its stamp alone, or with those of its samples: the frames after it are followed again within half a second."""
+    _, frames, poses = drive()
+    made = OrderedSystem(system(name))
+    given = [moved(f, by_ns, whole) if k == BAD else f for k, f in enumerate(frames[:60])]
+    estimates = [made.step(frame) for frame in given]
+    back = BAD + 1 if by_ns > 0 else BAD
+    assert estimates[back].status is Status.SEARCHING
+    assert made.counts[FrameOrder.CLOCK_SET_BACK] == 1
+    assert silenced(poses, estimates, after=BAD + 5) == 0
+
+
+@every_system
+@pytest.mark.parametrize("by_ns", [HOUR, -HOUR])
+def test_a_clock_that_is_set_for_good_is_followed(name: str, by_ns: int) -> None:
+    _, frames, poses = drive()
+    made = OrderedSystem(system(name))
+    given = [moved(f, by_ns, True) if k >= BAD else f for k, f in enumerate(frames[:60])]
+    estimates = [made.step(frame) for frame in given]
+    for k in range(BAD + 10, 60):
+        assert estimates[k].status is Status.TRACKING
+        assert estimates[k].pose.distance_to(poses[k]) < 0.05
+
+
+@every_system
+def test_a_late_frame_is_dropped_and_changes_nothing(name: str) -> None:
+    _, frames, _ = drive()
+    plain, disturbed = system(name), OrderedSystem(system(name))
+    poses = [plain.step(frame).pose for frame in frames[:45]]
+    for k, frame in enumerate(frames[:45]):
+        if k == BAD:
+            late = disturbed.step(frames[k - 5])
+            assert (late.status, late.pose) == (Status.SEARCHING, poses[k - 1])
+        assert disturbed.step(frame).pose == poses[k]
+    assert disturbed.counts == {FrameOrder.NEXT: 45, FrameOrder.LATE: 1}
+
+
+def moved(frame: Frame, by_ns: int, whole: bool) -> Frame:
+    """A frame by another clock, its samples with it or not."""
+    sensors = {sensor: getattr(frame, sensor) for sensor in SENSORS if whole and getattr(frame, sensor) is not None}
+    shifted = {sensor: Samples(given.stamp_ns + by_ns, given.values) for sensor, given in sensors.items()}
+    return replace(frame, stamp_ns=frame.stamp_ns + by_ns, **shifted)
+
+
+class Recorder:
+    """A system whose statuses are given, and that tells what it was reset with."""
+
+    def __init__(self, *statuses: Status) -> None:
+        self.statuses = iter(statuses)
+        self.priors: list[Prior | None] = []
+
+    def reset(self, prior: Prior | None = None) -> None:
+        self.priors.append(prior)
+
+    def step(self, frame: Frame) -> Estimate:
+        return Estimate(frame.stamp_ns, Pose(1.0, 2.0, 3.0), np.eye(3), next(self.statuses))
+
+
+@pytest.mark.parametrize(
+    ("statuses", "prior"),
+    [
+        ([Status.SEARCHING], Prior(own_half=True)),
+        ([Status.SEARCHING, Status.TRACKING, Status.LOST], Prior(Pose(1.0, 2.0, 3.0))),
+        ([Status.TRACKING, *[Status.SEARCHING] * 11], Prior()),
+    ],
+)
+def test_what_a_new_start_is_told(statuses: list[Status], prior: Prior) -> None:
+    """What was told at first while nothing is known, then the pose tracked last, unless that is long ago."""
+    recorder = Recorder(*statuses, Status.TRACKING)
+    made = OrderedSystem(recorder, Prior(own_half=True))
+    for k in range(len(statuses)):
+        made.step(Frame(HOUR + k))
+    assert made.step(Frame(0)).status is Status.SEARCHING
+    assert recorder.priors == [prior]
+
+
+class Shuffled(FakeSource):
+    """Ten frames, then others at given places in time."""
+
+    def __init__(self, *places: int) -> None:
+        super().__init__(10)
+        self.places = places
+
+    def __iter__(self):  # type: ignore[no-untyped-def]
+        frames = list(super().__iter__())
+        return iter([*frames, *(replace(frames[0], stamp_ns=place * STEP_NS) for place in self.places)])
+
+
+def test_a_run_survives_any_order_and_its_files_stay_in_order(tmp_path: Path) -> None:
+    source = Shuffled(5, 36000, 10, 11, 12, 11, 13, -20, -19)
+    made = FakeSystem(np.random.default_rng(0))
+    with RunFolder(tmp_path) as folder:
+        tally = run_frames(source, made, folder)
+    assert (tally.ended, tally.late_frames, tally.clock_set_back) == ("complete", 2, 2)
+    assert read_tum(tmp_path / "trajectory.tum").stamp_ns.tolist() == [-20 * STEP_NS, -19 * STEP_NS]
+    assert len(read_estimates(tmp_path / "estimates.csv").trajectory) == 2
+
+
+def test_one_frame_far_ahead_costs_a_run_no_other(tmp_path: Path) -> None:
+    with RunFolder(tmp_path) as folder:
+        tally = run_frames(Shuffled(36000, 10, 11), FakeSystem(np.random.default_rng(0)), folder)
+    assert tally.summary()["clock_set_back"] == 1
+    written = read_tum(tmp_path / "trajectory.tum").stamp_ns
+    assert written.tolist() == [k * STEP_NS for k in range(12)]
+
+
+# --- random streams ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_any_mix_of_stamps_raises_nothing_and_is_accounted_for(seed: int) -> None:
+    """Each sample is held, dropped, refused or forgotten with its clock; the history stays in order and bounded."""
+    rng = np.random.default_rng(seed)
+    history = MotionHistory(wheels=WheelSettings(), wheel_directions_rad=(0.8, -0.8))
+    columns = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
+    given: Counter[str] = Counter()
+    for k in range(300):
+        sensor = str(rng.choice(list(columns)))
+        off = int(rng.choice([0, 0, 0, 0, HOUR, -HOUR, SECOND // 2, 3 * SECOND]))
+        stamps = k * SECOND // 10 + off + np.sort(rng.integers(0, SECOND // 10, rng.integers(1, 5)))
+        values = np.where(rng.random((len(stamps), columns[sensor])) < 0.02, np.nan, 0.1)
+        history.add_samples(sensor, Samples(stamps, values))
+        given[sensor] += len(stamps)
+        if k % 3 == 0:
+            history.add(Frame(k * SECOND // 10))
+            for start, end in itertools.pairwise(sorted(rng.integers(0, k * SECOND // 10 + 1, 3).tolist())):
+                assert np.isfinite(history.between(start, end).covariance).all()
+                history.at(start)
+    for sensor, count in given.items():
+        assert 0 < history.dropped[sensor] + history.refused[sensor] < count
