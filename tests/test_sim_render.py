@@ -16,7 +16,7 @@ from touchline.simulation.cameras.base import Motion, field_from_body
 from touchline.simulation.cameras.mirror import solve_mirror, tangent_range
 from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
 from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera, humanoid_camera
-from touchline.simulation.rendering.casting import cast_rays
+from touchline.simulation.rendering.casting import CAST_ROWS, cast_rays
 from touchline.simulation.rendering.paint import build_paint, paint_at
 from touchline.simulation.world.hall import default_world
 from touchline.simulation.world.lights import Lamp, LightChange, Lights, Window
@@ -155,7 +155,7 @@ def test_paint_is_found_as_by_plain_geometry(field: FieldModel) -> None:
         points = rng.uniform((-10.0, -7.0), (10.0, 7.0), (4000, 2))
         near_arcs = rng.uniform((8.0, 5.0), (9.0, 6.0), (2000, 2))
         for x, y in np.concatenate((points, near_arcs)):
-            found, _ = paint_at(*grid, float(x), float(y))
+            found = paint_at(grid, float(x), float(y))
             assert found == plain_paint(model, marks, float(x), float(y))
 
 
@@ -184,15 +184,12 @@ def plain_paint(field: FieldModel, marks: tuple[GroundMark, ...], x: float, y: f
 
 
 def test_cast_rays_are_turned_as_by_matrices() -> None:
-    rng = np.random.default_rng(2)
-    rays = rng.normal(size=(6, 500)).astype(np.float32)
-    rows = np.repeat([0, 1], 250).astype(np.int32)
-    poses = np.stack([field_from_body(Pose(1.0, -2.0, 0.7), (0.1, -0.2)), field_from_body(Pose(-3.0, 0.5, 2.9))])
-    cast = np.empty((9, 500), dtype=np.float32)
-    cast_rays(rays, rows, poses, 512, 64, cast)
-    rotations = poses[rows, :9].reshape(-1, 3, 3)
-    origin = np.einsum("nij,jn->ni", rotations, rays[:3].astype(np.float64)) + poses[rows, 9:]
-    direction = np.einsum("nij,jn->ni", rotations, rays[3:].astype(np.float64))
+    rays = np.random.default_rng(2).normal(size=(6, 500)).astype(np.float32)
+    pose = field_from_body(Pose(1.0, -2.0, 0.7), (0.1, -0.2))
+    cast = np.empty((CAST_ROWS, 300), dtype=np.float32)
+    cast_rays(rays, 200, 300, pose.astype(np.float32), cast)
+    rotation, rays = pose[:9].reshape(3, 3), rays[:, 200:].astype(np.float64)
+    origin, direction = (rotation @ rays[:3]).T + pose[9:], (rotation @ rays[3:]).T
     level = np.hypot(direction[:, 0], direction[:, 1])
     assert np.allclose(cast[:3].T, origin, atol=1e-5)
     assert np.allclose(cast[3:6].T, direction / level[:, np.newaxis], rtol=2e-5, atol=1e-5)

@@ -29,18 +29,17 @@ class Motion(NamedTuple):
 class SimulatedCameraModel:
     """A camera on a robot in a world. Not thread-safe: buffers are reused from image to image.
 
-    sensor: the exposure model. side: samples along each side of a supersampled pixel. blur_steps: instants over which
+    sensor: the exposure model. side: samples along each side of a pixel. blur_steps: instants over which
     the exposure is averaged where a motion is given. readout_s: rolling shutter, time from the first row to the last;
     0 is a global shutter. The time of an image is the middle of its exposure (of its middle row).
     """
 
     def __init__(self, grid: RayGrid, sensor: ImageSensor, side: int, blur_steps: int, readout_s: float) -> None:
         self.sensor = sensor
-        self.side = side
         self.blur_steps = blur_steps
         self.readout_s = readout_s
         self._grid = grid
-        self._renderer = Renderer(grid)
+        self._renderer = Renderer(grid, side)
         self._scene: Scene | None = None
         self._bearings: npt.NDArray[np.float64] | None = None
 
@@ -85,12 +84,10 @@ class SimulatedCameraModel:
         attitude: tuple[float, float] = (0.0, 0.0),
         motion: Motion | None = None,
         exposure_ms: float = 12.0,
-        everywhere: bool = False,
     ) -> npt.NDArray[np.float32]:
         """Linear radiance (H, W, 3) float32, red green blue, before blur and sensor; see `render`.
 
-        exposure_ms: over which a motion is averaged. everywhere: supersample every pixel, not only those that hold an
-        edge. The array is overwritten by the next call.
+        exposure_ms: over which a motion is averaged. The array is overwritten by the next call.
         """
         world.check_inside("the robot", robot_pose.x, robot_pose.y)
         if self._scene is None or self._scene.world is not world:
@@ -98,9 +95,9 @@ class SimulatedCameraModel:
         self._scene.update(state)
         if motion is None:
             poses = field_from_body(robot_pose, attitude)[np.newaxis]
-            image = self._renderer.render(self._scene, poses, self.side, everywhere)
+            image = self._renderer.render(self._scene, poses)
         else:
-            image = self._blurred(self._scene, robot_pose, attitude, exposure_ms, motion, everywhere)
+            image = self._blurred(self._scene, robot_pose, attitude, exposure_ms, motion)
         self._occlude(image, state)
         return image
 
@@ -111,7 +108,6 @@ class SimulatedCameraModel:
         attitude: tuple[float, float],
         exposure_ms: float,
         motion: Motion,
-        everywhere: bool,
     ) -> npt.NDArray[np.float32]:
         steps = max(1, self.blur_steps)
         rows = self.height if self.readout_s > 0.0 else 1
@@ -120,7 +116,7 @@ class SimulatedCameraModel:
         for step in range(steps):
             instant = ((step + 0.5) / steps - 0.5) * 1e-3 * exposure_ms
             poses = np.stack([_body_at(pose, attitude, motion, instant + float(delay)) for delay in delays])
-            total += self._renderer.render(scene, poses, self.side, everywhere)
+            total += self._renderer.render(scene, poses)
         total /= np.float32(steps)
         return total
 

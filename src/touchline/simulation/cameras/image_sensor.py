@@ -21,7 +21,6 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.simulation.cameras.sensor_rows import develop_rows
 from touchline.types import ImageArray
 
 
@@ -55,15 +54,22 @@ class ImageSensor:
         """
         check_exposure(exposure_ms, gain)
         height, width = radiance.shape[:2]
-        scale = np.array(self.white_balance_rgb) * exposure_ms * gain * self.k
-        noise = np.zeros(0, dtype=np.float32) if rng is None else noise_numbers(rng, height * width)
-        shot = gain / self.full_well_electrons
-        picture = np.empty((height, width, 3), dtype=np.uint8)
-        develop_rows(
-            np.ascontiguousarray(radiance, dtype=np.float32), _blur_weights(self.optics_blur_sigma_px), noise,
-            scale.astype(np.float32), np.float32(shot), np.float32((self.read_noise_electrons * shot) ** 2),
-            _response(self.gamma), picture,
-        )  # fmt: skip
+        if height < 3 or width < 3:  # such a mosaic has no pixel with neighbours all around
+            return np.zeros((height, width, 3), dtype=np.uint8)
+        if self.optics_blur_sigma_px > 0.0:
+            size = 2 * math.ceil(2.5 * self.optics_blur_sigma_px) + 1
+            radiance = np.asarray(cv2.GaussianBlur(radiance, (size, size), self.optics_blur_sigma_px))
+        mosaic = np.empty((height, width), dtype=np.float32)
+        for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            channel = row + column  # RGGB
+            scale = np.float32(self.white_balance_rgb[channel] * exposure_ms * gain * self.k)
+            np.multiply(radiance[row::2, column::2, channel], scale, out=mosaic[row::2, column::2])
+        if rng is not None:
+            shot = np.float32(gain / self.full_well_electrons)
+            deviation = np.sqrt(mosaic * shot + (np.float32(self.read_noise_electrons) * shot) ** 2)
+            mosaic += deviation * noise_numbers(rng, height * width).reshape(height, width)
+        codes = (np.clip(mosaic, 0.0, 1.0, out=mosaic) * np.float32(65535.0) + np.float32(0.5)).astype(np.uint16)
+        picture: ImageArray = _response(self.gamma)[cv2.cvtColor(codes, cv2.COLOR_BayerRGGB2BGR)]
         return picture
 
     def sequence_constants(self) -> dict[str, Any]:
@@ -101,14 +107,3 @@ def noise_numbers(rng: np.random.Generator, count: int) -> npt.NDArray[np.float3
 def _response(gamma: float) -> npt.NDArray[np.uint8]:
     """The 8-bit code of each 16-bit value (65536,)."""
     return np.round(255.0 * (np.arange(65536) / 65535.0) ** (1.0 / gamma)).astype(np.uint8)
-
-
-@lru_cache(maxsize=8)
-def _blur_weights(sigma_px: float) -> npt.NDArray[np.float32]:
-    """OpenCV's Gaussian of 2 ceil(2.5 sigma) + 1 numbers from its middle on: (1,) for no blur, else (3,) or more."""
-    if sigma_px == 0.0:
-        return np.ones(1, dtype=np.float32)
-    radius = math.ceil(2.5 * sigma_px)
-    weights = np.zeros(max(radius, 2) + 1, dtype=np.float32)
-    weights[: radius + 1] = cv2.getGaussianKernel(2 * radius + 1, sigma_px, cv2.CV_32F)[radius:, 0]
-    return weights

@@ -112,7 +112,7 @@ class ObservedLines:
         if total == 0:
             return empty_points()
         rows = np.empty((total, 9))
-        kept = perturbed(  # type: ignore[no-untyped-call]
+        kept = perturbed(
             self._found[:count], self._places[:false_count], len(self._rays), sectors, self._numbers, self._same,
             rng.standard_normal(3), rng.standard_normal((total, 2)), self._lookup, self._scales, self._askew, rows,
         )  # fmt: skip

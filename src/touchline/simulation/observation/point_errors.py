@@ -19,7 +19,6 @@ from pydantic import Field
 from touchline.camera.omni import ground_from_pixel, pixel_from_ground
 from touchline.config import Settings
 from touchline.geometry import FloatArray
-from touchline.simulation.compiled import uncounted
 from touchline.simulation.observation.crossings import GRAZED, MIXED, inside_sector, range_at, scale_at
 from touchline.simulation.observation.fixed_noise import mosaic_noise, phase_noise
 from touchline.simulation.observation.goal_clutter import GoalClutter
@@ -150,7 +149,7 @@ def edge_shift(row, reach, blur_px, scales):  # type: ignore[no-untyped-def]
     return (0.5 * (near + far) - reach) / row[4]
 
 
-@uncounted
+@njit(cache=True, error_model="numpy")
 def perturbed(found, strays, first_circle, sectors, numbers, fixed, shared, normals, camera, scales, askew, out):  # type: ignore[no-untyped-def]
     """Points that are found, shifted, into out (N, 9): x, y, covariance (4), confidence, u, v; returns how many.
 

@@ -9,20 +9,19 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.simulation.rendering.carpet import pile_pyramid, wear_map
+from touchline.simulation.rendering.carpet import SEAM_M, SEAM_OFFSET, pile_pyramid, wear_map
 from touchline.simulation.rendering.illumination import (
     FLAGS_PER_M,
     HAS_PAINT,
     HAS_SEAM,
-    PAINT_AROUND,
-    PAINT_NEAR,
+    mark_shadows,
     mark_sunlight,
-    place_casters,
     sunward,
 )
-from touchline.simulation.rendering.paint import CELL_M, build_paint, mark_paint
-from touchline.simulation.rendering.pile import SEAM_M, SEAM_OFFSET
+from touchline.simulation.rendering.paint import CELL_M, PaintGrid, build_paint, painted_cells
 from touchline.simulation.rendering.solids import (
+    COLUMNS,
+    Cells,
     Palette,
     ball_row,
     block_row,
@@ -45,25 +44,19 @@ class SceneArrays(NamedTuple):
     """All that the loops read, from one camera's place; each is explained where it is made."""
 
     solids: FloatArray
-    starts: npt.NDArray[np.int32]
-    items: npt.NDArray[np.int16]
-    near: FloatArray
+    cells: Cells
     palette: FloatArray
     room: FloatArray
     room_colours: FloatArray
-    flag_words: npt.NDArray[np.uint32]
-    flag_frame: FloatArray
-    shapes: FloatArray
-    cell_starts: npt.NDArray[np.int32]
-    cell_items: npt.NDArray[np.int16]
-    paint_frame: FloatArray
+    flags: npt.NDArray[np.uint8]
+    paint: PaintGrid
     paints: FloatArray
+    wear: FloatArray
     carpet: FloatArray
     pyramid: npt.NDArray[np.float32]
     light: npt.NDArray[np.float32]
     light_frame: FloatArray
     casters: FloatArray
-    caster_cells: npt.NDArray[np.int16]
     sun: FloatArray
     windows: FloatArray
 
@@ -71,8 +64,9 @@ class SceneArrays(NamedTuple):
 class Scene:
     """The arrays that the rendering loops read. Field frame, metres.
 
-    room (6,), room_colours (4, 3), paint (PaintGrid), paints (1 + marks, 3), carpet (5,), pyramid: see the loops.
-    After `update`: solids (K, 14), casters (M, 4), caster_cells, light (ny, nx, 2), sun (5,).
+    room (8,), room_colours (4, 3) of floor, board, walls and ceiling, paint, paints (1 + marks, 3), wear (2,) of the
+    lines, carpet (5,): colour, spacing of the seams, contrast of the pile; pyramid: see the loops.
+    After `update`: solids (K, 13), casters (M, 4), light (ny, nx, 2), sun (4,), flags (ny, nx).
     """
 
     def __init__(self, world: World) -> None:
@@ -82,9 +76,11 @@ class Scene:
         self._lit_flags: npt.NDArray[np.uint8]
         rng = np.random.default_rng([world.seed, 23])
         length, width = world.carpet
-        self.room = np.array(
-            [0.5 * length, 0.5 * width, 0.5 * world.hall[0], 0.5 * world.hall[1], world.hall[2], world.board_height]
-        )
+        self.room = np.array([
+            0.5 * length, 0.5 * width, 0.5 * length, 0.5 * width, 0.5 * world.hall[0], 0.5 * world.hall[1],
+            world.hall[2], world.board_height,
+        ])  # fmt: skip
+        self.wear = np.zeros(2)
         self.room_colours = np.array(_ROOM_PAINTS)
         self.paint = build_paint(world.field, world.marks, world.hall)
         self.paints = np.array([PAINTS["white"], *(mark.colour for mark in world.marks)])
@@ -117,24 +113,25 @@ class Scene:
         self.casters = self._casters(robots, balls)
         self._shine(state.time_s)
         np.copyto(self.flags, self._lit_flags if self.sun[0] > 0.0 else self._still_flags)
-        self.caster_cells = place_casters(self.casters, self.sun, self.paint.frame, self.flags)
+        mark_shadows(self.casters, self.sun, self.paint.frame, self.flags)
 
-    def arrays(self, starts: npt.NDArray[np.int32], items: npt.NDArray[np.int16], near: FloatArray) -> SceneArrays:
+    def arrays(self, cells: Cells) -> SceneArrays:
         """Everything for the loops, with the solids sorted into cells around a camera."""
         return SceneArrays(
-            self.solids, starts, items, near, self.palette, self.room, self.room_colours,
-            self.flags.reshape(-1).view(np.uint32), self._flag_frame,
-            *self.paint, self.paints, self.carpet, self.pyramid, self.light, self.light_frame, self.casters,
-            self.caster_cells, self.sun, self.windows,
+            self.solids, cells, self.palette, self.room, self.room_colours, self.flags, self.paint,
+            self.paints, self.wear, self.carpet, self.pyramid, self.light, self.light_frame, self.casters, self.sun,
+            self.windows,
         )  # fmt: skip
 
     def _build_solids(self) -> None:
         world, palette = self.world, Palette()
         rows = [block_row(block, palette) for block in (*field_blocks(world.field), *world.clutter)]
         rows += net_rows(world.field, palette)
-        self._standing = np.array(rows, dtype=np.float64).reshape(-1, 14)
+        self._standing = np.array(rows, dtype=np.float64).reshape(-1, COLUMNS)
         self._robot_rows, self._robot_owners = robot_rows(world.robots, palette)
-        self._ball_rows = np.array([ball_row(ball, palette) for ball in world.balls], dtype=np.float64).reshape(-1, 14)
+        self._ball_rows = np.array([ball_row(ball, palette) for ball in world.balls], dtype=np.float64).reshape(
+            -1, COLUMNS
+        )
         palette.add([PAINTS["white"]])  # never empty
         self.palette = palette.array()
         self._caster_sizes = np.array(
@@ -156,7 +153,7 @@ class Scene:
         )
         x = self.light_frame[0] + np.arange(columns) * _LIGHT_STEP_M
         y = self.light_frame[1] + np.arange(rows) * _LIGHT_STEP_M
-        self._lamp_shares = lamps_on_ground(world.lights.lamps, *np.meshgrid(x, y))
+        self._lamp_ratios = lamps_on_ground(world.lights.lamps, *np.meshgrid(x, y))
         self.light = np.empty((rows, columns, 2), dtype=np.float32)
         self._carpet_brightness = 1.0 + _WEAR * world.carpet_contrast * wear_map(rng, columns, rows, _LIGHT_STEP_M)
         if world.seam_spacing > 0.0:  # no two strips are of quite the same tone
@@ -164,35 +161,25 @@ class Scene:
             tones = _STRIP_TONE * rng.standard_normal(int(strips[-1] - strips[0]) + 1)
             self._carpet_brightness *= 1.0 + world.carpet_contrast * tones[strips - strips[0]]
         self._levels: npt.NDArray[np.float64] | None = None
-        walls = {"east": (0.0, self.room[2]), "west": (0.0, -self.room[2])}
-        walls |= {"north": (1.0, self.room[3]), "south": (1.0, -self.room[3])}
+        walls = {"east": (0.0, self.room[4]), "west": (0.0, -self.room[4])}
+        walls |= {"north": (1.0, self.room[5]), "south": (1.0, -self.room[5])}
         openings = [
             (*walls[w.wall], w.start_m, w.end_m, w.bottom_m, w.top_m, *w.bars, w.bar_width_m)
             for w in world.lights.windows
         ]
-        self.windows = sunward(
-            np.array(openings, dtype=np.float64).reshape(-1, 9),
-            world.lights.sun_azimuth_rad,
-            world.lights.sun_elevation_rad,
-        )
+        self.windows = sunward(np.array(openings, dtype=np.float64).reshape(-1, 9), world.lights.sun_azimuth_rad)
 
     def _shine(self, time_s: float) -> None:
         lights = self.world.lights
         lamps, sun, ambient = lights.levels(time_s)
         levels = np.array([*lamps, ambient])
         if self._levels is None or not np.array_equal(levels, self._levels):
-            total = np.tensordot(lamps, self._lamp_shares, axes=1) + ambient
+            total = np.tensordot(lamps, self._lamp_ratios, axes=1) + ambient
             self.light[:, :, 0] = total * RADIANCE_PER_LEVEL
             self.light[:, :, 1] = self.light[:, :, 0] * self._carpet_brightness
             self._levels = levels
-        self.sun = np.array(
-            [
-                sun * RADIANCE_PER_LEVEL,
-                np.cos(lights.sun_azimuth_rad),
-                np.sin(lights.sun_azimuth_rad),
-                np.tan(lights.sun_elevation_rad),
-            ]
-        )
+        azimuth, slope = lights.sun_azimuth_rad, np.tan(lights.sun_elevation_rad)
+        self.sun = np.array([sun * RADIANCE_PER_LEVEL, np.cos(azimuth), np.sin(azimuth), slope])
         if sun > 0.0 and self._lit_flags is self._still_flags:
             self._lit_flags = np.array(self._still_flags)
             mark_sunlight(self.sun, self.windows, self.paint.frame, self._lit_flags)
@@ -202,12 +189,11 @@ class Scene:
         x0, _, columns, rows = self.paint.frame
         shape = (round(rows * CELL_M * FLAGS_PER_M), round(columns * CELL_M * FLAGS_PER_M))
         self._still_flags = np.zeros(shape, dtype=np.uint8)
-        mark_paint(self.paint, FLAGS_PER_M, self._still_flags, (HAS_PAINT, PAINT_NEAR, PAINT_AROUND))
+        self._still_flags[painted_cells(self.paint, shape, int(FLAGS_PER_M))] |= HAS_PAINT
         spacing = self.world.seam_spacing
         if spacing > 0.0 and self.world.carpet_contrast > 0.0:
             strip = (x0 + (np.arange(shape[1]) + 0.5) / FLAGS_PER_M) / spacing + SEAM_OFFSET
             near = np.abs(strip - np.round(strip)) * spacing < 0.5 / FLAGS_PER_M + 0.5 * SEAM_M + 0.05
             self._still_flags[:, near] |= HAS_SEAM
         self._lit_flags = self._still_flags
-        self._flag_frame = np.array([*self.paint.frame[:2], shape[1], shape[0]])
         self.flags = self._still_flags.copy()

@@ -1,14 +1,15 @@
 """Everything upright as rows of one table: clutter, goals with nets, poles, robots, balls; and which of it lies where.
 
-Columns (K, 14) float64: kind (0 cylinder, 1 box, 2 ball, 3 net), x, y of the middle, cos and sin of the heading, half
-length (or radius), half width, bottom, top, bounding radius, first colour, number of bands (net: mesh in m), decal
-colour or -1 (net: thread in m), share of the light of open ground. Colours index the palette (C, 3).
+Columns (K, 13) float64, see the numbers below: kind, x, y of the middle, cos and sin of the heading, half length (or
+radius), half width, bottom, top, bounding radius, first colour, number of bands (net: mesh in m), decal colour or -1
+(net: thread in m). Colours index the palette (C, 3).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +17,12 @@ from numba import njit
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
+from touchline.simulation.rendering.casting import BINS, SECTORS
 from touchline.simulation.world.world import PAINTS, BallActor, Block, Colour, RobotActor, robot_blocks
 
 CYLINDER, BOX, BALL, NET = 0, 1, 2, 3
-COLUMNS = 14
+KIND, X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BOTTOM, TOP, RADIUS, COLOUR, BANDS, DECAL = range(13)
+COLUMNS = 13
 NET_MESH_M, NET_THREAD_M = 0.12, 0.011
 
 
@@ -49,21 +52,9 @@ def block_row(block: Block, palette: Palette) -> list[float]:
     first = palette.add(block.bands)
     radius = half_length if round_body else math.hypot(half_length, half_width)
     return [
-        float(CYLINDER if round_body else BOX),
-        block.x,
-        block.y,
-        math.cos(block.heading),
-        math.sin(block.heading),
-        half_length,
-        half_width,
-        block.bottom,
-        block.top,
-        radius,
-        float(first),
-        float(len(block.bands)),
-        float(decal),
-        1.0,
-    ]
+        float(CYLINDER if round_body else BOX), block.x, block.y, math.cos(block.heading), math.sin(block.heading),
+        half_length, half_width, block.bottom, block.top, radius, float(first), float(len(block.bands)), float(decal),
+    ]  # fmt: skip
 
 
 def field_blocks(field: FieldModel) -> list[Block]:
@@ -96,9 +87,7 @@ def net_rows(field: FieldModel, palette: Palette) -> list[list[float]]:
         panels = [(goal.x + depth, 0.5 * (low + high), 0.0, 1.0, 0.5 * (high - low))]
         panels += [(goal.x + 0.5 * depth, y, 1.0, 0.0, 0.5 * goal.depth) for y in (low, high)]
         for x, y, c, s, half in panels:
-            rows.append(
-                [float(NET), x, y, c, s, half, 0.0, 0.0, goal.height, half, thread, NET_MESH_M, NET_THREAD_M, 1.0]
-            )
+            rows.append([float(NET), x, y, c, s, half, 0.0, 0.0, goal.height, half, thread, NET_MESH_M, NET_THREAD_M])
     return rows
 
 
@@ -106,7 +95,7 @@ def ball_row(ball: BallActor, palette: Palette) -> list[float]:
     """The table row of a ball lying on the ground."""
     first = float(palette.add([ball.colour]))
     r = ball.radius
-    return [float(BALL), ball.x, ball.y, 1.0, 0.0, r, r, 0.0, 2.0 * r, r, first, 1.0, -1.0, 1.0]
+    return [float(BALL), ball.x, ball.y, 1.0, 0.0, r, r, 0.0, 2.0 * r, r, first, 1.0, -1.0]
 
 
 def robot_rows(robots: Sequence[RobotActor], palette: Palette) -> tuple[FloatArray, npt.NDArray[np.int64]]:
@@ -132,83 +121,73 @@ def placed(rows: FloatArray, poses: FloatArray) -> FloatArray:
     return moved
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def turn_number(x: float, y: float) -> float:
-    """A number in [0, 4) that grows with the direction of (x, y), counter-clockwise from x; cheaper than an angle."""
-    share = x / (abs(x) + abs(y) + 1e-300)
-    return 1.0 - share if y >= 0.0 else 3.0 + share
+class Cells(NamedTuple):
+    """Which bodies a ray may meet, by its direction: a list for each of SECTORS x BINS cells, nearest first.
+
+    Sectors divide the full turn (`_turn_number`), bins the rise per metre r as r / (1 + |r|) in [-1, 1).
+    starts (cells + 1,), items: numbers of bodies, cell by cell; near (K,): from how near on (m) each may be met.
+    """
+
+    starts: npt.NDArray[np.int32]
+    items: npt.NDArray[np.int16]
+    near: FloatArray
 
 
 @njit(cache=True, error_model="numpy")
 def sort_into_cells(
-    solids: FloatArray,
-    x: float,
-    y: float,
-    aside: float,
-    slack: float,
-    low: float,
-    high: float,
-    angle: float,
-    sectors: int,
-    bins: int,
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int16], FloatArray]:
-    """Which bodies a ray may meet, by its direction: a list for each of sectors x bins cells, nearest first.
+    solids: FloatArray, middle: FloatArray, reach: tuple[float, float], heights: tuple[float, float]
+) -> Cells:
+    """The cells of rays that start around a place.
 
-    Rays start within slack (m) of (x, y), no more than aside (m) beside it as they see it, and at a height between low
-    and high. Sectors divide the full turn (`turn_number`), bins the rise per metre r as r / (1 + |r|) in [-1, 1).
-    Lists also hold what lies within `angle` (rad) beside the cell. Returns starts (sectors * bins + 1,), items and each
-    body's near distance (K,) in m.
-    """  # fmt: skip
-    near = np.empty(len(solids))
-    first, span = np.zeros(len(solids), dtype=np.int64), np.zeros(len(solids), dtype=np.int64)
-    bottom, top = np.zeros(len(solids), dtype=np.int64), np.zeros(len(solids), dtype=np.int64)
-    starts = np.zeros(sectors * bins + 1, dtype=np.int32)
-    for k in range(len(solids)):
-        distance = np.hypot(solids[k, 1] - x, solids[k, 2] - y)
-        near[k] = distance - solids[k, 9] - slack
-        below, above = _rises(solids[k], max(near[k], 0.01), distance + solids[k, 9] + slack, low, high)
-        steep = min(max(abs(below), abs(above)), 20.0)
-        first[k], span[k] = _sectors_of(
-            solids[k, 1] - x, solids[k, 2] - y, solids[k, 9] + aside, angle * np.sqrt(1.0 + steep * steep), sectors
-        )
-        bottom[k] = max(int((1.0 + below / (1.0 + abs(below)) - angle) * 0.5 * bins), 0)
-        top[k] = min(int((1.0 + above / (1.0 + abs(above)) + angle) * 0.5 * bins), bins - 1)
-        for n in range(span[k]):
-            cell = (first[k] + n) % sectors * bins
-            for level in range(bottom[k], top[k] + 1):
-                starts[cell + level + 1] += 1
-    for n in range(sectors * bins):
+    middle (2 or 3,): x, y (m). reach (m): how far rays pass beside it at most, and how far from it they start; heights
+    (m): between which they start.
+    """
+    count, (aside, slack) = len(solids), reach
+    near, spans = np.empty(count), np.zeros((count, 4), dtype=np.int64)  # first sector, sectors, first and last bin
+    starts = np.zeros(SECTORS * BINS + 1, dtype=np.int32)
+    for k in range(count):
+        ex, ey = solids[k, X] - middle[0], solids[k, Y] - middle[1]
+        distance, radius = np.hypot(ex, ey), solids[k, RADIUS]
+        near[k] = distance - radius - slack
+        nearest, farthest = max(near[k], 0.01), distance + radius + slack
+        below, above = solids[k, BOTTOM] - heights[1], solids[k, TOP] - heights[0]
+        below /= nearest if below < 0.0 else farthest
+        above /= nearest if above > 0.0 else farthest
+        spans[k, 0], spans[k, 1] = _sectors_of(ex, ey, radius + aside)
+        spans[k, 2] = max(int((1.0 + below / (1.0 + abs(below)) - 1e-4) * 0.5 * BINS), 0)
+        spans[k, 3] = min(int((1.0 + above / (1.0 + abs(above)) + 1e-4) * 0.5 * BINS), BINS - 1)
+        for n in range(spans[k, 1]):
+            cell = (spans[k, 0] + n) % SECTORS * BINS
+            starts[cell + spans[k, 2] + 1 : cell + spans[k, 3] + 2] += 1
+    for n in range(SECTORS * BINS):
         starts[n + 1] += starts[n]
-    items = np.empty(starts[-1], dtype=np.int16)
-    fill = starts[:-1].copy()
+    items, fill = np.empty(starts[-1], dtype=np.int16), starts[:-1].copy()
     for k in np.argsort(near):
-        for n in range(span[k]):
-            cell = (first[k] + n) % sectors * bins
-            for level in range(bottom[k], top[k] + 1):
+        for n in range(spans[k, 1]):
+            cell = (spans[k, 0] + n) % SECTORS * BINS
+            for level in range(spans[k, 2], spans[k, 3] + 1):
                 items[fill[cell + level]] = k
                 fill[cell + level] += 1
-    return starts, items, near
+    return Cells(starts, items, near)
 
 
 @njit(cache=True, error_model="numpy")
-def _rises(solid: FloatArray, nearest: float, farthest: float, low: float, high: float) -> tuple[float, float]:
-    """Least and greatest height gained per metre of rays from between two heights (m) that meet a body."""
-    below, above = solid[7] - high, solid[8] - low
-    return below / (nearest if below < 0.0 else farthest), above / (nearest if above > 0.0 else farthest)
+def _turn_number(x: float, y: float) -> float:
+    """A number in [0, 4) that grows with the direction of (x, y), counter-clockwise from x; cheaper than an angle."""
+    part = x / (abs(x) + abs(y) + 1e-300)
+    return 1.0 - part if y >= 0.0 else 3.0 + part
 
 
 @njit(cache=True, error_model="numpy")
-def _sectors_of(ex: float, ey: float, reach: float, angle: float, sectors: int) -> tuple[int, int]:
-    """First sector and number of sectors that a round body at (ex, ey) takes up, with an angle (rad) on each side."""
+def _sectors_of(ex: float, ey: float, reach: float) -> tuple[int, int]:
+    """First sector and number of sectors that a round body at (ex, ey) takes up."""
     distance = np.hypot(ex, ey)
     if distance <= reach * 1.0001:
-        return 0, sectors
-    half = np.arcsin(reach / distance) + angle + 1e-4
-    if half > 3.0:
-        return 0, sectors
+        return 0, SECTORS
+    half = np.arcsin(reach / distance) + 1e-4
     bearing = np.arctan2(ey, ex)
     low, high = bearing - half, bearing + half
-    start = int(turn_number(np.cos(low), np.sin(low)) * (0.25 * sectors))
-    end = int(turn_number(np.cos(high), np.sin(high)) * (0.25 * sectors))
-    span = (end - start) % sectors + 1
-    return start, sectors if half > 1.5 and span < sectors // 4 else span
+    start = int(_turn_number(np.cos(low), np.sin(low)) * (0.25 * SECTORS))
+    end = int(_turn_number(np.cos(high), np.sin(high)) * (0.25 * SECTORS))
+    span = (end - start) % SECTORS + 1
+    return start, SECTORS if half > 1.5 and span < SECTORS // 4 else span
