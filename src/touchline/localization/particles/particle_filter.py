@@ -67,7 +67,7 @@ class ParticleFilter(Generic[View]):
         """Every particle moves by the odometry's motion, with noise of its own."""
         self.motion_model.move(self.particles.poses, motion, self.rng, self._roughness)
         self._roughness = None
-        self._estimate = self._estimate._replace(pose=self._estimate.pose.compose(motion.pose))
+        self._estimate = ParticleEstimate(self._estimate.pose.compose(motion.pose), self._estimate.covariance)
 
     def update(self, view: View) -> ParticleEstimate:
         """Weigh the particles by an observation, and draw them anew if it is due; returns the estimate."""
@@ -102,12 +102,12 @@ class ParticleFilter(Generic[View]):
         self._roughness = self.resampling.roughness(self._estimate, len(self.particles))
         if self.injection is not None:
             count = int(self.injection.ratio(self._estimate) * len(self.particles))
-            self.inject(self.injection.poses.draw(self.rng, count) if count else np.empty((0, 3)))
+            if count:
+                self.inject(self.injection.poses.draw(self.rng, count))
 
     def inject(self, poses: FloatArray) -> None:
-        """Let poses (K, 3) take the places of particles, evenly over the set, with their weights."""
-        if len(poses):
-            self.particles.poses[:: len(self.particles) // len(poses)][: len(poses)] = poses
+        """Let poses (K, 3), K > 0, take the places of particles, evenly over the set, with their weights."""
+        self.particles.poses[:: len(self.particles) // len(poses)][: len(poses)] = poses
 
     def estimate(self) -> ParticleEstimate:
         """Mean and covariance after the last update, the mean moved on by the odometry since."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from touchline.localization.particles.particle_set import ParticleEstimate
 WHOLE_FIELD = Region()
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class UniformPoses:
+class UniformPoses(NamedTuple):
     """Poses drawn evenly over a region within reach_m (2,) of the centre.
 
     heading_rad: mean and standard deviation; None: everywhere, or half the circle, where a symmetric field without a

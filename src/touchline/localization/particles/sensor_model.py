@@ -56,14 +56,14 @@ def log_likelihoods(poses, points, weights, errors, factor):  # type: ignore[no-
     (9) of Ismail et al. 2021. points (M, 2): robot frame, m. weights (M,). errors: SquaredErrors; the nearest sample
     counts, at the table's edge for points beyond it.
     """
-    squares = errors.squares
+    squares, origin_x, origin_y, resolution_m = errors
     last_x, last_y = float(squares.shape[1] - 1), float(squares.shape[0] - 1)
-    samples_per_m = 1.0 / errors.resolution_m
+    samples_per_m = 1.0 / resolution_m
     found = np.empty(poses.shape[0])
     for j in range(poses.shape[0]):
         cosine, sine = math.cos(poses[j, 2]) * samples_per_m, math.sin(poses[j, 2]) * samples_per_m
-        shift_x = (poses[j, 0] - errors.origin_x) * samples_per_m + 0.5
-        shift_y = (poses[j, 1] - errors.origin_y) * samples_per_m + 0.5
+        shift_x = (poses[j, 0] - origin_x) * samples_per_m + 0.5
+        shift_y = (poses[j, 1] - origin_y) * samples_per_m + 0.5
         total = 0.0
         for i in range(points.shape[0]):
             fx = shift_x + cosine * points[i, 0] - sine * points[i, 1]
