@@ -28,7 +28,7 @@ def line_points(count: int) -> FloatArray:
 
 def spread(particles: int, refined: int = 0) -> NubotParticles:
     """Particles that are drawn anew in every cycle, the dearest case."""
-    settings = NubotParticleSettings(particles=particles, refined_clusters=refined, least_effective=1.0)
+    settings = NubotParticleSettings(particles=particles, refined_clusters=refined, resampling_threshold=1.0)
     mcl = NubotParticles(MATCHER, FIELD.length, FIELD.width, np.random.default_rng(0), settings)
     mcl.restart(POSE.heading)
     return mcl

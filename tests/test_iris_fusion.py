@@ -22,7 +22,7 @@ from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.types import Estimate, Frame, LinePoints, Mode, Observation, Prior, Samples, Status, empty_points
 
 PAPER = (
-    "particles.worst_units=255", "particles.least_effective=0", "particles.roughening=0", "particles.nearby_share=0",
+    "particles.max_units=255", "particles.tempering_threshold=0", "particles.roughening=0", "particles.nearby_ratio=0",
     "fusion.beta_period_s=null", "fusion.bias_gain_per_s=0", "restart.heading_rad=null", "restart.image_cycles=1",
 )  # fmt: skip
 

@@ -20,7 +20,7 @@ from touchline.motion.odometry import Motion
 
 FIELD = open_field("indoor-9x6")
 STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
-PAPER = IrisParticleSettings(worst_units=255, least_effective=0.0, roughening=0.0, nearby_share=0.0)
+PAPER = IrisParticleSettings(max_units=255, tempering_threshold=0.0, roughening=0.0, nearby_ratio=0.0)
 PLACE = Pose(1.3, -0.8, 2.9)
 
 
@@ -52,7 +52,7 @@ def eq_13(y: float, x: float) -> float:
 
 @pytest.mark.parametrize("worst", [255.0, 100.0])
 def test_the_logarithm_of_equation_9_is_the_plain_sum(worst: float) -> None:
-    settings = PAPER.model_copy(update={"worst_units": worst, "sigma_units": 40.0})
+    settings = PAPER.model_copy(update={"max_units": worst, "sigma_units": 40.0})
     particles = np.random.default_rng(1).uniform([-5, -4, -4], [5, 4, 4], (50, 3))
     points = seen_from(PLACE)
     found = log_likelihoods(particle_filter(settings), points, particles)
@@ -227,9 +227,10 @@ def test_roughening_parts_the_copies_and_nothing_else_does_in_the_paper_s_form()
         before, spread_m = made.particles.poses.copy(), made.estimate().deviation_m
         made.predict(STILL)
         moved[name] = (made.particles.poses - before)[:, :2].std(), spread_m
-    assert moved["paper"][0] == pytest.approx(PAPER.motion.rest_m, rel=0.1)
+    assert moved["paper"][0] == pytest.approx(PAPER.motion.translation_at_rest_m, rel=0.1)
     share = 4 * 0.3 * 600 ** (-1 / 3) * math.sqrt(0.5)
-    assert moved["rough"][0] == pytest.approx(math.hypot(share * moved["rough"][1], PAPER.motion.rest_m), rel=0.1)
+    rough_m = math.hypot(share * moved["rough"][1], PAPER.motion.translation_at_rest_m)
+    assert moved["rough"][0] == pytest.approx(rough_m, rel=0.1)
 
 
 def test_a_share_of_the_particles_is_put_about_the_fused_pose() -> None:

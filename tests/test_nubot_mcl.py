@@ -290,7 +290,7 @@ def test_a_pose_that_is_not_believed_is_published_as_uncertain_as_the_field_is_l
 
 def test_a_single_particle_follows_once_it_is_certain() -> None:
     pose = Pose(2.0, 1.0, 0.3)
-    made = system("followed_by=particles", "particles.adaptive.enabled=true", "particles.least_effective=1")
+    made = system("followed_by=particles", "particles.adaptive.enabled=true", "particles.resampling_threshold=1")
     estimates = stand(made, pose, range(20), 0.3)
     assert len(made.particles.particles) == 1
     assert max(error_m(e, pose) for e in estimates[10:]) < 0.1
@@ -299,7 +299,7 @@ def test_a_single_particle_follows_once_it_is_certain() -> None:
 def test_a_single_particle_that_was_kidnapped_finds_back() -> None:
     """Its spread is that of a bin: there is something to start anew from."""
     here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
-    made = system("followed_by=particles", "particles.adaptive.enabled=true", "particles.least_effective=1")
+    made = system("followed_by=particles", "particles.adaptive.enabled=true", "particles.resampling_threshold=1")
     before = stand(made, here, range(20), 0.3)[-1]
     assert len(made.particles.particles) == 1
     assert np.sqrt(np.diag(before.covariance)) == pytest.approx([0.144, 0.144, 0.0756], rel=0.01)

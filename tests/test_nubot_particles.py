@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from line_scenes import lone_line, view
 
+from touchline.config import load_settings
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.matching.matcher import Matcher
+from touchline.localization.particles.iris_particles import IrisParticleSettings, MeasuredMotionNoise
 from touchline.localization.particles.nubot_particles import PAPER_FORM, NubotParticles, NubotParticleSettings
 from touchline.localization.particles.particle_set import mean_and_covariance, normalize
 from touchline.localization.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
@@ -160,13 +162,13 @@ def test_alike_weights_keep_every_particle_once() -> None:
 
 def test_resampling_waits_until_the_effective_sample_size_falls() -> None:
     points = seen_from(Pose(2.0, 1.0, 0.3))
-    patient = monte_carlo(NubotParticleSettings(least_effective=0.0, refined_clusters=0))
+    patient = monte_carlo(NubotParticleSettings(resampling_threshold=0.0, refined_clusters=0))
     patient.restart(0.3)
     before = patient.particles.poses.copy()
     patient.update(points, None)
     assert np.array_equal(patient.particles.poses, before)
     assert patient.particles.weights.max() > 10 / 600
-    eager = monte_carlo(NubotParticleSettings(least_effective=1.0, refined_clusters=0, fresh_share=0.0))
+    eager = monte_carlo(NubotParticleSettings(resampling_threshold=1.0, refined_clusters=0, random_particle_ratio=0.0))
     eager.restart(0.3)
     eager.update(points, None)
     assert np.all(eager.particles.weights == 1 / 600)
@@ -213,8 +215,9 @@ def test_particles_move_by_the_odometry_with_noise_in_proportion_to_the_motion()
     noise = NubotParticleSettings().motion
     away = moved(Pose(2.0, 1.0, 0.5))
     travel = math.hypot(2.0, 1.0)
-    position = math.hypot(noise.travel_share * travel, noise.rest_m)
-    heading = math.sqrt((noise.turn_share * 0.5) ** 2 + (noise.bend_rad_per_m * travel) ** 2 + noise.rest_rad**2)
+    position = math.hypot(noise.translation_from_translation * travel, noise.translation_at_rest_m)
+    by_motion = math.hypot(noise.rotation_from_rotation * 0.5, noise.rotation_from_translation_rad_per_m * travel)
+    heading = math.hypot(by_motion, noise.rotation_at_rest_rad)
     assert away.mean(axis=0) == pytest.approx([0, 0, 0], abs=0.01)
     assert away.std(axis=0) == pytest.approx([position, position, heading], rel=0.03)
 
@@ -222,7 +225,15 @@ def test_particles_move_by_the_odometry_with_noise_in_proportion_to_the_motion()
 def test_the_odometry_s_own_uncertainty_comes_on_top_and_turns_with_the_robot() -> None:
     away = moved(Pose(0.0, 0.0, 0.0), np.diag([1.0, 0.0, 0.0]))
     assert away[:, 1].std() == pytest.approx(1.0, rel=0.03)  # along the robot's x, which is the field's y
-    assert away[:, 0].std() == pytest.approx(NubotParticleSettings().motion.rest_m, rel=0.03)
+    assert away[:, 0].std() == pytest.approx(NubotParticleSettings().motion.translation_at_rest_m, rel=0.03)
+
+
+def test_the_noise_s_old_keys_are_accepted() -> None:
+    settings = load_settings(IrisParticleSettings, None, ["motion.travel_share=0.5", "least_effective=0.2"])
+    assert settings.motion.translation_from_translation == 0.5
+    assert settings.motion.rotation_from_rotation == MeasuredMotionNoise().rotation_from_rotation
+    assert settings.tempering_threshold == 0.2
+    assert load_settings(NubotParticleSettings, None, ["adaptive.least=3"]).adaptive.min_particles == 3
 
 
 # --- start ------------------------------------------------------------------------------------------------------------
@@ -258,8 +269,8 @@ def test_a_region_keeps_its_particles_inside() -> None:
     assert mcl.particles.poses[:, 0].min() < -9.0
 
 
-def test_the_kept_share_starts_about_the_last_pose() -> None:
-    mcl = monte_carlo(NubotParticleSettings(kept_share=0.25))
+def test_the_prior_particle_ratio_starts_about_the_last_pose() -> None:
+    mcl = monte_carlo(NubotParticleSettings(prior_particle_ratio=0.25))
     mcl.restart(0.0, near=(Pose(30.0, 0.0, 0.0), np.eye(3) * 1e-4))
     assert np.count_nonzero(mcl.particles.poses[:, 0] > 29.0) == 150
 
@@ -268,7 +279,7 @@ def test_some_particles_start_anew_at_every_drawing_until_all_agree() -> None:
     """None of the first ones is anywhere near the robot."""
     pose = Pose(6.0, -3.0, 0.2)
     for share, found in ((0.0, False), (0.1, True)):
-        mcl = monte_carlo(NubotParticleSettings(fresh_share=share, refined_clusters=0, converged_m=1e-3))
+        mcl = monte_carlo(NubotParticleSettings(random_particle_ratio=share, refined_clusters=0, converged_m=1e-3))
         mcl.restart(0.2, near=(Pose(-6.0, 3.0, 0.2), np.eye(3) * 1e-3), everything_near=True)
         for seed in range(60):
             mcl.predict(STILL)
@@ -305,7 +316,7 @@ def test_kld_numbers_are_those_of_the_chi_square_quantile() -> None:
 
 def test_adaptive_numbers_fall_to_a_single_particle_when_certain() -> None:
     adaptive = AdaptiveSettings(enabled=True)
-    settings = NubotParticleSettings(adaptive=adaptive, least_effective=1.0, independent_points=1.0)
+    settings = NubotParticleSettings(adaptive=adaptive, resampling_threshold=1.0, independent_points=1.0)
     pose = Pose(2.0, 1.0, 0.0)
     mcl = monte_carlo(settings)
     mcl.restart(0.05)

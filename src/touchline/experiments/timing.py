@@ -112,7 +112,7 @@ def _timed(work: Callable[[], object], cycles: int) -> FloatArray:
 def _particle_cycles(
     matcher: Matcher, seed: int, cycles: int, particles: int = 600, refined: int = 0, points: int = POINTS
 ) -> FloatArray:
-    settings = NubotParticleSettings(particles=particles, refined_clusters=refined, least_effective=1.0)
+    settings = NubotParticleSettings(particles=particles, refined_clusters=refined, resampling_threshold=1.0)
     pose, seen = _seen(seed)
     chosen = np.resize(seen, (points, 2))  # more than are seen: again from the first on
     mcl = NubotParticles(matcher, 18.0, 12.0, np.random.default_rng(seed), settings)

@@ -1,1 +1,67 @@
-"""Monte Carlo localization: one particle filter, put together from motion model, sensor model and policies."""
+"""Monte Carlo localization: one particle filter, put together from motion model, sensor model and policies.
+
+A filter of its own, here an augmented MCL on line points:
+
+    start = UniformPoses(np.array([10.0, 7.0]))                       # where particles start, and start anew
+    particle_filter = ParticleFilter(
+        ParticleSet(start.draw(rng, 1000)),
+        MotionModel(),
+        DistanceMapModel(field.distance_map(), sigma_m=0.3),          # or any class with `log_likelihoods`
+        Resampling(EVERY_CYCLE, CertaintyNumber(250, 1000)),
+        rng,
+        AugmentedInjection(start),
+    )
+    particle_filter.predict(motion)
+    estimate = particle_filter.update(LineView(points, weights))      # pose and covariance
+
+The systems' own filters are NubotParticles and IrisParticles.
+"""
+
+from touchline.localization.particles.distance_map_model import DistanceMapModel
+from touchline.localization.particles.error_map_model import ErrorMapModel
+from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
+from touchline.localization.particles.motion_model import MotionModel, MotionNoise
+from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
+from touchline.localization.particles.particle_filter import ParticleFilter
+from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
+from touchline.localization.particles.random_particles import (
+    AugmentedInjection,
+    InjectionUntilConverged,
+    RandomInjection,
+    UniformPoses,
+)
+from touchline.localization.particles.resampling import (
+    EVERY_CYCLE,
+    CertaintyNumber,
+    FixedNumber,
+    KldNumber,
+    ParticleNumber,
+    Resampling,
+)
+from touchline.localization.particles.sensor_model import LineView, SensorModel
+
+__all__ = [
+    "EVERY_CYCLE",
+    "AugmentedInjection",
+    "CertaintyNumber",
+    "DistanceMapModel",
+    "ErrorMapModel",
+    "FixedNumber",
+    "InjectionUntilConverged",
+    "IrisParticleSettings",
+    "IrisParticles",
+    "KldNumber",
+    "LineView",
+    "MotionModel",
+    "MotionNoise",
+    "NubotParticleSettings",
+    "NubotParticles",
+    "ParticleEstimate",
+    "ParticleFilter",
+    "ParticleNumber",
+    "ParticleSet",
+    "RandomInjection",
+    "Resampling",
+    "SensorModel",
+    "UniformPoses",
+]

@@ -9,6 +9,8 @@ particles ─▶ motion from odometry ─▶ points to the field (7) ─▶ erro
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -31,17 +33,31 @@ from touchline.motion.odometry import Motion
 class MeasuredMotionNoise(MotionNoise):
     """The motion model's noise on top of the odometry's own: less than for driven wheels, these measure."""
 
-    travel_share: float = Field(
-        0.02, ge=0, description="noise along and across per travel (m/m): twice what measuring wheels err by"
+    translation_from_translation: float = Field(
+        0.02, ge=0, description="noise of the position per distance driven (m/m): twice what measuring wheels err by"
     )
-    turn_share: float = Field(0.02, ge=0, description="noise of the heading per turn (rad/rad): twice a gyro's scale")
-    bend_rad_per_m: float = Field(0.0, ge=0, description="noise of the heading per travel (rad/m): the gyro has none")
-    rest_m: float = Field(0.01, ge=0, description="noise per cycle even at rest (m): parts equal particles")
-    rest_rad: float = Field(0.003, ge=0, description="noise of the heading per cycle even at rest (rad): as rest_m")
+    rotation_from_rotation: float = Field(
+        0.02, ge=0, description="noise of the heading per turn (rad/rad): twice a gyro's scale"
+    )
+    rotation_from_translation_rad_per_m: float = Field(
+        0.0, ge=0, description="noise of the heading per distance driven (rad/m): the gyro has none"
+    )
+    translation_at_rest_m: float = Field(
+        0.01, ge=0, description="noise of the position per cycle, at rest, too (m): parts equal particles"
+    )
+    rotation_at_rest_rad: float = Field(
+        0.003, ge=0, description="noise of the heading per cycle, at rest, too (rad): as translation_at_rest_m"
+    )
 
 
 class IrisParticleSettings(Settings):
     """The paper gives 600 particles, 256 steps of the map, the models and the resampling; nothing else."""
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "least_effective": "tempering_threshold",
+        "nearby_share": "nearby_ratio",
+        "worst_units": "max_units",
+    }
 
     particles: int = Field(600, ge=1, description="particles; the paper's 600")
     particles_all_headings: int = Field(
@@ -71,32 +87,32 @@ class IrisParticleSettings(Settings):
         description="the σ of equation (8) in units of the map: 64 are 0.25 m with farthest_m 1; with some hundred "
         "points the product (9) is then 3 cm wide, as wide as particles lie apart",
     )
-    worst_units: float = Field(
+    max_units: float = Field(
         128.0,
         gt=0,
         le=FARTHEST,
         description="error (units of the map) from which a point counts no worse: points on goals, robots and beyond "
         "the field lie on no line, many of them on one side; half a metre still leads to the lines; 255 is the paper's",
     )
-    least_effective: float = Field(
+    tempering_threshold: float = Field(
         0.1,
         ge=0,
         le=1,
-        description="share of effective particles below which the product (9) is tempered (raised to a power below 1): "
+        description="ratio of effective particles below which the product (9) is tempered (raised to a power below 1): "
         "while few particles are near the robot the best of them must not take all weight; 0 is the paper's form",
     )
     roughening: float = Field(
         0.3,
         ge=0,
-        description="noise of drawn particles: this share of their extent (four standard deviations) over the cube "
+        description="noise of drawn particles: this ratio of their extent (four standard deviations) over the cube "
         "root of their number, so that copies search between the originals (Gordon, Salmond, Smith 1993); 0 is the "
         "paper's form",
     )
-    nearby_share: float = Field(
+    nearby_ratio: float = Field(
         0.1,
         ge=0,
         lt=1,
-        description="share of particles that are moved to about the fused pose in every cycle: they find a robot that "
+        description="ratio of particles that are moved to about the fused pose in every cycle: they find a robot that "
         "slipped or was shoved, and they speak for the odometry when an image is bad; 0 is the paper's form",
     )
     nearby_m: float = Field(0.25, gt=0, description="standard deviation of their x and y (m): a shove is 0.1 to 0.3")
@@ -114,7 +130,7 @@ class IrisParticles:
         self.rng = rng
         self.symmetric = field.is_symmetric
         self._reach_m = 0.5 * np.array([field.length, field.width]) + s.beyond_m
-        self.sensor_model = ErrorMapModel(error_map(field, s.map_m, s.farthest_m), s.sigma_units, s.worst_units)
+        self.sensor_model = ErrorMapModel(error_map(field, s.map_m, s.farthest_m), s.sigma_units, s.max_units)
         self.particles = ParticleSet(np.zeros((1, 3)))
         self.filter: ParticleFilter[LineView] = ParticleFilter(
             self.particles,
@@ -122,7 +138,7 @@ class IrisParticles:
             self.sensor_model,
             Resampling(EVERY_CYCLE, FixedNumber(s.particles), s.roughening, mean_of_drawn=True),
             rng,
-            min_effective=s.least_effective * s.particles,
+            min_effective=s.tempering_threshold * s.particles,
         )
         self.restart(None)
 
@@ -159,9 +175,9 @@ class IrisParticles:
         self.filter.predict(motion)
 
     def put_nearby(self, pose: Pose) -> None:
-        """Move the share of particles that stays about a pose there."""
+        """Move nearby_ratio of the particles, evenly chosen, to about a pose."""
         s = self.settings
-        count = int(s.nearby_share * len(self.particles))
+        count = int(s.nearby_ratio * len(self.particles))
         if count:
             deviations = np.array([s.nearby_m, s.nearby_m, s.nearby_rad])
             self.filter.inject(pose.as_array() + deviations * self.rng.standard_normal((count, 3)))

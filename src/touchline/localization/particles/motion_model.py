@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numba
 import numpy as np
@@ -14,21 +16,37 @@ from touchline.motion.odometry import Motion
 
 
 class MotionNoise(Settings):
-    """The motion model's noise, in proportion to the motion; on top of the odometry's own uncertainty."""
+    """The motion model's noise: standard deviations that add up by their squares, as AMCL's α have them.
 
-    travel_share: float = Field(
-        0.1, ge=0, description="noise along and across per travel (m/m): wheels err by 3 %, more when they slip"
+    They come on top of the odometry's own uncertainty.
+    """
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "travel_share": "translation_from_translation",
+        "turn_share": "rotation_from_rotation",
+        "bend_rad_per_m": "rotation_from_translation_rad_per_m",
+        "rest_m": "translation_at_rest_m",
+        "rest_rad": "rotation_at_rest_rad",
+    }
+
+    translation_from_translation: float = Field(
+        0.1, ge=0, description="noise of the position per distance driven (m/m): wheels err by 3 %, more when they slip"
     )
-    turn_share: float = Field(0.1, ge=0, description="noise of the heading per turn (rad/rad): as travel_share")
-    bend_rad_per_m: float = Field(
-        0.05, ge=0, description="noise of the heading per travel (rad/m): wheels that slip turn the robot"
+    rotation_from_rotation: float = Field(
+        0.1, ge=0, description="noise of the heading per turn (rad/rad): as translation_from_translation"
     )
-    rest_m: float = Field(
+    rotation_from_translation_rad_per_m: float = Field(
+        0.05, ge=0, description="noise of the heading per distance driven (rad/m): wheels that slip turn the robot"
+    )
+    translation_at_rest_m: float = Field(
         0.03,
         ge=0,
-        description="noise per cycle even at rest (m): parts equal particles; the samples of a cycle lie 0.7 m apart",
+        description="noise of the position per cycle, at rest, too (m): parts equal particles; the samples of a cycle "
+        "lie 0.7 m apart",
     )
-    rest_rad: float = Field(0.01, ge=0, description="noise of the heading per cycle even at rest (rad): as rest_m")
+    rotation_at_rest_rad: float = Field(
+        0.01, ge=0, description="noise of the heading per cycle, at rest, too (rad): as translation_at_rest_m"
+    )
 
 
 class MotionModel:
@@ -47,9 +65,13 @@ class MotionModel:
     def deviations(self, motion: Motion) -> FloatArray:
         """Standard deviations (3,) along x and y of the robot (m) and of the heading (rad) of one particle's motion."""
         s = self.noise
-        travel_m = math.hypot(motion.pose.x, motion.pose.y)
-        position = (s.travel_share * travel_m) ** 2 + s.rest_m**2
-        heading = (s.turn_share * motion.pose.heading) ** 2 + (s.bend_rad_per_m * travel_m) ** 2 + s.rest_rad**2
+        driven_m = math.hypot(motion.pose.x, motion.pose.y)
+        position = (s.translation_from_translation * driven_m) ** 2 + s.translation_at_rest_m**2
+        heading = (
+            (s.rotation_from_rotation * motion.pose.heading) ** 2
+            + (s.rotation_from_translation_rad_per_m * driven_m) ** 2
+            + s.rotation_at_rest_rad**2
+        )
         found: FloatArray = np.sqrt(np.diag(motion.covariance) + np.array([position, position, heading]))
         return found
 

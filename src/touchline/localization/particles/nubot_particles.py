@@ -7,6 +7,8 @@ particles carry the weight, draws them anew.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -27,6 +29,12 @@ from touchline.motion.odometry import Motion
 
 class NubotParticleSettings(Settings):
     """Monte Carlo localization. The paper gives 600 particles, the models and the convergence rule; nothing else."""
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "least_effective": "resampling_threshold",
+        "fresh_share": "random_particle_ratio",
+        "kept_share": "prior_particle_ratio",
+    }
 
     particles: int = Field(600, ge=1, description="particles; the paper's 600 on the 18 x 12 m field")
     particles_all_headings: int = Field(
@@ -68,8 +76,8 @@ class NubotParticleSettings(Settings):
     table_m: float = Field(
         0.05, gt=0, description="sample distance of the table of distances (m): fine beside sigma_m, fits the cache"
     )
-    least_effective: float = Field(
-        0.5, ge=0, le=1, description="share of effective particles below which they are drawn anew: the usual half"
+    resampling_threshold: float = Field(
+        0.5, ge=0, le=1, description="ratio of effective particles below which they are drawn anew: the usual half"
     )
     converged_m: float = Field(
         0.3,
@@ -88,18 +96,18 @@ class NubotParticleSettings(Settings):
     heading_tolerance_rad: float = Field(
         0.6, gt=0, description="largest turn of a refined particle from the compass (rad), as global_search's"
     )
-    fresh_share: float = Field(
+    random_particle_ratio: float = Field(
         0.1,
         ge=0,
         lt=1,
-        description="share of particles that start anew at every drawing until all agree: 600 may miss the robot; "
+        description="ratio of particles that start at random at every drawing until all agree: 600 may miss the robot; "
         "0 as in the paper",
     )
-    kept_share: float = Field(
+    prior_particle_ratio: float = Field(
         0.1,
         ge=0,
         le=1,
-        description="share of particles that start about the last pose after a failure: it may have been right; 0 as "
+        description="ratio of particles that start about the last pose after a failure: it may have been right; 0 as "
         "in the paper",
     )
     motion: MotionNoise = MotionNoise()
@@ -113,8 +121,8 @@ PAPER_FORM = NubotParticleSettings(
     independent_points=None,
     precise_points=False,
     refined_clusters=0,
-    fresh_share=0.0,
-    kept_share=0.0,
+    random_particle_ratio=0.0,
+    prior_particle_ratio=0.0,
 )
 
 
@@ -142,9 +150,9 @@ class NubotParticles:
         self.sensor_model = DistanceMapModel(
             matcher.distance_map, s.sigma_m, s.converged_sigma_m, s.farthest_sigmas, s.independent_points, s.table_m
         )
-        resampling = Resampling(s.least_effective, KldNumber(s.adaptive) if s.adaptive.enabled else None)
+        resampling = Resampling(s.resampling_threshold, KldNumber(s.adaptive) if s.adaptive.enabled else None)
         everywhere = UniformPoses(self._reach_m, symmetric=symmetric)
-        self._injection = InjectionUntilConverged(everywhere, s.fresh_share, s.converged_m, s.converged_rad)
+        self._injection = InjectionUntilConverged(everywhere, s.random_particle_ratio, s.converged_m, s.converged_rad)
         bins = np.array([s.adaptive.bin_m, s.adaptive.bin_m, s.adaptive.bin_rad])
         self.particles = ParticleSet(np.zeros((1, 3)), lone_covariance=np.diag(bins**2) / 12.0)
         self.filter: ParticleFilter[LineView] = ParticleFilter(
@@ -164,8 +172,9 @@ class NubotParticles:
         """Spread the particles over the field and its margin, or a region of it, alike weighted.
 
         Headings: about the compass (rad), or everywhere without one. On a symmetric field without a region half the
-        circle does: it holds one of every two poses that look the same. near: a pose and its covariance (3, 3) about
-        which the kept share starts, or all of them (everything_near). widening: factor of the compass's deviation.
+        circle does: it holds one of every two poses that look the same. near: a pose and its covariance (3, 3), about
+        which prior_particle_ratio of the particles start, or all of them (everything_near). widening: factor of the
+        compass's deviation.
         """
         s = self.settings
         self._compass_deviation_rad = min(s.compass_rad * widening, math.pi)
@@ -175,7 +184,7 @@ class NubotParticles:
         count = s.particles if compass_rad is not None else s.particles_all_headings
         poses = self._start_poses(compass_rad).draw(self.rng, count)
         if near is not None:
-            kept = count if everything_near else int(s.kept_share * count)
+            kept = count if everything_near else int(s.prior_particle_ratio * count)
             pose, covariance = near
             poses[:kept] = self.rng.multivariate_normal(pose.as_array(), covariance, kept, method="eigh")
         self.filter.start(poses)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numba
 import numpy as np
@@ -99,19 +100,21 @@ class AdaptiveSettings(Settings):
     References 8, 9, 12 of Lu et al. 2013, who keep 600.
     """
 
+    renamed: ClassVar[Mapping[str, str]] = {"kept_share": "min_kept_ratio", "least": "min_particles"}
+
     enabled: bool = Field(False, description="draw only as many particles as the spread asks for; the paper keeps all")
     error: float = Field(0.05, gt=0, description="largest distance (nats) between the samples and the truth: Fox's")
     quantile: float = Field(2.326, gt=0, description="standard normal quantile of keeping it: 99 %, as Fox")
     bin_m: float = Field(0.5, gt=0, description="size of a bin in x and y (m): Fox's 50 cm")
     bin_rad: float = Field(0.2618, gt=0, description="size of a bin in heading (rad): Fox's 15 degrees")
-    kept_share: float = Field(
+    min_kept_ratio: float = Field(
         0.5,
         gt=0,
         le=1,
-        description="share of the particles that every drawing keeps at least: one good draw may agree on a look-alike "
+        description="ratio of the particles that every drawing keeps at least: one good draw may agree on a look-alike "
         "place, five in a row don't. Near 0 is Fox's own, the number that is asked for at once",
     )
-    least: int = Field(1, ge=1, description="fewest particles: one when certain (references 8 and 9)")
+    min_particles: int = Field(1, ge=1, description="fewest particles: one when certain (references 8 and 9)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +127,7 @@ class KldNumber:
         """The number for the bins that the drawn particles occupy."""
         s = self.settings
         wanted = kld_number(occupied_bins(drawn, estimate.pose, s.bin_m, s.bin_rad), s)
-        return min(max(wanted, int(s.kept_share * len(drawn))), len(drawn))
+        return min(max(wanted, int(s.min_kept_ratio * len(drawn))), len(drawn))
 
 
 def kld_number(bins: int, settings: AdaptiveSettings) -> int:
@@ -133,10 +136,10 @@ def kld_number(bins: int, settings: AdaptiveSettings) -> int:
     A single bin needs a single particle.
     """
     if bins <= 1:
-        return settings.least
+        return settings.min_particles
     a = 2.0 / (9.0 * (bins - 1))
     number = (bins - 1) / (2.0 * settings.error) * (1.0 - a + math.sqrt(a) * settings.quantile) ** 3
-    return max(settings.least, math.ceil(number))
+    return max(settings.min_particles, math.ceil(number))
 
 
 def occupied_bins(poses: FloatArray, middle: Pose, size_m: float, size_rad: float) -> int:
