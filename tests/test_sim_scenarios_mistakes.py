@@ -117,11 +117,9 @@ class TestMistakes:
         with pytest.raises(InputError, match="there is no such scenario file"):
             open_scenario("nowhere/match.yaml")
 
-    def test_an_unknown_level_and_points_as_recording_are_refused(self, tmp_path: Path) -> None:
+    def test_an_unknown_level_is_refused(self) -> None:
         with pytest.raises(InputError, match="level 'dots' is unknown"):
             Simulation(Scenario(), "dots")
-        with pytest.raises(InputError, match="a recording holds images"):
-            write_recording(Simulation(Scenario(seconds=1.0), "points"), tmp_path / "new")
 
     def test_a_system_for_mirrors_says_so_of_a_pinhole_camera(self) -> None:
         simulation = shortened("humanoid-walk")

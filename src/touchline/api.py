@@ -25,6 +25,7 @@ from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import WheelSettings
 from touchline.sources import SENSOR_FILES, Recording, open_source
+from touchline.sources.description import NO_CAMERA
 from touchline.systems import (
     DEFAULT_SYSTEM,
     SYSTEMS,
@@ -150,7 +151,9 @@ def prepare(
     file = None if config is None else Path(config)
     settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices)
     source = open_source(recording)
-    setup = RobotSetup(source.field, source.camera, source.wheel_directions_rad)
+    setup = RobotSetup(
+        source.field, None if source.camera_kind == NO_CAMERA else source.camera, source.wheel_directions_rad
+    )
     built = open_system(system, setup, settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)

@@ -93,11 +93,26 @@ def empty_points() -> LinePoints:
     return LinePoints(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)))
 
 
+def generic_covariances(positions_m: FloatArray) -> FloatArray:
+    """Covariances (N, 2, 2) of positions (N, 2), robot frame, of which nobody says how precise they are.
+
+    The same in all directions; standard deviation 1 cm and 2 % of the range, as of a usual camera's calibration.
+    """
+    sigma_m = 0.01 + 0.02 * np.hypot(positions_m[:, 0], positions_m[:, 1])
+    return sigma_m[:, np.newaxis, np.newaxis] ** 2 * np.eye(2)
+
+
+def points_at(positions_m: FloatArray) -> LinePoints:
+    """Line points of which only the positions (N, 2), robot frame, are known: sure, with `generic_covariances`."""
+    n = len(positions_m)
+    return LinePoints(positions_m, generic_covariances(positions_m), np.ones(n), np.full((n, 2), np.nan))
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Lines:
     """Visible parts of straight lines.
 
-    ends_m: (N, 2, 2) both ends, robot frame. covariances_m2: (N, 2, 2, 2) of each end; NaN where unknown.
+    ends_m: (N, 2, 2) both ends, robot frame. covariances_m2: (N, 2, 2, 2) of each end.
     confidences: (N,) in 0..1. pixels: (N, 2, 2) u, v of each end; NaN where unknown.
     """
 
@@ -139,7 +154,7 @@ class Crossings:
 
     kinds: (N,) of `CrossingKind`. positions_m: (N, 2) robot frame. orientations_rad: (N,) robot frame, of L the
     bisector into the opening, of T the stem, away from the bar, of X either line modulo pi/2; NaN where unknown.
-    covariances_m2: (N, 2, 2); NaN where unknown. confidences: (N,) in 0..1. pixels: (N, 2) u, v; NaN where unknown.
+    covariances_m2: (N, 2, 2). confidences: (N,) in 0..1. pixels: (N, 2) u, v; NaN where unknown.
     """
 
     kinds: KindArray
@@ -187,7 +202,7 @@ class LandmarkKind(StrEnum):
 class Landmarks:
     """Feet of goal posts and poles, middles of goals, penalty marks and the centre circle.
 
-    kinds: (N,) of `LandmarkKind`. positions_m: (N, 2) robot frame. covariances_m2: (N, 2, 2); NaN where unknown.
+    kinds: (N,) of `LandmarkKind`. positions_m: (N, 2) robot frame. covariances_m2: (N, 2, 2).
     confidences: (N,) in 0..1. colors: of each from the ground up, empty where not known. pixels: (N, 2) u, v; NaN
     where unknown.
     """

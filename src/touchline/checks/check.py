@@ -10,7 +10,14 @@ from pathlib import Path
 
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.heading import check_compass, check_compass_lag, check_turns
-from touchline.checks.images import check_focus, check_frozen, check_image_times, check_light, check_readable
+from touchline.checks.images import (
+    check_focus,
+    check_frozen,
+    check_image_times,
+    check_light,
+    check_observations,
+    check_readable,
+)
 from touchline.checks.lines import check_lines
 from touchline.checks.sensors import check_gyro_bias, check_presence, check_rows, check_stuck, check_wheels
 from touchline.checks.setup import check_camera, check_field, check_handedness, check_mirror, check_truth
@@ -21,6 +28,7 @@ Check = Callable[[Survey], Iterable[Finding]]
 
 CHECKS: list[Check] = [
     check_readable,
+    check_observations,
     check_image_times,
     check_light,
     check_focus,

@@ -10,6 +10,7 @@ from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
 from touchline.messages import frames_in_words
 from touchline.sources.folder import IMAGE_LIST
+from touchline.sources.observations import OBSERVATIONS
 from touchline.sources.problems import ProblemKind
 
 SPOILED_SHARE = 0.2  # of the images; above it a warning is an error
@@ -30,6 +31,8 @@ def check_readable(survey: Survey) -> Iterator[Finding]:
     """Missing, broken and unusable images."""
     problems = survey.recording.problems
     total = len(survey.recording)
+    if not survey.recording.has_images:
+        return
     for kind, advice in _IMAGE_ADVICE.items():
         count = problems.counts[kind]
         if not count:
@@ -41,11 +44,30 @@ def check_readable(survey: Survey) -> Iterator[Finding]:
         yield Finding("images", Severity.OK, IMAGE_LIST, f"all {total} images can be decoded")
 
 
+def check_observations(survey: Survey) -> Iterator[Finding]:
+    """What the robot's own detector found."""
+    if not survey.recording.has_observations:
+        return
+    kinds = {kind: count for kind, count in survey.seen.items() if kind != "nothing"}
+    if not kinds:
+        advice = "Is the detector running? Rows of kind 'none' alone say that it saw nothing."
+        yield Finding("observations", Severity.ERROR, OBSERVATIONS, "nothing was found in any image", advice)
+        return
+    what = ", ".join(f"{count} × {kind}" for kind, count in kinds.items())
+    blind, total = survey.seen["nothing"], len(survey.recording)
+    what += f" in {total} images" + (f", nothing in {blind} of them" if blind else "")
+    if not kinds.get("point"):
+        advice = "The systems of now take line points alone: write points along the lines, too."
+        yield Finding("observations", Severity.ERROR, OBSERVATIONS, f"no line points; {what}", advice)
+        return
+    yield Finding("observations", Severity.OK, OBSERVATIONS, what)
+
+
 def check_image_times(survey: Survey) -> Iterator[Finding]:
     """Whether images come as evenly and as often as sequence.yaml says."""
     steps = np.diff(survey.stamps_s)
     if len(steps) == 0:
-        yield Finding("image times", Severity.NOTE, IMAGE_LIST, "holds a single image")
+        yield Finding("image times", Severity.NOTE, survey.recording.frame_list, "holds a single image")
         return
     median, nominal = float(np.median(steps)), 1.0 / survey.recording.rate_hz
     late = [int(index) + 1 for index in np.flatnonzero(steps > LATE_STEP * median)]
@@ -56,7 +78,7 @@ def check_image_times(survey: Survey) -> Iterator[Finding]:
     if late:
         what += f"; late (up to {steps.max():.3g} s after the one before): {frames_in_words(late)}"
         advice = "Odometry has to carry these gaps; look for lost images if they are not meant."
-    yield Finding("image times", Severity.NOTE if advice else Severity.OK, IMAGE_LIST, what, advice)
+    yield Finding("image times", Severity.NOTE if advice else Severity.OK, survey.recording.frame_list, what, advice)
 
 
 def check_light(survey: Survey) -> Iterator[Finding]:

@@ -34,7 +34,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
     """Localize the first images and see how well the lines fit, near the robot and with range and direction."""
     recording = survey.recording
     camera = survey.omni
-    if camera is None or recording.linear:
+    if not recording.has_observations and (camera is None or recording.linear):
         return
     try:
         field = recording.field
@@ -45,7 +45,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
     for frame in recording.again():
         if looked == _MOST_FRAMES:
             break
-        if frame.image is None or is_covered(frame.image):
+        if frame.observation is None and (frame.image is None or is_covered(frame.image)):
             continue
         looked += 1
         estimate = system.step(frame)
@@ -64,8 +64,9 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
     near_a_line = sum(len(off) for off, _, _ in frames) / sum(estimate.points for estimate in estimates)
     off = np.concatenate([off[ranges < _NEAR_M] for off, _, ranges in frames])
     yield _fit(off, near_a_line, f"tracked in {len(estimates)} of {looked} images")
-    yield from _range_scale(frames)
-    yield _tilt(system)
+    if not recording.has_observations:  # of another detector's points the camera's part is not known
+        yield from _range_scale(frames)
+        yield _tilt(system)
     yield from _headings(survey, estimates)
 
 

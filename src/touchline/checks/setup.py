@@ -16,7 +16,7 @@ from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.messages import frames_in_words
-from touchline.sources.description import CAMERA, FIELD
+from touchline.sources.description import CAMERA, FIELD, NO_CAMERA
 from touchline.sources.problems import ProblemKind
 from touchline.sources.truth import TRUTH
 
@@ -37,6 +37,10 @@ _FASTEST_M_S = 7.0  # a true pose that moves faster was put elsewhere by hand
 def check_camera(survey: Survey) -> Iterator[Finding]:
     """Whether camera.yaml can be read and makes sense beside the images."""
     recording = survey.recording
+    if recording.camera_kind == NO_CAMERA:
+        what = "none: what is seen comes from a detector of the robot's own"
+        yield Finding("camera", Severity.OK, "sequence.yaml", what)
+        return
     if recording.camera_file is None:
         yield Finding("camera", Severity.ERROR, CAMERA, "is missing", "Without it pixels have no place on the ground.")
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,7 +24,7 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.perception.covered import is_covered
 from touchline.sources.folder import Recording
-from touchline.types import Frame, ImageArray, Samples
+from touchline.types import Frame, ImageArray, Observation, Samples
 
 if TYPE_CHECKING:
     from touchline.camera import OmniCamera
@@ -41,7 +42,8 @@ class Survey:
     frozen: equal to the image before.
     motion: (N, 11), the last sample of each of MOTION_COLUMNS. changed: bool (N, 11), whether it changed since the
     image before. turn_rad: the gyro's yaw rate summed up since the image before (NaN across a gap).
-    turn_score: `TurnGauge.preference` for the camera's handedness. rims: (frame, rim).
+    turn_score: `TurnGauge.preference` for the camera's handedness. rims: (frame, rim). seen: things by kind that the
+    robot's own detector found, and `nothing` for images in which it found none.
     """
 
     recording: Recording
@@ -55,6 +57,7 @@ class Survey:
     turn_rad: FloatArray
     turn_score: FloatArray
     rims: list[tuple[int, Rim]] = field(default_factory=list)
+    seen: Counter[str] = field(default_factory=Counter)
 
     @cached_property
     def omni(self) -> OmniCamera | None:
@@ -102,9 +105,18 @@ def take_survey(recording: Recording, progress: Callable[[], None] | None = None
     for index, frame in enumerate(recording):
         motion.take(index, frame)
         eye.take(index, frame.image)
+        if frame.observation is not None:
+            survey.seen.update(_counts(frame.observation) or {"nothing": 1})
         if progress is not None:
             progress()
     return survey
+
+
+def _counts(observation: Observation) -> Counter[str]:
+    """Things by kind."""
+    kinds = (*observation.crossings.kinds.tolist(), *observation.landmarks.kinds.tolist())
+    lengths = Counter(point=len(observation.points), line=len(observation.lines), boundary=len(observation.boundary))
+    return +(lengths + Counter(kinds))
 
 
 class _MotionTaker:

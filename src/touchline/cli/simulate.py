@@ -37,9 +37,12 @@ def simulate(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change one key of the scenario; may be repeated."),
     ] = None,
+    level: Annotated[
+        str, typer.Option(metavar="images|points", help="Render images, or write what a detector would find in them.")
+    ] = "images",
     listing: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
 ) -> None:
-    """Simulate a robot on a field and write a recording: images, sensors and the true poses.
+    """Simulate a robot on a field and write a recording: images (or observations), sensors and the true poses.
 
     touchline simulate match --output runs/match --seconds 10   writes one; touchline run runs/match localises it.
     touchline simulate match --set others.robots=3 --set camera.motion_blur=true   changes what the scenario says.
@@ -60,7 +63,7 @@ def simulate(
     if folder.exists():
         raise InputError(f"{folder}: exists already and is not overwritten; choose another name with --output")
     try:
-        simulation = Simulation(chosen)
+        simulation = Simulation(chosen, level)
     except InputError as error:
         raise InputError(f"{scenario}: {error}") from None
     started = time.perf_counter()
@@ -80,6 +83,9 @@ def _advice(simulation: Simulation, folder: Path) -> Iterator[str]:
     beside = [name for name in ("marks.csv", "regions.yaml") if (folder / name).is_file()]
     if beside:
         yield f"for calibration: {', '.join(beside)}"
+    if simulation.level == "points":
+        yield f"touchline run {folder} localises it"
+        return
     if simulation.camera_kind != "omni":
         yield f"touchline check {folder} tells what it holds; no system uses a pinhole camera yet"
         return

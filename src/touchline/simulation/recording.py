@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +18,18 @@ from touchline.geometry import FloatArray, wrap_angle
 from touchline.simulation.cameras.factory import project_ground
 from touchline.simulation.run import Simulation, image_name, robot_frame
 from touchline.simulation.sequence import JPEG_QUALITY
+from touchline.sources.observations import HEADER, OBSERVATIONS, observation_rows
 from touchline.types import Frame, ImageArray, Samples
 
 _MARK_NOISE_PX = 0.15  # of marks that somebody has clicked at, or a detector has found
 
 
 def write_recording(simulation: Simulation, folder: Path, on_frame: Callable[[Frame], None] | None = None) -> None:
-    """Render all frames into a new folder. `on_frame` is called after each and may set the exposure of the next.
+    """Write all frames into a new folder: images, or observations.csv at the level of points.
 
+    `on_frame` is called after each and may set the exposure of the next.
     Raises InputError if the folder exists already or can't be made. What can't be finished is taken away again.
     """
-    if simulation.level != "images":
-        raise InputError("a recording holds images; run the simulation at the level 'images'")
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
@@ -46,14 +47,18 @@ def write_recording(simulation: Simulation, folder: Path, on_frame: Callable[[Fr
 
 def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame], None] | None) -> None:
     simulation.field.to_yaml(folder / "field.yaml")
-    _write_yaml(folder / "camera.yaml", simulation.camera_model.camera_yaml())
-    _write_yaml(folder / "sequence.yaml", dict(simulation.sequence))
+    images = simulation.level == "images"
+    _write_yaml(folder / "sequence.yaml", {**simulation.sequence, **({} if images else {"camera": "none"})})
     last_ns = int(simulation.image_stamps[-1]) + 200_000_000  # a little more than the images need
     sensors = simulation.sensors
     _write_samples(folder / "odometry.csv", "t,x,y,theta", sensors.odometry, last_ns)
     _write_samples(folder / "wheels.csv", "t,a,b", sensors.wheels, last_ns)
     _write_samples(folder / "imu.csv", "t,roll,pitch,yaw,gx,gy,gz", sensors.imu, last_ns)
     _write_truth(folder / "ground_truth.tum", simulation)
+    if not images:
+        _write_observations(simulation, folder, on_frame)
+        return
+    _write_yaml(folder / "camera.yaml", simulation.camera_model.camera_yaml())
     (folder / "images").mkdir()
     rows = []
     for index, frame in enumerate(simulation):
@@ -66,6 +71,17 @@ def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame],
     header = ",".join(["t,file,exposure_ms,gain", *_extra_names(simulation)])
     _write_lines(folder / "images.csv", [header, *rows])
     _write_calibration(simulation, folder)
+
+
+def _write_observations(simulation: Simulation, folder: Path, on_frame: Callable[[Frame], None] | None) -> None:
+    """observations.csv: the line points, lines, crossings, posts and poles of every frame."""
+    rows = [HEADER]
+    for index, frame in enumerate(simulation):
+        assert frame.observation is not None
+        rows += observation_rows(replace(simulation.features(index), points=frame.observation.points))
+        if on_frame is not None:
+            on_frame(frame)
+    _write_lines(folder / OBSERVATIONS, rows)
 
 
 def encoded(image: ImageArray) -> bytes:

@@ -14,7 +14,8 @@ from touchline.messages import did_you_mean
 from touchline.sources.problems import ProblemKind, ProblemLog
 
 FORMAT = 1
-CAMERA_KINDS = ("omni", "pinhole")
+NO_CAMERA = "none"
+CAMERA_KINDS = ("omni", "pinhole", NO_CAMERA)
 SEQUENCE, CAMERA, FIELD = "sequence.yaml", "camera.yaml", "field.yaml"
 
 
@@ -44,7 +45,8 @@ def read_description(folder: Path, log: ProblemLog) -> Description:
     sequence = read_yaml_mapping(path)
     _check_format(path, sequence.get("format"))
     camera_file = folder / CAMERA
-    model = read_yaml_mapping(camera_file) if camera_file.exists() else None
+    there = camera_file.exists() and sequence.get("camera") != NO_CAMERA
+    model = read_yaml_mapping(camera_file) if there else None
     kind = _camera_kind(path, sequence.get("camera"), camera_file, model)
     sensor = sequence.get("sensor")
     return Description(

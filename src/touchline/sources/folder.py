@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from touchline.errors import InputError
+from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
+from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
 from touchline.sources.decoding import decode_image, usable_image
-from touchline.sources.description import Description, read_description, wheel_directions_rad
-from touchline.sources.images import read_image_list
+from touchline.sources.description import NO_CAMERA, Description, read_description, wheel_directions_rad
+from touchline.sources.images import ImageList, read_image_list
+from touchline.sources.observations import OBSERVATIONS, ObservationList, read_observation_list
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import SensorStream
 from touchline.sources.source import Truth
 from touchline.sources.tables import StampArray, Table, TableError, open_table
 from touchline.sources.truth import TRUTH, read_truth
-from touchline.types import Frame, ImageArray, Samples
+from touchline.types import Frame, ImageArray, Observation, Samples
 
 if TYPE_CHECKING:
     from touchline.camera import Camera
@@ -44,9 +49,10 @@ _MAY_BE_EMPTY = SENSOR_COLUMNS["imu.csv"]  # three sensors in one file: a robot 
 class Recording:
     """A folder as docs/how-to-recording.md describes it: iterate for `Frame`s, as often as you like.
 
-    Every frame carries the samples in the half-open interval (stamp of the frame before, its own stamp]; the first one
-    all samples up to its stamp. A sensor without a sample there is None. A frame whose image is missing or broken has
-    image None and says why in `problem`.
+    Frames are those of images.csv, or of observations.csv where there are no images; what observations.csv says of an
+    image comes with it. Every frame carries the samples in the half-open interval (stamp of the frame before, its own
+    stamp]; the first one all samples up to its stamp. A sensor without a sample there is None. A frame whose image is
+    missing or broken has image None and says why in `problem`.
 
     Raises InputError when it can't be opened at all; what can be survived is in `problems`.
     """
@@ -60,24 +66,67 @@ class Recording:
         self._opening = ProblemLog()
         self._pass = ProblemLog()
         self._about: Description = read_description(folder, self._opening)
-        if not (folder / IMAGE_LIST).is_file():
-            raise InputError(f"{folder / IMAGE_LIST}: is missing; it has to list the images as t,file,exposure_ms,gain")
-        self._images = read_image_list(folder / IMAGE_LIST, self._opening)
+        self._observations = self._open_observations()
+        self._images = self._open_images()
+        frames = self._images or self._observations
+        assert frames is not None
+        self._stamp_ns: StampArray = frames.stamp_ns
+        self._observed = self._match_observations()
         self._tables: dict[str, Table] = {}
-        for name in SENSOR_COLUMNS:
-            self._open_sensor(name)
+        for name, columns in (*SENSOR_COLUMNS.items(), (CAMERA_POSES, CAMERA_POSE_COLUMNS)):
+            self._open_sensor(name, columns)
+        self._camera_poses = self._tables.pop(CAMERA_POSES, None)
         self.truth: Truth | None = None
         """The true poses, where they are known. For evaluation only."""
         if (folder / TRUTH).exists():
-            self.truth = read_truth(folder / TRUTH, self._images.stamp_ns, self._opening)
+            self.truth = read_truth(folder / TRUTH, self._stamp_ns, self._opening)
         self._size = self._about.image_size
 
-    def _open_sensor(self, name: str) -> None:
+    def _open_observations(self) -> ObservationList | None:
+        """observations.csv, if it is there; a file that can't be used is fatal only where no camera sees instead."""
+        path = self.folder / OBSERVATIONS
+        if not path.exists():
+            if self.camera_kind == NO_CAMERA:
+                raise InputError(f"{path}: is missing, but sequence.yaml says camera 'none': nothing would be seen")
+            return None
+        try:
+            return read_observation_list(path, self._opening)
+        except TableError as error:
+            if self.camera_kind == NO_CAMERA or not (self.folder / IMAGE_LIST).is_file():
+                raise
+            what = f"{error.what}; the recording is read without it"
+            self._opening.add(ProblemKind.SENSOR_FILE, OBSERVATIONS, what, line=error.line)
+        return None
+
+    def _open_images(self) -> ImageList | None:
+        """images.csv; None where observations.csv tells the times instead."""
+        path = self.folder / IMAGE_LIST
+        if self.camera_kind == NO_CAMERA or (self._observations is not None and not path.is_file()):
+            return None
+        if not path.is_file():
+            raise InputError(
+                f"{path}: is missing; it has to list the images as t,file,exposure_ms,gain, unless there is an "
+                f"{OBSERVATIONS}"
+            )
+        return read_image_list(path, self._opening)
+
+    def _match_observations(self) -> npt.NDArray[np.int64]:
+        """(N,) the observation of each frame, -1 where there is none; those at no frame's time are reported."""
+        if self._observations is None:
+            return np.full(len(self._stamp_ns), -1, dtype=np.int64)
+        found = self._observations.indices_at(self._stamp_ns)
+        for index in np.setdiff1d(np.arange(len(self._observations)), found).tolist():
+            time_s, line = self._observations.stamp_ns[index] / 1e9, int(self._observations.lines[index])
+            what = f"no image of {IMAGE_LIST} was taken at t = {time_s:.4f} s; what was seen then is left out"
+            self._opening.add(ProblemKind.TIME_ORDER, OBSERVATIONS, what, line=line)
+        return found
+
+    def _open_sensor(self, name: str, columns: Sequence[str]) -> None:
         """Note the table of a sensor; a file that can't be used is reported, the recording goes on without it."""
         if not (self.folder / name).exists():
             return
         try:
-            self._tables[name] = open_table(self.folder / name, ["t", *SENSOR_COLUMNS[name]])
+            self._tables[name] = open_table(self.folder / name, ["t", *columns])
         except TableError as error:
             what = f"{error.what}; the recording is read without it"
             self._opening.add(ProblemKind.SENSOR_FILE, name, what, line=error.line)
@@ -99,13 +148,28 @@ class Recording:
 
     @property
     def camera_kind(self) -> str:
-        """`omni` or `pinhole`."""
+        """`omni`, `pinhole` or `none`: observations.csv takes the place of a camera."""
         return self._about.camera_kind
 
     @property
     def camera_file(self) -> Path | None:
         """camera.yaml, if there is one."""
         return self._about.camera_file
+
+    @property
+    def has_images(self) -> bool:
+        """Whether there are images at all: observations.csv may take their place."""
+        return self._images is not None
+
+    @property
+    def has_observations(self) -> bool:
+        """Whether the robot's own detector has written what it found."""
+        return self._observations is not None
+
+    @property
+    def frame_list(self) -> str:
+        """The file that tells when frames were taken."""
+        return OBSERVATIONS if self._images is None else IMAGE_LIST
 
     @property
     def linear(self) -> bool:
@@ -151,7 +215,7 @@ class Recording:
     @property
     def image_stamps(self) -> StampArray:
         """Stamps of all frames (ns), int64 (N,)."""
-        return self._images.stamp_ns
+        return self._stamp_ns
 
     @property
     def problems(self) -> ProblemLog:
@@ -159,7 +223,7 @@ class Recording:
         return self._opening.joined(self._pass)
 
     def __len__(self) -> int:
-        return len(self._images)
+        return len(self._stamp_ns)
 
     def __iter__(self) -> Iterator[Frame]:
         self._pass = ProblemLog()
@@ -174,27 +238,57 @@ class Recording:
             name: SensorStream(table, SENSOR_COLUMNS[name], log, _MAY_BE_EMPTY if name == "imu.csv" else ())
             for name, table in self._tables.items()
         }
-        for index, name in enumerate(self._images.file_names()):
-            stamp = int(self._images.stamp_ns[index])
+        poses = None if self._camera_poses is None else CameraPoses(self._camera_poses, log)
+        pictures = self._pictures(log)
+        for index, (stamp, observation) in enumerate(zip(self._stamp_ns.tolist(), self._seen(log), strict=True)):
             taken = {name: stream.take_until(stamp) for name, stream in streams.items()}
-            image, problem = self._load(index, name, log)
+            name, image, problem = next(pictures)
             imu = taken.get("imu.csv")
-            exposure, gain = self._images.exposure_ms[index], self._images.gain[index]
+            exposure, gain = self._exposure(index)
             yield Frame(
                 stamp_ns=stamp,
                 image=image,
+                observation=observation,
+                base_from_camera=None if poses is None else poses.at(stamp),
                 odometry=taken.get("odometry.csv"),
                 wheels=taken.get("wheels.csv"),
                 gyro=_columns(imu, 3, 6),
                 compass=_columns(imu, 2, 3),
                 tilt=_columns(imu, 0, 2),
-                exposure_ms=None if np.isnan(exposure) else float(exposure),
-                gain=None if np.isnan(gain) else float(gain),
+                exposure_ms=exposure,
+                gain=gain,
                 name=name,
                 problem=problem,
             )
         for stream in streams.values():
             stream.drain()
+        if poses is not None:
+            poses.drain()
+
+    def _seen(self, log: ProblemLog) -> Iterator[Observation | None]:
+        """What the robot's own detector found in each frame; None where observations.csv has nothing of it."""
+        if self._observations is None:
+            yield from itertools.repeat(None, len(self))
+            return
+        with self._observations.table.path.open("rb") as file:
+            for index in self._observed.tolist():
+                yield None if index < 0 else self._observations.read(index, file, log)
+
+    def _pictures(self, log: ProblemLog) -> Iterator[tuple[str, ImageArray | None, str | None]]:
+        """Name, image and problem of each frame; nothing of each where there are no images."""
+        if self._images is None:
+            yield from itertools.repeat(("", None, None), len(self))
+            return
+        for index, name in enumerate(self._images.file_names()):
+            yield name, *self._load(index, name, log)
+
+    def _exposure(self, index: int) -> tuple[float | None, float | None]:
+        """Exposure (ms) and gain of a frame, where they are known."""
+        if self._images is None:
+            return None, None
+        values = float(self._images.exposure_ms[index]), float(self._images.gain[index])
+        exposure_ms, gain = (None if np.isnan(value) else value for value in values)
+        return exposure_ms, gain
 
     def image(self, index: int) -> ImageArray | None:
         """The image of one frame by its index, uint8 (H, W, 3) BGR; None where it is missing or broken.
@@ -202,14 +296,19 @@ class Recording:
         For a look at single frames out of order; adds nothing to `problems`.
         """
         index = range(len(self))[index]
+        if self._images is None:
+            return None
         return self._load(index, self.image_name(index), ProblemLog())[0]
 
     def image_name(self, index: int) -> str:
-        """The file of one frame by its index, relative to the recording."""
+        """The file of one frame by its index, relative to the recording; empty where there are no images."""
+        if self._images is None:
+            return ""
         return next(self._images.file_names(range(len(self))[index]))
 
     def _load(self, index: int, name: str, log: ProblemLog) -> tuple[ImageArray | None, str | None]:
         """The image of one frame, or the problem that left none."""
+        assert self._images is not None
         image, outcome = usable_image(decode_image(self.folder / name), self._size)
         if image is None:
             kind = outcome.kind or ProblemKind.BROKEN_IMAGE

@@ -74,7 +74,7 @@ class Source(Protocol):
 
     @property
     def camera_kind(self) -> str:
-        """`omni` or `pinhole`."""
+        """`omni`, `pinhole` or `none`."""
         ...
 
     @property

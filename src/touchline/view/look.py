@@ -81,6 +81,11 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
     source = open_source(path)
     if not len(source):
         raise InputError(f"{path}: has no images")
+    if not source.has_images:
+        raise InputError(
+            f"{path}: has no images to draw on, only what a detector of its own found ({source.frame_list}); "
+            "`touchline run` draws the robot's path, `touchline check` says how well the lines fit"
+        )
     if index is not None and not 0 <= index < len(source):
         raise InputError(f"{path}: has no image {index}; its images are 0 to {len(source) - 1}")
     if index is not None:

@@ -1,0 +1,312 @@
+"""observations.csv: what a detector of the robot's own found, read image by image."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.messages import did_you_mean
+from touchline.sources.problems import ProblemKind, ProblemLog
+from touchline.sources.sensors import increasing_rows
+from touchline.sources.tables import (
+    LARGEST,
+    Line,
+    StampArray,
+    Table,
+    open_table,
+    parse_row,
+    read_lines,
+    shown,
+    to_number,
+    to_stamps,
+)
+from touchline.types import (
+    CrossingKind,
+    Crossings,
+    LandmarkKind,
+    Landmarks,
+    LinePoints,
+    Lines,
+    Observation,
+    generic_covariances,
+)
+
+OBSERVATIONS = "observations.csv"
+HEADER = "t,kind,x_m,y_m,x2_m,y2_m,orientation_rad,cov_xx,cov_xy,cov_yy,cov2_xx,cov2_xy,cov2_yy,color,confidence"
+POINT, LINE, BOUNDARY, NOTHING = "point", "line", "boundary", "none"
+KINDS = (POINT, LINE, *CrossingKind, *LandmarkKind, BOUNDARY, NOTHING)
+SAME_TIME_NS = 500_000  # an image and its rows may be written with a different number of digits
+_MOST_BYTES = 4_000_000  # of one image's rows: memory stays bounded whatever the file holds
+
+
+class _RowError(Exception):
+    """Why one row can't be used."""
+
+
+class Seen(NamedTuple):
+    """One row. ends_m: (2, 2), the second end NaN but of lines; covariances_m2: (2, 2, 2) likewise."""
+
+    ends_m: FloatArray
+    covariances_m2: FloatArray
+    orientation_rad: float
+    colors: tuple[str, ...]
+    confidence: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ObservationList:
+    """observations.csv without its text: 32 bytes per image.
+
+    stamp_ns: int64 (N,), strictly increasing. lines: int64 (N,), line number of each image's first row. offsets, ends:
+    int64 (N,), where its rows start and end in the file.
+    """
+
+    table: Table
+    stamp_ns: StampArray
+    lines: npt.NDArray[np.int64]
+    offsets: npt.NDArray[np.int64]
+    ends: npt.NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def indices_at(self, stamps: StampArray) -> npt.NDArray[np.int64]:
+        """(M,) the observation at each of some stamps (M,); -1 where there is none."""
+        after = np.searchsorted(self.stamp_ns, stamps - SAME_TIME_NS).clip(max=len(self) - 1)
+        there = np.abs(self.stamp_ns[after] - stamps) <= SAME_TIME_NS
+        return np.where(there, after, -1).astype(np.int64)
+
+    def _is_at(self, index: int, text: str) -> bool:
+        """Whether a line is a row at the time of an observation."""
+        time_s = to_number((_time_cell(self.table, text) or "").strip())
+        return time_s is not None and abs(time_s - self.stamp_ns[index] / 1e9) < 1e-6
+
+    def read(self, index: int, file: BinaryIO, log: ProblemLog) -> Observation:
+        """What was found in one image; `file` is the table, opened. Rows that can't be used go to the log."""
+        start, end = int(self.offsets[index]), int(self.ends[index])
+        file.seek(start)
+        texts = file.read(min(end - start, _MOST_BYTES)).decode("latin-1").split("\n")
+        if end - start > _MOST_BYTES:
+            what = f"more than {_MOST_BYTES // 1_000_000} MB of rows at one time; the rest of them are left out"
+            log.add(ProblemKind.BROKEN_ROW, self.table.name, what, line=int(self.lines[index]))
+            texts.pop()
+        found: defaultdict[str, list[Seen]] = defaultdict(list)
+        for number, text in enumerate(texts, start=int(self.lines[index])):
+            if not self._is_at(index, text):  # blank, or told of when the times were read
+                continue
+            try:
+                kind, seen = _row(self.table, text)
+            except _RowError as error:
+                log.add(ProblemKind.BROKEN_ROW, self.table.name, f"{error}; the row is left out", line=number)
+                continue
+            if seen is not None:
+                found[kind].append(seen)
+        return _observation(int(self.stamp_ns[index]), found)
+
+
+def read_observation_list(path: Path, log: ProblemLog) -> ObservationList:
+    """Find where each image's rows stand; those at a time that is none go to the log.
+
+    Raises InputError if no row is usable.
+    """
+    table = open_table(path, ["t", "kind", "x_m", "y_m"])
+    times, numbers, offsets, ends = array("d"), array("q"), array("q"), array("q")
+    last = ""
+    for line in _lines(table):
+        cell = _time_cell(table, line.text)
+        end = line.offset + len(line.text)
+        if cell is not None and cell == last:
+            ends[-1] = end
+            continue
+        row = parse_row(table, line, ["t"], log)
+        if row is None:
+            continue
+        last = cell or ""
+        if times and row[0] == times[-1]:
+            ends[-1] = end
+            continue
+        times.append(row[0])
+        numbers.append(line.number)
+        offsets.append(line.offset)
+        ends.append(end)
+    if not times:
+        raise InputError(f"{path}: holds no observation; every line after the header has to read {HEADER}")
+    stamps, lines = to_stamps(np.array(times)), np.array(numbers, dtype=np.int64)
+    keep = increasing_rows(stamps, np.iinfo(np.int64).min)
+    for row_index in np.flatnonzero(~keep):
+        what = f"the time {times[row_index]:.6g} s runs backwards or repeats (the rows of an image stand together); "
+        log.add(ProblemKind.TIME_ORDER, table.name, f"{what}what was seen is left out", line=int(lines[row_index]))
+    where = (np.array(values, dtype=np.int64)[keep] for values in (offsets, ends))
+    return ObservationList(table, stamps[keep], lines[keep], *where)
+
+
+def observation_rows(observation: Observation) -> list[str]:
+    """An observation as the rows of an observations.csv with the columns of HEADER; at least one."""
+    time = f"{observation.stamp_ns / 1e9:.9f}".rstrip("0").rstrip(".")
+    rows = _point_rows(POINT, observation.points)
+    lines, crossings, landmarks = observation.lines, observation.crossings, observation.landmarks
+    for ends, covariances, sure in zip(lines.ends_m, lines.covariances_m2, lines.confidences, strict=True):
+        rows.append([LINE, *_cells(ends), "", *_cells(*map(_upper, covariances)), "", *_cells(sure)])
+    for kind, at, turn, covariance, sure in zip(
+        crossings.kinds,
+        crossings.positions_m,
+        crossings.orientations_rad,
+        crossings.covariances_m2,
+        crossings.confidences,
+        strict=True,
+    ):
+        rows.append([kind, *_cells(at), "", "", *_cells(turn, _upper(covariance)), "", "", "", "", *_cells(sure)])
+    for kind, at, covariance, colors, sure in zip(
+        landmarks.kinds,
+        landmarks.positions_m,
+        landmarks.covariances_m2,
+        landmarks.colors,
+        landmarks.confidences,
+        strict=True,
+    ):
+        color = "-".join(colors)
+        rows.append([kind, *_cells(at), "", "", "", *_cells(_upper(covariance)), "", "", "", color, *_cells(sure)])
+    rows += _point_rows(BOUNDARY, observation.boundary)
+    return [",".join([time, *row]) for row in rows or [[NOTHING, *[""] * 13]]]
+
+
+def _lines(table: Table) -> Iterator[Line]:
+    for lines in read_lines(table):
+        yield from lines
+
+
+def _time_cell(table: Table, text: str) -> str | None:
+    """The text of a line's time; None if the line is too short to have one."""
+    position = table.columns["t"]
+    cells = text.split(",", position + 1)
+    return cells[position] if position < len(cells) else None
+
+
+def _row(table: Table, text: str) -> tuple[str, Seen | None]:
+    """Kind and content of a row; None for `none`."""
+    cells = [cell.strip() for cell in text.split(",")]
+    if len(cells) != table.width:
+        raise _RowError(f"has {len(cells)} values where the header names {table.width} columns")
+    row = {name: cells[position] for name, position in table.columns.items()}
+    kind = row["kind"].strip('"')
+    if kind not in KINDS:
+        raise _RowError(f"kind {shown(kind)} is not known; {did_you_mean(kind, KINDS)}")
+    if kind == NOTHING:
+        return kind, None
+    ends = np.full((2, 2), np.nan)
+    ends[0] = _needed(row, "x_m"), _needed(row, "y_m")
+    if kind == LINE:
+        ends[1] = _needed(row, "x2_m"), _needed(row, "y2_m")
+    covariances = np.stack([_covariance(row, "cov", ends[0]), _covariance(row, "cov2", ends[1])])
+    orientation = _optional(row, "orientation_rad")
+    confidence = _optional(row, "confidence")
+    if not (math.isnan(confidence) or 0.0 <= confidence <= 1.0):
+        raise _RowError(f"confidence is {confidence:g}, expected 0 to 1")
+    colors = tuple(filter(None, row.get("color", "").strip('"').split("-")))
+    return kind, Seen(ends, covariances, orientation, colors, 1.0 if math.isnan(confidence) else confidence)
+
+
+def _needed(row: dict[str, str], name: str) -> float:
+    value = _optional(row, name)
+    if math.isnan(value):
+        raise _RowError(f"column '{name}' is {'empty' if name in row else 'missing'}, but a {row['kind']} needs it")
+    return value
+
+
+def _optional(row: dict[str, str], name: str) -> float:
+    """A number; NaN where the cell is empty, or the file has no such column."""
+    cell = row.get(name, "")
+    if not cell:
+        return math.nan
+    value = to_number(cell)
+    if value is None:
+        raise _RowError(f"column '{name}' reads {shown(cell)}, which is not a number")
+    if not math.isfinite(value) or abs(value) >= LARGEST:
+        raise _RowError(f"column '{name}' is {value:g}, which is no measurement")
+    return value
+
+
+def _covariance(row: dict[str, str], name: str, at: FloatArray) -> FloatArray:
+    """(2, 2) of a position (2,); that of a usual camera where none is given, NaN where there is no position."""
+    xx, xy, yy = (_optional(row, f"{name}_{axes}") for axes in ("xx", "xy", "yy"))
+    if math.isnan(xx) and math.isnan(xy) and math.isnan(yy):
+        return np.asarray(generic_covariances(at[np.newaxis])[0])
+    if math.isnan(xx) or math.isnan(yy) or not (xx > 0.0 and yy > 0.0 and xx * yy > np.nan_to_num(xy) ** 2):
+        raise _RowError(f"{name}_xx, {name}_xy, {name}_yy are no covariance")
+    xy = 0.0 if math.isnan(xy) else xy
+    return np.array([[xx, xy], [xy, yy]])
+
+
+def _observation(stamp_ns: int, found: dict[str, list[Seen]]) -> Observation:
+    crossings = [(kind.value, seen) for kind in CrossingKind for seen in found.get(kind, [])]
+    landmarks = [(kind.value, seen) for kind in LandmarkKind for seen in found.get(kind, [])]
+    lines = found.get(LINE, [])
+    crossed, marked = [seen for _, seen in crossings], [seen for _, seen in landmarks]
+    return Observation(
+        stamp_ns,
+        points=LinePoints(*_places(found.get(POINT, []))),
+        lines=Lines(
+            np.array([seen.ends_m for seen in lines]).reshape(-1, 2, 2),
+            np.array([seen.covariances_m2 for seen in lines]).reshape(-1, 2, 2, 2),
+            np.array([seen.confidence for seen in lines], dtype=np.float64),
+            np.full((len(lines), 2, 2), np.nan),
+        ),
+        crossings=Crossings(
+            kinds=np.array([kind for kind, _ in crossings], dtype=np.str_),
+            orientations_rad=np.array([seen.orientation_rad for seen in crossed], dtype=np.float64),
+            **_places(crossed)._asdict(),
+        ),
+        landmarks=Landmarks(
+            kinds=np.array([kind for kind, _ in landmarks], dtype=np.str_),
+            colors=tuple(seen.colors for seen in marked),
+            **_places(marked)._asdict(),
+        ),
+        boundary=LinePoints(*_places(found.get(BOUNDARY, []))),
+    )
+
+
+class _Places(NamedTuple):
+    """positions_m: (N, 2); covariances_m2: (N, 2, 2); confidences: (N,); pixels: (N, 2), all NaN."""
+
+    positions_m: FloatArray
+    covariances_m2: FloatArray
+    confidences: FloatArray
+    pixels: FloatArray
+
+
+def _places(seen: list[Seen]) -> _Places:
+    return _Places(
+        np.array([each.ends_m[0] for each in seen]).reshape(-1, 2),
+        np.array([each.covariances_m2[0] for each in seen]).reshape(-1, 2, 2),
+        np.array([each.confidence for each in seen], dtype=np.float64),
+        np.full((len(seen), 2), np.nan),
+    )
+
+
+def _point_rows(kind: str, points: LinePoints) -> list[list[str]]:
+    known = points.finite()
+    each = zip(known.positions_m, known.covariances_m2, known.confidences, strict=True)
+    return [
+        [kind, *_cells(at), "", "", "", *_cells(_upper(covariance)), "", "", "", "", *_cells(sure)]
+        for at, covariance, sure in each
+    ]
+
+
+def _upper(covariance: FloatArray) -> tuple[float, float, float]:
+    return covariance[0, 0], covariance[0, 1], covariance[1, 1]
+
+
+def _cells(*values: float | FloatArray | tuple[float, ...]) -> list[str]:
+    """Numbers as cells; empty where they are NaN."""
+    flat = np.concatenate([np.ravel(value) for value in values])
+    return ["" if math.isnan(value) else f"{value:.7g}" for value in flat.tolist()]
