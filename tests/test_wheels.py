@@ -233,11 +233,6 @@ def test_parallel_wheels_are_refused_in_words(b_dir: float) -> None:
         reckoning((QUARTER, b_dir))
 
 
-def test_directions_in_the_settings_go_before_those_of_the_recording() -> None:
-    odometry = reckoning((QUARTER, -QUARTER), WheelSettings(a_dir_rad=0.1, b_dir_rad=1.4))
-    assert odometry.wheels.pair == WheelPair(0.1, 1.4)
-
-
 def test_scales_and_bias_correct_the_readings() -> None:
     drive, mount = Drive(0.9, -0.3, 1.1), MOUNTS[2]
     times = np.arange(0, 1001, 20.0)
@@ -490,16 +485,16 @@ def test_a_recording_without_any_motion_sensor_is_told_that_the_images_have_to_d
     )
 
 
-def test_unknown_directions_are_told_unless_the_settings_know_them(
+def test_unknown_directions_are_told_and_parallel_ones_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = with_sensors(tmp_path / "one", "")
     (notice,) = prepare(folder, "iris-fusion").notices
     assert "rolling directions (wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml)" in notice
-    known = ["wheels.a_dir_rad=0.2", "wheels.b_dir_rad=1.7"]
-    assert prepare(folder, "iris-fusion", overrides=known).notices == ()
     main(["run", str(folder), "--system", "iris-fusion", "--output", str(tmp_path / "run")])
     assert "warning: iris-fusion measures its way with two wheels and a gyro" in capsys.readouterr().err
-    parallel = ["wheels.a_dir_rad=0.2", "wheels.b_dir_rad=0.2"]
+    with pytest.raises(InputError, match=r"was removed: the recording tells it: wheels: {a_dir_rad"):
+        prepare(folder, "iris-fusion", overrides=["wheels.a_dir_rad=0.2"])
+    parallel = with_sensors(tmp_path / "two", "wheels: {a_dir_rad: 0.2, b_dir_rad: 0.2}\n")
     with pytest.raises(InputError, match="parallel"):
-        prepare(folder, "iris-fusion", overrides=parallel)
+        prepare(parallel, "iris-fusion")

@@ -23,7 +23,6 @@ from touchline.evaluation.runner import OnFrame, RunTally, run_frames
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
-from touchline.motion import WheelSettings
 from touchline.sources import SENSOR_FILES, Recording, open_source
 from touchline.sources.description import NO_CAMERA
 from touchline.systems import (
@@ -157,7 +156,7 @@ def prepare(
     built = open_system(system, setup, settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
-    return PreparedRun(source, built, info, settings, prior, seed, (*notices, *_notices(source, info, settings)))
+    return PreparedRun(source, built, info, settings, prior, seed, (*notices, *_notices(source, info)))
 
 
 def checked_prior(prior: Prior, field: FieldModel) -> Prior:
@@ -186,15 +185,14 @@ def cpu_name() -> str:
     return platform.processor() or platform.machine()
 
 
-def _notices(source: Recording, info: SystemInfo, settings: Settings) -> tuple[str, ...]:
+def _notices(source: Recording, info: SystemInfo) -> tuple[str, ...]:
     """Whether the recording lacks sensors that the system needs, and what it uses instead."""
     needs = info.needs
     if needs is None:
         return ()
     files = dict.fromkeys(SENSOR_FILES[sensor] for sensor in needs.sensors)
     missing = [file for file in files if file not in source.sensor_files]
-    told = any(isinstance(part, WheelSettings) and part.a_dir_rad is not None for _, part in settings)
-    if "wheels" in needs.sensors and source.wheel_directions_rad is None and not told and "wheels.csv" not in missing:
+    if "wheels" in needs.sensors and source.wheel_directions_rad is None and "wheels.csv" not in missing:
         missing.append("the wheels' rolling directions (wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml)")
     if not missing:
         return ()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar
 
 from pydantic import Field
 
@@ -16,14 +18,13 @@ _ZEROED_M_S = 1.0  # a step to exactly zero at less than this speed is no restar
 
 
 class WheelSettings(Settings):
-    """How the wheels are mounted and scaled, and how much they err."""
+    """How the wheels are scaled, and how much they err."""
 
-    a_dir_rad: float | None = Field(
-        None, description="rolling direction of wheel a in the robot frame (rad); none: as the recording says"
-    )
-    b_dir_rad: float | None = Field(
-        None, description="rolling direction of wheel b in the robot frame (rad); none: as the recording says"
-    )
+    removed: ClassVar[Mapping[str, str]] = {
+        "a_dir_rad": "the recording tells it: wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml",
+        "b_dir_rad": "the recording tells it: wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml",
+    }
+
     a_lever_m: float = Field(
         0.0,
         description="travel of wheel a per radian of the robot's turn (m); 0 for a wheel on the line through the "
@@ -46,16 +47,11 @@ class WheelSettings(Settings):
     )
 
     def pair(self, directions_rad: tuple[float, float] | None) -> WheelPair | None:
-        """The wheels as these settings mount them, or as directions of a and b (rad) say where they don't.
+        """The wheels with directions of a and b (rad), None if nobody knows them.
 
-        None if nobody knows the directions. Raises InputError for parallel wheels.
+        Raises InputError for parallel wheels.
         """
-        a_dir_rad, b_dir_rad = directions_rad or (None, None)
-        a_dir_rad = a_dir_rad if self.a_dir_rad is None else self.a_dir_rad
-        b_dir_rad = b_dir_rad if self.b_dir_rad is None else self.b_dir_rad
-        if a_dir_rad is None or b_dir_rad is None:
-            return None
-        return WheelPair(a_dir_rad, b_dir_rad, self.a_lever_m, self.b_lever_m)
+        return None if directions_rad is None else WheelPair(*directions_rad, self.a_lever_m, self.b_lever_m)
 
     def variance(self, travel_m: float, way_m: float) -> float:
         """Variance (m²) of a wheel's travel: by its circumference with the net travel, by slip with the way rolled."""
