@@ -81,7 +81,7 @@ def colour(
     from touchline.camera import open_camera
     from touchline.perception.colour_file import save_colours
     from touchline.sources import open_source
-    from touchline.view.colour_table import colour_picture
+    from touchline.view.calibration import colour_picture
     from touchline.view.picture_files import save_picture
 
     if source.is_dir():

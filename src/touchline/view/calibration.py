@@ -1,5 +1,7 @@
-"""The picture of a mirror calibration: the edges that were found (figure 2 of Lu et al., 2013) and what they make of
-the image.
+"""Pictures of calibrations.
+
+Of a mirror: the edges that were found (figure 2 of Lu et al., 2013) and what they make of the image. Of colours: an
+image, what the table makes of it, and the table itself in slices.
 """
 
 from __future__ import annotations
@@ -9,12 +11,16 @@ import numpy as np
 
 from touchline.calibration.mirror import MirrorCalibration, Sighting
 from touchline.camera.model_free import range_image
+from touchline.perception.colour import GREEN, OTHER, WHITE, ColourModel
 from touchline.types import ImageArray
 from touchline.view.birds_eye import birds_eye_image
 
-_SIDE = 900
+_MIRROR_SIDE = 900
 _PURPLE = (220, 60, 200)
 _PALE = (190, 190, 190)
+_CLASS_COLORS = {OTHER: (60, 60, 60), GREEN: (70, 160, 60), WHITE: (245, 245, 245)}  # BGR
+_COLOUR_SIDE = 640
+_SLICES = 16
 _LEVELS_M = (0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.5, 9.0, 12.0)
 
 
@@ -24,18 +30,18 @@ def mirror_picture(calibration: MirrorCalibration, image: ImageArray, sighting: 
     image: (H, W, 3) in which the sighting was made.
     """
     reach = 1.15 * float(calibration.strip.edges_m[-1])
-    ground = birds_eye_image(image, calibration.camera, reach_m=reach, pixels_per_m=round(_SIDE / 2.0 / reach))
+    ground = birds_eye_image(image, calibration.camera, reach_m=reach, pixels_per_m=round(_MIRROR_SIDE / 2.0 / reach))
     _draw_true_edges(ground, calibration, sighting, reach)
     panels = {
         f"{sighting.name}: edges found": _with_edges(image, [sighting]),
         f"distance map and all {len(calibration.sightings)} directions": _distance_panel(calibration),
         "the same image laid out in metres; purple: true edges": ground,
     }
-    return np.hstack([_titled(panel, title) for title, panel in panels.items()])
+    return np.hstack([_titled(panel, title, _MIRROR_SIDE) for title, panel in panels.items()])
 
 
 def _with_edges(image: ImageArray, sightings: list[Sighting]) -> ImageArray:
-    scale = _SIDE / max(image.shape[:2])
+    scale = _MIRROR_SIDE / max(image.shape[:2])
     canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
     for sighting in sightings:
         for u, v in sighting.pixels[np.isfinite(sighting.radii_px)]:
@@ -69,7 +75,7 @@ def _distance_panel(calibration: MirrorCalibration) -> ImageArray:
 
 def _draw_true_edges(ground: ImageArray, calibration: MirrorCalibration, sighting: Sighting, reach_m: float) -> None:
     middle = ground.shape[0] // 2
-    scale = round(_SIDE / 2.0 / reach_m)
+    scale = round(_MIRROR_SIDE / 2.0 / reach_m)
     x_axis = np.array([np.cos(sighting.bearing_rad), np.sin(sighting.bearing_rad)])
     y_axis = np.array([-x_axis[1], x_axis[0]])
     half = calibration.strip.half_width_m * 1.6
@@ -79,9 +85,41 @@ def _draw_true_edges(ground: ImageArray, calibration: MirrorCalibration, sightin
         cv2.line(ground, a, b, _PURPLE, 1, cv2.LINE_AA)
 
 
-def _titled(panel: ImageArray, title: str) -> ImageArray:
-    side: ImageArray = np.full((_SIDE + 40, _SIDE, 3), 24, dtype=np.uint8)
-    height, width = min(panel.shape[0], _SIDE), min(panel.shape[1], _SIDE)
-    side[40 : 40 + height, :width] = panel[:height, :width]
-    cv2.putText(side, title, (12, 27), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (235, 235, 235), 1, cv2.LINE_AA)
-    return side
+def colour_picture(colours: ColourModel, image: ImageArray) -> ImageArray:
+    """(S + 40, 3 S, 3) BGR: the image (H, W, 3), its classes, and 16 slices of the table: blue down, red across."""
+    palette = np.array([_CLASS_COLORS[code] for code in (OTHER, GREEN, WHITE)], dtype=np.uint8)
+    panels = {
+        "image": _fitted(image, cv2.INTER_AREA),
+        "classes: green, white, other": _fitted(palette[colours.classify(image)], cv2.INTER_NEAREST),
+        "the table: G in 16 steps; in each B down, R across": _fitted(_slices(colours, palette), cv2.INTER_NEAREST),
+    }
+    return np.hstack([_titled(panel, title, _COLOUR_SIDE) for title, panel in panels.items()])
+
+
+def _slices(colours: ColourModel, palette: ImageArray) -> ImageArray:
+    """(4 · 66, 4 · 66, 3): every fourth plane of the table; what is no class shows its own colour, darker."""
+    levels = (np.arange(64) * 4 + 2).astype(np.uint8)
+    tiles = []
+    for g in range(0, 64, 64 // _SLICES):
+        classes = colours.table[:, g, :]
+        blue, red = np.meshgrid(levels, levels, indexing="ij")
+        own = np.stack((blue, np.full_like(blue, levels[g]), red), axis=-1)
+        tile = np.where((classes == OTHER)[..., np.newaxis], own // 3, palette[classes])
+        tiles.append(np.pad(tile, ((1, 1), (1, 1), (0, 0)), constant_values=120))
+    rows = [np.hstack(tiles[k : k + 4]) for k in range(0, _SLICES, 4)]
+    return np.vstack(rows).astype(np.uint8)
+
+
+def _fitted(image: ImageArray, interpolation: int) -> ImageArray:
+    scale = _COLOUR_SIDE / max(image.shape[:2])
+    size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+    return np.asarray(cv2.resize(image, size, interpolation=interpolation), dtype=np.uint8)
+
+
+def _titled(panel: ImageArray, title: str, size: int) -> ImageArray:
+    """A panel in the corner of a square of this size (px), under its title."""
+    square: ImageArray = np.full((size + 40, size, 3), 24, dtype=np.uint8)
+    height, width = min(panel.shape[0], size), min(panel.shape[1], size)
+    square[40 : 40 + height, :width] = panel[:height, :width]
+    cv2.putText(square, title, (12, 27), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (235, 235, 235), 1, cv2.LINE_AA)
+    return square
