@@ -10,12 +10,13 @@ import numpy as np
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
+from touchline.field import FieldModel
 from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, wrap_angles
+from touchline.localization.matching.mirror_tilt import MirrorTilt
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
-from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
-from touchline.systems.setup import RobotSetup
+from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
 from touchline.types import Estimate, Status
 
 _MOST_FRAMES = 100  # of the beginning: enough to tell a calibration, and a few tenths of a second
@@ -40,7 +41,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         field = recording.field
     except InputError:
         return  # the check of the field says so
-    system = NubotMti(RobotSetup(field, camera), NubotMtiSettings(), np.random.default_rng(0))
+    system, tilt = open_system(DEFAULT_SYSTEM, RobotSetup(field, camera)), MirrorTilt(field)
     estimates, looked = [], 0
     for frame in recording.again():
         if looked == _MOST_FRAMES:
@@ -51,6 +52,8 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         estimate = system.step(frame)
         if estimate.status is Status.TRACKING and estimate.points:
             estimates.append(estimate)
+            assert estimate.observation is not None
+            tilt.update(estimate.observation.points, estimate.pose)
     if looked < _LEAST_FRAMES:
         what = f"too few images to tell whether the lines fit: {looked} usable, {_LEAST_FRAMES} are needed"
         yield Finding("lines", Severity.NOTE, FIELD, what, "Record more images, or mend what is wrong with these.")
@@ -60,24 +63,24 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         advice = "Look at `touchline view --stages`; check the field, camera.yaml and whether the carpet is in view."
         yield Finding("lines", Severity.WARNING, FIELD, what, advice)
         return
-    frames = [_deviations(system, estimate) for estimate in estimates]
+    frames = [_deviations(tilt, field, estimate) for estimate in estimates]
     near_a_line = sum(len(off) for off, _, _ in frames) / sum(estimate.points for estimate in estimates)
     off = np.concatenate([off[ranges < _NEAR_M] for off, _, ranges in frames])
     yield _fit(off, near_a_line, f"tracked in {len(estimates)} of {looked} images")
     if not recording.has_observations:  # of another detector's points the camera's part is not known
         yield from _range_scale(frames)
-        yield _tilt(system)
+        yield _tilt(tilt)
     yield from _headings(survey, estimates)
 
 
-def _deviations(system: NubotMti, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _deviations(tilt: MirrorTilt, field: FieldModel, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of the points within a quarter metre of a line: distance to it (N,) in m, its derivative (N, 4) by x, y, heading
     and by a scale of all ranges, and the range (N,) in m.
     """
     assert estimate.observation is not None
-    points = system.tilt.corrected(estimate.observation.points.positions_m)
+    points = tilt.corrected(estimate.observation.points.positions_m)
     placed = np.ascontiguousarray(estimate.pose.transform(points))
-    away = placed - nearest_line_points(system.field.line_tables, placed)
+    away = placed - nearest_line_points(field.line_tables, placed)
     distance = np.hypot(*away.T)
     normal = away / np.maximum(distance, 1e-9)[:, np.newaxis]
     seen = placed - np.array([estimate.pose.x, estimate.pose.y])
@@ -138,11 +141,11 @@ def _headings(survey: Survey, estimates: list[Estimate]) -> Iterator[Finding]:
     yield Finding("heading", severity, CAMERA, what, advice)
 
 
-def _tilt(system: NubotMti) -> Finding:
+def _tilt(tilt: MirrorTilt) -> Finding:
     """The mirror's lean, from half the angle by which it turns the rays."""
-    bend = float(np.hypot(*system.tilt.mean_per_m))
-    lean_deg = math.degrees(math.atan(bend * system.settings.mirror_tilt.height_m)) / 2.0
+    bend = float(np.hypot(*tilt.mean_per_m))
+    lean_deg = math.degrees(math.atan(bend * tilt.settings.height_m)) / 2.0
     what = f"the mirror leans by about {lean_deg:.2f}°"
     if lean_deg <= _TILT_DEG:
         return Finding("tilt", Severity.OK, CAMERA, what)
-    return Finding("tilt", Severity.NOTE, CAMERA, what, "nubot-mti takes that out; better straighten the mirror.")
+    return Finding("tilt", Severity.NOTE, CAMERA, what, "Matching takes that out; better straighten the mirror.")
