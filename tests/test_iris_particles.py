@@ -15,7 +15,7 @@ from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
 from touchline.localization.particles.particle_set import mean_and_covariance
 from touchline.localization.particles.resampling import low_variance, tempering
-from touchline.localization.particles.sensor_model import LineView
+from touchline.localization.particles.sensor_models import LineView
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("indoor-9x6")

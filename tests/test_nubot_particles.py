@@ -17,7 +17,7 @@ from touchline.localization.particles.iris_particles import IrisParticleSettings
 from touchline.localization.particles.nubot_particles import PAPER_FORM, NubotParticles, NubotParticleSettings
 from touchline.localization.particles.particle_set import mean_and_covariance, normalize
 from touchline.localization.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
-from touchline.localization.particles.sensor_model import SquaredErrors, log_likelihoods
+from touchline.localization.particles.sensor_models import SquaredErrors, log_likelihoods
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")

@@ -17,8 +17,6 @@ A filter of its own, here an augmented MCL on line points:
 The systems' own filters are NubotParticles and IrisParticles.
 """
 
-from touchline.localization.particles.distance_map_model import DistanceMapModel
-from touchline.localization.particles.error_map_model import ErrorMapModel
 from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
@@ -33,12 +31,11 @@ from touchline.localization.particles.random_particles import (
 from touchline.localization.particles.resampling import (
     EVERY_CYCLE,
     CertaintyNumber,
-    FixedNumber,
     KldNumber,
     ParticleNumber,
     Resampling,
 )
-from touchline.localization.particles.sensor_model import LineView, SensorModel
+from touchline.localization.particles.sensor_models import DistanceMapModel, ErrorMapModel, LineView, SensorModel
 
 __all__ = [
     "EVERY_CYCLE",
@@ -46,7 +43,6 @@ __all__ = [
     "CertaintyNumber",
     "DistanceMapModel",
     "ErrorMapModel",
-    "FixedNumber",
     "InjectionUntilConverged",
     "IrisParticleSettings",
     "IrisParticles",

@@ -20,13 +20,12 @@ from touchline.field import FieldModel
 from touchline.field.error_map import FARTHEST, error_map
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching.global_search import Region
-from touchline.localization.particles.error_map_model import ErrorMapModel
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
 from touchline.localization.particles.random_particles import UniformPoses
-from touchline.localization.particles.resampling import EVERY_CYCLE, FixedNumber, Resampling
-from touchline.localization.particles.sensor_model import LineView
+from touchline.localization.particles.resampling import EVERY_CYCLE, Resampling
+from touchline.localization.particles.sensor_models import ErrorMapModel, LineView
 from touchline.motion.odometry import Motion
 
 
@@ -136,7 +135,7 @@ class IrisParticles:
             self.particles,
             MotionModel(s.motion),
             self.sensor_model,
-            Resampling(EVERY_CYCLE, FixedNumber(s.particles), s.roughening, mean_of_drawn=True),
+            Resampling(EVERY_CYCLE, s.particles, s.roughening, mean_of_drawn=True),
             rng,
             min_effective=s.tempering_threshold * s.particles,
         )
@@ -211,6 +210,3 @@ class IrisParticles:
     def errors_m(self, points: FloatArray, pose: Pose) -> FloatArray:
         """Errors (M,) of points (M, 2) seen from a pose, in metres: distances, but for the map's steps and its end."""
         return self.sensor_model.errors_m(points, pose)
-
-
-__all__ = ["IrisParticleSettings", "IrisParticles", "MeasuredMotionNoise"]

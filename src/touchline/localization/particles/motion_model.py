@@ -90,6 +90,3 @@ def move(poses, motion, deviations, normals):  # type: ignore[no-untyped-def]
         poses[j, 0] += cosine * ahead - sine * left
         poses[j, 1] += sine * ahead + cosine * left
         poses[j, 2] += motion[2] + deviations[2] * normals[j, 2]
-
-
-__all__ = ["MotionModel", "MotionNoise"]

@@ -17,13 +17,12 @@ from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.matching.global_search import Region
 from touchline.localization.matching.matcher import Matcher, checked_points
-from touchline.localization.particles.distance_map_model import DistanceMapModel
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
 from touchline.localization.particles.random_particles import InjectionUntilConverged, UniformPoses
 from touchline.localization.particles.resampling import AdaptiveSettings, KldNumber, Resampling
-from touchline.localization.particles.sensor_model import LineView
+from touchline.localization.particles.sensor_models import DistanceMapModel, LineView
 from touchline.motion.odometry import Motion
 
 
@@ -267,6 +266,3 @@ class NubotParticles:
             best.append(int(order[k]))
             free &= np.hypot(places[:, 0] - places[k, 0], places[:, 1] - places[k, 1]) >= s.cluster_m
         return best
-
-
-__all__ = ["PAPER_FORM", "NubotParticleSettings", "NubotParticles"]

@@ -1,8 +1,8 @@
 """The particle filter: Monte Carlo localization, put together from models and policies.
 
-    particles ─▶ motion model ─▶ sensor model ─▶ weights ─▶ mean ─▶ resampling, if it is due ─┐
-        ▲                                                              random particles ─▶ │
-        └──────────────────────────────────────────────────────────────────────────────────────┘
+    particles ─▶ motion model ─▶ sensor model ─▶ weights ─▶ mean and covariance
+        ▲                                           │
+        └────── random particles ◀── resampling ◀───┘ if it is due
 
 Dellaert, Fox, Burgard, Thrun 1999; Thrun, Burgard, Fox: Probabilistic Robotics, tables 4.3 and 8.2. The systems' own
 filters (nubot_particles.py, iris_particles.py) are configurations of this one.
@@ -19,7 +19,7 @@ from touchline.localization.particles.motion_model import MotionModel
 from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
 from touchline.localization.particles.random_particles import RandomInjection
 from touchline.localization.particles.resampling import Resampling, tempering
-from touchline.localization.particles.sensor_model import SensorModel
+from touchline.localization.particles.sensor_models import SensorModel
 from touchline.motion.odometry import Motion
 
 View = TypeVar("View")
@@ -112,6 +112,3 @@ class ParticleFilter(Generic[View]):
     def estimate(self) -> ParticleEstimate:
         """Mean and covariance after the last update, the mean moved on by the odometry since."""
         return self._estimate
-
-
-__all__ = ["ParticleFilter"]

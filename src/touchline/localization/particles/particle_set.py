@@ -122,6 +122,3 @@ def mean_and_covariance(poses, weights):  # type: ignore[no-untyped-def]
     covariance[0, 2] = covariance[2, 0] = xt
     covariance[1, 2] = covariance[2, 1] = yt
     return mean, covariance
-
-
-__all__ = ["ParticleEstimate", "ParticleSet"]

@@ -108,6 +108,3 @@ class AugmentedInjection:
 def _averaged(log_before: float, log_now: float, gain: float) -> float:
     """Logarithm of (1 - gain) before + gain now."""
     return float(np.logaddexp(math.log1p(-gain) + log_before, math.log(gain) + log_now))
-
-
-__all__ = ["AugmentedInjection", "InjectionUntilConverged", "RandomInjection", "UniformPoses"]

@@ -38,7 +38,7 @@ class Resampling:
     """
 
     threshold: float = 0.5
-    number: ParticleNumber | None = None
+    number: int | ParticleNumber | None = None
     roughening: float = 0.0
     mean_of_drawn: bool = False
 
@@ -50,7 +50,9 @@ class Resampling:
         """Poses (M, 3), drawn in proportion to the weights."""
         start, count = float(rng.random()), len(particles)
         drawn: FloatArray = low_variance(particles.poses, particles.weights, start, count)
-        wanted = count if self.number is None else self.number(drawn, estimate)
+        wanted = self.number or count
+        if callable(wanted):
+            wanted = wanted(drawn, estimate)
         return drawn if wanted == count else low_variance(particles.poses, particles.weights, start, wanted)
 
     def roughness(self, drawn: ParticleEstimate, count: int) -> FloatArray | None:
@@ -63,17 +65,6 @@ class Resampling:
 
 
 _DIMENSIONS = 3  # of a pose
-
-
-@dataclass(frozen=True, slots=True)
-class FixedNumber:
-    """Always as many."""
-
-    count: int
-
-    def __call__(self, drawn: FloatArray, estimate: ParticleEstimate) -> int:
-        """The number."""
-        return self.count
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,17 +191,3 @@ def tempering(log_weights, min_effective):  # type: ignore[no-untyped-def]
         if low >= 0.98 * high or exponent < 1e-9:
             return low if low > 0.0 else exponent
         exponent = 0.5 * high if low == 0.0 else 0.5 * (low + high)
-
-
-__all__ = [
-    "EVERY_CYCLE",
-    "AdaptiveSettings",
-    "CertaintyNumber",
-    "FixedNumber",
-    "KldNumber",
-    "ParticleNumber",
-    "Resampling",
-    "kld_number",
-    "occupied_bins",
-    "tempering",
-]
