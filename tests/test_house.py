@@ -52,6 +52,7 @@ ROOMS = (
     "view",
     "experiments",
     "api",
+    "localizer",
     "cli",
 )
 STRANGERS = (("sources", "systems"), ("checks", "experiments"))  # rooms that don't know each other

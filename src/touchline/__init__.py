@@ -18,14 +18,26 @@ if TYPE_CHECKING:
     from touchline.evaluation import evaluate
     from touchline.field import open_field
     from touchline.localization import locate
+    from touchline.localizer import Localizer
     from touchline.sources import open_source
     from touchline.systems import RobotSetup, open_system
 
-__all__ = ["RobotSetup", "evaluate", "locate", "open_camera", "open_field", "open_source", "open_system", "run"]
+__all__ = [
+    "Localizer",
+    "RobotSetup",
+    "evaluate",
+    "locate",
+    "open_camera",
+    "open_field",
+    "open_source",
+    "open_system",
+    "run",
+]
 
 _PLACES = {
     "run": ("touchline.api", "run"),
     "evaluate": ("touchline.evaluation", "evaluate"),
+    "Localizer": ("touchline.localizer", "Localizer"),
     "locate": ("touchline.localization", "locate"),
     "open_camera": ("touchline.camera", "open_camera"),
     "open_field": ("touchline.field", "open_field"),

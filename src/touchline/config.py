@@ -127,6 +127,20 @@ def load_settings(
         raise InputError(_explain(model, error, file, where, changed, elsewhere or {})) from None
 
 
+def settings_from_mapping(model: type[SettingsT], changes: Mapping[str, Any]) -> SettingsT:
+    """Settings from the defaults and what differs: a tree of groups, or keys with dots (`{"matching.c_m": 0.3}`).
+
+    Raises InputError with the nearest known key for an unknown one, and for a value that does not fit.
+    """
+    tree: dict[str, Any] = {}
+    for key, value in changes.items():
+        _put(tree, str(key).split("."), value, f"{key}={value}")
+    try:
+        return model.model_validate(tree)
+    except ValidationError as error:
+        raise InputError(f"settings: {_explain(model, error, None, (), set(), {})}") from None
+
+
 def read_yaml_mapping(path: Path) -> dict[str, Any]:
     """A YAML file whose top level is a mapping; InputError names the file and line of what is wrong."""
     loaded = read_yaml(path)

@@ -12,6 +12,7 @@ from touchline.camera import require_omni
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.messages import did_you_mean
+from touchline.motion import MotionHistory
 from touchline.perception import Detector
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
@@ -26,6 +27,11 @@ class LocalizationSystem(System, Protocol):
     @property
     def detector(self) -> Detector | None:
         """Image -> observation; None without a camera."""
+        ...
+
+    @property
+    def history(self) -> MotionHistory:
+        """What it remembers of the robot's motion."""
         ...
 
 

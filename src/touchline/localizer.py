@@ -1,0 +1,423 @@
+"""The live loop: sensor threads bring samples, a camera thread images or points, whoever wants asks for the pose.
+
+A robot in a match can't be stopped by a broken message: bad data is left out, counted in `problems` and told in the
+next estimate. Only mistakes of the program itself (an unknown field, a start pose without numbers) raise.
+"""
+
+from __future__ import annotations
+
+import copy
+import logging
+import math
+import operator
+import threading
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from touchline.camera import Camera, open_camera
+from touchline.config import Settings, settings_from_mapping
+from touchline.errors import InputError
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
+from touchline.localization.fusion.pose_filter import PoseFilter
+from touchline.motion import FrameOrder, MotionHistory, frame_order
+from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system, system_info
+from touchline.systems.ordered import OrderedSystem
+from touchline.types import Estimate, Frame, ImageArray, LinePoints, Observation, Prior, Samples, Status, points_at
+
+_SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
+_MOST_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
+_LARGEST = 1e9  # no metre, radian or rad/s of a robot gets there
+_FARTHEST_M = 1000.0
+_LATEST_NS = 2**62
+_PREDICTED_NS = 1_000_000_000  # a pose carried on for longer is a guess: odometry may have slipped
+_MISSING_S = 0.5
+
+_log = logging.getLogger(__name__)
+
+
+class Localizer:
+    """Tells a robot where it stands while it plays.
+
+    `add_*` may be called by as many threads as there are sensors and never waits for `localize`; `pose` neither. All
+    stamps are integer nanoseconds of one clock; units are metres, radians, radians per second.
+    """
+
+    def __init__(
+        self,
+        field: str | Path | FieldModel,
+        camera: str | Path | Camera | None = None,
+        system: str = DEFAULT_SYSTEM,
+        wheels: tuple[float, float] | None = None,
+        settings: Settings | Mapping[str, Any] | None = None,
+        seed: int = 0,
+    ) -> None:
+        """field: a preset's name, the path of a field.yaml, or a model. camera: the path of a camera.yaml or a model;
+        None if `localize` is given points or observations. wheels: rolling directions (rad, robot frame) of the
+        measuring wheels a and b. settings: of the system, or only what differs, as {"matching.c_m": 0.3}.
+        seed: same seed and same data, same estimates.
+
+        Raises InputError for whatever of these is wrong.
+        """
+        info = system_info(system)
+        chosen = settings_from_mapping(info.settings, settings) if isinstance(settings, Mapping) else settings
+        self.field = field if isinstance(field, FieldModel) else open_field(field)
+        self.camera = open_camera(camera) if isinstance(camera, str | Path) else camera
+        setup = RobotSetup(self.field, self.camera, _directions(wheels))
+        made = open_system(system, setup, chosen, np.random.default_rng(seed))
+        made.reset()
+        self._system = OrderedSystem(made)
+        self._history = made.history
+        self._counts = _Counts()
+        self._told: Counter[str] = Counter()
+        self._pending = _Queue()
+        self._stepping = threading.Lock()
+        # A second history of the same samples predicts poses between images, so that the system's own is left alone.
+        self._ahead = copy.deepcopy(made.history)
+        self._ahead_pending = _Queue()
+        self._predicting = threading.Lock()
+        self._prior = Prior()
+        self._last: Estimate | None = None
+
+    def add_odometry(self, stamp_ns: int, x: float, y: float, theta: float) -> None:
+        """Dead reckoning: the pose in the odometry frame (m, m, rad)."""
+        self._add("odometry", stamp_ns, x, y, theta)
+
+    def add_wheels(self, stamp_ns: int, a: float, b: float) -> None:
+        """Travel so far of the two measuring wheels (m)."""
+        self._add("wheels", stamp_ns, a, b)
+
+    def add_gyro(self, stamp_ns: int, gx: float, gy: float, gz: float) -> None:
+        """Turning rates (rad/s)."""
+        self._add("gyro", stamp_ns, gx, gy, gz)
+
+    def add_compass(self, stamp_ns: int, yaw: float) -> None:
+        """Heading in the field frame (rad): 0 points at the opponent goal."""
+        self._add("compass", stamp_ns, yaw)
+
+    def add_attitude(self, stamp_ns: int, roll: float, pitch: float) -> None:
+        """Lean of the body (rad): positive pitch tips the nose down, positive roll lowers the right side."""
+        self._add("attitude", stamp_ns, roll, pitch)
+
+    def localize(
+        self,
+        stamp_ns: int,
+        image: ImageArray | None = None,
+        points: FloatArray | Sequence[Sequence[float]] | LinePoints | None = None,
+        observation: Observation | None = None,
+        base_from_camera: Pose3 | None = None,
+    ) -> Estimate:
+        """Where the robot stood when an image was taken, by the image and all samples that have come until now.
+
+        image: uint8 (H, W, 3), BGR. points: on lines, (N, 2) in the robot frame (m), or with covariances. observation:
+        all that a detector of the robot's own found. The last of them that is given counts. base_from_camera: the pose
+        of the camera body in the base frame, of a head that moves.
+
+        An image up to a second older than the newest is left out: the last estimate is returned, searching. One that
+        is older still means that the clock was set back: localization starts anew with the last pose as prior.
+        """
+        with self._stepping:
+            last = self._last
+            stamp = self._stamp("image", stamp_ns)
+            if stamp is None:
+                return self._finished(replace(last or self._unknown(0), status=Status.SEARCHING))
+            if last is not None and frame_order(stamp, last.stamp_ns) is FrameOrder.LATE:
+                self._counts.add("image: older than the one before, left out")
+                return self._finished(replace(last, status=Status.SEARCHING))
+            frame = Frame(
+                stamp,
+                image=self._usable_image(image, points is not None or observation is not None),
+                observation=self._usable_observation(stamp, points, observation),
+                base_from_camera=self._usable_camera_pose(base_from_camera),
+                problem=None if image is None else "the image can't be used",
+            )
+            return self._finished(self._step(_with_samples(frame, self._pending.take())))
+
+    def pose(self, stamp_ns: int) -> Estimate:
+        """The last estimate carried on (or back, by up to the seconds that are remembered) to another time.
+
+        By odometry or wheels and gyro; the next image's estimate does not depend on it. Carried on for more than a
+        second, or where motion was not measured, it is searching.
+        """
+        with self._predicting:
+            last = self._last
+            stamp = self._stamp("pose", stamp_ns)
+            if last is None or stamp is None:
+                return replace(last or self._unknown(stamp or 0), status=Status.SEARCHING)
+            for sensor, samples in self._ahead_pending.take().items():
+                self._ahead.add_samples(sensor, samples)
+            return _carried(last, self._ahead, stamp)
+
+    def reset(
+        self,
+        pose: Sequence[float] | None = None,
+        covariance: FloatArray | Sequence[Sequence[float]] | None = None,
+        own_half: bool = False,
+    ) -> None:
+        """Forget where the robot was. pose: x, y, theta (m, m, rad; field frame) where it stands now, with its
+        covariance (3, 3) if known; own_half: all that is known is that x < 0. Waits for a `localize` under way.
+
+        Raises InputError for what is no pose or no covariance, and for a pose together with own_half.
+        """
+        prior = _prior(pose, covariance, own_half)
+        with self._stepping, self._predicting:
+            self._system.reset(prior)
+            self._ahead.clear()
+            self._prior, self._last = prior, None
+
+    @property
+    def problems(self) -> dict[str, int]:
+        """What was wrong with the robot's data so far, and how often."""
+        return dict(self._counts.so_far())
+
+    def _add(self, sensor: str, stamp_ns: int, *values: float) -> None:
+        stamp = self._stamp(sensor, stamp_ns)
+        if stamp is None:
+            return
+        try:
+            row = tuple(map(float, values))
+        except (TypeError, ValueError, OverflowError):
+            row = (math.nan,)
+        if not all(abs(value) < _LARGEST for value in row):  # False for NaN
+            self._counts.add(f"{sensor}: a sample that is no measurement, left out")
+            return
+        self._pending.put(sensor, stamp, row)
+        self._ahead_pending.put(sensor, stamp, row)
+
+    def _stamp(self, what: str, stamp_ns: int) -> int | None:
+        """The stamp as an integer; None, and counted, if it is none."""
+        try:
+            stamp = operator.index(stamp_ns)
+        except TypeError:
+            stamp = _LATEST_NS
+        if abs(stamp) < _LATEST_NS:
+            return stamp
+        self._counts.add(f"{what}: a stamp that is no whole number of nanoseconds, left out")
+        return None
+
+    def _usable_image(self, image: ImageArray | None, may_be_missing: bool) -> ImageArray | None:
+        if image is None:
+            if not may_be_missing:
+                self._counts.add("image: neither image nor points were given")
+            return None
+        if self.camera is None:
+            if not may_be_missing:
+                self._counts.add("image: no camera model was given to see it with")
+            return None
+        wanted = (self.camera.height, self.camera.width, 3)
+        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != wanted:
+            self._counts.add(f"image: is no uint8 array of shape {wanted}, as the camera model has it")
+            return None
+        return np.ascontiguousarray(image)
+
+    def _usable_observation(
+        self,
+        stamp_ns: int,
+        points: FloatArray | Sequence[Sequence[float]] | LinePoints | None,
+        observation: Observation | None,
+    ) -> Observation | None:
+        if observation is None and points is None:
+            return None
+        if observation is not None and isinstance(observation, Observation):
+            known = self._usable_points(observation.points)
+            return replace(observation, stamp_ns=stamp_ns, points=known)
+        if observation is not None or points is None:
+            self._counts.add("observation: is no Observation")
+            return Observation(stamp_ns, problem="what was given is no observation")
+        try:
+            seen = points if isinstance(points, LinePoints) else points_at(_pairs(points))
+        except (TypeError, ValueError):
+            self._counts.add("points: are no array (N, 2) of numbers")
+            return Observation(stamp_ns, problem="the points can't be used")
+        return Observation(stamp_ns, self._usable_points(seen))
+
+    def _usable_points(self, points: LinePoints) -> LinePoints:
+        """Those that are measurements; the others are counted."""
+        good = np.isfinite(points.covariances_m2).all(axis=(1, 2)) & (points.confidences >= 0.0)
+        good &= (np.abs(points.positions_m) < _FARTHEST_M).all(axis=1) & np.isfinite(points.confidences)
+        good &= (np.diagonal(points.covariances_m2, axis1=1, axis2=2) >= 0.0).all(axis=1)
+        if good.all():
+            return points
+        self._counts.add("points: a point that is no measurement, left out", int(np.count_nonzero(~good)))
+        return LinePoints(
+            points.positions_m[good], points.covariances_m2[good], points.confidences[good], points.pixels[good]
+        )
+
+    def _usable_camera_pose(self, pose: Pose3 | None) -> Pose3 | None:
+        if pose is None:
+            return None
+        if isinstance(pose, Pose3) and np.isfinite(pose.rotation).all() and np.isfinite(pose.translation_m).all():
+            return pose
+        self._counts.add("base_from_camera: is no pose, left out")
+        return None
+
+    def _step(self, frame: Frame) -> Estimate:
+        """The system's estimate; what no check has foreseen ends in a new start, not in the robot's program."""
+        try:
+            estimate = self._system.step(frame)
+        except Exception as error:
+            _log.exception("localization failed and starts anew")
+            self._counts.add(f"localization: failed by {type(error).__name__} and started anew")
+            self._system.reset(Prior(self._last.pose) if self._last is not None else self._prior)
+            estimate = replace(self._last or self._unknown(frame.stamp_ns), status=Status.SEARCHING)
+            estimate = replace(estimate, stamp_ns=frame.stamp_ns)
+        if self._system.order is FrameOrder.CLOCK_SET_BACK:
+            self._counts.add("image: more than a second older than the one before: the clock was set back")
+        self._count_samples()
+        with self._predicting:
+            if self._last is not None and frame.stamp_ns < self._last.stamp_ns:
+                self._ahead.clear()
+            self._ahead.add(_with_samples(Frame(frame.stamp_ns), self._ahead_pending.take()))
+            self._last = estimate
+        return estimate
+
+    def _count_samples(self) -> None:
+        """What the motion history left out."""
+        for sensor, count in self._history.dropped.items():
+            self._counts.reach(f"{sensor}: a sample that was not newer than the one before, left out", count)
+        for sensor, count in self._history.refused.items():
+            self._counts.reach(f"{sensor}: a sample stamped far ahead of everything else, refused", count)
+
+    def _finished(self, estimate: Estimate) -> Estimate:
+        """The estimate, with what was wrong since the one before."""
+        so_far = self._counts.so_far()
+        new = so_far - self._told
+        self._told = so_far
+        problems = tuple(what if count == 1 else f"{what} ({count} times)" for what, count in new.items())
+        return replace(estimate, problems=problems)
+
+    def _unknown(self, stamp_ns: int) -> Estimate:
+        """Before the first image: what `reset` was told, or nothing."""
+        anywhere = np.diag([0.5 * self.field.length, 0.5 * self.field.width, math.pi]) ** 2
+        known = self._prior.covariance
+        pose = self._prior.pose or Pose(0.0, 0.0, 0.0)
+        return Estimate(stamp_ns, pose, anywhere if known is None else known, Status.SEARCHING)
+
+
+class _Queue:
+    """Samples by sensor on their way from one thread to another. The lock is held for a moment only."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._rows = {sensor: deque[tuple[int, tuple[float, ...]]](maxlen=_MOST_SAMPLES) for sensor in _SENSORS}
+
+    def put(self, sensor: str, stamp_ns: int, row: tuple[float, ...]) -> None:
+        with self._lock:
+            self._rows[sensor].append((stamp_ns, row))
+
+    def take(self) -> dict[str, Samples]:
+        """All that waits, by sensor."""
+        with self._lock:
+            rows = {sensor: list(waiting) for sensor, waiting in self._rows.items() if waiting}
+            for waiting in self._rows.values():
+                waiting.clear()
+        return {
+            sensor: Samples(
+                np.array([stamp_ns for stamp_ns, _ in taken], dtype=np.int64),
+                np.array([row for _, row in taken], dtype=np.float64).reshape(-1, _SENSORS[sensor]),
+            )
+            for sensor, taken in rows.items()
+        }
+
+
+class _Counts:
+    """How often what was wrong; counted by any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._counts: Counter[str] = Counter()
+
+    def add(self, what: str, count: int = 1) -> None:
+        with self._lock:
+            self._counts[what] += count
+
+    def reach(self, what: str, count: int) -> None:
+        """It has happened so often by now."""
+        if count:
+            with self._lock:
+                self._counts[what] = max(self._counts[what], count)
+
+    def so_far(self) -> Counter[str]:
+        with self._lock:
+            return Counter(self._counts)
+
+
+def _with_samples(frame: Frame, taken: Mapping[str, Samples]) -> Frame:
+    """The frame with samples by sensor."""
+    return replace(
+        frame,
+        odometry=taken.get("odometry"),
+        wheels=taken.get("wheels"),
+        gyro=taken.get("gyro"),
+        compass=taken.get("compass"),
+        tilt=taken.get("attitude"),
+    )
+
+
+def _carried(last: Estimate, history: MotionHistory, stamp_ns: int) -> Estimate:
+    """An estimate at another time, by the motion in between."""
+    backwards = stamp_ns < last.stamp_ns
+    motion = history.between(min(stamp_ns, last.stamp_ns), max(stamp_ns, last.stamp_ns))
+    step, covariance = motion.pose, motion.covariance
+    if backwards:
+        step = step.inverse()
+        c, s = math.cos(step.heading), math.sin(step.heading)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        covariance = turn @ covariance @ turn.T
+    carried = PoseFilter(last.pose, last.covariance)
+    carried.predict(step, covariance)
+    guessed = abs(stamp_ns - last.stamp_ns) > _PREDICTED_NS or motion.missing_s > _MISSING_S
+    return Estimate(
+        stamp_ns,
+        carried.pose,
+        carried.covariance,
+        Status.SEARCHING if guessed else last.status,
+        hypotheses=tuple(replace(other, pose=other.pose.compose(step)) for other in last.hypotheses),
+        probability=last.probability,
+        mode=last.mode,
+    )
+
+
+def _pairs(points: FloatArray | Sequence[Sequence[float]]) -> FloatArray:
+    """(N, 2); no points may come as an empty list. Raises ValueError or TypeError for what is none."""
+    array = np.asarray(points, dtype=np.float64)
+    array = array.reshape(0, 2) if array.size == 0 else array
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ValueError(f"points need the shape (N, 2), got {array.shape}")
+    return array
+
+
+def _directions(wheels: tuple[float, float] | None) -> tuple[float, float] | None:
+    """Raises InputError unless they are two angles."""
+    if wheels is None:
+        return None
+    try:
+        a_dir_rad, b_dir_rad = map(float, wheels)
+    except (TypeError, ValueError):
+        a_dir_rad = b_dir_rad = math.nan
+    if not (math.isfinite(a_dir_rad) and math.isfinite(b_dir_rad)):
+        raise InputError(f"wheels: expected the two rolling directions (rad) as (a, b), got {wheels!r}")
+    return a_dir_rad, b_dir_rad
+
+
+def _prior(
+    pose: Sequence[float] | None, covariance: FloatArray | Sequence[Sequence[float]] | None, own_half: bool
+) -> Prior:
+    """Raises InputError for what is no prior."""
+    placed = None
+    if pose is not None:
+        try:
+            x, y, heading = map(float, pose)
+        except (TypeError, ValueError):
+            raise InputError(f"pose: expected (x, y, theta) in m, m, rad, got {pose!r}") from None
+        placed = Pose(x, y, wrap_angle(heading) if math.isfinite(heading) else heading)
+    try:
+        known = None if covariance is None else np.asarray(covariance, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("covariance: expected (3, 3) numbers of x, y, heading in (m, m, rad)") from None
+    return Prior(placed, own_half, known)

@@ -1,0 +1,474 @@
+"""touchline.Localizer: the live loop, whatever a robot's sensors and threads do."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+import re
+import sys
+import threading
+import types
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import touchline
+from touchline.errors import InputError
+from touchline.field import open_field
+from touchline.geometry import Pose, Pose3
+from touchline.localizer import Localizer
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.sources import open_source
+from touchline.systems import SYSTEMS, RobotSetup, open_system
+from touchline.types import Estimate, Frame, Hypothesis, Observation, Samples, Status
+
+ROOT = Path(__file__).parents[1]
+EXAMPLE = ROOT / "examples" / "omni_msl_track_short"
+every_system = pytest.mark.parametrize("system", SYSTEMS)
+
+
+@cache
+def drive() -> tuple[Simulation, list[Frame]]:
+    """8 s on the 9 x 6 m field, seen as line points."""
+    chosen = open_scenario("tour-20", 1, 8.0).model_copy(update={"field": "indoor-9x6"})
+    run = Simulation(chosen, level="points")
+    return run, list(run)
+
+
+def made(system: str = "nubot-mti", **more: Any) -> Localizer:
+    run, _ = drive()
+    return Localizer(run.field, system=system, wheels=run.wheel_directions_rad, **more)
+
+
+def feed(localizer: Localizer, frame: Frame) -> None:
+    """All samples of a frame, one by one."""
+    for samples, add in (
+        (frame.odometry, localizer.add_odometry),
+        (frame.wheels, localizer.add_wheels),
+        (frame.gyro, localizer.add_gyro),
+        (frame.compass, localizer.add_compass),
+        (frame.tilt, localizer.add_attitude),
+    ):
+        for stamp_ns, row in [] if samples is None else zip(samples.stamp_ns, samples.values, strict=True):
+            add(int(stamp_ns), *row.tolist())
+
+
+def play(localizer: Localizer, frames: list[Frame]) -> list[Estimate]:
+    estimates = []
+    for frame in frames:
+        feed(localizer, frame)
+        estimates.append(localizer.localize(frame.stamp_ns, observation=frame.observation))
+    return estimates
+
+
+def off_m(estimate: Estimate, index: int) -> float:
+    return estimate.pose.distance_to(Pose(*drive()[0].truth.poses[index].tolist()))
+
+
+@every_system
+def test_estimates_are_those_of_the_system_fed_the_same_frames(system: str) -> None:
+    run, frames = drive()
+    plain = open_system(system, RobotSetup(run.field, wheel_directions_rad=run.wheel_directions_rad))
+    plain.reset()
+    localizer = made(system)
+    for frame, estimate in zip(frames, play(localizer, frames), strict=True):
+        expected = plain.step(frame)
+        assert (estimate.stamp_ns, estimate.pose, estimate.status) == (
+            frame.stamp_ns,
+            expected.pose,
+            expected.status,
+        )
+        np.testing.assert_array_equal(estimate.covariance, expected.covariance)
+        assert estimate.problems == ()
+        localizer.pose(frame.stamp_ns + 30_000_000)  # leaves the system alone
+    assert localizer.problems == {}
+
+
+def test_images_give_what_the_recording_gives() -> None:
+    source = open_source(EXAMPLE)
+    plain = open_system("nubot-mti", RobotSetup(source.field, source.camera))
+    plain.reset()
+    localizer = Localizer(field="msl-18x12", camera=EXAMPLE / "camera.yaml")
+    for frame, _ in zip(source, range(8), strict=False):
+        feed(localizer, frame)
+        estimate, expected = localizer.localize(frame.stamp_ns, frame.image), plain.step(frame)
+        assert (estimate.pose, estimate.points) == (expected.pose, expected.points)
+    assert localizer.problems == {}
+
+
+# --- bad data ---------------------------------------------------------------------------------------------------------
+
+NAN, INF = float("nan"), float("inf")
+BAD_SAMPLES: dict[str, tuple[Callable[[Localizer, int], None], str]] = {
+    "NaN": (lambda robot, t: robot.add_odometry(t, NAN, 0.0, 0.0), "odometry: a sample that is no measurement"),
+    "infinite": (lambda robot, t: robot.add_wheels(t, 0.0, INF), "wheels: a sample that is no measurement"),
+    "huge": (lambda robot, t: robot.add_gyro(t, 0.0, 0.0, 1e30), "gyro: a sample that is no measurement"),
+    "None": (lambda robot, t: robot.add_compass(t, None), "compass: a sample that is no measurement"),  # type: ignore[arg-type]
+    "text": (lambda robot, t: robot.add_attitude(t, "a", 0.0), "attitude: a sample that is"),  # type: ignore[arg-type]
+    "array": (lambda robot, t: robot.add_compass(t, np.zeros(3)), "compass: a sample that is"),  # type: ignore[arg-type]
+    "stamp NaN": (lambda robot, t: robot.add_compass(NAN, 0.0), "compass: a stamp that is no"),  # type: ignore[arg-type]
+    "stamp None": (lambda robot, t: robot.add_compass(None, 0.0), "compass: a stamp that is no"),  # type: ignore[arg-type]
+    "stamp huge": (lambda robot, t: robot.add_odometry(10**30, 0.0, 0.0, 0.0), "odometry: a stamp that is no"),
+    "ahead": (lambda robot, t: robot.add_wheels(t + 3_600_000_000_000, 0.0, 0.0), "wheels: a sample stamped far ahead"),
+    "old": (
+        lambda robot, t: robot.add_odometry(t - 60_000_000, 0.0, 0.0, 0.0),
+        "odometry: a sample that was not newer",
+    ),
+    "twice": (lambda robot, t: robot.add_gyro(t, 0.0, 0.0, 0.0), "gyro: a sample that was not newer"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_SAMPLES)
+def test_a_bad_sample_is_counted_told_and_does_no_harm(name: str) -> None:
+    localizer, frames = made("iris-fusion"), drive()[1]
+    spoil, what = BAD_SAMPLES[name]
+    play(localizer, frames[:40])
+    feed(localizer, frames[40])
+    spoil(localizer, frames[40].stamp_ns)
+    estimate = localizer.localize(frames[40].stamp_ns, observation=frames[40].observation)
+    assert [problem.startswith(what) for problem in estimate.problems] == [True]
+    assert list(localizer.problems.values()) == [1]
+    later = play(localizer, frames[41:60])
+    assert all(e.problems == () and e.status is Status.TRACKING for e in later)
+    assert off_m(later[-1], 59) < 0.1
+
+
+BAD_SIGHTS: dict[str, dict[str, Any]] = {
+    "nothing": {},
+    "image without camera": {"image": np.zeros((480, 480, 3), dtype=np.uint8)},
+    "one column": {"points": np.zeros((5, 1))},
+    "words": {"points": [["a", "b"]]},
+    "a number": {"points": 3.0},
+    "ragged": {"points": [[1.0, 2.0], [1.0]]},
+    "NaN points": {"points": np.full((20, 2), NAN)},
+    "far points": {"points": np.full((20, 2), 1e30)},
+    "no points": {"points": []},
+    "observation of something": {"observation": "a goal"},
+}
+
+
+@pytest.mark.parametrize("name", BAD_SIGHTS)
+def test_a_bad_sight_is_a_frame_in_which_nothing_is_seen(name: str) -> None:
+    localizer, frames = made(), drive()[1]
+    play(localizer, frames[:20])
+    feed(localizer, frames[20])
+    estimate = localizer.localize(frames[20].stamp_ns, **BAD_SIGHTS[name])
+    assert (estimate.stamp_ns, estimate.points, estimate.status) == (frames[20].stamp_ns, 0, Status.TRACKING)
+    assert off_m(estimate, 20) < 0.1
+    assert (len(estimate.problems), sum(localizer.problems.values()) > 0) == (
+        (0, False) if name == "no points" else (1, True)
+    )
+    assert all(e.status is Status.TRACKING for e in play(localizer, frames[21:25]))
+
+
+def test_single_bad_points_are_left_out() -> None:
+    localizer, frames = made(), drive()[1]
+    play(localizer, frames[:10])
+    frame = frames[10]
+    assert frame.observation is not None
+    spoiled = np.vstack((frame.observation.points.positions_m, [[NAN, 0.0], [0.0, INF], [1e9, 0.0]]))
+    estimate = localizer.localize(frame.stamp_ns, points=spoiled)
+    assert estimate.problems == ("points: a point that is no measurement, left out (3 times)",)
+    assert off_m(estimate, 10) < 0.1
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((100, 480, 3), dtype=np.uint8),
+        np.zeros((480, 480), dtype=np.uint8),
+        np.zeros((480, 480, 3), dtype=np.float32),
+        "image.jpg",
+        [[1, 2], [3, 4]],
+    ],
+    ids=["size", "grey", "float", "text", "list"],
+)
+def test_an_image_of_another_kind_is_told(image: Any) -> None:
+    localizer = Localizer("msl-18x12", EXAMPLE / "camera.yaml")
+    estimate = localizer.localize(0, image)
+    assert estimate.problems == ("image: is no uint8 array of shape (480, 480, 3), as the camera model has it",)
+    assert estimate.status is Status.SEARCHING
+    assert localizer.localize(1, base_from_camera=np.eye(4)).problems[-1].startswith("base_from_camera")  # type: ignore[arg-type]
+
+
+def test_an_image_older_than_the_last_gives_the_last_estimate_searching() -> None:
+    localizer, frames = made(), drive()[1]
+    estimates = play(localizer, frames[:20])
+    feed(localizer, frames[20])
+    late = localizer.localize(frames[15].stamp_ns, observation=frames[15].observation)
+    assert (late.pose, late.stamp_ns, late.status) == (estimates[-1].pose, estimates[-1].stamp_ns, Status.SEARCHING)
+    assert late.problems == ("image: older than the one before, left out",)
+    next_one = localizer.localize(frames[20].stamp_ns, observation=frames[20].observation)  # its samples are not lost
+    reference = play(made(), frames[:21])[-1]
+    assert (next_one.pose, next_one.status) == (reference.pose, Status.TRACKING)
+    for stamp in (None, NAN, "now", 10**40):
+        odd = localizer.localize(stamp, observation=frames[20].observation)  # type: ignore[arg-type]
+        assert (odd.pose, odd.status) == (next_one.pose, Status.SEARCHING)
+
+
+def test_a_clock_set_back_starts_anew_with_the_pose() -> None:
+    localizer, frames = made(), drive()[1]
+    play(localizer, frames[:40])
+    again = play(localizer, frames[5:30])
+    assert again[0].status is Status.SEARCHING
+    assert any("the clock was set back" in problem for problem in again[0].problems)
+    assert all(e.status is Status.TRACKING for e in again[5:])
+    assert off_m(again[-1], 29) < 0.1
+    predicted = localizer.pose(frames[30].stamp_ns)
+    assert off_m(predicted, 30) < 0.2
+
+
+def test_what_nobody_has_foreseen_starts_anew_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    localizer, frames = made(), drive()[1]
+    play(localizer, frames[:20])
+    with monkeypatch.context() as patched:
+        patched.setattr(localizer._system.system, "step", lambda frame: 1 / 0)
+        estimate = localizer.localize(frames[20].stamp_ns, observation=frames[20].observation)
+    assert estimate.status is Status.SEARCHING
+    assert estimate.problems == ("localization: failed by ZeroDivisionError and started anew",)
+    assert play(localizer, frames[21:30])[-1].status is Status.TRACKING
+
+
+# --- threads ----------------------------------------------------------------------------------------------------------
+
+
+def test_threads_may_hammer_every_method(monkeypatch: pytest.MonkeyPatch) -> None:
+    localizer, frames = made("iris-fusion"), drive()[1][:60]
+    failures: list[BaseException] = []
+    done = threading.Event()
+
+    def guarded(work: Callable[[], None]) -> Callable[[], None]:
+        def run() -> None:
+            try:
+                work()
+            except BaseException as error:
+                failures.append(error)
+
+        return run
+
+    def ask() -> None:
+        while not done.is_set():
+            estimate = localizer.pose(frames[-1].stamp_ns)
+            assert np.isfinite(estimate.pose).all()
+            assert isinstance(localizer.problems, dict)
+
+    def spoil() -> None:
+        while not done.is_set():
+            localizer.add_compass(0, NAN)
+            localizer.add_gyro(1, 0.0, 0.0, 0.0)
+
+    threads = [threading.Thread(target=guarded(work)) for work in (ask, spoil, ask)]
+    for thread in threads:
+        thread.start()
+    estimates = play(localizer, frames)
+    done.set()
+    for thread in threads:
+        thread.join()
+    assert failures == []
+    assert [e.stamp_ns for e in estimates] == [frame.stamp_ns for frame in frames]
+    assert estimates[-1].status is Status.TRACKING
+    assert off_m(estimates[-1], 59) < 0.1
+
+
+def test_adding_never_waits_for_localize(monkeypatch: pytest.MonkeyPatch) -> None:
+    localizer, frames = made(), drive()[1]
+    play(localizer, frames[:5])
+    step, entered, go_on = localizer._system.step, threading.Event(), threading.Event()
+
+    def slow(frame: Frame) -> Estimate:
+        entered.set()
+        assert go_on.wait(30.0)
+        return step(frame)
+
+    monkeypatch.setattr(localizer._system, "step", slow)
+    camera = threading.Thread(target=lambda: localizer.localize(frames[5].stamp_ns, observation=frames[5].observation))
+    camera.start()
+    assert entered.wait(30.0)
+    feed(localizer, frames[6])  # returns while localize is at work
+    assert localizer.pose(frames[5].stamp_ns).stamp_ns == frames[5].stamp_ns
+    go_on.set()
+    camera.join()
+    monkeypatch.undo()
+    assert localizer.localize(frames[6].stamp_ns, observation=frames[6].observation).status is Status.TRACKING
+
+
+def test_memory_stays_bounded_without_a_camera() -> None:
+    localizer = made()
+    for stamp_ns in range(0, 30_000_000, 1000):
+        localizer.add_gyro(stamp_ns, 0.0, 0.0, 0.0)
+    assert len(localizer._pending.take()["gyro"]) == 20_000
+
+
+# --- pose and reset ---------------------------------------------------------------------------------------------------
+
+
+def test_between_images_the_pose_is_carried_on() -> None:
+    localizer, frames = made(), drive()[1]
+    estimates = play(localizer, frames[:40])
+    for frame in frames[40:45]:
+        feed(localizer, frame)
+    ahead = localizer.pose(frames[44].stamp_ns)
+    assert off_m(ahead, 44) < 0.1 < off_m(estimates[-1], 44)
+    assert (ahead.stamp_ns, ahead.status) == (frames[44].stamp_ns, Status.TRACKING)
+    assert np.linalg.det(ahead.covariance) > np.linalg.det(estimates[-1].covariance)
+    back = localizer.pose(frames[35].stamp_ns)
+    assert off_m(back, 35) < 0.1
+    assert localizer.pose(estimates[-1].stamp_ns).pose == pytest.approx(estimates[-1].pose, abs=1e-12)
+    assert localizer.pose(frames[39].stamp_ns + 5_000_000_000).status is Status.SEARCHING
+    assert play(localizer, frames[45:50])[-1].pose == pytest.approx(play(made(), frames[:50])[-1].pose, abs=0.02)
+
+
+def test_before_the_first_image_the_pose_is_what_was_told() -> None:
+    localizer = made()
+    assert (localizer.pose(5).status, localizer.pose(5).pose) == (Status.SEARCHING, Pose(0.0, 0.0, 0.0))
+    localizer.reset((1.0, 2.0, 2.0 * math.pi), covariance=np.diag([0.01, 0.04, 0.09]))
+    told = localizer.pose(5)
+    assert told.pose == pytest.approx((1.0, 2.0, 0.0))
+    np.testing.assert_array_equal(told.covariance, np.diag([0.01, 0.04, 0.09]))
+
+
+def test_a_told_pose_is_tracked_at_once_and_a_told_half_decides_the_end() -> None:
+    frames, truth = drive()[1], drive()[0].truth
+    blind = [Frame(frame.stamp_ns, observation=frame.observation, odometry=frame.odometry) for frame in frames]
+    localizer = made()
+    localizer.reset(tuple(truth.poses[0]))
+    assert all(off_m(e, k) < 0.1 and e.status is Status.TRACKING for k, e in enumerate(play(localizer, blind[:5])))
+    localizer.reset(own_half=True)
+    assert play(localizer, blind[:5])[-1].pose.x < 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"pose": (1.0, 2.0)}, r"pose: expected \(x, y, theta\)"),
+        ({"pose": (1.0, NAN, 0.0)}, "three finite numbers"),
+        ({"pose": (1.0, 2.0, 0.0), "own_half": True}, "not both"),
+        ({"pose": (1.0, 2.0, 0.0), "covariance": np.eye(2)}, r"must be \(3, 3\)"),
+        ({"pose": (1.0, 2.0, 0.0), "covariance": -np.eye(3)}, "positive variances"),
+        ({"covariance": np.eye(3)}, "needs the start pose"),
+    ],
+)
+def test_a_wrong_reset_is_told(arguments: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        made().reset(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"field": "msl-18x21"}, "did you mean 'msl-18x12'"),
+        ({"system": "nubot"}, "unknown system 'nubot'"),
+        ({"camera": "no.yaml"}, r"no\.yaml"),
+        ({"wheels": (0.1,)}, "wheels: expected the two rolling directions"),
+        ({"wheels": (0.1, NAN)}, "wheels: expected the two rolling directions"),
+        ({"settings": {"matching.c": 1.0}}, "unknown setting 'matching.c'"),
+        ({"settings": {"matching": {"c_m": -1.0}}}, "matching.c_m"),
+        ({"settings": SYSTEMS["iris-fusion"].settings()}, "takes NubotMtiSettings"),
+    ],
+)
+def test_a_wrong_constructor_is_told_in_words(arguments: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Localizer(**{"field": "msl-18x12", **arguments})
+
+
+def test_settings_come_as_keys_tree_or_model() -> None:
+    model = SYSTEMS["nubot-mti"].settings.model_validate({"matching": {"c_m": 0.3}})
+    for settings in ({"matching.c_m": 0.3}, {"matching": {"c_m": 0.3}}, model):
+        assert made(settings=settings)._system.system.settings == model  # type: ignore[attr-defined]
+
+
+# --- values -----------------------------------------------------------------------------------------------------------
+
+
+@every_system
+def test_settings_and_estimates_pickle(system: str) -> None:
+    settings = SYSTEMS[system].settings()
+    assert pickle.loads(pickle.dumps(settings)) == settings
+    estimate = play(made(system), drive()[1][:2])[-1]
+    again = pickle.loads(pickle.dumps(estimate))
+    assert again.to_dict() == estimate.to_dict()
+
+
+def test_an_estimate_becomes_json_a_matrix_and_a_message_of_ros() -> None:
+    covariance = np.array([[0.04, 0.001, 0.002], [0.001, 0.09, 0.003], [0.002, 0.003, 0.01]])
+    other = Hypothesis(Pose(-1.0, -2.0, 3.0), float("nan"), 0.25, covariance)
+    estimate = Estimate(7, Pose(1.0, 2.0, 0.5), covariance, Status.TRACKING, hypotheses=(other,), probability=0.75)
+    tree = json.loads(json.dumps(estimate.to_dict()))
+    assert tree["pose"] == {"x_m": 1.0, "y_m": 2.0, "heading_rad": 0.5}
+    assert (tree["stamp_ns"], tree["status"], tree["residual_m"], tree["probability"]) == (7, "tracking", None, 0.75)
+    assert tree["hypotheses"][0]["probability"] == 0.25
+    assert tree["covariance"] == covariance.tolist()
+    points = np.array([[1.0, 0.0], [0.3, -2.0]])
+    placed = estimate.matrix() @ np.column_stack((points, np.zeros(2), np.ones(2))).T
+    np.testing.assert_allclose(placed[:2].T, estimate.pose.transform(points))
+    full = estimate.ros_covariance()
+    assert full.shape == (36,)
+    assert (full[0], full[1], full[5], full[7], full[11], full[35]) == (0.04, 0.001, 0.002, 0.09, 0.003, 0.01)
+    assert np.count_nonzero(full) == 9
+
+
+def test_the_camera_s_pose_and_all_that_was_seen_reach_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    localizer, frame = made(), drive()[1][0]
+    seen: list[Frame] = []
+    step = localizer._system.step
+    monkeypatch.setattr(localizer._system, "step", lambda given: (seen.append(given), step(given))[1])
+    features = drive()[0].features(0)
+    pose = Pose3.from_roll_pitch_yaw(0.0, 0.5)
+    localizer.localize(frame.stamp_ns, observation=features, base_from_camera=pose)
+    assert seen[0].base_from_camera is pose
+    assert seen[0].observation is not None
+    assert len(seen[0].observation.crossings) == len(features.crossings)
+
+
+# --- the README's program ---------------------------------------------------------------------------------------------
+
+
+def fake_robot(sent: list[tuple[Pose, np.ndarray]]) -> types.ModuleType:
+    """A robot that drives through the bundled recording."""
+    robot = types.ModuleType("my_robot")
+    listeners: dict[str, Callable[..., None]] = {}
+
+    class Sensor:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def on_sample(self, listener: Callable[..., None]) -> None:
+            listeners[self.name] = listener
+
+    def camera() -> Iterator[tuple[int, np.ndarray | None]]:
+        for frame, _ in zip(open_source(EXAMPLE), range(12), strict=False):
+            for name in listeners:
+                samples: Samples | None = getattr(frame, name)
+                for stamp, row in [] if samples is None else zip(samples.stamp_ns, samples.values, strict=True):
+                    listeners[name](int(stamp), *row.tolist())
+            yield frame.stamp_ns, frame.image
+
+    robot.odometry, robot.compass = Sensor("odometry"), Sensor("compass")  # type: ignore[attr-defined]
+    robot.camera, robot.send = camera(), lambda *what: sent.append(what)  # type: ignore[attr-defined]
+    return robot
+
+
+def test_the_readme_s_program_for_a_robot_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (program,) = (block for block in re.findall(r"^```python\n(.*?)^```", readme, re.M | re.S) if "Localizer(" in block)
+    assert len([line for line in program.splitlines() if line.strip()]) <= 12
+    sent: list[tuple[Pose, np.ndarray]] = []
+    monkeypatch.setitem(sys.modules, "my_robot", fake_robot(sent))
+    (tmp_path / "camera.yaml").symlink_to(EXAMPLE / "camera.yaml")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(program, "README.md", "exec"), {})
+    assert len(sent) == 12
+    truth = open_source(EXAMPLE).truth
+    assert truth is not None
+    assert all(pose.distance_to(truth[k]) < 0.1 for k, (pose, _) in enumerate(sent))
+
+
+def test_it_is_found_where_the_readme_says() -> None:
+    assert touchline.Localizer is Localizer
+    assert Localizer(open_field("msl-18x12")).localize(0, observation=Observation(0)).status is Status.SEARCHING
