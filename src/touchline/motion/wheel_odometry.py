@@ -108,12 +108,15 @@ class WheelOdometry:
 
     def extrapolated(self, known_ns: int, end_ns: int) -> RollStep | None:
         """The last motion, going on for a short time beyond the newest samples; None if the end is not beyond."""
-        reach_s = self._without.extrapolation_s
-        beyond_s = min((end_ns - known_ns) / NANOSECONDS, reach_s)
-        if self.pair is None or beyond_s <= 0.0:
+        wheels, gyro, reach_s = self.wheels.integral.samples, self.gyro.integral.samples, self._without.extrapolation_s
+        if self.pair is None or len(wheels) == 0 or len(gyro) == 0:
             return None
-        a_m, b_m = self.wheels.integral.samples.slope(reach_s) * beyond_s
-        return RollStep(float(a_m), float(b_m), float(self.gyro.integral.samples.slope(reach_s)[0]) * beyond_s)
+        goes_on_until_ns = min(wheels.last_ns, gyro.last_ns) + int(reach_s * NANOSECONDS)
+        beyond_s = (min(end_ns, goes_on_until_ns) - known_ns) / NANOSECONDS
+        if beyond_s <= 0.0:
+            return None
+        a_m, b_m = wheels.slope(reach_s) * beyond_s
+        return RollStep(float(a_m), float(b_m), float(gyro.slope(reach_s)[0]) * beyond_s)
 
     def displaced(self, step: RollStep, heading_rad: float = 0.0) -> Pose:
         """Equations (2) and (3): displacement by a step that starts with a heading (rad), and its turn.
