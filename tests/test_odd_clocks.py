@@ -80,6 +80,13 @@ def test_a_sample_far_ahead_is_refused_and_counted() -> None:
     assert clocks.refused == {"wheels": 1}
 
 
+def test_the_very_first_samples_have_each_other_to_be_compared_with() -> None:
+    clocks = SensorClocks()
+    believed = clocks.believed("wheels", one_value(0, HOUR, SECOND))
+    assert believed.samples.stamp_ns.tolist() == [0, SECOND]
+    assert clocks.refused["wheels"] == 1
+
+
 def test_two_far_ahead_are_refused_three_that_agree_are_a_clock_that_jumped() -> None:
     clocks = SensorClocks()
     clocks.frame_ns = 0
@@ -137,6 +144,9 @@ def test_samples_may_go_on_for_long_without_any_frame() -> None:
         history.add_samples("odometry", Samples(np.array([k * SECOND // 50]), np.zeros((1, 3))))
     assert history.refused["odometry"] == 0
     assert history.odometry.samples.last_ns == 999 * SECOND // 50
+    history.add_samples("odometry", Samples(np.array([HOUR]), np.zeros((1, 3))))
+    assert history.refused["odometry"] == 1
+    assert len(history.odometry.samples) == 999
 
 
 # --- frames -----------------------------------------------------------------------------------------------------------

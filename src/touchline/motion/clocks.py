@@ -60,12 +60,15 @@ class SensorClocks:
         self._newest_ns: dict[str, int] = {}
         self._refused_in_a_row: dict[str, list[tuple[int, list[float]]]] = {}
 
+    def newest_ns(self, sensor: str) -> int | None:
+        """Stamp of the newest sample of a sensor that is believed."""
+        return self._newest_ns.get(sensor)
+
     def believed(self, sensor: str, samples: Samples) -> Believed:
         """Those of a sensor's new samples that are believed. Rows behind the newest are its history's to judge."""
-        stamps_ns = samples.stamp_ns
-        newest_ns = max((*self._newest_ns.values(), int(stamps_ns[0]) if self.frame_ns is None else self.frame_ns))
-        last_ns = int(stamps_ns.max())
-        if last_ns <= newest_ns + _JUMP_NS and not self._is_ahead_of_frames(sensor):
+        stamps_ns = samples.stamp_ns.tolist()
+        last_ns, is_first = max(stamps_ns), self.frame_ns is None and not self._newest_ns
+        if self._is_near_others(last_ns) and not is_first and not self._is_ahead_of_frames(sensor):
             self._believe(sensor, last_ns)
             return Believed(samples, clock_jumped=False)
         return self._one_by_one(sensor, samples)
@@ -98,8 +101,11 @@ class SensorClocks:
         return Believed(Samples(stamps_ns, kept), jumped)
 
     def _is_near_others(self, stamp_ns: int) -> bool:
-        known_ns = [*self._newest_ns.values(), *([] if self.frame_ns is None else [self.frame_ns])]
-        return not known_ns or stamp_ns <= max(known_ns) + _JUMP_NS
+        """Whether a stamp is not far ahead of the newest frame and of all samples."""
+        newest_ns = max(self._newest_ns.values(), default=self.frame_ns)
+        if newest_ns is None:
+            return True
+        return stamp_ns <= newest_ns + _JUMP_NS or (self.frame_ns is not None and stamp_ns <= self.frame_ns + _JUMP_NS)
 
     def _refuse(self, sensor: str, stamp_ns: int, values: list[float]) -> list[tuple[int, list[float]]]:
         """Refuse a sample. Returns those refused in a row once they are so many that the clock must have jumped."""

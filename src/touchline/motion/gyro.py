@@ -57,7 +57,7 @@ class IntegratedGyro:
                 self.integral.append(stamp_ns, [0.0, rate_rad_s], after_gap=False)
                 continue
             duration_ns = stamp_ns - known.last_ns
-            angle_rad, last_rad_s = known.at(known.last_ns)
+            angle_rad, last_rad_s = known.last
             angle_rad += 0.5 * (last_rad_s + rate_rad_s) * duration_ns / NANOSECONDS
             after_gap = duration_ns > int(s.gap_s * NANOSECONDS)
             self.integral.append(stamp_ns, [angle_rad, rate_rad_s], after_gap)

@@ -76,17 +76,23 @@ class MotionHistory:
         if newest_ns is not None and frame.stamp_ns < newest_ns:
             raise ValueError(f"motion runs forward in time, got {newest_ns} to {frame.stamp_ns} ns")
         self.clocks.frame_ns = frame.stamp_ns
-        self.add_samples("odometry", frame.odometry)
-        self.add_samples("wheels", frame.wheels)
-        self.add_samples("gyro", frame.gyro)
-        self.add_samples("compass", frame.compass)
-        self.add_samples("attitude", frame.tilt)
+        self._take("odometry", frame.odometry)
+        self._take("wheels", frame.wheels)
+        self._take("gyro", frame.gyro)
+        self._take("compass", frame.compass)
+        self._take("attitude", frame.tilt)
         if newest_ns is not None:
             for sensor in self._sensors.values():
                 sensor.forget_before(newest_ns - _KEPT_NS)
 
     def add_samples(self, name: str, samples: Samples | None) -> None:
         """Take samples of a sensor: odometry, wheels, gyro, compass, attitude. Those of one not in use are ignored."""
+        self._take(name, samples)
+        newest_ns = self.clocks.newest_ns(name)
+        if newest_ns is not None:
+            self._sensors[name].forget_before(newest_ns - _LONGEST_NS)
+
+    def _take(self, name: str, samples: Samples | None) -> None:
         sensor = self._sensors.get(name)
         if sensor is None or samples is None or len(samples) == 0:
             return
@@ -95,7 +101,6 @@ class MotionHistory:
             sensor.clear()
         if len(believed.samples):
             sensor.add(believed.samples)
-            sensor.forget_before(int(believed.samples.stamp_ns.max()) - _LONGEST_NS)
 
     def clear(self) -> None:
         """Forget all samples, as if none had come yet; counts stay."""

@@ -42,6 +42,11 @@ class SampleHistory:
         """Stamp of the newest sample. Raises IndexError without samples."""
         return self._stamps_ns[-1]
 
+    @property
+    def last(self) -> list[float]:
+        """Values (columns,) of the newest sample, not to be changed. Raises IndexError without samples."""
+        return self._rows[-1]
+
     def add(self, samples: Samples | None) -> None:
         """Append samples; their first columns are used. None, when the sensor said nothing, is fine."""
         if samples is None:

@@ -95,7 +95,7 @@ class WheelCounters:
 
     def _continue(self, stamp_ns: int, counted: list[float]) -> None:
         s, known = self.settings, self.integral.samples
-        last, duration_s = known.at(known.last_ns), (stamp_ns - known.last_ns) / NANOSECONDS
+        last, duration_s = known.last, (stamp_ns - known.last_ns) / NANOSECONDS
         steps = [new - old for new, old in zip(counted, self._counted, strict=True)]
         speed_m_s = max(abs(step) for step in steps) / duration_s
         zeroed = counted == [0.0, 0.0] and speed_m_s > _ZEROED_M_S
