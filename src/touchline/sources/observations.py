@@ -46,6 +46,7 @@ HEADER = "t,kind,x_m,y_m,x2_m,y2_m,orientation_rad,cov_xx,cov_xy,cov_yy,cov2_xx,
 POINT, LINE, BOUNDARY, NOTHING = "point", "line", "boundary", "none"
 KINDS = (POINT, LINE, *CrossingKind, *LandmarkKind, BOUNDARY, NOTHING)
 SAME_TIME_NS = 500_000  # an image and its rows may be written with a different number of digits
+_UNKNOWN = (math.nan, math.nan, math.nan)
 _MOST_BYTES = 4_000_000  # of one image's rows: memory stays bounded whatever the file holds
 
 
@@ -53,11 +54,15 @@ class _RowError(Exception):
     """Why one row can't be used."""
 
 
-class Seen(NamedTuple):
-    """One row. ends_m: (2, 2), the second end NaN but of lines; covariances_m2: (2, 2, 2) likewise."""
+class _Seen(NamedTuple):
+    """One row in plain numbers, NaN where unknown. covariance, covariance2: xx, xy, yy of both ends."""
 
-    ends_m: FloatArray
-    covariances_m2: FloatArray
+    x: float
+    y: float
+    x2: float
+    y2: float
+    covariance: tuple[float, float, float]
+    covariance2: tuple[float, float, float]
     orientation_rad: float
     colors: tuple[str, ...]
     confidence: float
@@ -100,7 +105,7 @@ class ObservationList:
             what = f"more than {_MOST_BYTES // 1_000_000} MB of rows at one time; the rest of them are left out"
             log.add(ProblemKind.BROKEN_ROW, self.table.name, what, line=int(self.lines[index]))
             texts.pop()
-        found: defaultdict[str, list[Seen]] = defaultdict(list)
+        found: defaultdict[str, list[_Seen]] = defaultdict(list)
         for number, text in enumerate(texts, start=int(self.lines[index])):
             if not self._is_at(index, text):  # blank, or told of when the times were read
                 continue
@@ -192,7 +197,7 @@ def _time_cell(table: Table, text: str) -> str | None:
     return cells[position] if position < len(cells) else None
 
 
-def _row(table: Table, text: str) -> tuple[str, Seen | None]:
+def _row(table: Table, text: str) -> tuple[str, _Seen | None]:
     """Kind and content of a row; None for `none`."""
     cells = [cell.strip() for cell in text.split(",")]
     if len(cells) != table.width:
@@ -203,17 +208,25 @@ def _row(table: Table, text: str) -> tuple[str, Seen | None]:
         raise _RowError(f"kind {shown(kind)} is not known; {did_you_mean(kind, KINDS)}")
     if kind == NOTHING:
         return kind, None
-    ends = np.full((2, 2), np.nan)
-    ends[0] = _needed(row, "x_m"), _needed(row, "y_m")
+    x, y, x2, y2 = _needed(row, "x_m"), _needed(row, "y_m"), math.nan, math.nan
     if kind == LINE:
-        ends[1] = _needed(row, "x2_m"), _needed(row, "y2_m")
-    covariances = np.stack([_covariance(row, "cov", ends[0]), _covariance(row, "cov2", ends[1])])
-    orientation = _optional(row, "orientation_rad")
+        x2, y2 = _needed(row, "x2_m"), _needed(row, "y2_m")
     confidence = _optional(row, "confidence")
     if not (math.isnan(confidence) or 0.0 <= confidence <= 1.0):
         raise _RowError(f"confidence is {confidence:g}, expected 0 to 1")
     colors = tuple(filter(None, row.get("color", "").strip('"').split("-")))
-    return kind, Seen(ends, covariances, orientation, colors, 1.0 if math.isnan(confidence) else confidence)
+    seen = _Seen(
+        x,
+        y,
+        x2,
+        y2,
+        _covariance(row, "cov"),
+        _covariance(row, "cov2") if kind == LINE else _UNKNOWN,
+        _optional(row, "orientation_rad"),
+        colors,
+        1.0 if math.isnan(confidence) else confidence,
+    )
+    return kind, seen
 
 
 def _needed(row: dict[str, str], name: str) -> float:
@@ -236,18 +249,18 @@ def _optional(row: dict[str, str], name: str) -> float:
     return value
 
 
-def _covariance(row: dict[str, str], name: str, at: FloatArray) -> FloatArray:
-    """(2, 2) of a position (2,); that of a usual camera where none is given, NaN where there is no position."""
+def _covariance(row: dict[str, str], name: str) -> tuple[float, float, float]:
+    """xx, xy, yy; all NaN where none is given."""
     xx, xy, yy = (_optional(row, f"{name}_{axes}") for axes in ("xx", "xy", "yy"))
     if math.isnan(xx) and math.isnan(xy) and math.isnan(yy):
-        return np.asarray(generic_covariances(at[np.newaxis])[0])
-    if math.isnan(xx) or math.isnan(yy) or not (xx > 0.0 and yy > 0.0 and xx * yy > np.nan_to_num(xy) ** 2):
-        raise _RowError(f"{name}_xx, {name}_xy, {name}_yy are no covariance")
+        return _UNKNOWN
     xy = 0.0 if math.isnan(xy) else xy
-    return np.array([[xx, xy], [xy, yy]])
+    if not (xx > 0.0 and yy > 0.0 and xx * yy > xy * xy):  # False for NaN, too
+        raise _RowError(f"{name}_xx, {name}_xy, {name}_yy are no covariance")
+    return xx, xy, yy
 
 
-def _observation(stamp_ns: int, found: dict[str, list[Seen]]) -> Observation:
+def _observation(stamp_ns: int, found: dict[str, list[_Seen]]) -> Observation:
     crossings = [(kind.value, seen) for kind in CrossingKind for seen in found.get(kind, [])]
     landmarks = [(kind.value, seen) for kind in LandmarkKind for seen in found.get(kind, [])]
     lines = found.get(LINE, [])
@@ -256,8 +269,7 @@ def _observation(stamp_ns: int, found: dict[str, list[Seen]]) -> Observation:
         stamp_ns,
         points=LinePoints(*_places(found.get(POINT, []))),
         lines=Lines(
-            np.array([seen.ends_m for seen in lines]).reshape(-1, 2, 2),
-            np.array([seen.covariances_m2 for seen in lines]).reshape(-1, 2, 2, 2),
+            *_ends(lines),
             np.array([seen.confidence for seen in lines], dtype=np.float64),
             np.full((len(lines), 2, 2), np.nan),
         ),
@@ -284,13 +296,29 @@ class _Places(NamedTuple):
     pixels: FloatArray
 
 
-def _places(seen: list[Seen]) -> _Places:
+def _places(seen: list[_Seen]) -> _Places:
+    positions = np.array([(each.x, each.y) for each in seen], dtype=np.float64).reshape(-1, 2)
     return _Places(
-        np.array([each.ends_m[0] for each in seen]).reshape(-1, 2),
-        np.array([each.covariances_m2[0] for each in seen]).reshape(-1, 2, 2),
+        positions,
+        _covariances(positions, [each.covariance for each in seen]),
         np.array([each.confidence for each in seen], dtype=np.float64),
         np.full((len(seen), 2), np.nan),
     )
+
+
+def _ends(lines: list[_Seen]) -> tuple[FloatArray, FloatArray]:
+    """Ends (N, 2, 2) of lines, and their covariances (N, 2, 2, 2)."""
+    ends = np.array([(each.x, each.y, each.x2, each.y2) for each in lines], dtype=np.float64).reshape(-1, 2)
+    each_end = [covariance for each in lines for covariance in (each.covariance, each.covariance2)]
+    return ends.reshape(-1, 2, 2), _covariances(ends, each_end).reshape(-1, 2, 2, 2)
+
+
+def _covariances(positions_m: FloatArray, upper: list[tuple[float, float, float]]) -> FloatArray:
+    """(N, 2, 2) of xx, xy, yy of each; those of a usual camera where they are not known."""
+    rows = np.array(upper, dtype=np.float64).reshape(-1, 3)
+    known = rows[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    missing = np.isnan(known)
+    return np.where(missing, generic_covariances(positions_m), known) if missing.any() else known
 
 
 def _point_rows(kind: str, points: LinePoints) -> list[list[str]]:
