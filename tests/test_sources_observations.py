@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import tracemalloc
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import touchline
+from touchline.api import prepare
 from touchline.checks.check import check_recording
 from touchline.errors import InputError
 from touchline.simulation.recording import write_recording
@@ -233,3 +235,24 @@ def test_the_pose_of_the_camera_is_interpolated(tmp_path: Path) -> None:
     assert far is None
     assert after is not None
     assert source.problems.counts[ProblemKind.SENSOR_GAP] == 1
+
+
+def test_observations_beside_images_of_a_perspective_camera_are_all_that_a_run_needs(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(Path(__file__).parent / "data" / "humanoid_9x6_walk", tmp_path / "walk"))
+    source = open_source(folder)
+    assert source.truth is not None
+    lines = np.concatenate(source.field.polylines(0.25))
+    rows = [HEADER]
+    for stamp_ns in source.image_stamps[:12]:
+        seen = source.truth.nearest(int(stamp_ns)).inverse().transform(lines)
+        seen = seen[(seen[:, 0] > 0.3) & (np.hypot(*seen.T) < 5.0)]
+        rows += [f"{stamp_ns / 1e9:.9f},point,{x:.4f},{y:.4f}" + "," * 11 for x, y in seen]
+    (folder / "observations.csv").write_text("\n".join(rows) + "\n")
+    assert prepare(folder).system.detector is None
+    look = look_at_recording(folder, 10)
+    assert len(look.observation.points) > 50
+    assert list(look.stages()) == ["original", "bird's-eye view", "overlay"]
+    assert ("camera", "ok") in {(finding.check, finding.severity.value) for finding in check_recording(folder)}
+    (folder / "observations.csv").unlink()
+    with pytest.raises(InputError, match="omnidirectional"):
+        prepare(folder)

@@ -19,17 +19,15 @@ from touchline.errors import InputError
 from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import RunFolder, new_folder, write_summary
-from touchline.evaluation.runner import OnFrame, RunTally, run_frames
+from touchline.evaluation.runner import OnFrame, RunTally, robot_setup, run_frames
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
 from touchline.sources import SENSOR_FILES, Recording, open_source
-from touchline.sources.description import NO_CAMERA
 from touchline.systems import (
     DEFAULT_SYSTEM,
     SYSTEMS,
     LocalizationSystem,
-    RobotSetup,
     SystemInfo,
     open_system,
     system_info,
@@ -150,10 +148,7 @@ def prepare(
     file = None if config is None else Path(config)
     settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices)
     source = open_source(recording)
-    setup = RobotSetup(
-        source.field, None if source.camera_kind == NO_CAMERA else source.camera, source.wheel_directions_rad
-    )
-    built = open_system(system, setup, settings, np.random.default_rng(seed))
+    built = open_system(system, robot_setup(source), settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
     return PreparedRun(source, built, info, settings, prior, seed, (*notices, *_notices(source, info)))
@@ -232,7 +227,8 @@ def _pictures(source: Recording, tally: RunTally) -> list[Picture]:
         caption = f"{estimate.status.value}: {pose_text(estimate.pose)}{residual}"
         caption += f" ({kept.reason})" if kept.reason != "evenly chosen" else ""
         located = estimate.status is Status.TRACKING  # field lines at a guessed pose would mislead
-        overlay = overlay_image(image, source.camera, source.field if located else None, estimate.pose, points)
+        field, leaning = source.field if located else None, kept.frame.base_from_camera
+        overlay = overlay_image(image, source.camera, field, estimate.pose, points, base_from_camera=leaning)
         caption += "" if located else "; not located, so no field lines are drawn"
         pictures.append(Picture(title, caption, overlay))
     return pictures

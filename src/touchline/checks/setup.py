@@ -46,7 +46,7 @@ def check_camera(survey: Survey) -> Iterator[Finding]:
         return
     model = read_yaml_mapping(recording.camera_file)
     if model.get("model") == "pinhole":
-        yield from _check_pinhole(model)
+        yield from _check_pinhole(model, recording.has_observations)
         return
     try:
         camera = recording.camera
@@ -198,7 +198,7 @@ def _true_steps(poses: FloatArray, stamps_s: FloatArray) -> FloatArray:
     return np.column_stack((local.real, local.imag))
 
 
-def _check_pinhole(model: dict[str, object]) -> Iterator[Finding]:
+def _check_pinhole(model: dict[str, object], has_observations: bool) -> Iterator[Finding]:
     def number(key: str, tree: object = model) -> float:
         value = tree.get(key) if isinstance(tree, dict) else None
         return float(value) if isinstance(value, int | float) else math.nan
@@ -227,7 +227,12 @@ def _check_pinhole(model: dict[str, object]) -> Iterator[Finding]:
             "Calibrate again.",
         )
     else:
-        what = f"pinhole, {width:g}×{height:g} pixels, {number('z', model.get('mount')):g} m high: `touchline run` "
-        what += "takes omnidirectional cameras only"
-        advice = "Detect the line points yourself and give them to `touchline locate POINTS.csv`."
+        what = f"pinhole, {width:g}×{height:g} pixels, {number('z', model.get('mount')):g} m high"
+        if has_observations:
+            yield Finding(
+                "camera", Severity.OK, CAMERA, f"{what}; what is seen comes from a detector of the robot's own"
+            )
+            return
+        what += ": `touchline run` finds line points in images of omnidirectional cameras only"
+        advice = "Detect the lines yourself and write what you find into observations.csv."
         yield Finding("camera", Severity.ERROR, CAMERA, what, advice)

@@ -14,6 +14,9 @@ from touchline.evaluation.run_folder import RunFolder
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import FrameOrder
 from touchline.perception.covered import is_covered
+from touchline.sources import Recording
+from touchline.sources.description import NO_CAMERA
+from touchline.systems import RobotSetup
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Mode, Prior, Status, System
 
@@ -22,6 +25,16 @@ _START_IMAGES = 10  # in them code is loaded and colours are learned: no measure
 _SAME_PLACE_M, _SAME_HEADING_RAD = 0.5, 0.5
 
 OnFrame = Callable[[Frame, Estimate], None]
+
+
+def robot_setup(source: Recording) -> RobotSetup:
+    """What a recording tells of its robot; without a camera where only a detector of the robot's own can see.
+
+    That is where sequence.yaml names none, and where observations.csv stands beside the images of a pinhole camera,
+    which no detector here takes. Raises InputError for a camera or field that can't be read.
+    """
+    own_detector = source.camera_kind == NO_CAMERA or (source.camera_kind == "pinhole" and source.has_observations)
+    return RobotSetup(source.field, None if own_detector else source.camera, source.wheel_directions_rad)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

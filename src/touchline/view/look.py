@@ -11,9 +11,10 @@ import numpy as np
 
 from touchline.camera import Camera, open_camera
 from touchline.errors import InputError, NoFitError, TouchlineError
+from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
-from touchline.geometry import Pose
+from touchline.geometry import Pose, Pose3
 from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.messages import counted
 from touchline.perception import Detector
@@ -32,6 +33,7 @@ class Look:
     """An image (H, W, 3) BGR with what was observed in it, and the pose, if one was found; `found` says how.
 
     detector: made the observation and has seen nothing since; None if the observation came with the image.
+    base_from_camera: where the camera was; None for its place on a robot that does not lean.
     """
 
     name: str
@@ -42,11 +44,12 @@ class Look:
     field: FieldModel | None
     field_from_robot: Pose | None
     found: str
+    base_from_camera: Pose3 | None = None
 
     def overlay(self) -> ImageArray:
         """Points and field lines over the image."""
-        points = self.observation.points
-        return overlay_image(self.image, self.camera, self.field, self.field_from_robot, points)
+        pose, points = self.field_from_robot, self.observation.points
+        return overlay_image(self.image, self.camera, self.field, pose, points, base_from_camera=self.base_from_camera)
 
     def stages(self) -> dict[str, ImageArray]:
         """Title -> picture (H, W, 3) BGR of every stage, in their order; none of the detector's where it saw nothing.
@@ -58,7 +61,9 @@ class Look:
         return {
             "original": self.image,
             **steps,
-            "bird's-eye view": birds_eye_image(self.image, self.camera, self.observation.points),
+            "bird's-eye view": birds_eye_image(
+                self.image, self.camera, self.observation.points, base_from_camera=self.base_from_camera
+            ),
             "overlay": self.overlay(),
         }
 
@@ -90,7 +95,7 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
         raise InputError(f"{path}: has no image {index}; its images are 0 to {len(source) - 1}")
     if index is not None:
         _readable(source, index)  # before the system goes a long way for nothing
-    running = open_system(system, RobotSetup(source.field, source.camera, source.wheel_directions_rad))
+    running = open_system(system, robot_setup(source))
     running.reset()
     index, frame, estimate = _first_located(source, running) if index is None else _step_to(source, running, index)
     image = _readable(source, index)
@@ -101,7 +106,8 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
     found = f"{estimate.status.value}, as {system} has it after {counted(index + 1, 'image')}"
     if estimate.status is not Status.TRACKING:
         pose, found = None, f"no field lines are drawn: the robot is not located ({found})"
-    return Look(name, image, source.camera, detector, estimate.observation, source.field, pose, found)
+    leaning = frame.base_from_camera
+    return Look(name, image, source.camera, detector, estimate.observation, source.field, pose, found, leaning)
 
 
 def _readable(source: Recording, index: int) -> ImageArray:
