@@ -15,7 +15,7 @@ import yaml
 from small_recordings import borrow, delete_lines, edit_line, replace_line, write_recording
 from test_sources_broken import BROKEN_IMAGES, IMAGE_ROWS, ROWS, TRUTHS
 
-from touchline.checks.check import CHECKS, check_recording, register_check
+from touchline.checks.check import CHECKS, check_recording
 from touchline.checks.findings import Finding, Severity
 from touchline.sources import open_source
 
@@ -455,15 +455,12 @@ def test_a_truth_that_moves_otherwise_than_odometry_is_an_error(arc: Path) -> No
     assert_found(arc, "truth", Severity.ERROR, "ground_truth.tum", r"turned by \+90\.\d°")
 
 
-def test_another_check_joins_by_registering(arc: Path) -> None:
-    @register_check
+def test_another_check_joins_by_standing_in_the_list(arc: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def check_name(survey: object) -> list[Finding]:
         return [Finding("name", Severity.ERROR, "sequence.yaml", "too short", "Find a better one.")]
 
-    try:
-        assert found(arc, "name").what == "too short"
-    finally:
-        CHECKS.remove(check_name)
+    monkeypatch.setattr("touchline.checks.check.CHECKS", [*CHECKS, check_name])
+    assert found(arc, "name").what == "too short"
 
 
 def test_a_recording_that_is_open_can_be_checked_and_tells_its_progress(arc: Path) -> None:

@@ -1,6 +1,6 @@
 """Everything that is odd about a recording or its calibration, before a match finds out.
 
-A check is a function from a `Survey` to findings. Another one joins by standing in CHECKS, or with `register_check`.
+A check is a function from a `Survey` to findings. Another one joins by standing in CHECKS.
 """
 
 from __future__ import annotations
@@ -50,13 +50,6 @@ CHECKS: list[Check] = [
 ]
 
 _ORDER = [Severity.ERROR, Severity.WARNING, Severity.NOTE, Severity.OK]
-
-
-def register_check(check: Check) -> Check:
-    """Add a check; usable as a decorator."""
-    if check not in CHECKS:
-        CHECKS.append(check)
-    return check
 
 
 def check_recording(source: Recording | str | Path, progress: Callable[[], None] | None = None) -> list[Finding]:
