@@ -84,12 +84,12 @@ def test_matching_from_the_prediction(benchmark: BenchmarkFixture, frames: list[
     assert warm.detector is not None
     points = warm.detector.observe(frames[20]).points
     weights = precision_weights(points, warm.settings.weights)
-    benchmark(warm.matcher.match, points.positions_m, weights, warm.filter.pose)
+    benchmark(warm.tracker.matcher.match, points.positions_m, weights, warm.tracker.filter.pose)
 
 
 def test_mirror_tilt(benchmark: BenchmarkFixture, frames: list[Frame], warm: NubotMti) -> None:
     assert warm.detector is not None
     points = warm.detector.observe(frames[20]).points
     tilt = MirrorTilt(open_source(EXAMPLE).field)
-    tilt.update(points, warm.filter.pose)
-    benchmark(tilt.update, points, warm.filter.pose)
+    tilt.update(points, warm.tracker.filter.pose)
+    benchmark(tilt.update, points, warm.tracker.filter.pose)

@@ -359,7 +359,10 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
         (["experiment", "xiong-samples", "--output", "tiny/images.csv"], "cannot be written"),
         (["run", "tiny", "--system", "fake", "--set", "sigma=1"], "unknown setting 'sigma': known: noise_m"),
         (["run", "tiny", "--set", "fusion.beta=1"], "setting 'fusion.beta' belongs to iris-fusion, not to the chosen"),
-        (["run", "tiny", "--set", "particles.motion=1"], "setting 'particles' belongs to nubot-mcl and iris-fusion"),
+        (
+            ["run", "tiny", "--set", "particles.motion=1"],
+            "setting 'particles' belongs to nubot-mcl, nubot-mcl-alone and iris-fusion",
+        ),
         (["run", "tiny", "--set", "matching=1"], "'matching' is a group of settings, not a value: c_m, first_step_m"),
         (["run", "tiny", "--set", "fusion.betas=1"], "unknown setting 'fusion.betas': known in fusion: "),
         (["run", "tiny", "--system", "fake", "--set", "noise_m"], "expected KEY=VALUE"),

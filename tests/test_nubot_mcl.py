@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,8 +21,9 @@ from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.particles.nubot_particles import PAPER_FORM
 from touchline.perception import SelfLearningDetector, observe
 from touchline.sources import open_source
-from touchline.systems import RobotSetup, open_system
+from touchline.systems import SYSTEMS, RobotSetup, open_system
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
+from touchline.systems.nubot_mcl_alone import NubotMclAlone, NubotMclAloneSettings
 from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
 
 FIELD = open_field("msl-18x12")
@@ -58,11 +60,13 @@ def recorded(folder: Path, sectors: str) -> tuple[list[Frame], list[bool], Float
     return frames, black, np.column_stack((truth[:, 1:3], 2 * np.arctan2(truth[:, 6], truth[:, 7])))
 
 
-def follow(folder: Path, sectors: str, *sets: str) -> tuple[FloatArray, list[Estimate], FloatArray]:
+def follow(
+    folder: Path, sectors: str, *sets: str, name: str = "nubot-mcl"
+) -> tuple[FloatArray, list[Estimate], FloatArray]:
     """Errors (N, 3), estimates, and which images are black (N,)."""
     frames, black, poses = recorded(folder, sectors)
-    settings = load_settings(NubotMclSettings, None, sets)
-    system = open_system("nubot-mcl", RobotSetup(open_source(folder).field), settings)
+    settings = load_settings(SYSTEMS[name].settings, None, sets)
+    system = open_system(name, RobotSetup(open_source(folder).field), settings)
     return *errors_of([system.step(each) for each in frames], poses), np.array(black)
 
 
@@ -140,7 +144,19 @@ def system(*sets: str, prior: Prior | None = None, seed: int = 0) -> NubotMcl:
     return made
 
 
-def stand(made: NubotMcl, pose: Pose, frames: range, compass_rad: float | None) -> list[Estimate]:
+def alone(*sets: str, prior: Prior | None = None, seed: int = 0) -> NubotMclAlone:
+    settings = load_settings(NubotMclAloneSettings, None, sets)
+    made = open_system("nubot-mcl-alone", RobotSetup(FIELD), settings, np.random.default_rng(seed))
+    assert isinstance(made, NubotMclAlone)
+    made.reset(prior)
+    return made
+
+
+Make = Callable[..., NubotMcl | NubotMclAlone]
+either = pytest.mark.parametrize("make", [system, alone])
+
+
+def stand(made: NubotMcl | NubotMclAlone, pose: Pose, frames: range, compass_rad: float | None) -> list[Estimate]:
     return [made.step(frame(k, seen_from(pose, k), Pose(0.0, 0.0, 0.0), compass_rad)) for k in frames]
 
 
@@ -173,7 +189,7 @@ def test_the_second_opinion_lets_a_right_pose_among_clutter_alone() -> None:
         assert estimate.status is Status.TRACKING
         assert error_m(estimate, pose) < 0.05
     assert estimate.residual_m > 0.12
-    assert made.failures == 0
+    assert made.failure.failures == 0
 
 
 def test_a_robot_carried_to_the_twin_of_its_pose_is_found_by_the_compass() -> None:
@@ -222,7 +238,7 @@ def test_particles_alone_as_the_paper_prints_them_follow_too_but_less_exactly() 
     """The paper's comparison: MCL without matching."""
     pose = Pose(2.0, 1.0, 0.3)
     as_printed = [f"particles.{name}={json.dumps(getattr(PAPER_FORM, name))}" for name in PAPER_FORM.model_fields_set]
-    estimates = stand(system("followed_by=particles", *as_printed), pose, range(40), 0.3)[20:]
+    estimates = stand(alone(*as_printed), pose, range(40), 0.3)[20:]
     errors = [error_m(e, pose) for e in estimates]
     assert max(errors) < 0.3
     assert np.mean(errors) > 0.02
@@ -230,7 +246,7 @@ def test_particles_alone_as_the_paper_prints_them_follow_too_but_less_exactly() 
 
 @pytest.mark.parametrize("sectors", ["none", "50 %", "half"])
 def test_particles_alone_follow_a_recording_under_black_sectors(shared_data: Path, sectors: str) -> None:
-    errors, estimates, _ = follow(shared_data / "omni_msl_track", sectors, "followed_by=particles")
+    errors, estimates, _ = follow(shared_data / "omni_msl_track", sectors, name="nubot-mcl-alone")
     followed = np.array([e.status is Status.TRACKING for e in estimates])
     assert followed[2:].all()
     distance_m = np.hypot(errors[followed, 0], errors[followed, 1])
@@ -241,11 +257,11 @@ def test_particles_alone_follow_a_recording_under_black_sectors(shared_data: Pat
 
 def test_particles_alone_that_agree_on_a_place_that_does_not_fit_are_not_believed() -> None:
     """One cycle of few particles: the heaviest takes all weight, wherever it is."""
-    poor = ("followed_by=particles", "particles.particles=20", "particles.refined_clusters=0")
+    poor = ("particles.particles=20", "particles.refined_clusters=0")
     poor += ("particles.independent_points=null", "confirmations=1000")
     for seed in range(10):
         pose = Pose(2.0, 1.0, 0.3)
-        for estimate in stand(system(*poor, seed=seed), pose, range(6), 0.3):
+        for estimate in stand(alone(*poor, seed=seed), pose, range(6), 0.3):
             assert estimate.status is not Status.TRACKING or error_m(estimate, pose) < 1.0
 
 
@@ -260,23 +276,25 @@ def clutter_beside(pose: Pose, index: int) -> LinePoints:
     return LinePoints(positions, np.tile(np.eye(2) * 0.02**2, (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
 
 
-@pytest.mark.parametrize("follower", ["matching", "particles"])
-def test_points_on_a_goal_s_net_start_no_search_at_a_right_pose(follower: str) -> None:
+@either
+def test_points_on_a_goal_s_net_start_no_search_at_a_right_pose(make: Make) -> None:
     """The lines fit badly for many frames, but no other place explains the points better."""
     pose = Pose(7.5, 0.0, 0.0)
-    made = system(f"followed_by={follower}", prior=Prior(pose=pose))
+    made = make(prior=Prior(pose=pose))
     stand(made, pose, range(5), 0.0)
     for k in range(5, 20):
         estimate = made.step(frame(k, clutter_beside(pose, k), Pose(0.0, 0.0, 0.0), 0.0))
         assert error_m(estimate, pose) < 0.15
     assert estimate.residual_m > 0.35
-    assert made.failures == 0
+    assert made.failure.failures == 0
 
 
-@pytest.mark.parametrize("follower", ["matching", "particles"])
-def test_a_pose_that_is_not_believed_is_published_as_uncertain_as_the_field_is_large(follower: str) -> None:
+@either
+def test_a_pose_that_is_not_believed_is_published_as_uncertain_as_the_field_is_large(
+    make: Make,
+) -> None:
     here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
-    made = system(f"followed_by={follower}")
+    made = make()
     estimates = stand(made, here, range(8), 0.3)
     estimates += [made.step(frame(k, empty_points(), Pose(0.0, 0.0, 0.0), 0.3)) for k in range(8, 12)]
     estimates += stand(made, there, range(12, 20), -2.0)
@@ -290,7 +308,7 @@ def test_a_pose_that_is_not_believed_is_published_as_uncertain_as_the_field_is_l
 
 def test_a_single_particle_follows_once_it_is_certain() -> None:
     pose = Pose(2.0, 1.0, 0.3)
-    made = system("followed_by=particles", "particles.adaptive.enabled=true", "particles.resampling_threshold=1")
+    made = alone("particles.adaptive.enabled=true", "particles.resampling_threshold=1")
     estimates = stand(made, pose, range(20), 0.3)
     assert len(made.particles.particles) == 1
     assert max(error_m(e, pose) for e in estimates[10:]) < 0.1
@@ -299,7 +317,7 @@ def test_a_single_particle_follows_once_it_is_certain() -> None:
 def test_a_single_particle_that_was_kidnapped_finds_back() -> None:
     """Its spread is that of a bin: there is something to start anew from."""
     here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
-    made = system("followed_by=particles", "particles.adaptive.enabled=true", "particles.resampling_threshold=1")
+    made = alone("particles.adaptive.enabled=true", "particles.resampling_threshold=1")
     before = stand(made, here, range(20), 0.3)[-1]
     assert len(made.particles.particles) == 1
     assert np.sqrt(np.diag(before.covariance)) == pytest.approx([0.144, 0.144, 0.0756], rel=0.01)
@@ -312,8 +330,8 @@ def test_a_single_particle_that_was_kidnapped_finds_back() -> None:
 
 @pytest.mark.parametrize("name", ["omni_msl_track", "omni_msl_kidnap"])
 def test_adaptive_numbers_follow_a_recording_down_to_few_particles(shared_data: Path, name: str) -> None:
-    sets = ("particles.adaptive.enabled=true", "followed_by=particles")
-    errors, estimates, _ = follow(shared_data / name, "none", *sets)
+    sets = ("particles.adaptive.enabled=true",)
+    errors, estimates, _ = follow(shared_data / name, "none", *sets, name="nubot-mcl-alone")
     followed = np.array([e.status is Status.TRACKING for e in estimates])
     assert followed.mean() > 0.8
     assert np.hypot(errors[followed, 0], errors[followed, 1]).mean() <= 0.03
@@ -349,10 +367,10 @@ def test_a_poor_calibration_is_believed_after_some_starts_however_fast_the_robot
 
 
 def test_particles_alone_are_not_started_anew_while_they_follow() -> None:
-    made = system("followed_by=particles", "most_cycles=4")
+    made = alone("most_cycles=4")
     stand(made, Pose(2.0, 1.0, 0.3), range(12), 0.3)
-    assert made.starts == 1
-    assert made.cycles == 12
+    assert made.follower.search.starts == 1
+    assert made.follower.search.cycles == 12
 
 
 def test_frames_without_points_keep_the_search_going_and_break_nothing() -> None:
@@ -365,7 +383,7 @@ def test_frames_without_points_keep_the_search_going_and_break_nothing() -> None
 
 def test_the_same_seed_gives_the_same_trajectory() -> None:
     def trajectory(seed: int) -> list[Pose]:
-        return [e.pose for e in stand(system("followed_by=particles", seed=seed), Pose(2.0, 1.0, 0.3), range(6), 0.3)]
+        return [e.pose for e in stand(alone(seed=seed), Pose(2.0, 1.0, 0.3), range(6), 0.3)]
 
     assert trajectory(3) == trajectory(3)
     assert trajectory(3) != trajectory(4)

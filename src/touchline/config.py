@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, fie
 from pydantic_core import ErrorDetails
 
 from touchline.errors import InputError
+from touchline.messages import listed
 
 
 class Settings(BaseModel):
@@ -272,7 +273,7 @@ def _sentence(model: type[Settings], problem: ErrorDetails, elsewhere: Mapping[s
             return f"setting '{key}' was removed: {group.removed[leaf]}"
         owners = [name for name, other in elsewhere.items() if _has_key(other, key)]
         if owners:
-            return f"setting '{key}' belongs to {' and '.join(owners)}, not to the chosen system"
+            return f"setting '{key}' belongs to {listed(owners)}, not to the chosen system"
         return f"unknown setting '{key}': {_nearest_key(key, [*known, *_keys_beside(model, problem)])}"
     if problem["type"] == "value_error":  # from a check of our own, which says it all
         return f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"])

@@ -24,7 +24,8 @@ from touchline.experiments.scenes import (
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.matching_tracker import MatchingTracker
+from touchline.systems.nubot_mcl import NubotMcl
+from touchline.systems.nubot_mti import NubotMti
 from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
 
 PERIOD_S = 0.1
@@ -67,8 +68,8 @@ class Kidnap:
 class Carried:
     """A robot that drives slowly ahead, is carried, and drives on; wheels and gyro feel only the driving."""
 
-    def __init__(self, system: MatchingTracker, rng: np.random.Generator) -> None:
-        self.system, self.rng = system, rng
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng = rng
         self.index = 0
         self.odometry = Pose(0.0, 0.0, 0.0)
 
@@ -109,9 +110,9 @@ def kidnap(
     """
     rng = np.random.default_rng(seed)
     system = open_system(system_name, RobotSetup(field), None, rng)
-    assert isinstance(system, MatchingTracker)
+    assert isinstance(system, NubotMti | NubotMcl)
     system.reset(Prior(pose=old))
-    robot = Carried(system, rng)
+    robot = Carried(rng)
     pose = old
     for _ in range(BEFORE):
         system.step(robot.frame(pose, 0.0, covered=False))
@@ -119,12 +120,12 @@ def kidnap(
     pose = new
     for _ in range(covered):
         system.step(robot.frame(pose, error_rad, covered=True))
-    waited = 0 if system.failures else None
+    waited = 0 if system.failure.failures else None
     right = []
-    found, truth = system.filter.pose, pose
+    found, truth = system.tracker.filter.pose, pose
     for frame in range(MOST_WAIT + CYCLES):
         estimate = system.step(robot.frame(pose, error_rad, covered=False))
-        if waited is None and system.failures:
+        if waited is None and system.failure.failures:
             waited = frame
         if waited is not None:
             right.append(_is_right(estimate, pose))

@@ -21,13 +21,13 @@ from touchline.localization.particles.nubot_particles import PAPER_FORM as PAPER
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.nubot_mcl import NubotMclSettings
+from touchline.systems.nubot_mcl_alone import NubotMclAloneSettings
 from touchline.types import ImageArray, Samples, Status
 
 Sectors = tuple[tuple[float, float], ...]
 PaperRow = tuple[float, float, float]
 
-MCL_ALONE = NubotMclSettings(followed_by="particles")
+ALONE = "nubot-mcl-alone"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +40,7 @@ class Condition:
     name: str
     sectors: Sectors
     paper: tuple[PaperRow, PaperRow, PaperRow] | None
+    system: str = "nubot-mcl"
     settings: Settings | None = None
 
 
@@ -54,13 +55,11 @@ CONDITIONS = (
     Condition("25 %", _TWO, ((5.732, 7.417, 0.064), (7.016, 7.103, 0.080), (33.830, 30.449, 0.550))),
     Condition("50 %", _FOUR, ((7.830, 6.946, 0.063), (10.017, 6.780, 0.080), (47.035, 29.730, 0.530))),
     Condition("50 % in one half", _HALF, None),
-    Condition("free, MCL alone", (), None, MCL_ALONE),
-    Condition("50 %, MCL alone", _FOUR, None, MCL_ALONE),
+    Condition("free, MCL alone", (), None, ALONE),
+    Condition("50 %, MCL alone", _FOUR, None, ALONE),
 )
 # Equations (1) to (3) of the paper with nothing added: told in a note.
-PAPER_FORM = tuple(
-    replace(c, settings=MCL_ALONE.model_copy(update={"particles": PAPER_PARTICLES})) for c in CONDITIONS[5:]
-)
+PAPER_FORM = tuple(replace(c, settings=NubotMclAloneSettings(particles=PAPER_PARTICLES)) for c in CONDITIONS[5:])
 RECORDING = "omni_msl_track"
 COLUMNS = ("hidden", "figure", "x paper", "x (cm)", "y paper", "y (cm)", "θ paper", "θ (rad)", "position (cm)")
 
@@ -80,7 +79,7 @@ _SIMULATED = (
     "frame on. One black sector of 45 degrees, two opposite, four alternating; a half in one piece."
 )
 _ALONE = (
-    "MCL alone: the mean of the particles is the pose in every image (followed_by=particles, all else as by default). "
+    "MCL alone: the mean of the particles is the pose in every image (nubot-mcl-alone, all else as nubot-mcl has it). "
     "The likelihood has an end, at 3.3 σ, and σ falls from 0.3 to 0.1 m once the particles have converged."
 )
 _RECORDED = (
@@ -94,8 +93,8 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
     """Table 1: nubot-mcl on five straight tracks with black sectors fixed in the view."""
     drives: dict[str, list[Drive]] = {c.name: [] for c in CONDITIONS}
     for c, seed in follow([(c, seed) for c in CONDITIONS for seed in range(seeds)], "drives"):
-        drives[c.name].append(_drive("nubot-mcl", c, seed))
-    as_printed = [[_drive("nubot-mcl", c, seed).errors for seed in range(seeds)] for c in PAPER_FORM]
+        drives[c.name].append(_drive(c, seed))
+    as_printed = [[_drive(c, seed).errors for seed in range(seeds)] for c in PAPER_FORM]
     rows = [row for c in CONDITIONS for row in _rows(c, [d.errors for d in drives[c.name]])]
     recorded = _recorded(seeds)
     rows += [row for c, errors in recorded for row in _rows(c, errors)]
@@ -118,8 +117,8 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
 def xiong_tracking(seeds: int) -> ExperimentResult:
     """Table 1: nubot-mti on five straight tracks."""
     paper = ((5.907, 5.967, 0.044), (7.334, 7.117, 0.0516), (30.724, 35.595, 0.286))
-    condition = Condition("free", (), paper)
-    drives = [_drive("nubot-mti", condition, seed) for seed in follow(range(seeds), "drives")]
+    condition = Condition("free", (), paper, "nubot-mti")
+    drives = [_drive(condition, seed) for seed in follow(range(seeds), "drives")]
     position = [100 * d.errors.position.mean for d in drives]
     heading = [d.errors.heading.mean for d in drives]
     return ExperimentResult(
@@ -145,12 +144,12 @@ def _paper_form(errors: Sequence[Sequence[ErrorTable]]) -> str:
     )
 
 
-def _drive(system_name: str, condition: Condition, seed: int) -> Drive:
+def _drive(condition: Condition, seed: int) -> Drive:
     scenario = open_scenario("straight-tracks", seed)
     camera = scenario.camera.model_copy(update={"black_sectors_deg": condition.sectors})
     simulation = Simulation(scenario.model_copy(update={"camera": camera}), level="points")
     setup = RobotSetup(simulation.field, wheel_directions_rad=simulation.wheel_directions_rad)
-    system = open_system(system_name, setup, condition.settings, np.random.default_rng(seed))
+    system = open_system(condition.system, setup, condition.settings, np.random.default_rng(seed))
     estimates = [system.step(frame) for frame in simulation]
     path = np.array([estimate.pose for estimate in estimates])
     truth = simulation.truth
@@ -172,7 +171,7 @@ def _recorded(seeds: int) -> list[tuple[Condition, list[ErrorTable]]]:
     found: list[tuple[Condition, list[ErrorTable]]] = [(c, []) for c in chosen]
     for (condition, errors), seed in follow([(f, seed) for f in found for seed in range(seeds)], "recorded drives"):
         rng, setup = np.random.default_rng(seed), RobotSetup(recording.field, recording.camera)
-        system = open_system("nubot-mcl", setup, condition.settings, rng)
+        system = open_system(condition.system, setup, condition.settings, rng)
         hidden = black_pixels(recording.camera, condition.sectors)
         estimates = [system.step(replace(frame, image=_blackened(frame.image, hidden))) for frame in recording]
         located = np.array([estimate.status is Status.TRACKING for estimate in estimates])

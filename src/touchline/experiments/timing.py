@@ -20,7 +20,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mti import NubotMti
-from touchline.types import Frame, Status
+from touchline.types import Frame
 
 CYCLES = 1000
 COUNTS = (100, 300, 600, 1000, 3000, 10_000, 30_000, 100_000)
@@ -213,7 +213,7 @@ def _frame_times(simulation: Simulation, frames: list[Frame], count: int, search
     times = []
     for frame in frames:
         if search:
-            system.status = Status.SEARCHING
+            system.belief.lose()
         start = time.process_time()
         system.step(frame)
         times.append(1e3 * (time.process_time() - start))

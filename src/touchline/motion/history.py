@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
+from touchline.geometry import Pose
 from touchline.motion.clocks import SensorClocks
 from touchline.motion.compass import Compass, CompassTrackSettings
 from touchline.motion.gyro import GyroSettings, IntegratedGyro
@@ -84,6 +87,14 @@ class MotionHistory:
         if newest_ns is not None:
             for sensor in self._sensors.values():
                 sensor.forget_before(newest_ns - _KEPT_NS)
+
+    def take(self, frame: Frame) -> Motion:
+        """`add`, and the motion since the frame before; none at the first one."""
+        before_ns = self.clocks.frame_ns
+        self.add(frame)
+        if before_ns is None:
+            return Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
+        return self.between(before_ns, frame.stamp_ns)
 
     def add_samples(self, name: str, samples: Samples | None) -> None:
         """Take samples of a sensor: odometry, wheels, gyro, compass, attitude. Those of one not in use are ignored."""

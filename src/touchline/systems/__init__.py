@@ -16,6 +16,7 @@ from touchline.motion import MotionHistory
 from touchline.perception import Detector
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
+from touchline.systems.nubot_mcl_alone import NubotMclAlone, NubotMclAloneSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.systems.setup import RobotSetup
 from touchline.types import System
@@ -78,6 +79,12 @@ SYSTEMS = {
             "600 particles find the robot; RPROP matching, Kalman fusion with odometry follow it (Lu et al. 2013)",
             NubotMclSettings,
             NubotMcl,
+        ),
+        SystemInfo(
+            "nubot-mcl-alone",
+            "600 particles find the robot and follow it without matching, to compare nubot-mcl with",
+            NubotMclAloneSettings,
+            NubotMclAlone,
         ),
         SystemInfo(
             "iris-fusion",

@@ -15,79 +15,102 @@ from __future__ import annotations
 
 import numpy as np
 
-from touchline.geometry import FloatArray
-from touchline.localization.fusion.pose_filter import PoseFilter
-from touchline.localization.matching.global_search import GlobalFix, GlobalSearchSettings
-from touchline.localization.matching.matcher import Match
-from touchline.systems.matching_tracker import MatchingTracker, TrackerSettings
+from touchline.localization.fusion.belief import Belief
+from touchline.localization.fusion.compass_correction import CompassCorrection
+from touchline.localization.fusion.failure_monitor import FailureMonitor
+from touchline.localization.fusion.global_localizer import GlobalLocalizer, Prediction
+from touchline.localization.fusion.grid_localizer import GridLocalizer
+from touchline.localization.fusion.match_input import MatchInput
+from touchline.localization.fusion.tracker import Tracker
+from touchline.localization.matching.global_search import GlobalSearch, GlobalSearchSettings
+from touchline.localization.matching.matcher import Match, Matcher
+from touchline.localization.matching.mirror_tilt import MirrorTilt
+from touchline.localization.matching.weights import precision_weights
+from touchline.motion import MotionHistory
+from touchline.perception import SelfLearningDetector, observe
+from touchline.systems.nubot_settings import NubotSettings
+from touchline.systems.report import Stopwatch, report
 from touchline.systems.setup import RobotSetup
-from touchline.types import Hypothesis, LinePoints, Prior, Status
+from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status
 
 
-class NubotMtiSettings(TrackerSettings):
+class NubotMtiSettings(NubotSettings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
     global_search: GlobalSearchSettings = GlobalSearchSettings()
 
 
-class NubotMti(MatchingTracker):
+class NubotMti:
     """The system as sources and sinks know it: `reset` and `step`."""
 
     def __init__(self, setup: RobotSetup, settings: NubotMtiSettings, rng: np.random.Generator) -> None:
         """rng is not needed: nothing here is left to chance."""
-        super().__init__(setup, settings, settings.global_search)
+        field, camera, s = setup.field, setup.camera, settings
         self.settings = settings
+        self.detector = (
+            None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)
+        )
+        self.history = MotionHistory(s.odometry, s.compass_track)
+        self.tilt = MirrorTilt(field, s.mirror_tilt)
+        self.compass_correction = CompassCorrection(s.compass)
+        matcher = Matcher(field.distance_map(s.map.resolution_m, s.map.margin_m), s.matching)
+        search = GlobalSearch(matcher, field.length, field.width, s.global_search)
+        self.tracker = Tracker(matcher, s.fusion)
+        self.failure = FailureMonitor(search, s.failure, s.fusion)
+        self.localizer: GlobalLocalizer = GridLocalizer(search, s.failure.lone_heading_rad)
+        self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
-        super().reset(prior)
-        self.confirmations = 0
+        if self.detector is not None:
+            self.detector.reset()
+        self.history.clear()
+        self.tilt.reset()
+        self.compass_correction.reset()
+        self.tracker.reset(prior)
+        self.failure.reset(start_pose_unconfirmed=self.tracker.has_pose)
+        self.localizer.reset()
+        self.belief.reset(prior)
 
-    def _localize(
-        self, points: LinePoints, weights: FloatArray, compass_rad: float | None, held: Match | None
-    ) -> Match | None:
-        """Section 4.1: global localization. held: the match from the prediction, which stays unless another is better.
+    def step(self, frame: Frame) -> Estimate:
+        """Take one frame, return where the robot stands at its time stamp."""
+        clock = Stopwatch()
+        motion = self.history.take(frame)
+        self.tracker.predict(motion)  # predict: the odometry carries the pose on (4.2)
+        observation = clock.perception(observe, frame, self.detector)  # observe: line points of the image (4.1)
+        view = self._match_input(observation)
+        match = self.tracker.match(view)  # match: from the prediction, equation (3)
+        hypotheses: tuple[Hypothesis, ...] = ()
+        if self.belief.is_tracking:
+            self.tracker.fuse(view, match)  # fuse: Kalman filter (4.2)
+            self.compass_correction.learn(match, view.compass_rad)  # compass correction (4.2)
+            if self.failure.has_failed(view, match, self.tracker.filter.pose, motion.missing_s):  # judge (4.2)
+                self.belief.lose()
+        if view.usable and not self.belief.is_tracking:
+            match, hypotheses = self._localize(view, match)  # search: global localization (4.1)
+        return report(observation, self.tracker.filter, self.belief, match, hypotheses, clock)
 
-        A pose that isn't accepted is followed as the best there is, and believed once it has held against the search
-        for some frames in a row.
-        """
-        s = self.settings.global_search
-        if held is not None and not self._may_face(held.pose.heading, compass_rad):
-            held = None
-        fix = self._search(points, weights, compass_rad)
-        if fix is None and held is None:
-            return None
-        if held is not None and (fix is None or held.error <= s.rival_factor * fix.match.error + s.rival_margin):
-            match, accepted = held, held.error < s.accepted_error
-            self._fuse(points, weights, held, compass_rad)
-            self.confirmations += 1
+    def _match_input(self, observation: Observation) -> MatchInput:
+        s, points = self.settings, observation.points
+        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.least_points
+        compass_rad = self.history.at(observation.stamp_ns).heading_rad
+        return MatchInput(points, weights, usable, compass_rad, self.tilt, self.compass_correction)
+
+    def _localize(self, view: MatchInput, match: Match | None) -> tuple[Match | None, tuple[Hypothesis, ...]]:
+        """The best pose of the search, or the tracked one if no other is better; believed once it is confirmed."""
+        lost = self.belief.status is Status.LOST
+        prediction = Prediction(self.tracker.filter.pose, self.tracker.filter.covariance, lost, match)
+        found = self.localizer.localize(view, prediction, self.belief.region)
+        if found is None:
+            return None, ()
+        if found.kept:
+            self.tracker.fuse(view, found.match)
+            self.compass_correction.learn(found.match, view.compass_rad)
         else:
-            assert fix is not None
-            match = self._upright(points, weights, fix.match.pose.as_array(), fix.match.error)
-            accepted = fix.accepted
-            self.filter = PoseFilter(match.pose, match.covariance, self.settings.fusion)
-            self.side_known = self._knows_the_side(compass_rad)
-            self.placed, self.confirmations = True, 0
-        self.hypotheses = () if fix is None else self._hypotheses(fix, match, points, weights)
-        if accepted or self.confirmations >= s.confirmations:
-            self.confirmations = 0
-            self._believe()
-        else:
-            self.status = Status.SEARCHING
-        return match
-
-    def _hypotheses(
-        self, fix: GlobalFix, chosen: Match, points: LinePoints, weights: FloatArray
-    ) -> tuple[Hypothesis, ...]:
-        """Refined samples elsewhere that explain the points nearly as well as the chosen pose."""
-        s = self.settings.global_search
-        positions_m = self.tilt.corrected(points.positions_m)
-        others: list[Hypothesis] = []
-        for candidate in sorted(fix.rounds[-1].candidates, key=lambda c: c.error):
-            known = (chosen.pose, *(other.pose for other in others))
-            elsewhere = all(candidate.pose.distance_to(pose) > 0.5 for pose in known)
-            if elsewhere and candidate.error <= s.rival_factor * chosen.error + s.rival_margin:
-                match = self.matcher.assess(positions_m, weights, candidate.pose.as_array(), candidate.error)
-                others.append(Hypothesis(candidate.pose, match.mean_distance_m, covariance=match.covariance))
-        return tuple(others)
+            self.tracker.start_at(found.pose, found.covariance)
+        self.belief.take(found, view.compass_rad)
+        if found.confirmed:
+            self.failure.count_anew()
+            self.compass_correction.interrupt()
+        return found.match, found.hypotheses

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from touchline.config import Settings
 from touchline.geometry import wrap_angle
+from touchline.localization.matching.matcher import Match
 
 
 class CompassSettings(Settings):
@@ -40,6 +41,10 @@ class CompassCorrection:
 
     def __init__(self, settings: CompassSettings | None = None) -> None:
         self.settings = settings or CompassSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Take the compass as it is, until the lines say otherwise."""
         self.offset_rad = 0.0
         self.good_frames = 0
 
@@ -56,6 +61,13 @@ class CompassCorrection:
             return False
         self.offset_rad = wrap_angle(self.offset_rad + self.settings.gain * difference)
         return True
+
+    def learn(self, match: Match | None, compass_rad: float | None) -> None:
+        """`update` by the match of a frame, where there is a compass; without a match good frames begin anew."""
+        if match is None:
+            self.interrupt()
+        elif compass_rad is not None:
+            self.update(match.mean_distance_m, match.pose.heading, compass_rad)
 
     def interrupt(self) -> None:
         """A frame without a match: good frames must follow each other anew."""

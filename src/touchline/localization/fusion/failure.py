@@ -99,10 +99,10 @@ class FailureDetector:
         s = self.settings
         if points < s.least_points:
             return s.lone_rules
-        strays = heading_error_rad is not None and abs(heading_error_rad) > s.heading_rad
+        heading_inconsistent = heading_error_rad is not None and abs(heading_error_rad) > s.heading_rad
         turned = heading_error_rad is not None and abs(heading_error_rad) > s.lone_heading_rad
         far_off = s.lone_rules and (mean_distance_m > s.lone_deviation_m or turned)
-        return far_off or (mean_distance_m > s.deviation_m and strays)
+        return far_off or (mean_distance_m > s.deviation_m and heading_inconsistent)
 
     def reset(self) -> None:
         """Start counting anew, after the robot was localized again."""

@@ -54,6 +54,10 @@ class FusionSettings(Settings):
         0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
     )
 
+    def equal_error(self, error: float) -> float:
+        """Mean error up to which another pose explains the points as well as one of this mean error."""
+        return max(self.better_factor * error, error + self.better_margin)
+
 
 class PoseFilter:
     """The pose and its covariance (3, 3) of x, y, heading in (m, m, rad), field frame."""

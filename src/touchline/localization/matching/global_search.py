@@ -55,6 +55,10 @@ class GlobalSearchSettings(Settings):
         "compass errors, and far from the quarter turn at which lines can be mistaken",
     )
 
+    def equal_error(self, error: float) -> float:
+        """Mean error up to which another pose explains the points as well as one of this mean error."""
+        return self.rival_factor * error + self.rival_margin
+
 
 @dataclass(frozen=True, slots=True)
 class Region:
@@ -71,6 +75,8 @@ class Region:
 
 
 OWN_HALF = Region(most_x=0.0)
+# Without a compass the whole circle is searched; matching turns by half a step and more.
+_ALL_HEADINGS_RAD = tuple(float(heading) for heading in np.arange(24) * np.pi / 12.0 - np.pi)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -140,6 +146,14 @@ class GlobalSearch:
         )
         return GlobalFix(match, accepted, tuple(rounds))
 
+    def locate_any_heading(
+        self, positions_m: FloatArray, weights: FloatArray, compass_rad: float | None, region: Region | None = None
+    ) -> GlobalFix | None:
+        """As `locate`; without a compass the best of 24 headings all around."""
+        headings = _ALL_HEADINGS_RAD if compass_rad is None else (compass_rad,)
+        fixes = [self.locate(positions_m, weights, heading, region) for heading in headings]
+        return min((fix for fix in fixes if fix is not None), key=lambda fix: fix.match.error, default=None)
+
     def _samples(self, shift_m: float, region: Region | None) -> FloatArray:
         samples = self.samples_m + shift_m
         if region is None:
@@ -165,8 +179,8 @@ class GlobalSearch:
             start = np.array([samples[k, 0], samples[k, 1], compass_rad])
             refined, error, trace = self.matcher.descend(points, weights, start, record)
             pose = as_pose(refined)
-            strays = abs(wrap_angle(pose.heading - compass_rad)) > self.settings.heading_tolerance_rad
-            if not strays and (region is None or region.contains(pose)):
+            heading_inconsistent = abs(wrap_angle(pose.heading - compass_rad)) > self.settings.heading_tolerance_rad
+            if not heading_inconsistent and (region is None or region.contains(pose)):
                 candidates.append(Candidate(pose, error, trace))
         return SearchRound(samples, errors, tuple(candidates))
 

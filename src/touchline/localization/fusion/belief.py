@@ -1,0 +1,58 @@
+"""How far the pose is believed, and what is known of the end of the field that the robot is at."""
+
+from __future__ import annotations
+
+from touchline.geometry import FloatArray, mirrored_covariance
+from touchline.localization.fusion.global_localizer import Localization
+from touchline.localization.fusion.pose_filter import PoseFilter
+from touchline.localization.matching.global_search import OWN_HALF, Region
+from touchline.types import Hypothesis, Prior, Status
+
+
+class Belief:
+    """`status`; `region` in which the robot has to be, None for the whole field; `side_known`: whether the pose is
+    known to be at the right end of a symmetric field.
+    """
+
+    def __init__(self, symmetric: bool, unknown: FloatArray) -> None:
+        """symmetric: whether half a turn of the field shows the same lines. unknown: covariance (3, 3) of a pose of
+        which nothing is known.
+        """
+        self.symmetric = symmetric
+        self.unknown = unknown
+        self.reset()
+
+    def reset(self, prior: Prior | None = None) -> None:
+        """Know nothing but the prior."""
+        prior = prior or Prior()
+        self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
+        self.region: Region | None = OWN_HALF if prior.own_half else None
+        self.side_known = True
+
+    @property
+    def is_tracking(self) -> bool:
+        """Whether the pose is believed."""
+        return self.status is Status.TRACKING
+
+    def lose(self) -> None:
+        """The pose is believed wrong."""
+        self.status = Status.LOST
+
+    def take(self, found: Localization, compass_rad: float | None) -> None:
+        """What a search has come to: the pose is believed once it is confirmed."""
+        if found.has_pose and not found.kept:
+            self.side_known = compass_rad is not None or self.region is not None or not self.symmetric
+        self.status = Status.SEARCHING
+        if found.confirmed:
+            self.status, self.region = Status.TRACKING, None
+
+    def covariance(self, pose_filter: PoseFilter) -> FloatArray:
+        """(3, 3) of the pose. One that is not believed is the best guess, but the robot may be anywhere."""
+        return pose_filter.covariance.copy() if self.is_tracking else pose_filter.covariance + self.unknown
+
+    def other_end(self, pose_filter: PoseFilter, residual_m: float) -> tuple[Hypothesis, ...]:
+        """The pose at the other end of a symmetric field, where nothing but the lines, which look the same, tells."""
+        if self.side_known:
+            return ()
+        covariance = mirrored_covariance(self.covariance(pose_filter))
+        return (Hypothesis(pose_filter.pose.mirrored(), residual_m, covariance=covariance),)

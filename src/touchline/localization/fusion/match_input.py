@@ -1,0 +1,58 @@
+"""What travels through a step of NuBot's systems as one value: line points, weights, compass, the mirror's tilt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from touchline.geometry import FloatArray, wrap_angle
+from touchline.localization.fusion.compass_correction import CompassCorrection
+from touchline.localization.matching.matcher import Match, Matcher, as_pose
+from touchline.localization.matching.mirror_tilt import MirrorTilt
+from touchline.types import LinePoints
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class MatchInput:
+    """The line points of one frame with their weights (N,), which sum to 1, and the compass's reading.
+
+    usable: whether the points are enough to be matched. compass_rad: heading in the field frame, uncorrected; None
+    without a compass. tilt, correction: what has been learned of the mirror and of the compass. Both are read at every
+    use: what a step learns holds for the rest of it.
+    """
+
+    points: LinePoints
+    weights: FloatArray
+    usable: bool
+    compass_rad: float | None
+    tilt: MirrorTilt
+    correction: CompassCorrection
+
+    @property
+    def positions_m(self) -> FloatArray:
+        """The points (N, 2) in the robot frame as an upright mirror would have seen them."""
+        return self.tilt.corrected(self.points.positions_m)
+
+    @property
+    def heading_rad(self) -> float | None:
+        """The corrected compass heading; None without a compass."""
+        return None if self.compass_rad is None else self.correction.heading(self.compass_rad)
+
+    def heading_error_rad(self, heading_rad: float) -> float | None:
+        """A heading minus the corrected compass; None without a compass."""
+        return None if self.heading_rad is None else wrap_angle(heading_rad - self.heading_rad)
+
+    def heading_is_plausible(self, heading_rad: float, max_error_rad: float) -> bool:
+        """Whether a heading does not contradict the compass outright, as at the wrong end of a symmetric field."""
+        error_rad = self.heading_error_rad(heading_rad)
+        return error_rad is None or abs(error_rad) < max_error_rad
+
+
+def refine_with_tilt(matcher: Matcher, view: MatchInput, pose: FloatArray, error: float) -> Match:
+    """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
+    tilt = view.tilt
+    if tilt.settings.enabled and error < tilt.settings.most_error:
+        positions_m = tilt.corrected(view.points.positions_m, tilt.update(view.points, as_pose(pose)))
+        refined, refined_error, _ = matcher.descend(positions_m, view.weights, pose)
+        if refined_error <= error:
+            return matcher.assess(positions_m, view.weights, refined, refined_error)
+    return matcher.assess(view.positions_m, view.weights, pose, error)

@@ -1,0 +1,177 @@
+"""Global localization by particles, and when their pose is believed (Lu et al. 2013, section 4 and figure 3)."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.geometry import Pose
+from touchline.localization.fusion.global_localizer import Localization, Prediction
+from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
+from touchline.localization.matching.global_search import Region
+from touchline.localization.matching.matcher import Match, as_pose
+from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
+from touchline.motion import Motion
+
+
+class ParticleSearchSettings(Settings):
+    """When particles start anew, and when the pose that they agree on is believed."""
+
+    particles: NubotParticleSettings = NubotParticleSettings()
+    accepted_error: float = Field(
+        0.1,
+        gt=0,
+        le=1,
+        description="weighted mean error with matching's c, at the match that their mean leads to, below which the "
+        "converged particles are believed, as nubot-mti's global search; above it they start anew. 1 believes them "
+        "always, as the paper does",
+    )
+    most_cycles: int = Field(
+        15,
+        ge=1,
+        description="cycles after which particles that have not converged start anew: they converge within 5",
+    )
+    confirmations: int = Field(
+        3,
+        ge=1,
+        description="times in a row that a new start must come back to a pose until it is believed though it was "
+        "not accepted, as nubot-mti's global search: real calibrations may leave more than accepted_error everywhere",
+    )
+    same_m: float = Field(
+        0.5,
+        gt=0,
+        description="distance (m) within which two poses are the same, the odometry's motion between them taken off: "
+        "less than that of two clusters",
+    )
+    keep_unless_better: bool = Field(
+        True,
+        description="start the particles after bad frames only if some other place explains the points far better: "
+        "near a goal that hidden sectors cut in two, clutter makes frames bad at the right pose, too. The paper starts "
+        "them in any case",
+    )
+    widening: float = Field(
+        2.0,
+        ge=1,
+        description="factor by which every new start widens the first headings about the compass, which may err by "
+        "more than thought; 1 as in the paper",
+    )
+
+
+class ParticleSearch:
+    """Particles over the frames of a search: when they start, a cycle per frame, when they have come to a pose.
+
+    `cycles` since the last start, 0 while the particles rest; `starts` of this search.
+    """
+
+    def __init__(
+        self, particles: NubotParticles, settings: ParticleSearchSettings, max_heading_error_rad: float
+    ) -> None:
+        """max_heading_error_rad: difference from the compass at which a pose is not plausible."""
+        self.particles = particles
+        self.settings = settings
+        self.max_heading_error_rad = max_heading_error_rad
+        self.reset()
+
+    def reset(self) -> None:
+        """The next search is the first."""
+        self.cycles = self.starts = self.confirmations = 0
+        self.unconfirmed_pose: Pose | None = None
+
+    def predict(self, motion: Motion) -> None:
+        """The odometry carries every particle on while they are in use, and the pose that is to be confirmed."""
+        if self.cycles:
+            self.particles.predict(motion)
+        if self.unconfirmed_pose is not None:
+            self.unconfirmed_pose = self.unconfirmed_pose.compose(motion.pose)
+
+    def start_if_due(self, view: MatchInput, prediction: Prediction, region: Region | None) -> None:
+        """A new search spreads the particles over the field, and so does one that has gone on for too long."""
+        if prediction.lost or not self.cycles:
+            self.reset()
+        elif self.cycles < self.settings.most_cycles:
+            return
+        self._start(view, prediction if prediction.lost or self.starts > 0 else None, region)
+
+    def start_around(self, view: MatchInput, prediction: Prediction, region: Region | None) -> None:
+        """All particles start about the prediction, unless the compass contradicts it."""
+        self._start(view, prediction, region, everything_near=True)
+
+    def cycle(self, view: MatchInput) -> Localization:
+        """Weights, mean, resampling; the odometry has moved the particles before. The mean is the best guess."""
+        self.cycles += 1
+        positions_m, matcher = view.positions_m, self.particles.matcher
+        mean = self.particles.update(positions_m, view.weights, view.heading_rad)
+        pose = mean.pose.as_array()
+        match = matcher.assess(positions_m, view.weights, pose, matcher.error(positions_m, view.weights, pose))
+        return Localization(mean.pose, mean.covariance, match, confirmed=False, has_pose=False)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the particles agree on a pose."""
+        return self.particles.converged
+
+    def confirms(self, match: Match) -> bool:
+        """Whether the pose that the particles agree on is believed: it fits, or they came to it several times in a row.
+
+        If it is not, they start anew with the next frame.
+        """
+        if match.error < self.settings.accepted_error or self._came_again(match.pose):
+            return True
+        self.cycles = self.settings.most_cycles
+        return False
+
+    def rest(self) -> None:
+        """The search is over, until the next one starts anew."""
+        self.cycles = 0
+
+    def _came_again(self, pose: Pose) -> bool:
+        last = self.unconfirmed_pose
+        same = last is not None and pose.distance_to(last) < self.settings.same_m
+        self.confirmations = self.confirmations + 1 if same else 0
+        self.unconfirmed_pose = pose
+        return self.confirmations >= self.settings.confirmations
+
+    def _start(
+        self,
+        view: MatchInput,
+        near: Prediction | None,
+        region: Region | None,
+        everything_near: bool = False,
+    ) -> None:
+        """Spread the particles over the field, and some of them, or all, about a pose that is plausible."""
+        about = None
+        if near is not None and view.heading_is_plausible(near.pose.heading, self.max_heading_error_rad):
+            about = near.pose, near.covariance
+        widening = self.settings.widening**self.starts
+        self.particles.restart(view.heading_rad, region, about, widening=widening, everything_near=everything_near)
+        self.cycles = 0
+        self.starts += 1
+
+
+class ParticleLocalizer:
+    """Monte Carlo localization until the particles agree on a pose that fits; matching goes on from there."""
+
+    def __init__(self, search: ParticleSearch) -> None:
+        self.search = search
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.search.reset()
+
+    def predict(self, motion: Motion) -> None:
+        """The odometry carries the particles on."""
+        self.search.predict(motion)
+
+    def localize(self, view: MatchInput, prediction: Prediction, region: Region | None = None) -> Localization:
+        """One cycle; once the particles have converged, the match that their mean leads to."""
+        self.search.start_if_due(view, prediction, region)
+        found = self.search.cycle(view)
+        if not self.search.converged:
+            return found
+        matcher = self.search.particles.matcher
+        pose, error, _ = matcher.descend(view.positions_m, view.weights, found.pose.as_array())
+        match = refine_with_tilt(matcher, view, as_pose(pose).as_array(), error)
+        confirmed = self.search.confirms(match)
+        if confirmed:
+            self.search.rest()
+        return Localization(match.pose, match.covariance, match, confirmed, has_pose=confirmed)

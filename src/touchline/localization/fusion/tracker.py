@@ -1,0 +1,91 @@
+"""Tracking: prediction by the odometry, matching from there, Kalman fusion of both.
+
+Xiong et al., section 4.2; Lu et al. 2013, section 4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
+from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter
+from touchline.localization.matching.matcher import Match, Matcher
+from touchline.motion import Motion
+from touchline.types import Prior
+
+
+class Tracker:
+    """Follows the robot from frame to frame.
+
+    `filter`: its pose and covariance. `has_pose`: whether they are a pose that matching can start from.
+    """
+
+    def __init__(self, matcher: Matcher, settings: FusionSettings | None = None) -> None:
+        self.matcher = matcher
+        self.settings = settings or FusionSettings()
+        self.reset()
+
+    def reset(self, prior: Prior | None = None) -> None:
+        """Forget everything but the prior."""
+        prior = prior or Prior()
+        self.filter = PoseFilter(prior.pose or Pose(0.0, 0.0, 0.0), prior.covariance, self.settings)
+        self.has_pose = prior.pose is not None
+
+    def start_at(self, pose: Pose, covariance: FloatArray, has_pose: bool = True) -> None:
+        """Go on from a pose with its covariance (3, 3); has_pose: whether matching may start from it."""
+        self.filter = PoseFilter(pose, covariance, self.settings)
+        self.has_pose = has_pose
+
+    def predict(self, motion: Motion) -> None:
+        """The odometry carries the pose on."""
+        self.filter.predict(motion.pose, motion.covariance)
+
+    def match(self, view: MatchInput) -> Match | None:
+        """Matching that starts where the odometry says, and with the compass heading where that makes a difference.
+
+        None without a pose to start from, or without usable points.
+        """
+        if not (self.has_pose and view.usable):
+            return None
+        predicted, positions_m, s = self.filter.pose, view.positions_m, self.settings
+        pose, error, _ = self.matcher.descend(positions_m, view.weights, predicted.as_array())
+        heading = predicted.heading if view.heading_rad is None else view.heading_rad
+        turn_rad = abs(wrap_angle(heading - predicted.heading))
+        if turn_rad > s.shoved_rad or (error > s.poor_error and turn_rad > 0.0):
+            # a shove turns the robot, too; the compass feels what the odometry doesn't
+            turned = predicted._replace(heading=heading)
+            other, other_error, _ = self.matcher.descend(positions_m, view.weights, turned.as_array())
+            if other_error < error:
+                pose, error = other, other_error
+        return refine_with_tilt(self.matcher, view, pose, error)
+
+    def fuse(self, view: MatchInput, match: Match | None) -> None:
+        """Kalman fusion of prediction and match; without a match the prediction stays."""
+        if match is None:
+            return
+        if self.filter.distance2_to(match.pose, match.covariance) <= self.settings.gate:
+            self.filter.update(match.pose, match.covariance)
+        elif not self._fuse_observable_directions(view, match):
+            error = self.matcher.error(view.positions_m, view.weights, self.filter.pose.as_array())
+            trusted = error > self.settings.equal_error(match.error)
+            self.filter.update(match.pose, match.covariance, trusted=trusted)
+
+    def _fuse_observable_directions(self, view: MatchInput, match: Match) -> bool:
+        """Fuse a match far from the prediction by what the points observe at the prediction; whether that is enough.
+
+        RPROP may slide along a lone line to where the same points look unambiguous. First the prediction is taken at
+        its word, then as that of a robot that was shoved.
+        """
+        s, positions_m = self.settings, view.positions_m
+        predicted = self.filter.pose.as_array()
+        there = self.matcher.assess(positions_m, view.weights, predicted, match.error).covariance
+        for shove in (0.0, 1.0):
+            grown = np.diag([s.shove_position_m, s.shove_position_m, s.shove_heading_rad]) ** 2 * shove
+            fused = PoseFilter(self.filter.pose, self.filter.covariance + grown, s)
+            if not fused.update(match.pose, there, trusted=False):
+                continue
+            if self.matcher.error(positions_m, view.weights, fused.pose.as_array()) <= s.equal_error(match.error):
+                self.filter = fused
+                return True
+        return False

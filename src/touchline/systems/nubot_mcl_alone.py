@@ -1,0 +1,132 @@
+"""nubot-mcl-alone: Monte Carlo localization all the time, without matching, to compare nubot-mcl with.
+
+H. Lu, X. Li, H. Zhang, M. Hu, Z. Zheng: Robust and real-time self-localization based on omnidirectional vision for
+soccer robots, Advanced Robotics 2013, section 4.
+
+    image ─▶ line points ─▶ Monte Carlo localization ─▶ mean of the particles ─▶ estimate
+                               compass ─┘   └─ odometry        │
+                                     ▲                         │
+                                     └─ five bad frames in a row
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from touchline.geometry import Pose
+from touchline.localization.fusion.belief import Belief
+from touchline.localization.fusion.compass_correction import CompassCorrection
+from touchline.localization.fusion.failure import FailureSettings
+from touchline.localization.fusion.failure_monitor import FailureMonitor
+from touchline.localization.fusion.global_localizer import Localization, Prediction
+from touchline.localization.fusion.match_input import MatchInput
+from touchline.localization.fusion.particle_follower import ParticleFollower
+from touchline.localization.fusion.particle_localizer import ParticleSearch, ParticleSearchSettings
+from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter
+from touchline.localization.matching.global_search import GlobalSearch
+from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
+from touchline.localization.matching.mirror_tilt import MirrorTilt
+from touchline.localization.matching.weights import WeightSettings, precision_weights
+from touchline.localization.particles.nubot_particles import NubotParticles
+from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
+from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
+from touchline.systems.nubot_settings import MapSettings
+from touchline.systems.report import Stopwatch, report
+from touchline.systems.setup import RobotSetup
+from touchline.types import Estimate, Frame, Observation, Prior, Status
+
+
+class NubotMclAloneSettings(ParticleSearchSettings):
+    """Those of nubot-mcl without tracking; matching only judges what the particles have come to."""
+
+    line_points: LinePointSettings = LinePointSettings()
+    learning: LearningSettings = LearningSettings()
+    map: MapSettings = MapSettings()
+    weights: WeightSettings = WeightSettings()
+    matching: MatchingSettings = MatchingSettings()
+    fusion: FusionSettings = FusionSettings()
+    failure: FailureSettings = FailureSettings()
+    odometry: OdometrySettings = OdometrySettings()
+    compass_track: CompassTrackSettings = CompassTrackSettings()
+
+
+class NubotMclAlone:
+    """The system as sources and sinks know it: `reset` and `step`."""
+
+    def __init__(self, setup: RobotSetup, settings: NubotMclAloneSettings, rng: np.random.Generator) -> None:
+        """rng: all chance comes from it."""
+        field, camera, s = setup.field, setup.camera, settings
+        self.settings = settings
+        self.detector = (
+            None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)
+        )
+        self.history = MotionHistory(s.odometry, s.compass_track)
+        matcher = Matcher(field.distance_map(s.map.resolution_m, s.map.margin_m), s.matching)
+        whole_field = GlobalSearch(matcher, field.length, field.width)
+        self.failure = FailureMonitor(whole_field, s.failure, s.fusion, s.keep_unless_better)
+        self.particles = NubotParticles(
+            matcher, field.length, field.width, rng, s.particles, symmetric=field.is_symmetric
+        )
+        self.follower = ParticleFollower(ParticleSearch(self.particles, s, s.failure.lone_heading_rad))
+        self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
+        # Only matches tell of the mirror and of the compass: without them both are taken as they are.
+        self._upright, self._as_read = MirrorTilt(field), CompassCorrection()
+        self.reset()
+
+    def reset(self, prior: Prior | None = None) -> None:
+        """Forget everything but the prior."""
+        prior = prior or Prior()
+        if self.detector is not None:
+            self.detector.reset()
+        self.history.clear()
+        self.filter = PoseFilter(prior.pose or Pose(0.0, 0.0, 0.0), prior.covariance, self.settings.fusion)
+        self.has_pose = prior.pose is not None
+        self.failure.reset(start_pose_unconfirmed=self.has_pose)
+        self.follower.reset()
+        self.belief.reset(prior)
+
+    def step(self, frame: Frame) -> Estimate:
+        """Take one frame, return where the robot stands at its time stamp."""
+        clock = Stopwatch()
+        motion = self.history.take(frame)
+        self.filter.predict(motion.pose, motion.covariance)  # predict: the odometry stands in where nothing is seen
+        self.follower.predict(motion)  # and moves the particles, by the motion model
+        observation = clock.perception(observe, frame, self.detector)  # observe: line points of the image
+        view = self._match_input(observation)
+        match = self._follow(view)  # weigh and resample the particles, equations (1) to (3)
+        if self.belief.is_tracking:
+            nearby = None if match is None else self.follower.match_nearby(view, self.filter.pose)
+            if self.failure.has_failed(view, nearby, self.filter.pose, motion.missing_s):  # judge: five cycles
+                self.belief.lose()
+        if view.usable and not self.belief.is_tracking:
+            match = self._localize(view)  # search: the same over the whole field
+        return report(observation, self.filter, self.belief, match, (), clock)
+
+    def _match_input(self, observation: Observation) -> MatchInput:
+        s, points = self.settings, observation.points
+        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.least_points
+        compass_rad = self.history.at(observation.stamp_ns).heading_rad
+        return MatchInput(points, weights, usable, compass_rad, self._upright, self._as_read)
+
+    def _follow(self, view: MatchInput) -> Match | None:
+        """One more cycle about the pose; None without a pose, or without usable points."""
+        if not (self.has_pose and view.usable):
+            return None
+        return self._take(self.follower.follow(view, self._prediction(), self.belief.region))
+
+    def _localize(self, view: MatchInput) -> Match:
+        """One cycle of the search."""
+        found = self.follower.localize(view, self._prediction(), self.belief.region)
+        self.belief.take(found, view.compass_rad)
+        if found.confirmed:
+            self.failure.count_anew()
+        return self._take(found)
+
+    def _prediction(self) -> Prediction:
+        return Prediction(self.filter.pose, self.filter.covariance, self.belief.status is Status.LOST)
+
+    def _take(self, found: Localization) -> Match:
+        """The mean of the particles is the pose."""
+        self.filter = PoseFilter(found.pose, found.covariance, self.settings.fusion)
+        self.has_pose = found.has_pose
+        return found.match

@@ -1,0 +1,124 @@
+"""What holds of every system: how it is built, and that it takes whatever a frame brings."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from touchline.config import load_settings
+from touchline.errors import InputError
+from touchline.field import open_field
+from touchline.geometry import Pose
+from touchline.localization.fusion.belief import Belief
+from touchline.localization.fusion.global_localizer import Localization
+from touchline.localization.fusion.pose_filter import PoseFilter
+from touchline.localization.matching.matcher import Match
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.systems import SYSTEMS, LocalizationSystem, RobotSetup, open_system
+from touchline.types import Frame, Prior, Status
+
+every_system = pytest.mark.parametrize("name", SYSTEMS)
+LONGEST_STEP = 15
+
+
+def opened(name: str) -> LocalizationSystem:
+    return open_system(name, RobotSetup(open_field("indoor-9x6")))
+
+
+def statement_lines(function: Callable[..., object]) -> int:
+    """Lines of a function's body without docstring, comments and empty lines."""
+    text = textwrap.dedent(inspect.getsource(function))
+    definition = ast.parse(text).body[0]
+    assert isinstance(definition, ast.FunctionDef)
+    body = definition.body[1:] if ast.get_docstring(definition) else definition.body
+    lines = text.splitlines()[body[0].lineno - 1 :]
+    return sum(bool(line.strip()) and not line.strip().startswith("#") for line in lines)
+
+
+@every_system
+def test_a_system_is_composed_and_inherits_nothing(name: str) -> None:
+    assert type(opened(name)).__mro__[1:] == (object,)
+
+
+@every_system
+def test_a_step_is_a_list_of_at_most_fifteen_lines(name: str) -> None:
+    assert statement_lines(type(opened(name)).step) <= LONGEST_STEP
+
+
+@pytest.mark.parametrize("level", ["points", "images", "neither"])
+@every_system
+def test_a_system_takes_frames_with_points_with_images_and_with_neither(name: str, level: str) -> None:
+    scenario = open_scenario("tour-20", 1, 0.5)
+    run = Simulation(scenario, level="images" if level == "images" else "points")
+    setup = RobotSetup(run.field, run.camera if level == "images" else None, run.wheel_directions_rad)
+    made = open_system(name, setup)
+    frames = [Frame(frame.stamp_ns) if level == "neither" else frame for frame in run]
+    estimates = [made.step(frame) for frame in frames]
+    assert [estimate.stamp_ns for estimate in estimates] == [frame.stamp_ns for frame in frames]
+    assert (estimates[-1].points > 0) == (level != "neither")
+    assert (estimates[-1].status is Status.SEARCHING) == (level == "neither")
+    assert (made.detector is None) == (level != "images")
+    assert all(np.isfinite(estimate.covariance).all() for estimate in estimates)
+
+
+def test_the_follower_that_was_a_setting_is_a_system_now() -> None:
+    with pytest.raises(InputError, match="nubot-mcl-alone"):
+        load_settings(SYSTEMS["nubot-mcl"].settings, None, ["followed_by=particles"])
+
+
+# ---- the belief in a pose --------------------------------------------------------------------------------------------
+
+HERE = Pose(1.0, 2.0, 0.3)
+CERTAIN, UNKNOWN = np.diag([0.01, 0.01, 0.001]), np.diag([100.0, 100.0, 9.0])
+
+
+def found(**changes: object) -> Localization:
+    match = Match(HERE, 0.05, 0.04, CERTAIN)
+    return replace(Localization(HERE, CERTAIN, match, confirmed=True, has_pose=True), **changes)  # type: ignore[arg-type]
+
+
+def test_a_pose_is_believed_once_it_is_confirmed() -> None:
+    belief = Belief(symmetric=True, unknown=UNKNOWN)
+    assert belief.status is Status.SEARCHING
+    belief.take(found(confirmed=False), 0.3)
+    assert belief.status is Status.SEARCHING
+    np.testing.assert_array_equal(belief.covariance(PoseFilter(HERE, CERTAIN)), CERTAIN + UNKNOWN)
+    belief.take(found(), 0.3)
+    assert belief.is_tracking
+    np.testing.assert_array_equal(belief.covariance(PoseFilter(HERE, CERTAIN)), CERTAIN)
+    belief.lose()
+    assert belief.status is Status.LOST
+
+
+@pytest.mark.parametrize(
+    ("symmetric", "compass_rad", "prior", "known"),
+    [
+        (True, 0.3, None, True),
+        (True, None, None, False),
+        (False, None, None, True),
+        (True, None, Prior(own_half=True), True),
+    ],
+)
+def test_compass_own_half_or_an_asymmetric_field_tell_the_end_of_the_field(
+    symmetric: bool, compass_rad: float | None, prior: Prior | None, known: bool
+) -> None:
+    belief = Belief(symmetric, UNKNOWN)
+    belief.reset(prior)
+    belief.take(found(), compass_rad)
+    others = belief.other_end(PoseFilter(HERE, CERTAIN), 0.04)
+    assert [other.pose for other in others] == ([] if known else [HERE.mirrored()])
+    assert belief.region is None
+
+
+def test_a_pose_that_was_kept_says_nothing_new_of_the_end_of_the_field() -> None:
+    belief = Belief(symmetric=True, unknown=UNKNOWN)
+    belief.reset(Prior(HERE))
+    belief.take(found(kept=True), None)
+    assert belief.side_known
