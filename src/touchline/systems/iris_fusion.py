@@ -13,7 +13,6 @@ figures 1, 4, 8 and 11.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 from typing import ClassVar
 
@@ -38,6 +37,7 @@ from touchline.motion import (
 )
 from touchline.motion.samples import NANOSECONDS
 from touchline.perception import HsvLineDetector, HsvLineSettings, observe
+from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup
 from touchline.types import (
     Estimate,
@@ -45,6 +45,7 @@ from touchline.types import (
     Hypothesis,
     LinePoints,
     Mode,
+    Observation,
     Prior,
     Status,
 )
@@ -125,39 +126,43 @@ class IrisFusion:
         self.particles = IrisParticles(self.field, self.rng, s.particles)
         if prior.pose is not None:
             deviations = np.array([s.start_position_m, s.start_position_m, s.start_heading_rad])
-            self.fusion.place(prior.pose, np.diag(deviations**2))
-            self.particles.start_at(prior.pose, np.diag(deviations**2))
+            covariance = np.diag(deviations**2) if prior.covariance is None else prior.covariance
+            self.fusion.place(prior.pose, covariance)
+            self.particles.start_at(prior.pose, covariance)
             self.status = Status.TRACKING
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
-        started = time.perf_counter()
-        if self.searching:
-            self.status = Status.SEARCHING
-        observation = observe(frame, self.detector)  # figures 6 and 7
-        points = observation.points
-        seen = time.perf_counter()
-        self.history.add(frame)
+        clock = Stopwatch()
+        self.status = Status.SEARCHING if self.searching else self.status
+        motion, duration_s = self._odometry(frame)  # predict: wheels and gyro, figure 4, equations (1) to (6)
+        observation = clock.perception(observe, frame, self.detector)  # observe: line points, figures 6 and 7
         compass_rad = self.history.at(frame.stamp_ns).heading_rad
+        vision, residual_m = self._particle_filter(observation.points, motion, compass_rad)  # figure 8, (7) to (14)
+        self.fusion.update(self.odometry.pose, motion, vision, duration_s, motion.by_gyro)  # figure 11, (15) to (19)
+        self._correct()  # figure 1: the odometry's offset
+        return self._report(observation, residual_m, clock)
+
+    def _odometry(self, frame: Frame) -> tuple[Motion, float]:
+        """Figure 4: the motion since the last frame, without what is known of the gyro's bias, and its time (s)."""
+        self.history.add(frame)
         duration_s = 0.0 if self.stamp_ns is None else (frame.stamp_ns - self.stamp_ns) / NANOSECONDS
         self.stamp_ns = frame.stamp_ns
-        motion = self.odometry.advance(frame.stamp_ns, self.fusion.bias_rad_s)  # figure 4, equations (1) to (6)
-        vision, residual_m = self._particle_filter(points, motion, compass_rad)  # figure 8, equations (7) to (14)
-        self.fusion.update(self.odometry.pose, motion, vision, duration_s, motion.by_gyro)  # figure 11, (15) to (19)
-        self._correct()
-        done = time.perf_counter()
+        return self.odometry.advance(frame.stamp_ns, self.fusion.bias_rad_s), duration_s
+
+    def _report(self, observation: Observation, residual_m: float, clock: Stopwatch) -> Estimate:
         covariance = (self.unknown if self.searching else self.fusion.covariance).copy()
         mirrored = Hypothesis(self.fusion.pose.mirrored(), residual_m, covariance=mirrored_covariance(covariance))
         return Estimate(
-            frame.stamp_ns,
+            observation.stamp_ns,
             self.fusion.pose,
             covariance,
             self.status,
             residual_m,
-            len(points),
+            len(observation.points),
             () if self.side_known else (mirrored,),
-            perception_ms=1e3 * (seen - started),
-            localization_ms=1e3 * (done - seen),
+            perception_ms=clock.perception_ms,
+            localization_ms=clock.localization_ms,
             observation=observation,
             mode=self.fusion.mode,
         )
