@@ -26,7 +26,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, RobotSetup, open_system
-from touchline.types import Estimate, Frame, Hypothesis, Observation, Samples, Status
+from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Samples, Status
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "omni_msl_track_short"
@@ -150,6 +150,9 @@ BAD_SIGHTS: dict[str, dict[str, Any]] = {
     "far points": {"points": np.full((20, 2), 1e30)},
     "no points": {"points": []},
     "observation of something": {"observation": "a goal"},
+    "points of text": {
+        "points": LinePoints(np.full((3, 2), "x"), np.zeros((3, 2, 2)), np.ones(3), np.zeros((3, 2)))  # type: ignore[arg-type]
+    },
 }
 
 
@@ -222,6 +225,42 @@ def test_a_clock_set_back_starts_anew_with_the_pose() -> None:
     assert off_m(again[-1], 29) < 0.1
     predicted = localizer.pose(frames[30].stamp_ns)
     assert off_m(predicted, 30) < 0.2
+
+
+@every_system
+def test_an_image_stamped_an_hour_ahead_costs_one_more(system: str) -> None:
+    localizer, frames = made(system), drive()[1]
+    play(localizer, frames[:30])
+    localizer.localize(frames[29].stamp_ns + 3_600_000_000_000, observation=frames[29].observation)
+    later = play(localizer, frames[30:50])
+    assert later[0].status is Status.SEARCHING
+    assert all(e.status is Status.TRACKING for e in later[1:])
+    assert off_m(later[-1], 49) < 0.1
+
+
+def test_garbage_of_any_kind_never_raises() -> None:
+    rng, localizer = np.random.default_rng(0), made("iris-fusion")
+    junk = [None, NAN, INF, -1, 1e308, "x", [], {}, np.zeros(3), np.float32(2.0), True, object(), 2**63, 1j]
+
+    def some(good: Any) -> Any:
+        return junk[int(rng.integers(len(junk)))] if rng.random() < 0.3 else good
+
+    adders = (
+        (localizer.add_odometry, 3),
+        (localizer.add_wheels, 2),
+        (localizer.add_gyro, 3),
+        (localizer.add_compass, 1),
+    )
+    for k in range(400):
+        stamp = k * 10_000_000 + int(rng.integers(-(10**9), 10**9))
+        for add, count in adders:
+            add(some(stamp), *(some(float(value)) for value in rng.uniform(-5.0, 5.0, count)))
+        if k % 10 == 0:
+            points = rng.uniform(-5.0, 5.0, (50, 2))
+            estimate = localizer.localize(some(stamp), some(None), some(points), some(None), some(None))
+            assert np.isfinite(estimate.pose).all()
+            assert np.isfinite(localizer.pose(some(stamp)).pose).all()
+    assert not any("failed" in problem for problem in localizer.problems)
 
 
 def test_what_nobody_has_foreseen_starts_anew_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -223,18 +223,19 @@ class Localizer:
     ) -> Observation | None:
         if observation is None and points is None:
             return None
-        if observation is not None and isinstance(observation, Observation):
-            known = self._usable_points(observation.points)
-            return replace(observation, stamp_ns=stamp_ns, points=known)
-        if observation is not None or points is None:
+        if observation is None:
+            seen, given = Observation(stamp_ns), points
+        elif isinstance(observation, Observation):
+            seen, given = replace(observation, stamp_ns=stamp_ns), observation.points
+        else:
             self._counts.add("observation: is no Observation")
             return Observation(stamp_ns, problem="what was given is no observation")
         try:
-            seen = points if isinstance(points, LinePoints) else points_at(_pairs(points))
+            known = _as_floats(given) if isinstance(given, LinePoints) else points_at(_pairs(given))
         except (TypeError, ValueError):
             self._counts.add("points: are no array (N, 2) of numbers")
             return Observation(stamp_ns, problem="the points can't be used")
-        return Observation(stamp_ns, self._usable_points(seen))
+        return replace(seen, points=self._usable_points(known))
 
     def _usable_points(self, points: LinePoints) -> LinePoints:
         """Those that are measurements; the others are counted."""
@@ -383,7 +384,15 @@ def _carried(last: Estimate, history: MotionHistory, stamp_ns: int) -> Estimate:
     )
 
 
-def _pairs(points: FloatArray | Sequence[Sequence[float]]) -> FloatArray:
+def _as_floats(points: LinePoints) -> LinePoints:
+    """The points as the compiled loops take them, float64. Raises ValueError or TypeError for what is no number."""
+    arrays = (points.positions_m, points.covariances_m2, points.confidences, points.pixels)
+    if all(array.dtype == np.float64 for array in arrays):
+        return points
+    return LinePoints(*(np.asarray(array, dtype=np.float64) for array in arrays))
+
+
+def _pairs(points: FloatArray | Sequence[Sequence[float]] | None) -> FloatArray:
     """(N, 2); no points may come as an empty list. Raises ValueError or TypeError for what is none."""
     array = np.asarray(points, dtype=np.float64)
     array = array.reshape(0, 2) if array.size == 0 else array
