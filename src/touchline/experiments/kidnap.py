@@ -23,9 +23,9 @@ from touchline.experiments.scenes import (
 )
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
-from touchline.systems import RobotSetup, open_system
-from touchline.systems.nubot_mcl import NubotMcl
-from touchline.systems.nubot_mti import NubotMti
+from touchline.systems import RobotSetup
+from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
+from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
 
 PERIOD_S = 0.1
@@ -109,8 +109,7 @@ def kidnap(
     error_rad: of the compass at the new place; tracking had corrected it at the old one.
     """
     rng = np.random.default_rng(seed)
-    system = open_system(system_name, RobotSetup(field), None, rng)
-    assert isinstance(system, NubotMti | NubotMcl)
+    system = _system(system_name, field, rng)
     system.reset(Prior(pose=old))
     robot = Carried(rng)
     pose = old
@@ -138,6 +137,12 @@ def kidnap(
         right = [_is_right(estimate, pose)] * CYCLES
         found, truth = estimate.pose, pose
     return Kidnap(old, new, waited, np.array(right), found, truth)
+
+
+def _system(name: str, field: FieldModel, rng: np.random.Generator) -> NubotMti | NubotMcl:
+    """One of the two systems, with its parts at hand: how often it has failed is not in its estimates."""
+    setup = RobotSetup(field)
+    return NubotMcl(setup, NubotMclSettings(), rng) if name == "nubot-mcl" else NubotMti(setup, NubotMtiSettings(), rng)
 
 
 def _is_right(estimate: Estimate, truth: Pose) -> bool:

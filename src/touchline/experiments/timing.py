@@ -18,8 +18,8 @@ from touchline.localization.particles.nubot_particles import NubotParticles, Nub
 from touchline.motion.odometry import Motion
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import RobotSetup, open_system
-from touchline.systems.nubot_mti import NubotMti
+from touchline.systems import RobotSetup
+from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.types import Frame
 
 CYCLES = 1000
@@ -208,8 +208,8 @@ def _whole_frames(seed: int, count: int = 40) -> tuple[FloatArray, FloatArray]:
 
 def _frame_times(simulation: Simulation, frames: list[Frame], count: int, search: bool) -> FloatArray:
     """Milliseconds (count,) per frame; search: the pose is forgotten before each."""
-    system = open_system("nubot-mti", RobotSetup(simulation.field, simulation.camera))
-    assert isinstance(system, NubotMti)
+    setup = RobotSetup(simulation.field, simulation.camera)
+    system = NubotMti(setup, NubotMtiSettings(), np.random.default_rng(0))
     times = []
     for frame in frames:
         if search:
