@@ -218,5 +218,4 @@ class TestCommand:
         for command in advised:
             new = tmp_path / f"{command.split()[-1]}{suffixes.get(command, '')}"
             output = [] if command == "check" else ["--output", str(new)]
-            status = main([*command.split(), str(folder), *output])
-            assert status == (1 if command == "check" else 0)  # check says as an error that no system takes it
+            assert main([*command.split(), str(folder), *output]) == 0

@@ -14,6 +14,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.view.birds_eye import birds_eye_image
+from touchline.view.look import look_at_recording
 from touchline.view.overlay import (
     LINE_COLOR,
     OFF_LINE_COLOR,
@@ -137,3 +138,29 @@ def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "no").write_text("a file, no folder")
     with pytest.raises(InputError, match="cannot be written"):
         save_picture(tmp_path / "no" / "folder.png", carpet())
+
+
+# --- a perspective camera ---------------------------------------------------------------------------------------------
+
+
+def test_the_true_pose_is_drawn_where_no_system_sees_through_the_camera(shared_data: Path) -> None:
+    look = look_at_recording(shared_data / "humanoid_9x6_walk", 3)
+    assert look.field_from_robot is not None
+    assert "the true pose; nubot-mti sees nothing through a pinhole camera" in look.words()
+    assert look.base_from_camera is not None, "the body's lean"
+    pictures = look.stages()
+    assert list(pictures) == ["original", "bird's-eye view", "overlay"]
+    magenta = (pictures["overlay"][:960] == LINE_COLOR).all(axis=2)
+    rows, columns = np.nonzero(magenta)
+    assert len(rows) > 500
+    white = look.image[..., 0].astype(int) + look.image[..., 2] - look.image[..., 1]
+    on_line = white[np.minimum(rows // 2, 479), np.minimum(columns // 2, 751)]
+    assert np.median(on_line) > np.percentile(white[200:], 90), "lines are drawn on what is white"
+
+
+def test_the_humanoids_birds_eye_view_shows_what_is_ahead(shared_data: Path) -> None:
+    picture = look_at_recording(shared_data / "humanoid_9x6_walk", 3).stages()["bird's-eye view"].astype(int)
+    middle = picture.shape[0] // 2
+    green = (picture[..., 1] > picture[..., 2] + 20) & (picture[..., 1] > picture[..., 0] + 20)
+    assert green[middle - 320 : middle - 128, middle - 60 : middle + 60].mean() > 0.7, "2 to 5 m ahead"
+    assert not green[middle:].any(), "nothing behind"

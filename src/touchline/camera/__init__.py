@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from touchline.camera.base import Camera, field_of_view, leaning
+from touchline.camera.base import Camera, field_of_view, leaning, pose_in_base
 from touchline.camera.omni import OmniCamera, omni_from_mapping, require_omni
 from touchline.camera.pinhole import PinholeCamera, pinhole_from_mapping
 from touchline.config import read_yaml_mapping
@@ -41,5 +41,6 @@ __all__ = [
     "field_of_view",
     "leaning",
     "open_camera",
+    "pose_in_base",
     "require_omni",
 ]

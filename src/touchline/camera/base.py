@@ -90,6 +90,18 @@ def leaning(camera: Camera, roll_rad: float, pitch_rad: float) -> Pose3:
     return Pose3.from_roll_pitch_yaw(roll_rad, pitch_rad).compose(camera.base_from_camera)
 
 
+def pose_in_base(
+    camera: Camera, measured: Pose3 | None, roll_rad: float | None, pitch_rad: float | None
+) -> Pose3 | None:
+    """Where the camera was: as measured (a head that moves), else on a body with this lean, if the camera heeds it.
+
+    None where only camera.yaml tells. Raises InputError for a lean where camera.yaml does not place the camera.
+    """
+    if measured is not None or not camera.use_attitude or roll_rad is None or pitch_rad is None:
+        return measured
+    return leaning(camera, roll_rad, pitch_rad)
+
+
 def ground_of_rays(origin: FloatArray, rays: FloatArray) -> FloatArray:
     """Where rays (N, 3) from a point (3,) above the ground meet it, (N, 2); NaN if they don't fall."""
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -19,6 +19,7 @@ from touchline.checks.images import (
     check_readable,
 )
 from touchline.checks.lines import check_lines
+from touchline.checks.projection import check_projection, check_view
 from touchline.checks.sensors import check_gyro_bias, check_presence, check_rows, check_stuck, check_wheels
 from touchline.checks.setup import check_camera, check_field, check_handedness, check_mirror, check_truth
 from touchline.checks.survey import Survey, take_survey
@@ -42,11 +43,13 @@ CHECKS: list[Check] = [
     check_compass_lag,
     check_compass,
     check_camera,
+    check_view,
     check_mirror,
     check_handedness,
     check_field,
     check_truth,
     check_lines,
+    check_projection,
 ]
 
 _ORDER = [Severity.ERROR, Severity.WARNING, Severity.NOTE, Severity.OK]

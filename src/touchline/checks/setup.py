@@ -12,7 +12,6 @@ import numpy as np
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.sensors import compare_travel
 from touchline.checks.survey import Survey
-from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.messages import frames_in_words
@@ -23,7 +22,6 @@ from touchline.sources.truth import TRUTH
 if TYPE_CHECKING:
     from touchline.camera import OmniCamera
 
-_PINHOLE_KEYS = ("width", "height", "fx", "fy", "cx", "cy", "mount")
 _CORRECT = "Correct the file, or calibrate again."
 _RIM_SUPPORT = 0.5
 _RIM_OFF_PX = 3.0
@@ -44,18 +42,14 @@ def check_camera(survey: Survey) -> Iterator[Finding]:
     if recording.camera_file is None:
         yield Finding("camera", Severity.ERROR, CAMERA, "is missing", "Without it pixels have no place on the ground.")
         return
-    model = read_yaml_mapping(recording.camera_file)
-    if model.get("model") == "pinhole":
-        yield from _check_pinhole(model, recording.has_observations)
-        return
     try:
-        camera = recording.camera
+        _ = recording.camera
     except InputError as error:
         yield Finding("camera", Severity.ERROR, CAMERA, _told(error, recording.camera_file), _CORRECT)
         return
-    if survey.omni is None:
-        return
     camera = survey.omni
+    if camera is None:
+        return  # what a perspective camera sees is checked by itself
     oddities = list(_omni_oddities(camera))
     yield from oddities
     if not oddities and not recording.problems.counts[ProblemKind.IMAGE_SIZE]:
@@ -196,43 +190,3 @@ def _true_steps(poses: FloatArray, stamps_s: FloatArray) -> FloatArray:
     local = moved * np.exp(-1j * (poses[:-1, 2] + 0.5 * turn))
     local[np.abs(moved) > _FASTEST_M_S * np.diff(stamps_s)] = np.nan
     return np.column_stack((local.real, local.imag))
-
-
-def _check_pinhole(model: dict[str, object], has_observations: bool) -> Iterator[Finding]:
-    def number(key: str, tree: object = model) -> float:
-        value = tree.get(key) if isinstance(tree, dict) else None
-        return float(value) if isinstance(value, int | float) else math.nan
-
-    width, height = number("width"), number("height")
-    missing = [key for key in _PINHOLE_KEYS if key not in model]
-    if missing:
-        what = f"'{missing[0]}' is missing; a pinhole camera needs {', '.join(_PINHOLE_KEYS)}"
-        yield Finding("camera", Severity.ERROR, CAMERA, what, _CORRECT)
-    elif not (width > 0 and height > 0):
-        key = "height" if width > 0 else "width"
-        what = f"'{key}' has to be a number of pixels, found {model.get(key)!r}"
-        yield Finding("camera", Severity.ERROR, CAMERA, what, _CORRECT)
-    elif not (number("fx") > 0 and number("fy") > 0):
-        what = f"fx and fy have to be positive, found {model.get('fx')!r}, {model.get('fy')!r}"
-        yield Finding("camera", Severity.ERROR, CAMERA, what, "Calibrate again.")
-    elif not (0 <= number("cx") < width and 0 <= number("cy") < height):
-        what = f"cx, cy ({model.get('cx')!r}, {model.get('cy')!r}) lie outside the image of {width:g}×{height:g} pixels"
-        yield Finding("camera", Severity.ERROR, CAMERA, what, "Calibrate again.")
-    elif not number("z", model.get("mount")) > 0:
-        yield Finding(
-            "camera",
-            Severity.ERROR,
-            CAMERA,
-            "mount: z, the camera's height, has to be positive (m)",
-            "Calibrate again.",
-        )
-    else:
-        what = f"pinhole, {width:g}×{height:g} pixels, {number('z', model.get('mount')):g} m high"
-        if has_observations:
-            yield Finding(
-                "camera", Severity.OK, CAMERA, f"{what}; what is seen comes from a detector of the robot's own"
-            )
-            return
-        what += ": `touchline run` finds line points in images of omnidirectional cameras only"
-        advice = "Detect the lines yourself and write what you find into observations.csv."
-        yield Finding("camera", Severity.ERROR, CAMERA, what, advice)

@@ -8,7 +8,6 @@ from typing import Protocol
 
 import numpy as np
 
-from touchline.camera import require_omni
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.messages import did_you_mean
@@ -54,7 +53,7 @@ class Needs:
 class SystemInfo:
     """One system: its name, one line about it, its settings, and how it is made from setup, settings and rng.
 
-    needs: sensors whose absence a user should be told of.
+    needs: sensors whose absence a user should be told of. cameras: the camera models in whose images it can see.
     """
 
     name: str
@@ -62,6 +61,7 @@ class SystemInfo:
     settings: type[Settings]
     factory: Callable[..., LocalizationSystem]
     needs: Needs | None = None
+    cameras: tuple[str, ...] = ("omni",)
 
 
 DEFAULT_SYSTEM = "nubot-mti"
@@ -121,8 +121,11 @@ def open_system(
     chosen = info.settings() if settings is None else settings
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
-    if setup.camera is not None:
-        require_omni(setup.camera, f"{name} finds line points in images of")
+    if setup.camera is not None and setup.camera.model not in info.cameras:
+        raise InputError(
+            f"{name} finds line points in images of an omnidirectional camera; "
+            f"this recording's camera is a {setup.camera.model}"
+        )
     return info.factory(setup, chosen, np.random.default_rng(0) if rng is None else rng)
 
 

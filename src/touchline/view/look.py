@@ -17,6 +17,7 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, Pose3
 from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.messages import counted
+from touchline.motion.attitude import with_camera_poses
 from touchline.perception import Detector
 from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system, system_info
@@ -79,10 +80,10 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
     """Image `index` (from 0) of a recording, with the points and the pose that a system has when it comes to it.
 
     Without an index it is the first one that shows where the robot is, or else the first of all. An image that does
-    not show it has no pose.
+    not show it has no pose. Where the system cannot see through the camera, the true pose is taken, if it is known.
     Raises InputError if there is no such image or it cannot be read, and for an unknown system.
     """
-    system_info(system)  # an unknown name is told before the recording is read
+    info = system_info(system)  # an unknown name is told before the recording is read
     source = open_source(path)
     if not len(source):
         raise InputError(f"{path}: has no images")
@@ -95,7 +96,10 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
         raise InputError(f"{path}: has no image {index}; its images are 0 to {len(source) - 1}")
     if index is not None:
         _readable(source, index)  # before the system goes a long way for nothing
-    running = open_system(system, robot_setup(source))
+    setup = robot_setup(source)
+    if setup.camera is not None and setup.camera.model not in info.cameras:
+        return _look_with_truth(source, index or 0, system)
+    running = open_system(system, setup)
     running.reset()
     index, frame, estimate = _first_located(source, running) if index is None else _step_to(source, running, index)
     image = _readable(source, index)
@@ -106,8 +110,24 @@ def look_at_recording(path: Path, index: int | None = None, system: str = DEFAUL
     found = f"{estimate.status.value}, as {system} has it after {counted(index + 1, 'image')}"
     if estimate.status is not Status.TRACKING:
         pose, found = None, f"no field lines are drawn: the robot is not located ({found})"
-    leaning = frame.base_from_camera
-    return Look(name, image, source.camera, detector, estimate.observation, source.field, pose, found, leaning)
+    placed = _camera_pose(source, index) if source.camera.use_attitude else frame.base_from_camera
+    return Look(name, image, source.camera, detector, estimate.observation, source.field, pose, found, placed)
+
+
+def _look_with_truth(source: Recording, index: int, system: str) -> Look:
+    """An image with nothing detected in it, and the true pose, if it is known."""
+    image, stamp_ns = _readable(source, index), int(source.image_stamps[index])
+    pose = None if source.truth is None else source.truth.nearest(stamp_ns)
+    found = "the recording knows no true pose" if pose is None else "the true pose"
+    found += f"; {system} sees nothing through a {source.camera.model} camera"
+    observation, placed = Observation(stamp_ns), _camera_pose(source, index)
+    return Look(f"{source.name}-{index}", image, source.camera, None, observation, source.field, pose, found, placed)
+
+
+def _camera_pose(source: Recording, index: int) -> Pose3 | None:
+    """`base_from_camera` at an image; None for its place on a robot that does not lean."""
+    frames = with_camera_poses(islice(source.again(), index + 2), source.camera)
+    return next(islice(frames, index, None))[1]
 
 
 def _readable(source: Recording, index: int) -> ImageArray:
