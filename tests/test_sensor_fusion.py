@@ -159,10 +159,10 @@ def test_a_robot_without_a_pose_is_found_only_by_images_that_fit_well() -> None:
     poor = SETTINGS.found_share - 0.02
     fusion = SensorFusion()
     assert {step(fusion, HERE, seen(at(-2.0), inlier_ratio=poor), still) for _ in range(10)} == {Mode.ODOMETRY}
-    assert not fusion.placed
+    assert not fusion.has_pose
     fusion.search_anew(1, displaced=False)  # one has ended without finding it: a poor calibration, perhaps
     assert [step(fusion, HERE, seen(at(-2.0), inlier_ratio=poor), still) for _ in range(3)][-1] is Mode.OMNIVISION
-    assert fusion.placed
+    assert fusion.has_pose
 
 
 def test_without_odometry_omnivision_goes_on_alone() -> None:

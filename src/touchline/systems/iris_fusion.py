@@ -115,7 +115,7 @@ class IrisFusion:
         """Forget everything but the prior."""
         s, prior = self.settings, prior or Prior()
         self.region = replace(OWN_HALF, most_x=OWN_HALF.most_x + s.own_half_m) if prior.own_half else None
-        self.moved = Pose(0.0, 0.0, 0.0)  # since the robot was told to be in the region
+        self.moved = Pose(0.0, 0.0, 0.0)  # since the robot stood in the start region
         self.history.clear()
         self.odometry.reset(prior.pose)
         self.fusion.forget()
@@ -178,31 +178,31 @@ class IrisFusion:
             return None, float("nan")
         if not self.searching:
             vision, residual_m = self._cycles(points, 1 if motion.missing_s == 0.0 else image_cycles)
-            if self._holds(vision, compass_rad):
+            if self._is_still_tracked(vision, compass_rad):
                 return vision, residual_m
             self.searching, self.status = True, Status.LOST
             self._start(compass_rad)
         elif self.restart.start_is_due():
             self._start(compass_rad)
         vision, residual_m = self._cycles(points, image_cycles)
-        return vision if self._is_where_told(vision.pose) else None, residual_m
+        return vision if self._began_in_start_region(vision.pose) else None, residual_m
 
     def _move(self, motion: Motion) -> None:
-        """The particles move; as long as a region was told, none of them may have begun outside."""
+        """The particles move; as long as the start region counts, none of them may have begun outside."""
         self.particles.predict(motion)
         self.moved = self.moved.compose(motion.pose)
         if self.region is not None:
             self.particles.keep_within(self.region, self.moved)
 
-    def _holds(self, vision: ParticleEstimate, compass_rad: float | None) -> bool:
+    def _is_still_tracked(self, vision: ParticleEstimate, compass_rad: float | None) -> bool:
         """Whether the robot is still followed; the compass may tell at which end of the field."""
         off_compass_rad = None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
         refuted = self.restart.is_refuted(vision.inlier_ratio, off_compass_rad, self.status is Status.LOST)
         self.side_known |= self.restart.at_right_end
-        return not refuted and self._is_where_told(vision.pose)
+        return not refuted and self._began_in_start_region(vision.pose)
 
-    def _is_where_told(self, pose: Pose) -> bool:
-        """Whether a robot that is here now has begun in the region told, if any was."""
+    def _began_in_start_region(self, pose: Pose) -> bool:
+        """Whether a robot that is here now has begun in the start region, if there is one."""
         return self.region is None or self.region.contains(pose.compose(self.moved.inverse()))
 
     def _cycles(self, points: LinePoints, count: int) -> tuple[ParticleEstimate, float]:
@@ -222,7 +222,7 @@ class IrisFusion:
         return found._replace(points=len(points), inlier_ratio=inlier_ratio), float(errors_m.mean())
 
     def _start(self, compass_rad: float | None) -> None:
-        """Spread the particles over the field, or the region told; the compass helps with the first headings alone."""
+        """Spread the particles over the field, or the start region; the compass helps with the first headings alone."""
         self.fusion.search_anew(self.restart.failed, displaced=self.restart.at_wrong_end)
         heading_rad, deviation_rad = self._first_headings(compass_rad, self.restart.start())
         if self.region is not None and heading_rad is not None:
@@ -230,7 +230,7 @@ class IrisFusion:
         self.particles.restart(heading_rad, self.region, deviation_rad)
         if self.region is not None:
             self.particles.predict(Motion(self.moved, np.zeros((3, 3)), 0.0))
-        if self.fusion.placed:
+        if self.fusion.has_pose:
             self.particles.put_nearby(self.odometry.pose)  # it may have been right
         self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
 
@@ -239,7 +239,7 @@ class IrisFusion:
         s = self.settings.particles
         if compass_rad is not None:
             return compass_rad, widening * s.compass_rad
-        if self.fusion.placed:
+        if self.fusion.has_pose:
             return self.odometry.pose.heading, widening * math.hypot(
                 s.known_heading_rad, self.fusion.heading_deviation_rad
             )
@@ -255,7 +255,7 @@ class IrisFusion:
                 self.region = None
         elif self.fusion.lost and self.status is Status.TRACKING:
             self.status = Status.LOST
-        if self.fusion.placed:
+        if self.fusion.has_pose:
             self.particles.put_nearby(self.fusion.pose)
 
 

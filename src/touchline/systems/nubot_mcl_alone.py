@@ -69,8 +69,8 @@ class NubotMclAlone:
         )
         self.follower = ParticleFollower(ParticleSearch(self.particles, s, s.failure.lone_heading_rad))
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
-        # Only matches tell of the mirror and of the compass: without them both are taken as they are.
-        self._upright, self._as_read = MirrorTilt(field), CompassCorrection()
+        # Only matches tell of them, and there are none here: mirror and compass are taken as they are.
+        self._no_tilt, self._no_correction = MirrorTilt(field), CompassCorrection()
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -106,7 +106,7 @@ class NubotMclAlone:
         s, points = self.settings, observation.points
         weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.least_points
         compass_rad = self.history.at(observation.stamp_ns).heading_rad
-        return MatchInput(points, weights, usable, compass_rad, self._upright, self._as_read)
+        return MatchInput(points, weights, usable, compass_rad, self._no_tilt, self._no_correction)
 
     def _follow(self, view: MatchInput) -> Match | None:
         """One more cycle about the pose; None without a pose, or without usable points."""

@@ -128,7 +128,7 @@ class SensorFusion:
         self.pose = Pose(0.0, 0.0, 0.0)
         self.covariance: FloatArray = np.eye(3) * 100.0
         self.mode = Mode.ODOMETRY
-        self.placed = False
+        self.has_pose = False
         self.bias_rad_s = 0.0
         self._failed_searches = 0
         self._uncorrected_s = 0.0
@@ -136,8 +136,8 @@ class SensorFusion:
         self._forget_images()
 
     def place(self, pose: Pose, covariance: FloatArray) -> None:
-        """A pose that is told, with its covariance (3, 3)."""
-        self.pose, self.covariance, self.placed = pose, covariance, True
+        """A start pose with its covariance (3, 3)."""
+        self.pose, self.covariance, self.has_pose = pose, covariance, True
 
     def search_anew(self, failed: int, displaced: bool) -> None:
         """The particles start anew over the field, after so many searches that failed.
@@ -145,7 +145,7 @@ class SensorFusion:
         displaced: the pose known so far is at the wrong end of the field.
         """
         self._failed_searches = failed
-        self.placed = self.placed and not displaced
+        self.has_pose = self.has_pose and not displaced
         self._forget_images()
 
     def _forget_images(self) -> None:
@@ -209,7 +209,7 @@ class SensorFusion:
         blind_rad = 3.0 * _spread_rad(motion.covariance) if motion.missing_s else 0.0
         reach_m = min(s.agreement_m + 3.0 * _spread_m(self.covariance), s.lost_m + blind_m)
         reach_rad = min(s.agreement_rad + 3.0 * _spread_rad(self.covariance), s.turned_rad + blind_rad, _QUARTER_TURN)
-        agrees = self.placed and _near(odometry, vision.pose, reach_m, reach_rad)
+        agrees = self.has_pose and _near(odometry, vision.pose, reach_m, reach_rad)
         expected = None if self._seen is None else self._seen.compose(motion.pose)
         steady = expected is not None and _near(
             expected, vision.pose, s.agreement_m + blind_m, min(s.agreement_rad + blind_rad, _QUARTER_TURN)
@@ -235,7 +235,7 @@ class SensorFusion:
         if self.mode is Mode.ODOMETRY:
             self.pose = odometry
             return
-        self.placed, self._failed_searches = True, 0
+        self.has_pose, self._failed_searches = True, 0
         s = self.settings
         if self.mode is Mode.BOTH and self._turned_by_gyro:
             self._learn_bias(odometry, vision.pose)

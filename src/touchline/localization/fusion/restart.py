@@ -88,9 +88,9 @@ class RestartRule:
         self._blind = 0
         self._contradicted = self._contradicted + 1 if lost or on_lines < s.least_share else 0
         if s.heading_rad is not None and off_compass_rad is not None:
-            strays = abs(off_compass_rad) > s.heading_rad
-            self._turned = self._turned + 1 if strays else 0
-            self._straight = 0 if strays else self._straight + 1
+            heading_inconsistent = abs(off_compass_rad) > s.heading_rad
+            self._turned = self._turned + 1 if heading_inconsistent else 0
+            self._straight = 0 if heading_inconsistent else self._straight + 1
         return self._contradicted >= enough or self.at_wrong_end
 
     @property
