@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 import re
 import shlex
 import tomllib
@@ -300,7 +301,7 @@ def yaml_blocks(name: str) -> list[str]:
 
 
 def test_the_camera_files_of_the_how_to_can_be_used(tmp_path: Path) -> None:
-    _, one_table, per_direction = yaml_blocks("how-to-recording.md")
+    _, one_table, per_direction, perspective = yaml_blocks("how-to-recording.md")
     camera_file = tmp_path / "camera.yaml"
     camera_file.write_text(one_table, encoding="utf-8")
     assert open_camera(camera_file).ground_from_image([[239.5, 239.5 - 80.0]])[0] == pytest.approx([1.0, 0.0], abs=1e-4)
@@ -309,6 +310,9 @@ def test_the_camera_files_of_the_how_to_can_be_used(tmp_path: Path) -> None:
     assert open_camera(camera_file).ground_from_image([[239.5 - 80.0, 239.5]])[0] == pytest.approx(
         [0.0, 0.99], abs=1e-4
     )
+    camera_file.write_text(perspective, encoding="utf-8")
+    ahead = open_camera(camera_file).ground_from_image([[377.3, 238.6]])[0]
+    assert ahead == pytest.approx([0.05 + 1.1 / math.tan(0.489), 0.0], abs=1e-6)
 
 
 def test_the_field_file_of_the_how_to_can_be_used(tmp_path: Path) -> None:
