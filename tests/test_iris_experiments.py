@@ -134,7 +134,7 @@ def test_a_slip_turns_the_wheels_by_30_cm_and_a_drift_adds_a_degree_per_second()
     assert turned is not None
     assert turned.values[:25].max() == 0.0
     assert np.degrees(turned.values[25:, 2]) == pytest.approx(1.0)
-    assert covered(0.0, 1.0)(Frame(2_000_000_000)).points is None
+    assert covered(0.0, 1.0)(Frame(2_000_000_000)).observation is None
 
 
 def test_what_an_outcome_says_comes_from_the_truth() -> None:

@@ -110,10 +110,10 @@ class Recording:
             )
         return read_image_list(path, self._opening)
 
-    def _match_observations(self) -> npt.NDArray[np.int64]:
+    def _match_observations(self) -> npt.NDArray[np.int64] | None:
         """(N,) the observation of each frame, -1 where there is none; those at no frame's time are reported."""
         if self._observations is None:
-            return np.full(len(self._stamp_ns), -1, dtype=np.int64)
+            return None
         found = self._observations.indices_at(self._stamp_ns)
         for index in np.setdiff1d(np.arange(len(self._observations)), found).tolist():
             time_s, line = self._observations.stamp_ns[index] / 1e9, int(self._observations.lines[index])
@@ -240,7 +240,8 @@ class Recording:
         }
         poses = None if self._camera_poses is None else CameraPoses(self._camera_poses, log)
         pictures = self._pictures(log)
-        for index, (stamp, observation) in enumerate(zip(self._stamp_ns.tolist(), self._seen(log), strict=True)):
+        for index, observation in enumerate(self._seen(log)):
+            stamp = int(self._stamp_ns[index])
             taken = {name: stream.take_until(stamp) for name, stream in streams.items()}
             name, image, problem = next(pictures)
             imu = taken.get("imu.csv")
@@ -267,12 +268,12 @@ class Recording:
 
     def _seen(self, log: ProblemLog) -> Iterator[Observation | None]:
         """What the robot's own detector found in each frame; None where observations.csv has nothing of it."""
-        if self._observations is None:
+        if self._observations is None or self._observed is None:
             yield from itertools.repeat(None, len(self))
             return
         with self._observations.table.path.open("rb") as file:
-            for index in self._observed.tolist():
-                yield None if index < 0 else self._observations.read(index, file, log)
+            for index in self._observed:
+                yield None if index < 0 else self._observations.read(int(index), file, log)
 
     def _pictures(self, log: ProblemLog) -> Iterator[tuple[str, ImageArray | None, str | None]]:
         """Name, image and problem of each frame; nothing of each where there are no images."""
