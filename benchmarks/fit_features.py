@@ -99,7 +99,7 @@ def _directions(field: FieldModel, at: FloatArray) -> list[FloatArray]:
     return found
 
 
-def fit_share(rows: FloatArray) -> tuple[float, float, float]:
+def fit_ratio(rows: FloatArray) -> tuple[float, float, float]:
     """Share, range (m) of half and slope (m) of a logistic fall, by maximum likelihood."""
 
     def cost(v: FloatArray) -> float:
@@ -151,14 +151,14 @@ def lean_errors(seeds: int) -> FloatArray:
 def report(rows: FloatArray) -> None:
     """Print the figures as they stand in `FeatureNoise`."""
     placed = rows[rows[:, 1] > 0.0]
-    share, half, slope = fit_share(rows)
+    share, half, slope = fit_ratio(rows)
     tail = math.exp(np.mean([math.log(tail_of(placed[:, column])) for column in (2, 3, 4)]))
     size = tail / math.sinh(tail)
     print(f"{len(rows)} crossings in view, {len(placed)} placed")
     outwards, across, turned = (size * spread(placed[:, column]) for column in (2, 3, 4))
     print(f"tail {tail:.2f}, outwards_px {outwards:.3f}, across_px {across:.3f}")
     print(f"orientation_deg {math.degrees(turned):.2f}")
-    print(f"found_share {share:.3f}, half at {half:.2f} m, slope {slope:.2f} m")
+    print(f"found_ratio {share:.3f}, half at {half:.2f} m, slope {slope:.2f} m")
     for low in range(8):
         near = rows[(rows[:, 0] >= low) & (rows[:, 0] < low + 1)]
         good = near[near[:, 1] > 0.0]

@@ -5,7 +5,7 @@
 Scenarios are rendered; in each image the points of `LinePointDetector` are paired, scan path by scan path, with the
 crossings of that path and the field's paint that `ObservedLines.crossings` works out from the true pose. What is paired
 says how often a crossing is found and how far off, what is left over which points are false. The figures follow by
-maximum likelihood (`found_share`, `error_px`), medians and counts; they are printed as they stand in `point_errors.py`.
+maximum likelihood (`found_ratio`, `error_px`), medians and counts; they are printed as they stand in `point_errors.py`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from touchline.perception import SelfLearningDetector, observe
 from touchline.simulation.observation.crossings import COLUMNS, GRAZED, MIXED, PLAIN
 from touchline.simulation.observation.goal_clutter import GoalClutter
 from touchline.simulation.observation.observed_lines import ObservedLines
-from touchline.simulation.observation.point_errors import ObservationNoise, edge_shift, found_share
+from touchline.simulation.observation.point_errors import ObservationNoise, edge_shift, found_ratio
 from touchline.simulation.observation.runs import BAR, DISC, LINE
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -134,7 +134,7 @@ def _likelihood(rows, numbers):  # type: ignore[no-untyped-def]
     """Mean negative logarithm of the chance of what was found and missed."""
     total = 0.0
     for i in range(len(rows)):
-        share = found_share(rows[i], rows[i, ON_RAY] > 0.0, rows[i, RANGE], numbers)
+        share = found_ratio(rows[i], rows[i, ON_RAY] > 0.0, rows[i, RANGE], numbers)
         share = min(max(share, 1e-3), 1.0 - 1e-3)
         total -= math.log(share if rows[i, HIT] > 0.0 else 1.0 - share)
     return total / len(rows)
@@ -144,7 +144,7 @@ def fit_names(rows: FloatArray, noise: ObservationNoise, names: Sequence[str]) -
     """Fit shares (kept below 1), halves and slopes (kept above 0) to what was found."""
 
     def changed(values: FloatArray) -> ObservationNoise:
-        tops = [0.999 if name.endswith("_share") else 1e3 for name in names]
+        tops = [0.999 if name.endswith("_ratio") else 1e3 for name in names]
         limited = np.clip(values, 1e-4, tops)
         return noise.model_copy(update={name: float(v) for name, v in zip(names, limited, strict=True)})
 
@@ -199,7 +199,7 @@ def fit_repetition(tables: Sequence[FloatArray], noise: ObservationNoise) -> Obs
     left = float(np.corrcoef(one[apart], other[apart])[0, 1]) / kept
     phases = np.linspace(0.2, 3.0, 57)
     errors = [abs(_repetition(float(np.mean(way[apart])) / phase) - left) for phase in phases]
-    return noise.model_copy(update={"kept_share": kept, "phase_px": float(phases[int(np.argmin(errors))])})
+    return noise.model_copy(update={"kept_ratio": kept, "phase_px": float(phases[int(np.argmin(errors))])})
 
 
 def _repetition(way: float) -> float:
@@ -299,14 +299,14 @@ def fit(comparisons: Sequence[Comparison], noise: ObservationNoise) -> Observati
     for _ in range(2):
         noise = fit_names(
             lines, noise,
-            ("found_share", "circle_share", "thin_half_px", "thin_slope_px", "coarse_half_m", "coarse_slope_m",
-             "flat_half", "flat_slope", "blur_px", "long_slope_px", "grazed_share", "mixed_share"),
+            ("found_ratio", "circle_ratio", "thin_half_px", "thin_slope_px", "coarse_half_m", "coarse_slope_m",
+             "flat_half", "flat_slope", "blur_px", "long_slope_px", "grazed_ratio", "mixed_ratio"),
         )  # fmt: skip
     bars, marks = rows[rows[:, 5] == BAR], rows[rows[:, 5] == DISC]
     if len(bars) > 100:
-        noise = fit_names(bars, noise, ("bar_share", "bar_half_m", "bar_slope_m"))
+        noise = fit_names(bars, noise, ("bar_ratio", "bar_half_m", "bar_slope_m"))
     if len(marks) > 100:
-        noise = fit_names(marks, noise, ("mark_share",))
+        noise = fit_names(marks, noise, ("mark_ratio",))
     return fit_strays(comparisons, noise)
 
 

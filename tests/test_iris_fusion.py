@@ -266,8 +266,8 @@ def test_kidnapped_robots_are_right_within_a_second_of_being_seen(covered: int) 
     right = total = 0
     for seed in range(2):
         scenario = open_scenario("kidnap", seed, 26.0)
-        mishaps = scenario.mishaps.model_copy(update={"kidnap_every_s": 4.0, "covered_images": covered})
-        run = Simulation(scenario.model_copy(update={"mishaps": mishaps}), level="points")
+        disturbances = scenario.disturbances.model_copy(update={"kidnap_every_s": 4.0, "covered_images": covered})
+        run = Simulation(scenario.model_copy(update={"disturbances": disturbances}), level="points")
         made = system(run, seed=seed)
         estimates = [made.step(frame) for frame in run]
         for event in (e for e in run.events if e["kind"] == "kidnap"):

@@ -16,7 +16,7 @@ from touchline.simulation.observation.fixed_noise import mosaic_noise, mosaic_ta
 from touchline.simulation.observation.goal_clutter import GoalClutter
 from touchline.simulation.observation.observed_lines import ObservedLines, leaning_view, occluders
 from touchline.simulation.observation.point_errors import ObservationNoise
-from touchline.simulation.observation.runs import BAR, bar_table, circle_runs, ray_runs, round_table
+from touchline.simulation.observation.runs import BAR, circle_runs, ray_runs, round_table, segment_table
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import Scenario, open_scenario
 from touchline.systems import RobotSetup, open_system
@@ -24,8 +24,8 @@ from touchline.types import Status
 
 NO_CLUTTER = GoalClutter(net_points=0.0, side_points=0.0)
 SILENT = ObservationNoise(
-    noise_px=0.0, frame_px=0.0, blur_px=0.0, found_share=1.0, circle_share=1.0, mixed_share=1.0, thin_half_px=-9.0,
-    flat_half=-9.0, coarse_half_m=9.0, long_slope_px=1e-3, bar_share=0.0, mark_share=1.0, false_points=0.0,
+    noise_px=0.0, frame_px=0.0, blur_px=0.0, found_ratio=1.0, circle_ratio=1.0, mixed_ratio=1.0, thin_half_px=-9.0,
+    flat_half=-9.0, coarse_half_m=9.0, long_slope_px=1e-3, bar_ratio=0.0, mark_ratio=1.0, false_points=0.0,
     white_goals=NO_CLUTTER, coloured_goals=NO_CLUTTER, covered_goals=NO_CLUTTER,
 )  # fmt: skip
 POSE = Pose(2.0, -1.5, 0.7)
@@ -61,7 +61,7 @@ class TestGeometry:
     def test_rays_run_on_paint_where_plain_distances_say(self) -> None:
         rng = np.random.default_rng(1)
         segments, circles, runs = rng.uniform(-5, 5, (12, 4)), np.array([[1.0, 0.0, 2.0]]), np.empty((64, 4))
-        paint = bar_table(segments, WIDTH_M), round_table(circles, np.zeros((0, 5))), NO_DISCS
+        paint = segment_table(segments, WIDTH_M), round_table(circles, np.zeros((0, 5))), NO_DISCS
         along = np.arange(0.0005, 6.0, 0.001)
         for bearing in rng.uniform(-math.pi, math.pi, 25):
             c, s = math.cos(bearing), math.sin(bearing)
@@ -79,7 +79,7 @@ class TestGeometry:
             np.array([[1.0, 0.0, 2.0]]),
             np.empty((64, 4)),
         )
-        paint = bar_table(segments, WIDTH_M), round_table(circles, np.zeros((0, 5))), NO_DISCS
+        paint = segment_table(segments, WIDTH_M), round_table(circles, np.zeros((0, 5))), NO_DISCS
         angles = np.arange(0.00025, 2.0 * math.pi, 0.0005)
         for reach in (0.7, 1.6, 2.4, 3.3, 4.1):
             count = circle_runs(0.3, -0.2, reach, paint, WIDTH_M, runs)
@@ -92,7 +92,7 @@ class TestGeometry:
     def test_circles_miss_lines_that_end_before_them(self) -> None:
         runs = np.empty((64, 4))
         for end, count in ((1.8, 0), (2.2, 1)):
-            bars = bar_table(np.array([[0.3, 0.0, end, 0.0]]), WIDTH_M)
+            bars = segment_table(np.array([[0.3, 0.0, end, 0.0]]), WIDTH_M)
             assert circle_runs(0.0, 0.0, 2.0, (bars, NO_ROUNDS, NO_DISCS), WIDTH_M, runs) == count
 
     def test_arcs_end_where_they_end(self) -> None:
@@ -165,9 +165,9 @@ class TestObservedLines:
     def test_errors_have_the_documented_size_and_tails(self) -> None:
         """sinh(k z) / k with z normal has the variance (exp(2 k²) - 1) / (2 k²)."""
         noise = SILENT.model_copy(update={"noise_px": 0.1, "tail": 0.6, "oblique_sine": 0.0, "thin_px": 0.0,
-                                          "circle_share": 0.0, "kept_share": 0.5})  # fmt: skip
+                                          "circle_ratio": 0.0, "kept_ratio": 0.5})  # fmt: skip
         camera, field = leaning_view(0.8, 190.0, 9.0), open_field("msl-18x12")
-        truth = ObservedLines(camera, field, SILENT.model_copy(update={"circle_share": 0.0}))
+        truth = ObservedLines(camera, field, SILENT.model_copy(update={"circle_ratio": 0.0}))
         exact = truth.observe(POSE, np.random.default_rng(0)).pixels
         sines = np.array([row[8] for row in truth.crossings(POSE) if row[2] < 144 and row[5] != 1.0])
         middle, errors = np.array(camera.center), []
@@ -180,7 +180,7 @@ class TestObservedLines:
         assert np.mean(np.abs(found) < 0.1 * math.sinh(0.6) / 0.6) == pytest.approx(0.683, abs=0.02)
 
     def test_a_standing_robot_sees_the_same_errors_again(self) -> None:
-        noise = SILENT.model_copy(update={"noise_px": 0.1, "kept_share": 0.9})
+        noise = SILENT.model_copy(update={"noise_px": 0.1, "kept_ratio": 0.9})
         observer, truth = ObservedLines(leaning_view(0.8, 190.0, 9.0), open_field("msl-18x12"), noise), head()
         exact = truth.observe(POSE, np.random.default_rng(0)).positions_m
         one, other = (observer.observe(POSE, np.random.default_rng(s)).positions_m - exact for s in (1, 2))
@@ -218,13 +218,13 @@ class TestObservedLines:
     def test_misses_and_false_points_come_as_often_as_documented(self) -> None:
         observer = head()
         every = len(observer.observe(POSE, np.random.default_rng(0)))
-        share = {"found_share": 0.6, "circle_share": 0.6, "mark_share": 0.6}
+        share = {"found_ratio": 0.6, "circle_ratio": 0.6, "mark_ratio": 0.6}
         fewer = [
             ObservedLines(observer.camera, observer.field, SILENT.model_copy(update=share), seed=s) for s in range(100)
         ]
         counts = [len(each.observe(POSE, np.random.default_rng(0))) for each in fewer]
         assert np.mean(counts) == pytest.approx(0.6 * every, rel=0.03)
-        nothing = {"found_share": 0.0, "circle_share": 0.0, "mark_share": 0.0}
+        nothing = {"found_ratio": 0.0, "circle_ratio": 0.0, "mark_ratio": 0.0}
         strays = ObservedLines(
             observer.camera, observer.field, SILENT.model_copy(update={**nothing, "false_points": 3.0})
         )
@@ -236,7 +236,7 @@ class TestObservedLines:
         """The mean number is what the settings say of the places in view, and falls with the distance."""
         clutter = GoalClutter(net_points=20.0, net_half_m=2.0, net_slope_m=0.4, side_points=0.0)
         field, camera = open_field("msl-18x12"), leaning_view(0.8, 190.0, 9.0)
-        nothing = {"found_share": 0.0, "circle_share": 0.0, "mark_share": 0.0, "white_goals": clutter}
+        nothing = {"found_ratio": 0.0, "circle_ratio": 0.0, "mark_ratio": 0.0, "white_goals": clutter}
         counts, shares = {}, {}
         for away in (1.2, 2.0, 4.5):
             pose, found = Pose(9.0 - away, 0.2, 0.3), []

@@ -16,8 +16,8 @@ from touchline.simulation.scenario import open_scenario
 from touchline.types import CrossingKind, LandmarkKind
 
 SILENT = FeatureNoise(
-    outwards_px=0.0, across_px=0.0, orientation_deg=0.0, found_share=1.0, found_half_m=99.0, line_share=1.0,
-    post_share=1.0, wrong_kind_share=0.0, farthest_m=5.5,
+    outwards_px=0.0, across_px=0.0, orientation_deg=0.0, found_ratio=1.0, found_half_m=99.0, line_ratio=1.0,
+    post_ratio=1.0, wrong_kind_ratio=0.0, farthest_m=5.5,
 )  # fmt: skip
 POSE = Pose(-2.0, 0.8, 0.6)
 
@@ -123,7 +123,7 @@ def test_fewer_crossings_are_found_far_away() -> None:
 
 
 def test_misses_and_wrong_kinds_come_as_often_as_documented() -> None:
-    noise = SILENT.model_copy(update={"found_share": 0.7, "wrong_kind_share": 0.2})
+    noise = SILENT.model_copy(update={"found_ratio": 0.7, "wrong_kind_ratio": 0.2})
     every = len(observer().observe(POSE, np.random.default_rng(0)).crossings)
     kinds = {(round(c.x, 3), round(c.y, 3)): c.kind for c in observer().field.crossings}
     found, wrong = 0, 0

@@ -177,10 +177,10 @@ def plain_paint(field: FieldModel, marks: tuple[GroundMark, ...], x: float, y: f
     rings = np.abs(np.hypot(x - field.circles[:, 0], y - field.circles[:, 1]) - field.circles[:, 2]) <= half
     discs = np.hypot(x - field.discs[:, 0], y - field.discs[:, 1]) <= 0.5 * field.discs[:, 2]
     cx, cy, radius, first, last = field.arcs.T
-    bows = np.abs(np.hypot(x - cx, y - cy) - radius) <= half
+    arc_rows = np.abs(np.hypot(x - cx, y - cy) - radius) <= half
     turn = np.mod(np.arctan2(y - cy, x - cx) - first + half / radius, 2.0 * np.pi)
-    bows &= turn <= np.mod(last - first, 2.0 * np.pi) + 2.0 * half / radius
-    return 0 if on.any() or rings.any() or discs.any() or bows.any() else -1
+    arc_rows &= turn <= np.mod(last - first, 2.0 * np.pi) + 2.0 * half / radius
+    return 0 if on.any() or rings.any() or discs.any() or arc_rows.any() else -1
 
 
 def test_cast_rays_are_turned_as_by_matrices() -> None:

@@ -85,8 +85,8 @@ def disturbed_drive(kind: str, scenario_name: str, field: str, seed: int, level:
 def _simulation(scenario_name: str, field: str, seed: int, level: str) -> Simulation:
     """A scenario without shoves; kept for the next disturbance of the same drive."""
     scenario = open_scenario(scenario_name, seed, SECONDS)
-    mishaps = scenario.mishaps.model_copy(update={"shove_every_s": 0.0})
-    return Simulation(scenario.model_copy(update={"field": field, "mishaps": mishaps}), level)
+    disturbances = scenario.disturbances.model_copy(update={"shove_every_s": 0.0})
+    return Simulation(scenario.model_copy(update={"field": field, "disturbances": disturbances}), level)
 
 
 def _outcome(driven: IrisDrive, ends_s: float) -> Outcome:

@@ -25,7 +25,7 @@ from touchline.simulation.robot.sensors import arrived_by, simulate_sensors
 from touchline.simulation.robot.track import STEP_S
 from touchline.simulation.scenario import Scenario
 from touchline.simulation.sequence import describe
-from touchline.simulation.stage import body_parts, make_world
+from touchline.simulation.stage import PERSON_PARTS, body_parts, make_world
 from touchline.simulation.world.calibration_layout import make_layout
 from touchline.simulation.world.world import World, WorldState
 from touchline.sources import ProblemLog, Truth
@@ -33,6 +33,7 @@ from touchline.types import Frame, ImageArray, LinePoints, Observation, Samples,
 
 LEVELS = ("images", "points")
 _BALL = (0.11, 0.22)
+_PERSON_SIZES = np.array([*PERSON_PARTS, (0.0, 0.0)])
 _PINHOLE_REACH_M = 6.5
 _LEAN_DEG = 0.25  # what the IMU tells of a walking body less the truth: `benchmarks/fit_features.py`
 _PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=math.radians(_LEAN_DEG), height_m=1.1)
@@ -255,7 +256,7 @@ class Simulation:
 
     def _bodies(self, time_s: float) -> FloatArray:
         """(K, 4) x, y, radius, height of what hides lines: robots as cylinders one on another, and balls."""
-        return bodies_at(self.others, time_s, self._body_sizes)
+        return bodies_at(self.others, time_s, self._body_sizes, _PERSON_SIZES)
 
     @cached_property
     def _body_sizes(self) -> FloatArray:

@@ -62,6 +62,10 @@ class CameraSettings(Settings):
     rolling_shutter_ms: float = Field(
         0.0, ge=0, le=200, description="time from the first to the last row's exposure (ms)"
     )
+    vignetting: float = Field(0.0, ge=0, le=1, description="by how much of its light the image's corners are darker")
+    bloom: float = Field(
+        0.0, ge=0, le=0.5, description="part of the light that the lens scatters around what is bright"
+    )
     black_sectors_deg: tuple[tuple[float, float], ...] = Field(
         (), description="directions [from, to] in the base frame, counter-clockwise, that are black in every image"
     )
@@ -145,7 +149,7 @@ class MotionSettings(Settings):
         return self
 
 
-class MishapSettings(Settings):
+class DisturbanceSettings(Settings):
     """What happens to the robot from outside."""
 
     kidnap_every_s: float = Field(0.0, ge=0, description="the robot is carried elsewhere this often (s); 0: never")
@@ -168,12 +172,26 @@ class OthersSettings(Settings):
         0.0, ge=0, le=10, description="half of them play about the robot, on average this far from it; 0: none"
     )
     balls: int = Field(0, ge=0, le=5, description="number of balls")
+    people: int = Field(0, ge=0, le=6, description="people who stay beside the robot: legs and shoes close to it")
+    people_m: float = Field(0.9, ge=0.6, le=5, description="mean distance (m) that they keep")
 
     @model_validator(mode="after")
     def _fits_together(self) -> OthersSettings:
         if self.near_m > 0.0 and not self.moving:
             raise ValueError("near_m needs moving: true; robots that stand keep out of the way")
         return self
+
+
+class HallSettings(Settings):
+    """What real halls have: worn lines, cables, and a carpet that ends right behind the lines."""
+
+    scuffed: float = Field(0.0, ge=0, le=1, description="how much of the lines' paint is rubbed off, in patches")
+    dirt: float = Field(0.0, ge=0, le=1, description="how dark dirt makes the lines, in stretches of a metre")
+    cables: int = Field(0, ge=0, le=20, description="cables that lie on the carpet, from its edge inwards")
+    carpet_border_m: float | None = Field(
+        None, ge=0.05, le=5, description="the carpet ends so far outside the lines (m); none: as the field says"
+    )
+    dark_floor: bool = Field(False, description="whether the floor beside the carpet is dark instead of grey")
 
 
 class CalibrationSettings(Settings):
@@ -188,6 +206,8 @@ class CalibrationSettings(Settings):
 class Scenario(Settings):
     """One run: field, world, robot, camera, and the seed of everything random in it."""
 
+    renamed = {"mishaps": "disturbances"}  # noqa: RUF012
+
     name: str = Field("", description="name of the run; of a file without one, the file's")
     description: str = Field("", description="one sentence for sequence.yaml")
     seed: int = Field(1, ge=0, description="of everything random")
@@ -197,8 +217,9 @@ class Scenario(Settings):
     camera: CameraSettings = CameraSettings()
     light: LightSettings = LightSettings()
     motion: MotionSettings = MotionSettings()
-    mishaps: MishapSettings = MishapSettings()
+    disturbances: DisturbanceSettings = DisturbanceSettings()
     others: OthersSettings = OthersSettings()
+    hall: HallSettings = HallSettings()
     sensors: SensorSettings = SensorSettings()
     calibration: CalibrationSettings = CalibrationSettings()
 
@@ -215,10 +236,12 @@ class Scenario(Settings):
             raise ValueError("a walk needs two target areas or more in motion.waypoints")
         if self.motion.kind == "waypoints" and not self.motion.waypoints:
             raise ValueError("motion.waypoints is empty; list x, y (m) and heading (degrees) of each")
-        if self.mishaps.kidnap_every_s > 0.0:
-            hidden_s = (self.mishaps.covered_images + 2) / self.camera.rate_hz
-            if self.mishaps.kidnap_every_s <= hidden_s:
-                raise ValueError(f"mishaps.kidnap_every_s is no longer than the {hidden_s:g} s that each kidnap takes")
+        if self.disturbances.kidnap_every_s > 0.0:
+            hidden_s = (self.disturbances.covered_images + 2) / self.camera.rate_hz
+            if self.disturbances.kidnap_every_s <= hidden_s:
+                raise ValueError(
+                    f"disturbances.kidnap_every_s is no longer than the {hidden_s:g} s that each kidnap takes"
+                )
         return self
 
     def streams(self) -> dict[str, np.random.Generator]:

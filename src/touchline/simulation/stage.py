@@ -13,12 +13,14 @@ from touchline.field import FieldModel
 from touchline.simulation.robot.others import Others
 from touchline.simulation.scenario import LightSettings, Scenario
 from touchline.simulation.world.calibration_layout import Layout
-from touchline.simulation.world.hall import default_world
+from touchline.simulation.world.hall import cables, default_world
 from touchline.simulation.world.lights import Lamp, LightChange, Lights, Window, hall_lamps
 from touchline.simulation.world.world import PAINTS, BallActor, RobotActor, World
 
 _MARKERS = ("magenta", "cyan")
 _MSL_M, _HUMANOID_M = (0.26, 0.80), (0.24, 0.92)  # radius and height of the others' bodies, as in the recordings
+_PERSON_M = (0.25, 1.72)
+PERSON_PARTS = ((0.17, 0.86), (0.2, 1.72))  # radius and top (m) of the cylinders that a person hides lines with
 # what of them hides lines, as upright cylinders from foot to head: shares of radius and height (`world.robot_blocks`);
 # of a humanoid legs, trunk with arms, and head, each as broad as it looks in the mean over all directions
 _MSL_PARTS = ((0.24 / 0.26, 0.475), (0.55, 0.70), (0.45, 1.0))
@@ -50,15 +52,24 @@ def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: La
             shape="humanoid" if humanoid else "msl",
             marker_colour=PAINTS[_MARKERS[index % 2]],
         )
-        for index, (x, y, heading) in enumerate(robots)
+        for index, (x, y, heading) in enumerate(robots[: scenario.others.robots])
     ]  # fmt: skip
-    return dataclasses.replace(
+    people = [
+        RobotActor(float(x), float(y), float(heading), *_PERSON_M, PAINTS["blue"], PAINTS["red"], shape="person")
+        for x, y, heading in robots[scenario.others.robots :]
+    ]
+    hall = scenario.hall
+    world = dataclasses.replace(
         world,
         lights=_lights(scenario.light, world.hall),
-        robots=tuple(actors),
+        robots=(*actors, *people),
         balls=tuple(BallActor(float(x), float(y)) for x, y in balls),
-        marks=layout.marks,
+        carpet_border_m=hall.carpet_border_m,
+        floor=PAINTS["dark"] if hall.dark_floor else world.floor,
+        line_wear=(hall.scuffed, hall.dirt),
     )
+    lying = cables(world.carpet, hall.cables, np.random.default_rng([seed, 29]))
+    return dataclasses.replace(world, marks=(*lying, *layout.marks))
 
 
 def events_of_light(settings: LightSettings) -> list[dict[str, object]]:

@@ -137,16 +137,16 @@ def _body_at(pose: Pose, attitude: tuple[float, float], motion: Motion, time_s: 
     return field_from_body(moved(pose, motion, time_s), (roll, pitch))
 
 
-def with_glisten(layer: npt.NDArray[np.float32], rays: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Lay a veil over a camera's fixed layer (H, W, 4), in place: seen from above, the carpet's pile glistens.
+def with_glare(layer: npt.NDArray[np.float32], rays: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Lay a glare over a camera's fixed layer (H, W, 4), in place: seen from above, the carpet's pile glistens.
 
     rays (H, W, 6): body frame. 2 % white at 0.6 m, a third of that for each further metre, as in the recordings.
     """
     falling = rays[..., 5] < -1e-3
     level = np.hypot(rays[..., 3], rays[..., 4])
     distance = np.where(falling, level * rays[..., 2] / np.where(falling, -rays[..., 5], 1.0), np.inf)
-    veil = 0.036 * np.exp(-distance)
-    layer += ((1.0 - layer[..., 3]) * np.where(veil > 0.003, veil, 0.0))[..., np.newaxis]
+    glare = 0.036 * np.exp(-distance)
+    layer += ((1.0 - layer[..., 3]) * np.where(glare > 0.003, glare, 0.0))[..., np.newaxis]
     return layer
 
 

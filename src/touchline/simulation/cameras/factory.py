@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.messages import did_you_mean
 from touchline.simulation.cameras.base import Motion
+from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.cameras.mirror import (
     MirrorProfile,
     Target,
@@ -34,12 +35,15 @@ SimulatedCamera = SimulatedOmniCamera | SimulatedPinholeCamera
 
 def open_simulated_camera(settings: CameraSettings) -> SimulatedCamera:
     """The camera of a scenario. Raises InputError for a file that describes none and a mirror that can't be solved."""
-    readout_s = 1e-3 * settings.rolling_shutter_ms
+    options: dict[str, Any] = {
+        "readout_s": 1e-3 * settings.rolling_shutter_ms,
+        "sensor": ImageSensor(vignetting=settings.vignetting, bloom=settings.bloom),
+    }
     if settings.file is not None:
-        return _from_file(Path(settings.file), settings.kind, readout_s)
+        return _from_file(Path(settings.file), settings.kind, options)
     if settings.kind == "pinhole":
-        return SimulatedPinholeCamera(readout_s=readout_s)
-    return _mirror_camera(settings, readout_s)
+        return SimulatedPinholeCamera(**options)
+    return _mirror_camera(settings, options)
 
 
 def project_ground(camera: SimulatedCamera, points: FloatArray, attitude: tuple[float, float]) -> FloatArray:
@@ -56,7 +60,7 @@ def base_motion(velocity: FloatArray, heading: float, leaning: tuple[float, floa
     return Motion(c * vx + s * vy, -s * vx + c * vy, turn, *leaning)
 
 
-def _from_file(path: Path, kind: str, readout_s: float) -> SimulatedCamera:
+def _from_file(path: Path, kind: str, options: Mapping[str, Any]) -> SimulatedCamera:
     tree: dict[str, Any] = read_yaml_mapping(path)
     model = tree.get("model")
     if model not in ("omni", "pinhole"):
@@ -64,17 +68,17 @@ def _from_file(path: Path, kind: str, readout_s: float) -> SimulatedCamera:
     if model != kind:
         raise InputError(f"{path}: is a camera of the model '{model}', but camera.kind is '{kind}'")
     if model == "omni":
-        return SimulatedOmniCamera.from_mapping(tree, path, readout_s=readout_s)
-    return SimulatedPinholeCamera.from_mapping(tree, path, readout_s=readout_s)
+        return SimulatedOmniCamera.from_mapping(tree, path, **options)
+    return SimulatedPinholeCamera.from_mapping(tree, path, **options)
 
 
-def _mirror_camera(settings: CameraSettings, readout_s: float) -> SimulatedCamera:
+def _mirror_camera(settings: CameraSettings, options: Mapping[str, Any]) -> SimulatedCamera:
     mirror = settings.mirror
     tilt_x, tilt_y = np.radians(mirror.tilt_deg)
     shift_x, shift_y = 1e-3 * np.array(mirror.shift_mm)
     mount = MirrorMount(float(tilt_x), float(tilt_y), float(shift_x), float(shift_y))
     profile = _solved(mirror.profile, mirror.metres_per_px, mirror.horizon_px)
-    return SimulatedOmniCamera.from_mirror(profile, mount, readout_s=readout_s)
+    return SimulatedOmniCamera.from_mirror(profile, mount, **options)
 
 
 @lru_cache(maxsize=16)

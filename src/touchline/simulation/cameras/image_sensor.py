@@ -4,6 +4,8 @@
     noise: variance = value * gain / full_well_electrons + (read_noise_electrons * gain / full_well_electrons)^2
     pixel = round(255 * value^(1 / gamma))
 
+Before that the lens may scatter part of the light around (bloom) and darken the corners (vignetting: by a part that
+grows with the square of the distance from the middle).
 Noise is normal with mean 0 and that variance on the RGGB mosaic, whose values have 16 bits; the mosaic is demosaiced
 bilinearly. The normal numbers come from a table of 2^22, read from a random place on for each image: independent from
 pixel to pixel, and at one pixel from image to image but for one pair of images in four million.
@@ -34,10 +36,12 @@ class ImageSensor:
     gamma: float = 2.2
     white_balance_rgb: tuple[float, float, float] = (1.0, 1.064, 1.19)
     optics_blur_sigma_px: float = 0.6
+    vignetting: float = 0.0
+    bloom: float = 0.0
 
     def __post_init__(self) -> None:
         positive = (self.k, self.full_well_electrons, self.gamma, *self.white_balance_rgb)
-        other = (self.read_noise_electrons, self.optics_blur_sigma_px)
+        other = (self.read_noise_electrons, self.optics_blur_sigma_px, self.vignetting, self.bloom)
         if not (
             all(math.isfinite(v) and v > 0.0 for v in positive) and all(math.isfinite(v) and v >= 0.0 for v in other)
         ):
@@ -56,6 +60,8 @@ class ImageSensor:
         height, width = radiance.shape[:2]
         if height < 3 or width < 3:  # such a mosaic has no pixel with neighbours all around
             return np.zeros((height, width, 3), dtype=np.uint8)
+        if self.bloom > 0.0:
+            radiance = (1.0 - self.bloom) * radiance + self.bloom * _scattered(radiance)
         if self.optics_blur_sigma_px > 0.0:
             size = 2 * math.ceil(2.5 * self.optics_blur_sigma_px) + 1
             radiance = np.asarray(cv2.GaussianBlur(radiance, (size, size), self.optics_blur_sigma_px))
@@ -64,6 +70,8 @@ class ImageSensor:
             channel = row + column  # RGGB
             scale = np.float32(self.white_balance_rgb[channel] * exposure_ms * gain * self.k)
             np.multiply(radiance[row::2, column::2, channel], scale, out=mosaic[row::2, column::2])
+        if self.vignetting > 0.0:
+            mosaic *= 1.0 - np.float32(self.vignetting) * _distance_squared(height, width)
         if rng is not None:
             shot = np.float32(gain / self.full_well_electrons)
             deviation = np.sqrt(mosaic * shot + (np.float32(self.read_noise_electrons) * shot) ** 2)
@@ -75,6 +83,9 @@ class ImageSensor:
     def sequence_constants(self) -> dict[str, Any]:
         """The `sensor` mapping of a recording's sequence.yaml."""
         constants: dict[str, Any] = asdict(self)
+        for name in ("vignetting", "bloom"):
+            if constants[name] == 0.0:
+                del constants[name]
         constants["white_balance_rgb"] = list(self.white_balance_rgb)
         constants["bayer"] = "RGGB, demosaiced"
         return constants
@@ -101,6 +112,25 @@ def noise_numbers(rng: np.random.Generator, count: int) -> npt.NDArray[np.float3
         return rng.standard_normal(count, dtype=np.float32)
     start = int(rng.integers(len(table) - count))
     return table[start : start + count]
+
+
+def _scattered(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """The light (H, W, 3) that a lens throws around: a twentieth of the image's width, and over all of it."""
+    height, width = radiance.shape[:2]
+    small = cv2.resize(radiance, (max(width // 8, 1), max(height // 8, 1)), interpolation=cv2.INTER_AREA)
+    near = cv2.GaussianBlur(small, (0, 0), width / 160.0)
+    around = 0.6 * near + 0.4 * small.mean(axis=(0, 1), dtype=np.float32)
+    return np.asarray(cv2.resize(around, (width, height), interpolation=cv2.INTER_LINEAR))
+
+
+@lru_cache(maxsize=4)
+def _distance_squared(height: int, width: int) -> npt.NDArray[np.float32]:
+    """(H, W) squared distance from the middle, 1 in the corners."""
+    y, x = np.ogrid[-1.0 : 1.0 : height * 1j, -1.0 : 1.0 : width * 1j]
+    total: npt.NDArray[np.float32] = ((x * x * width**2 + y * y * height**2) / (width**2 + height**2)).astype(
+        np.float32
+    )
+    return total
 
 
 @lru_cache(maxsize=8)

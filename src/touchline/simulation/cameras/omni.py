@@ -15,7 +15,7 @@ from touchline.camera.omni import omni_from_mapping
 from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.simulation.cameras.base import SimulatedCameraModel, with_glisten
+from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
 from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.cameras.mirror import MirrorProfile
 from touchline.simulation.cameras.mirror_rays import MirrorMount, design_range_table, ground_of_rays, mirror_rays
@@ -55,7 +55,7 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         slack = 0.01 if mirror is None else 0.01 + float(mirror[0].radius_m[-1])
         origin = np.array([0.0, 0.0, height_m])
         edge = None if mirror is None else mirror[0].head.outer_px
-        grid = RayGrid(rays, 1.0 / design.outer_radius_px, origin, slack, with_glisten(_head_layer(design, edge), rays))
+        grid = RayGrid(rays, 1.0 / design.outer_radius_px, origin, slack, with_glare(_head_layer(design, edge), rays))
         super().__init__(grid, sensor or ImageSensor(), side, blur_steps, readout_s)
 
     @classmethod

@@ -14,7 +14,7 @@ from touchline.camera.pinhole import pinhole_from_mapping, pinhole_mapping
 from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
-from touchline.simulation.cameras.base import SimulatedCameraModel, with_glisten
+from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
 from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.rendering.rendering import RayGrid
 
@@ -84,5 +84,5 @@ def _ray_grid(design: PinholeCamera) -> RayGrid:
         raise InputError("pinhole camera: its distortion maps no ray to some pixels of the image")
     place = design.base_from_camera.translation_m
     rays = np.hstack((np.broadcast_to(place, directions.shape), directions)).reshape(*shape, 6).astype(np.float32)
-    still = with_glisten(np.zeros((*shape, 4), dtype=np.float32), rays)
+    still = with_glare(np.zeros((*shape, 4), dtype=np.float32), rays)
     return RayGrid(rays, 1.0 / design.fx, place, 0.01, still)

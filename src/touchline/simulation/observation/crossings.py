@@ -7,6 +7,7 @@ without green between it is one run, as for the detector. Nothing is drawn at ra
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -201,25 +202,45 @@ def _in_image(chord, sine, width, scale, other, row):  # type: ignore[no-untyped
     row[7], row[8] = width / steepness, on / steepness
 
 
-@njit(cache=True, error_model="numpy")
-def find_crossings(  # type: ignore[no-untyped-def]
-    pose, rays, circles, limits, paint, mouth, bodies, carpet, sectors, scales, out
-):
-    """Paint that a detector could find from a pose (3,), into out (M, COLUMNS); returns how many.
+class Ground(NamedTuple):
+    """What a detector may find on a field, and where it looks: the same for all images.
 
     rays (P, 3): bearing (rad, base frame), nearest and farthest range (m); circles (Q, 2): range (m), pixels of radius.
     limits: line width, longest chord in line widths, blur, gap that is bridged and gap that parts (pixels).
-    paint: bars, rounds, discs of `runs`. mouth: see `through_mouth`. bodies (K, 4): see `hidden`.
-    carpet: half length and half width. sectors (B, 2): black directions (rad, base frame).
+    paint: segments, rounds, discs of `runs`. mouth: see `through_mouth`. carpet: half length and half width.
     scales (T, 2): see `scale_table`.
     """
+
+    rays: FloatArray
+    circles: FloatArray
+    limits: tuple[float, float, float, float, float]
+    paint: tuple[FloatArray, FloatArray, FloatArray]
+    mouth: FloatArray
+    carpet: tuple[float, float]
+    scales: FloatArray
+
+
+@njit(cache=True, error_model="numpy")
+def find_crossings(pose, ground, bodies, sectors, out):  # type: ignore[no-untyped-def]
+    """Paint that a detector could find from a pose (3,), into out (M, COLUMNS); returns how many.
+
+    bodies (K, 4): see `hidden`. sectors (B, 2): black directions (rad, base frame).
+    """
+    rays, circles = ground.rays, ground.circles
+    farthest = max(rays[:, 2].max() if len(rays) else 0.0, circles[:, 0].max() if len(circles) else 0.0)
+    paint = near_paint(pose[0], pose[1], ground.paint, ground.limits[0], farthest)
+    found = _on_rays(pose, ground, paint, bodies, sectors, out)
+    return _on_circles(pose, ground, paint, bodies, sectors, out, found)
+
+
+@njit(cache=True, error_model="numpy")
+def _on_rays(pose, ground, paint, bodies, sectors, out):  # type: ignore[no-untyped-def]
+    """The crossings on rays, from the first row of out on; returns how many."""
+    rays, mouth, carpet, scales = ground.rays, ground.mouth, ground.carpet, ground.scales
     x, y, heading = pose
     view = (x, y)
-    width, steepest, blur_px, bridged_px, apart_px = limits
-    runs, shadows, near = np.empty((MOST_PER_PATH, 4)), np.empty((len(bodies), 2)), np.empty((len(bodies), 4))
-    farthest = max(rays[:, 2].max() if len(rays) else 0.0, circles[:, 0].max() if len(circles) else 0.0)
-    paint = near_paint(x, y, paint, width, farthest)
-    found = 0
+    width, steepest, blur_px, bridged_px, apart_px = ground.limits
+    runs, shadows, found = np.empty((MOST_PER_PATH, 4)), np.empty((len(bodies), 2)), 0
     for p in range(len(rays)):
         first, last = rays[p, 1], rays[p, 2]
         grazed = False
@@ -264,6 +285,17 @@ def find_crossings(  # type: ignore[no-untyped-def]
             row[9], row[11] = radius, (steepest * width - chord) / scale + blur_px
             row[10] = GRAZED if grazed else (PLAIN if runs[h, 2] > 0.0 else MIXED)
             found += 1
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _on_circles(pose, ground, paint, bodies, sectors, out, found):  # type: ignore[no-untyped-def]
+    """The crossings on circles, behind the `found` rows of out that are taken; returns how many there are then."""
+    rays, circles, mouth, carpet, scales = ground.rays, ground.circles, ground.mouth, ground.carpet, ground.scales
+    x, y, heading = pose
+    view = (x, y)
+    width, steepest, blur_px, bridged_px, apart_px = ground.limits
+    runs, near = np.empty((MOST_PER_PATH, 4)), np.empty((len(bodies), 4))
     for q in range(len(circles)):
         reach, scale = circles[q, 0], circles[q, 0] / circles[q, 1]
         count = circle_runs(x, y, reach, paint, width, runs)

@@ -40,12 +40,12 @@ class FeatureNoise(Settings):
         1.4, gt=0, description="how much heavier than normal the errors' tails are: k of sinh(k z) / k; measured"
     )
     orientation_deg: float = Field(0.56, ge=0, description="size of the error of a crossing's orientation; measured")
-    found_share: float = Field(0.59, ge=0, le=1, description="share of the crossings near by that are found; measured")
+    found_ratio: float = Field(0.59, ge=0, le=1, description="share of the crossings near by that are found; measured")
     found_half_m: float = Field(5.5, gt=0, description="range at which half of these are found; measured")
     found_slope_m: float = Field(0.37, gt=0, description="how fast that changes with the range (logistic); measured")
-    line_share: float = Field(0.95, ge=0, le=1, description="share of the lines in view that are found; set")
-    post_share: float = Field(0.85, ge=0, le=1, description="share of the posts in view that are found; set")
-    wrong_kind_share: float = Field(0.03, ge=0, le=1, description="share of crossings taken for another kind; set")
+    line_ratio: float = Field(0.95, ge=0, le=1, description="share of the lines in view that are found; set")
+    post_ratio: float = Field(0.85, ge=0, le=1, description="share of the posts in view that are found; set")
+    wrong_kind_ratio: float = Field(0.03, ge=0, le=1, description="share of crossings taken for another kind; set")
     lean_deg: float = Field(
         0.0, ge=0, description="error of roll and of pitch that all features of an image share; measured on the IMU"
     )
@@ -91,12 +91,12 @@ class ObservedFeatures:
         places = np.array([(c.x, c.y) for c in self.field.crossings]).reshape(-1, 2)
         noise = self.noise
         away = np.hypot(*(places - (pose.x, pose.y)).T)
-        shares = noise.found_share / (1.0 + np.exp((away - noise.found_half_m) / noise.found_slope_m))
+        shares = noise.found_ratio / (1.0 + np.exp((away - noise.found_half_m) / noise.found_slope_m))
         chosen, seen = self._found(pose, places, shares, rng, hiding, black)
         for index in chosen:
             crossing = self.field.crossings[index]
             kind = crossing.kind
-            if rng.random() < noise.wrong_kind_share:
+            if rng.random() < noise.wrong_kind_ratio:
                 kind = [k for k in CrossingKind if k is not kind][int(rng.integers(2))]
             turned = crossing.orientation_rad - pose.heading
             turned += math.radians(noise.orientation_deg) * float(self._tailed(rng.standard_normal()))
@@ -114,7 +114,7 @@ class ObservedFeatures:
     def _posts(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> Landmarks:
         posts = self.field.posts
         places = np.array([(p.x, p.y) for p in posts]).reshape(-1, 2)
-        chosen, seen = self._found(pose, places, self.noise.post_share, rng, hiding, black)
+        chosen, seen = self._found(pose, places, self.noise.post_ratio, rng, hiding, black)
         return Landmarks(
             np.array([_LANDMARKS[posts[i].kind] for i in chosen], dtype="U4"),
             seen.positions_m,
@@ -134,7 +134,7 @@ class ObservedFeatures:
             ends = places[[first, last - 1]] if last > first else places[:0]
             if len(ends) == 0 or math.hypot(*(ends[1] - ends[0])) < self.noise.shortest_line_m:
                 continue
-            if rng.random() < self.noise.line_share:
+            if rng.random() < self.noise.line_ratio:
                 seen.append(self._perturbed(pose.inverse().transform(ends), rng))
         return Lines(
             np.array([line.positions_m for line in seen]).reshape(-1, 2, 2),

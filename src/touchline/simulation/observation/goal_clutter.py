@@ -21,7 +21,7 @@ from touchline.simulation.observation.fixed_noise import phase_noise
 
 PLACES, NET_PLACES = 150, 100  # per goal; how many of them on the net behind
 _NET_M, _SIDE_M = 0.4, 0.5  # up to these heights they lie, most of them low; higher threads are seen before no carpet
-_LEAST_SHARE = 0.3  # of that height, where the frame at the foot of the sides is coloured, not white
+_MIN_RATIO = 0.3  # of that height, where the frame at the foot of the sides is coloured, not white
 _TURN_RAD = 0.1  # after such a turn or
 _WAY_M = 0.3  # such a way other false points are seen
 
@@ -57,7 +57,7 @@ def thread_table(goals: FloatArray, white: Sequence[bool], seed: int) -> FloatAr
         along, aside, up = rng.random(PLACES), rng.standard_normal(PLACES), rng.random(PLACES)
         x = np.where(on_net, net_x, post_x + along * (net_x - post_x))
         y = np.where(on_net, low + along * (high - low), np.where(k % 2, low, high) + 0.05 * aside)
-        side = up**2 if foot else _LEAST_SHARE + (1.0 - _LEAST_SHARE) * up
+        side = up**2 if foot else _MIN_RATIO + (1.0 - _MIN_RATIO) * up
         tables.append(np.column_stack((x, y, np.where(on_net, _NET_M * up, _SIDE_M * side))))
     threads: FloatArray = np.concatenate([np.zeros((0, 3)), *tables])
     return threads
@@ -82,7 +82,7 @@ def place_strays(pose, goals, threads, seed, view, places, count):  # type: igno
             if share < 1e-4:
                 continue
             name = PLACES * g + k
-            px, py = seen_thread(threads[name], k < NET_PLACES, x, y, view[0], view[1], view[2], view[3], view[4])
+            px, py = seen_thread(threads[name], k < NET_PLACES, x, y, view)
             if math.isnan(px):
                 continue
             px, py = px - x, py - y
@@ -95,11 +95,13 @@ def place_strays(pose, goals, threads, seed, view, places, count):  # type: igno
 
 
 @njit(cache=True, error_model="numpy")
-def seen_thread(thread, on_net, x, y, view_m, mouth, bodies, carpet, scales):  # type: ignore[no-untyped-def]
+def seen_thread(thread, on_net, x, y, view):  # type: ignore[no-untyped-def]
     """The ground (field frame, m) that a thread (3,) of `thread_table` is seen before from x, y; NaN if it is not seen.
 
     It is if neither the goal's sides nor bodies (K, 4) hide it and green follows beyond it: a detector's flank.
+    view: height of the camera (m), mouth, bodies, carpet, scales, as of `crossings`.
     """
+    view_m, mouth, bodies, carpet, scales = view
     px, py = thread[0], thread[1]
     if hidden(x, y, px, py, bodies) or (on_net and not through_mouth(x, y, px, py, mouth)):
         return np.nan, np.nan

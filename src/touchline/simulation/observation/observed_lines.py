@@ -16,11 +16,11 @@ from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointSettings
-from touchline.simulation.observation.crossings import COLUMNS, find_crossings, inside_sector, scale_table
+from touchline.simulation.observation.crossings import COLUMNS, Ground, find_crossings, inside_sector, scale_table
 from touchline.simulation.observation.fixed_noise import mosaic_table
 from touchline.simulation.observation.goal_clutter import NET_PLACES, PLACES, place_strays, seen_thread, thread_table
-from touchline.simulation.observation.point_errors import ObservationNoise, perturbed
-from touchline.simulation.observation.runs import BAR, bar_table, round_table
+from touchline.simulation.observation.point_errors import ObservationNoise, PointErrors, perturbed
+from touchline.simulation.observation.runs import BAR, round_table, segment_table
 from touchline.types import LinePoints, empty_points
 
 _BAR_M = (0.12, 0.05)  # a goal's bar on the ground as seen from above, with its side: width, how far behind its middle
@@ -56,23 +56,25 @@ class ObservedLines:
         self._rays, self._circles = _scan_geometry(camera, self.detector, view_rad)
         s, n = self.detector, self.noise
         width = s.line_width_m or field.line_width
-        self._limits = (width, s.steepest_crossing, s.blur_px, n.bridged_px, n.apart_px)
+        limits = (width, s.steepest_crossing, s.blur_px, n.bridged_px, n.apart_px)
         goals, bars = _goals(field)
         kinds = [n.white_goals if goal.color == "white" else n.coloured_goals for goal in field.goals]
         self._goals = goals, np.array([kind.numbers() for kind in kinds]).reshape(-1, 6)
         self._covered_goals = goals, np.array([n.covered_goals.numbers()] * len(goals)).reshape(-1, 6)
         self._threads = thread_table(goals, [goal.color == "white" for goal in field.goals], seed)
-        lines = np.concatenate((bar_table(field.segments, width), bars))
+        lines = np.concatenate((segment_table(field.segments, width), bars))
         marks = field.discs + np.array([0.0, 0.0, _MARK_M])
-        self._paint = (lines, round_table(field.circles, field.arcs), marks)
-        self._mouth = np.array([abs(field.goals[0].x), *sorted(field.goals[0].y_posts)] if field.goals else [0.0] * 3)
-        self._carpet = (0.5 * field.length + field.border, 0.5 * field.width + field.border)
-        self._lookup = (camera.lookup_constants, camera.bearings_rad, camera.lookup_table)
+        paint = (lines, round_table(field.circles, field.arcs), marks)
+        mouth = np.array([abs(field.goals[0].x), *sorted(field.goals[0].y_posts)] if field.goals else [0.0] * 3)
+        carpet = (0.5 * field.length + field.border, 0.5 * field.width + field.border)
+        self._ground = Ground(self._rays, self._circles, limits, paint, mouth, carpet, self._scales)
+        lookup = (camera.lookup_constants, camera.bearings_rad, camera.lookup_table)
         self._posts = np.array([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts]).reshape(-1, 4)
         self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
-        self._numbers = n.numbers(s.noise_px, s.noise_m)
-        self._askew = (_askew(camera, as_built), _STEP_PX)
-        self._same = (seed, mosaic_table(seed))
+        self._errors = PointErrors(
+            n.numbers(s.noise_px, s.noise_m), len(self._rays), seed, mosaic_table(seed), lookup, self._scales,
+            _askew(camera, as_built), _STEP_PX,
+        )  # fmt: skip
         self._found = np.empty((2048, COLUMNS))
         self._places = np.empty((PLACES * len(goals) + _MOST_ANYWHERE, 2))
 
@@ -82,8 +84,8 @@ class ObservedLines:
         """(M, COLUMNS) all that the detector might find from a pose, arguments as of `observe`: see `crossings`."""
         hiding = np.concatenate((self._posts, _NO_BODIES if bodies is None else bodies))
         count = find_crossings(
-            (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, self._mouth,
-            occluders(hiding, self.noise.height_m), self._carpet, self._sectors(black_rad), self._scales, self._found,
+            (pose.x, pose.y, pose.heading), self._ground, occluders(hiding, self.noise.height_m),
+            self._sectors(black_rad), self._found,
         )  # fmt: skip
         return self._found[:count]
 
@@ -103,18 +105,17 @@ class ObservedLines:
         covered = black_rad is not None and len(black_rad) > 0
         anywhere = min(int(rng.poisson(n.false_points)), _MOST_ANYWHERE)
         count, false_count = _seen(
-            (pose.x, pose.y, pose.heading), self._rays, self._circles, self._limits, self._paint, self._mouth,
-            self._posts, _NO_BODIES if bodies is None else bodies, n.height_m, self._carpet, sectors, self._scales,
-            self._found, rng.random((anywhere, 2)), self._covered_goals if covered else self._goals, self._threads,
-            self.seed, self._places,
+            (pose.x, pose.y, pose.heading), self._ground,
+            (self._posts, _NO_BODIES if bodies is None else bodies, n.height_m), sectors, rng.random((anywhere, 2)),
+            (self._covered_goals if covered else self._goals, self._threads, self.seed), self._found, self._places,
         )  # fmt: skip
         total = count + false_count
         if total == 0:
             return empty_points()
         rows = np.empty((total, 9))
         kept = perturbed(
-            self._found[:count], self._places[:false_count], len(self._rays), sectors, self._numbers, self._same,
-            rng.standard_normal(3), rng.standard_normal((total, 2)), self._lookup, self._scales, self._askew, rows,
+            self._found[:count], self._places[:false_count], sectors, self._errors, rng.standard_normal(3),
+            rng.standard_normal((total, 2)), rows,
         )  # fmt: skip
         rows = rows[:kept]
         return LinePoints(rows[:, :2], rows[:, 2:6].reshape(-1, 2, 2), rows[:, 6], rows[:, 7:9])
@@ -130,9 +131,8 @@ class ObservedLines:
         seen = np.zeros((len(self._goals[0]), 2))
         for row, thread in enumerate(self._threads):
             goal, net = row // PLACES, row % PLACES < NET_PLACES
-            x, y = seen_thread(
-                thread, net, pose.x, pose.y, self.noise.height_m, self._mouth, moving, self._carpet, self._scales
-            )
+            view = self.noise.height_m, self._ground.mouth, moving, self._ground.carpet, self._scales
+            x, y = seen_thread(thread, net, pose.x, pose.y, view)
             if not math.isnan(x) and not inside_sector(math.atan2(y - pose.y, x - pose.x) - pose.heading, sectors):
                 seen[goal, 0 if net else 1] += 1.0
         shares: FloatArray = seen / (NET_PLACES, PLACES - NET_PLACES)
@@ -163,7 +163,7 @@ def _goals(field: FieldModel) -> tuple[FloatArray, FloatArray]:
             back = goal.x + side * (goal.depth + _BAR_M[1])
             bars.append((back, low, back, high))
     rows = np.array(boxes, dtype=np.float64).reshape(-1, 4)
-    return rows, bar_table(np.array(bars, dtype=np.float64).reshape(-1, 4), _BAR_M[0], BAR)
+    return rows, segment_table(np.array(bars, dtype=np.float64).reshape(-1, 4), _BAR_M[0], BAR)
 
 
 def _askew(camera: OmniCamera, as_built: Callable[[FloatArray], FloatArray] | None) -> FloatArray:
@@ -223,21 +223,19 @@ def _farthest_radius(camera: OmniCamera, coarsest_px_m: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _seen(  # type: ignore[no-untyped-def]
-    pose, rays, circles, limits, paint, mouth, posts, bodies, view_m, carpet, sectors, scales, found, uniforms, goals,
-    threads, seed, places,
-):  # fmt: skip
+def _seen(pose, ground, occluding, sectors, uniforms, clutter, found, places):  # type: ignore[no-untyped-def]
     """What `find_crossings` finds, into found, and false points, into places (K, 2), base frame: how many of each.
 
-    posts, bodies: (K, 4) as of `occluders`, seen from the height view_m (m). uniforms (N, 2): where on rays other false
-    points are. goals, threads, seed: see `place_strays`. The other arguments as of `find_crossings`.
+    occluding: posts, bodies (K, 4 each) as of `occluders`, and the height (m) that they are seen from. uniforms (N, 2):
+    where on rays other false points are. clutter: goals, threads, seed of `place_strays`. Else as `find_crossings`.
     """
+    (posts, bodies, view_m), (goals, threads, seed), rays = occluding, clutter, ground.rays
     standing, moving = occluders(posts, view_m), occluders(bodies, view_m)
     hiding = np.concatenate((standing, moving))
-    count = find_crossings(pose, rays, circles, limits, paint, mouth, hiding, carpet, sectors, scales, found)
+    count = find_crossings(pose, ground, hiding, sectors, found)
     for k in range(len(uniforms)):
         ray = rays[int(uniforms[k, 0] * len(rays))]
         reach = ray[1] + uniforms[k, 1] * (ray[2] - ray[1])
         places[k, 0], places[k, 1] = reach * math.cos(ray[0]), reach * math.sin(ray[0])
-    view = view_m, mouth, moving, carpet, scales
+    view = view_m, ground.mouth, moving, ground.carpet, ground.scales
     return count, place_strays(pose, goals, threads, seed, view, places, len(uniforms))

@@ -11,6 +11,7 @@ fresh noise.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -39,13 +40,13 @@ class ObservationNoise(Settings):
     thin_px: float = Field(
         1.41, ge=0, description="width of a line in the image at which the deviation is 1.4 times that"
     )
-    kept_share: float = Field(
+    kept_ratio: float = Field(
         0.96, ge=0, le=1, description="share of an error's variance that the next image repeats from the same place"
     )
     phase_px: float = Field(0.4, gt=0, description="way along the path after which the repeated part is another")
     frame_px: float = Field(0.01, ge=0, description="deviation that all points on rays of an image share")
-    found_share: float = Field(0.939, ge=0, le=1, description="share of easy crossings of rays that are found")
-    circle_share: float = Field(0.878, ge=0, le=1, description="share of easy crossings of circles that are found")
+    found_ratio: float = Field(0.939, ge=0, le=1, description="share of easy crossings of rays that are found")
+    circle_ratio: float = Field(0.878, ge=0, le=1, description="share of easy crossings of circles that are found")
     thin_half_px: float = Field(0.29, description="width of a line in the image of which half are found")
     thin_slope_px: float = Field(0.072, gt=0, description="how fast that changes with the width (logistic)")
     coarse_half_m: float = Field(0.178, gt=0, description="length of a pixel on the ground at which half is found")
@@ -56,13 +57,13 @@ class ObservationNoise(Settings):
     long_slope_px: float = Field(
         0.65, gt=0, description="how sharp the detector's limit of a line's width is (logistic)"
     )
-    bar_share: float = Field(0.93, ge=0, le=1, description="share of near crossings of a goal's bar that are found")
+    bar_ratio: float = Field(0.93, ge=0, le=1, description="share of near crossings of a goal's bar that are found")
     bar_half_m: float = Field(2.48, gt=0, description="range at which half of these are")
     bar_slope_m: float = Field(1.13, gt=0, description="how fast that changes with the range (logistic)")
-    mark_share: float = Field(0.817, ge=0, le=1, description="share of crossings of round marks that are found")
-    grazed_share: float = Field(0.733, ge=0, le=1, description="share found on rays along the edge of a black sector")
+    mark_ratio: float = Field(0.817, ge=0, le=1, description="share of crossings of round marks that are found")
+    grazed_ratio: float = Field(0.733, ge=0, le=1, description="share found on rays along the edge of a black sector")
     grazed_factor: float = Field(3.09, ge=1, description="how much larger errors are there")
-    mixed_share: float = Field(1, ge=0, le=1, description="share found where more than one line lies on the path")
+    mixed_ratio: float = Field(1, ge=0, le=1, description="share found where more than one line lies on the path")
     mixed_factor: float = Field(1.52, ge=1, description="how much larger errors are there")
     bridged_px: float = Field(1.5, ge=0, description="gap between two lines that the detector takes for paint")
     apart_px: float = Field(3.5, ge=0, description="gap between two lines that it needs to find either")
@@ -86,11 +87,11 @@ class ObservationNoise(Settings):
         """What `perturbed` takes; point_px, point_m: the deviations that the detector gives its points."""
         return np.array(
             [
-                self.noise_px, self.tail, self.oblique_sine, self.kept_share, self.phase_px, self.frame_px,
-                self.found_share, self.circle_share, self.thin_half_px, self.thin_slope_px,
-                self.coarse_half_m, self.coarse_slope_m, self.flat_half, self.flat_slope, self.bar_share,
-                self.bar_half_m, self.bar_slope_m, self.mark_share, self.grazed_share, self.grazed_factor,
-                self.mixed_share, self.mixed_factor, self.blur_px, self.long_slope_px, self.contrast_px,
+                self.noise_px, self.tail, self.oblique_sine, self.kept_ratio, self.phase_px, self.frame_px,
+                self.found_ratio, self.circle_ratio, self.thin_half_px, self.thin_slope_px,
+                self.coarse_half_m, self.coarse_slope_m, self.flat_half, self.flat_slope, self.bar_ratio,
+                self.bar_half_m, self.bar_slope_m, self.mark_ratio, self.grazed_ratio, self.grazed_factor,
+                self.mixed_ratio, self.mixed_factor, self.blur_px, self.long_slope_px, self.contrast_px,
                 self.lean_noise_rad, self.height_m, point_px, point_m, self.thin_px,
             ]
         )  # fmt: skip
@@ -102,22 +103,22 @@ def _logistic(value):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def found_share(row, on_ray, reach, numbers):  # type: ignore[no-untyped-def]
+def found_ratio(row, on_ray, reach, numbers):  # type: ignore[no-untyped-def]
     """Share of crossings like this row of `find_crossings` that are found; reach: its range (m)."""
-    ray_share, circle_share, thin_half, thin_slope, coarse_half, coarse_slope, flat_half, flat_slope = numbers[6:14]
-    bar_share, bar_half, bar_slope, mark_share, grazed_share = numbers[14:19]
+    ray_ratio, circle_ratio, thin_half, thin_slope, coarse_half, coarse_slope, flat_half, flat_slope = numbers[6:14]
+    bar_ratio, bar_half, bar_slope, mark_ratio, grazed_ratio = numbers[14:19]
     if row[5] == DISC:
-        return mark_share * _logistic((coarse_half - row[4]) / coarse_slope)
-    share = ray_share if on_ray else circle_share
+        return mark_ratio * _logistic((coarse_half - row[4]) / coarse_slope)
+    share = ray_ratio if on_ray else circle_ratio
     share *= _logistic((row[7] - thin_half) / thin_slope) * _logistic((row[8] - flat_half) / flat_slope)
     if on_ray:
         share *= _logistic((coarse_half - row[4]) / coarse_slope)
     if row[5] == BAR:
-        share *= bar_share * _logistic((bar_half - reach) / bar_slope)
+        share *= bar_ratio * _logistic((bar_half - reach) / bar_slope)
     seen_px = math.sqrt(row[7] ** 2 + numbers[22] ** 2) - row[7]  # by how much blur widens it
     share *= _logistic((row[11] - seen_px / row[8]) / numbers[23])
     if row[10] == GRAZED:
-        share *= grazed_share
+        share *= grazed_ratio
     return share * numbers[20] if row[10] == MIXED else share
 
 
@@ -149,21 +150,35 @@ def edge_shift(row, reach, blur_px, scales):  # type: ignore[no-untyped-def]
     return (0.5 * (near + far) - reach) / row[4]
 
 
+class PointErrors(NamedTuple):
+    """How a camera and a detector err, the same for all images.
+
+    numbers: of `ObservationNoise.numbers`. first_circle: number of the first scan path that is a circle. seed, mosaic:
+    of what stays the same, see `mosaic_table`. camera: constants, bearings, ranges of the OmniCamera's look-up; scales:
+    of `scale_table`. askew (R, C, 2): shift in pixels of what the camera as built sees; step_px: from node to node.
+    """
+
+    numbers: FloatArray
+    first_circle: int
+    seed: int
+    mosaic: FloatArray
+    camera: tuple[FloatArray, FloatArray, FloatArray]
+    scales: FloatArray
+    askew: FloatArray
+    step_px: float
+
+
 @njit(cache=True, error_model="numpy")
-def perturbed(found, strays, first_circle, sectors, numbers, fixed, shared, normals, camera, scales, askew, out):  # type: ignore[no-untyped-def]
+def perturbed(found, strays, sectors, errors, shared, normals, out):  # type: ignore[no-untyped-def]
     """Points that are found, shifted, into out (N, 9): x, y, covariance (4), confidence, u, v; returns how many.
 
     found (M, COLUMNS) of `find_crossings`; strays (K, 2): places of false points (m, base frame). sectors (B, 2): black
-    directions. numbers: of `ObservationNoise.numbers`. fixed: seed and `mosaic_table` of what stays the same.
-    shared (3,) and normals (N, 2): this image's chance, standard normal. camera: constants, bearings, ranges of the
-    OmniCamera's look-up; scales: of `scale_table`. askew: (R, C, 2) shift in pixels of what the camera as built sees,
-    and pixels from node to node.
+    directions. shared (3,) and normals (N, 2): this image's chance, standard normal.
     """
-    frame, kept_share, phase = numbers[5] * shared[0], numbers[3], numbers[4]
-    contrast_px, lean, height, point_px, point_m = numbers[24:29]
-    roll, pitch = lean * shared[1], lean * shared[2]
-    seed, mosaic = fixed
-    again, anew = math.sqrt(kept_share), math.sqrt(1.0 - kept_share)
+    numbers, camera, scales = errors.numbers, errors.camera, errors.scales
+    frame, kept_ratio, phase = numbers[5] * shared[0], numbers[3], numbers[4]
+    seed, mosaic = errors.seed, errors.mosaic
+    again, anew = math.sqrt(kept_ratio), math.sqrt(1.0 - kept_ratio)
     kept = 0
     for i in range(len(found) + len(strays)):
         on_ray, wide, shift = True, 1.5, 0.0
@@ -176,7 +191,7 @@ def perturbed(found, strays, first_circle, sectors, numbers, fixed, shared, norm
         if i < len(found):
             row = found[i]
             wide = row[7]
-            on_ray = row[2] < first_circle
+            on_ray = row[2] < errors.first_circle
             if on_ray:
                 direction = math.atan2(dv, du)
                 where, whether = mosaic_noise(mosaic, u, v, direction)
@@ -184,7 +199,7 @@ def perturbed(found, strays, first_circle, sectors, numbers, fixed, shared, norm
                 where = phase_noise(seed, 2 * int(row[2]), row[9] / phase)
                 whether = phase_noise(seed, 2 * int(row[2]) + 1, row[9] / phase)
             chance = 0.5 * math.erfc((again * whether + anew * normals[i, 1]) / math.sqrt(2.0))
-            if chance >= found_share(row, on_ray, math.sqrt(x * x + y * y), numbers):
+            if chance >= found_ratio(row, on_ray, math.sqrt(x * x + y * y), numbers):
                 continue
             shift = error_px(row, again * where + anew * normals[i, 0], numbers)
             if on_ray:
@@ -195,27 +210,36 @@ def perturbed(found, strays, first_circle, sectors, numbers, fixed, shared, norm
             u, v = u + shift * du / radius, v + shift * dv / radius
         else:
             u, v = u - shift * dv / radius, v + shift * du / radius
-        if len(askew[0]):
-            nudge_u, nudge_v = _nudged(u, v, askew[0], askew[1])
+        if len(errors.askew):
+            nudge_u, nudge_v = _nudged(u, v, errors.askew, errors.step_px)
             u, v = u + nudge_u, v + nudge_v
         x, y = ground_from_pixel(u, v, camera[0], camera[1], camera[2])
         if math.isnan(x):
             continue
-        du, dv = u - camera[0][0], v - camera[0][1]
-        distance = math.sqrt(x * x + y * y)
-        outwards, across = scale_at(distance, scales, 0) ** 2, distance * distance / (du * du + dv * dv)
-        cx, cy = x / distance, y / distance
         point = out[kept]
-        leaning = (x * pitch - y * roll) / height
-        point[0], point[1] = x + height * pitch + x * leaning, y - height * roll + y * leaning
-        point[2] = point_px**2 * (outwards * cx * cx + across * cy * cy) + point_m**2
-        point[5] = point_px**2 * (outwards * cy * cy + across * cx * cx) + point_m**2
-        point[3] = point[4] = point_px**2 * (outwards - across) * cx * cy
-        point[6] = 1.0 - math.exp(-wide / contrast_px)
+        _fill(point, (x, y), (u - camera[0][0], v - camera[0][1]), scale_at(math.sqrt(x * x + y * y), scales, 0),
+              numbers, shared)  # fmt: skip
+        point[6] = 1.0 - math.exp(-wide / numbers[24])
         point[7], point[8] = u, v
         if not math.isnan(point[2] + point[5]):
             kept += 1
     return kept
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(point, place, pixel, scale, numbers, shared):  # type: ignore[no-untyped-def]
+    """Place, moved by the body's lean, and covariance of a point. pixel: from the camera's centre; scale: m per px."""
+    lean, height, point_px, point_m = numbers[25:29]
+    roll, pitch = lean * shared[1], lean * shared[2]
+    (x, y), (du, dv) = place, pixel
+    distance = math.sqrt(x * x + y * y)
+    outwards, across = scale**2, distance * distance / (du * du + dv * dv)
+    cx, cy = x / distance, y / distance
+    leaning = (x * pitch - y * roll) / height
+    point[0], point[1] = x + height * pitch + x * leaning, y - height * roll + y * leaning
+    point[2] = point_px**2 * (outwards * cx * cx + across * cy * cy) + point_m**2
+    point[5] = point_px**2 * (outwards * cy * cy + across * cx * cx) + point_m**2
+    point[3] = point[4] = point_px**2 * (outwards - across) * cx * cy
 
 
 @njit(cache=True, error_model="numpy")

@@ -54,22 +54,22 @@ def _kept_rows(rows, gaps, farthest):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def near_paint(x, y, paint, width, farthest):  # type: ignore[no-untyped-def]
     """The paint of `ray_runs` that a place x, y could see within `farthest` (m); the rest need not be looked at."""
-    bars, rounds, discs = paint
-    gaps = np.empty(len(bars) + len(rounds) + len(discs))
-    for i in range(len(bars)):
-        ax, ay = x - bars[i, 0], y - bars[i, 1]
-        beyond = abs(ax * bars[i, 2] + ay * bars[i, 3]) - bars[i, 4]
-        beside = abs(-ax * bars[i, 3] + ay * bars[i, 2]) - bars[i, 5]
+    segments, rounds, discs = paint
+    gaps = np.empty(len(segments) + len(rounds) + len(discs))
+    for i in range(len(segments)):
+        ax, ay = x - segments[i, 0], y - segments[i, 1]
+        beyond = abs(ax * segments[i, 2] + ay * segments[i, 3]) - segments[i, 4]
+        beside = abs(-ax * segments[i, 3] + ay * segments[i, 2]) - segments[i, 5]
         gaps[i] = max(beyond, beside)
     for i in range(len(rounds)):
         ox, oy = rounds[i, 0] - x, rounds[i, 1] - y
-        gaps[len(bars) + i] = abs(math.sqrt(ox * ox + oy * oy) - rounds[i, 2]) - 0.5 * width
+        gaps[len(segments) + i] = abs(math.sqrt(ox * ox + oy * oy) - rounds[i, 2]) - 0.5 * width
     for i in range(len(discs)):
         ox, oy = discs[i, 0] - x, discs[i, 1] - y
-        gaps[len(bars) + len(rounds) + i] = math.sqrt(ox * ox + oy * oy) - 0.5 * discs[i, 2]
-    first, second = len(bars), len(bars) + len(rounds)
+        gaps[len(segments) + len(rounds) + i] = math.sqrt(ox * ox + oy * oy) - 0.5 * discs[i, 2]
+    first, second = len(segments), len(segments) + len(rounds)
     return (
-        _kept_rows(bars, gaps[:first], farthest),
+        _kept_rows(segments, gaps[:first], farthest),
         _kept_rows(rounds, gaps[first:second], farthest),
         _kept_rows(discs, gaps[second:], farthest),
     )
@@ -79,31 +79,31 @@ def near_paint(x, y, paint, width, farthest):  # type: ignore[no-untyped-def]
 def ray_runs(x, y, cx, sx, paint, width, farthest, runs):  # type: ignore[no-untyped-def]
     """Paint on a ray from x, y along (cx, sx), as stretches (m) into runs (K, 4); returns how many.
 
-    paint: bars (S, 8) of `bar_table`; rounds (R, 5): cx, cy, radius, start, sweep (rad); discs (D, 3): cx, cy,
+    paint: segments (S, 8) of `segment_table`; rounds (R, 5): cx, cy, radius, start, sweep (rad); discs (D, 3): cx, cy,
     diameter; all m, field frame. width: of round lines (m). farthest: where the ray ends (m).
     """
-    bars, rounds, discs = paint
+    segments, rounds, discs = paint
     half, count = 0.5 * width, 0
-    for i in range(len(bars)):
-        ax, ay = x - bars[i, 0], y - bars[i, 1]
-        along, across = ax * bars[i, 2] + ay * bars[i, 3], -ax * bars[i, 3] + ay * bars[i, 2]
-        fast, slow = cx * bars[i, 2] + sx * bars[i, 3], -cx * bars[i, 3] + sx * bars[i, 2]
-        aside = abs(across) - bars[i, 5]
+    for i in range(len(segments)):
+        ax, ay = x - segments[i, 0], y - segments[i, 1]
+        along, across = ax * segments[i, 2] + ay * segments[i, 3], -ax * segments[i, 3] + ay * segments[i, 2]
+        fast, slow = cx * segments[i, 2] + sx * segments[i, 3], -cx * segments[i, 3] + sx * segments[i, 2]
+        aside = abs(across) - segments[i, 5]
         if abs(slow) < 1e-6 or (aside > 0.0 and (across * slow > 0.0 or aside >= farthest * abs(slow))):
             continue  # along the line, away from it, or too far from it
-        first, last = (-bars[i, 5] - across) / slow, (bars[i, 5] - across) / slow
+        first, last = (-segments[i, 5] - across) / slow, (segments[i, 5] - across) / slow
         if first > last:
             first, last = last, first
         if last <= 0.0 or first >= farthest:
             continue
         full = last - first
         if abs(fast) > 1e-9:
-            begin, end = (-bars[i, 4] - along) / fast, (bars[i, 4] - along) / fast
+            begin, end = (-segments[i, 4] - along) / fast, (segments[i, 4] - along) / fast
             first, last = max(first, min(begin, end)), min(last, max(begin, end))
-        elif abs(along) > bars[i, 4]:
+        elif abs(along) > segments[i, 4]:
             continue
         if last > max(first, 0.0):
-            count = _add(runs, count, first, last, abs(slow) if last - first > 0.99 * full else 0.0, bars[i, 6])
+            count = _add(runs, count, first, last, abs(slow) if last - first > 0.99 * full else 0.0, segments[i, 6])
     for i in range(len(rounds)):
         ox, oy, radius = rounds[i, 0] - x, rounds[i, 1] - y, rounds[i, 2]
         middle = ox * cx + oy * sx
@@ -145,34 +145,42 @@ def _two(low, high, turn, flip, sine, kind, runs, count):  # type: ignore[no-unt
 @njit(cache=True, error_model="numpy")
 def circle_runs(x, y, reach, paint, width, runs):  # type: ignore[no-untyped-def]
     """Paint on a circle of the radius `reach` about x, y, as directions (rad, field frame); else as `ray_runs`."""
-    bars, rounds, discs = paint
-    half, count = 0.5 * width, 0
-    for i in range(len(bars)):
-        ax, ay = x - bars[i, 0], y - bars[i, 1]
-        along, across = ax * bars[i, 2] + ay * bars[i, 3], -ax * bars[i, 3] + ay * bars[i, 2]
-        low, high = (-bars[i, 5] - across) / reach, (bars[i, 5] - across) / reach
-        if low >= 1.0 or high <= -1.0 or abs(along) > bars[i, 4] + reach:
+    segments = paint[0]
+    count = 0
+    for i in range(len(segments)):
+        ax, ay = x - segments[i, 0], y - segments[i, 1]
+        along, across = ax * segments[i, 2] + ay * segments[i, 3], -ax * segments[i, 3] + ay * segments[i, 2]
+        low, high = (-segments[i, 5] - across) / reach, (segments[i, 5] - across) / reach
+        if low >= 1.0 or high <= -1.0 or abs(along) > segments[i, 4] + reach:
             continue
-        turn, middle = bars[i, 7], 0.5 * (low + high)
+        turn, middle = segments[i, 7], 0.5 * (low + high)
         before = count
         if low > -1.0 and high < 1.0:
             sine = math.sqrt(1.0 - middle * middle)
-            count = _two(math.asin(low), math.asin(high), turn, math.pi, sine, bars[i, 6], runs, count)
+            count = _two(math.asin(low), math.asin(high), turn, math.pi, sine, segments[i, 6], runs, count)
         elif high >= 1.0:
             start = turned(math.asin(max(low, -1.0)) + turn)
-            count = _add(runs, count, start, start + math.pi - 2.0 * math.asin(max(low, -1.0)), 0.0, bars[i, 6])
+            count = _add(runs, count, start, start + math.pi - 2.0 * math.asin(max(low, -1.0)), 0.0, segments[i, 6])
         else:
             start = turned(math.pi - math.asin(high) + turn)
-            count = _add(runs, count, start, start + math.pi + 2.0 * math.asin(high), 0.0, bars[i, 6])
-        if abs(along) + reach <= bars[i, 4]:
+            count = _add(runs, count, start, start + math.pi + 2.0 * math.asin(high), 0.0, segments[i, 6])
+        if abs(along) + reach <= segments[i, 4]:
             continue
         kept = before
         for k in range(before, count):  # beyond the line's ends there is none
             place = along + reach * math.cos(0.5 * (runs[k, 0] + runs[k, 1]) - turn)
-            if abs(place) <= bars[i, 4]:
+            if abs(place) <= segments[i, 4]:
                 runs[kept] = runs[k]
                 kept += 1
         count = kept
+    return _on_rounds(x, y, reach, paint, width, runs, count)
+
+
+@njit(cache=True, error_model="numpy")
+def _on_rounds(x, y, reach, paint, width, runs, count):  # type: ignore[no-untyped-def]
+    """`circle_runs` of arcs, circles and discs, behind the `count` runs that there are."""
+    _, rounds, discs = paint
+    half = 0.5 * width
     for i in range(len(rounds) + len(discs)):
         disc = i >= len(rounds)
         ox = (discs[i - len(rounds), 0] if disc else rounds[i, 0]) - x
@@ -211,7 +219,7 @@ def circle_runs(x, y, reach, paint, width, runs):  # type: ignore[no-untyped-def
     return count
 
 
-def bar_table(segments: FloatArray, width: float, kind: float = LINE) -> FloatArray:
+def segment_table(segments: FloatArray, width: float, kind: float = LINE) -> FloatArray:
     """(S, 8) of segments (S, 4): middle, direction, half length (half a width beyond the ends), half width, kind,
     direction as an angle (rad).
     """

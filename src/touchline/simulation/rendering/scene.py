@@ -35,7 +35,7 @@ from touchline.simulation.world.world import PAINTS, World, WorldState
 
 RADIANCE_PER_LEVEL = 0.295  # white paint (0.87) under level 1: 0.26, as in the recorded images under hall lamps
 _LIGHT_STEP_M = 0.125
-_ROOM_PAINTS = ((0.40, 0.375, 0.35), (0.019, 0.019, 0.02), (0.55, 0.51, 0.42), (0.75, 0.71, 0.61))
+_ROOM_PAINTS = ((0.019, 0.019, 0.02), (0.55, 0.51, 0.42), (0.75, 0.71, 0.61))  # board, walls, ceiling
 # standard deviations of brightness as measured over the floors of the recordings: blotches, strips, pile
 _WEAR, _STRIP_TONE, _PILE = 0.053, 0.034, 1.25
 
@@ -75,13 +75,12 @@ class Scene:
         self._still_flags: npt.NDArray[np.uint8]
         self._lit_flags: npt.NDArray[np.uint8]
         rng = np.random.default_rng([world.seed, 23])
-        length, width = world.carpet
-        self.room = np.array([
-            0.5 * length, 0.5 * width, 0.5 * length, 0.5 * width, 0.5 * world.hall[0], 0.5 * world.hall[1],
-            world.hall[2], world.board_height,
-        ])  # fmt: skip
-        self.wear = np.zeros(2)
-        self.room_colours = np.array(_ROOM_PAINTS)
+        field = world.field
+        board = field.length + 2.0 * field.border, field.width + 2.0 * field.border
+        sizes = 0.5 * np.array([*world.carpet, *board, *world.hall[:2]])
+        self.room = np.array([*sizes, world.hall[2], world.board_height])
+        self.wear = np.array(world.line_wear)
+        self.room_colours = np.array([world.floor, *_ROOM_PAINTS])
         self.paint = build_paint(world.field, world.marks, world.hall)
         self.paints = np.array([PAINTS["white"], *(mark.colour for mark in world.marks)])
         self.carpet = np.array([*PAINTS["carpet"], world.seam_spacing, _PILE * world.carpet_contrast])

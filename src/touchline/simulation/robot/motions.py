@@ -87,8 +87,8 @@ def _check_stays(poses: FloatArray, field: FieldModel) -> None:
     if beyond.any():
         row = int(np.argmax(beyond.any(axis=1)))
         raise InputError(
-            f"mishaps: at {row * STEP_S:g} s a shove brings the robot to {poses[row, 0]:.1f}, {poses[row, 1]:.1f},"
-            " into a wall of the hall; a smaller mishaps.shove_m or a larger motion.margin_m keeps it inside"
+            f"disturbances: at {row * STEP_S:g} s a shove brings the robot to {poses[row, 0]:.1f}, {poses[row, 1]:.1f},"
+            " into a wall of the hall; a smaller disturbances.shove_m or a larger motion.margin_m keeps it inside"
         )
 
 
@@ -159,26 +159,26 @@ def _kidnaps(
     scenario: Scenario, field: FieldModel, rows: int, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.int64], FloatArray, npt.NDArray[np.bool_], tuple[dict[str, Any], ...]]:
     """Rows and places of kidnaps; the jump lies half an image period before the first image at the new place."""
-    mishaps, period_s = scenario.mishaps, 1.0 / scenario.camera.rate_hz
+    disturbances, period_s = scenario.disturbances, 1.0 / scenario.camera.rate_hz
     covered = np.zeros(rows, dtype=np.bool_)
     jump_rows: list[int] = []
     places: list[FloatArray] = []
     events: list[dict[str, Any]] = []
-    given = _places(mishaps.kidnap_to)
-    _check_on_carpet("mishaps.kidnap_to", given, field)
-    images = round(mishaps.kidnap_every_s / period_s)
+    given = _places(disturbances.kidnap_to)
+    _check_on_carpet("disturbances.kidnap_to", given, field)
+    images = round(disturbances.kidnap_every_s / period_s)
     first_new = images
-    while mishaps.kidnap_every_s > 0.0 and first_new * period_s < scenario.seconds:
+    while disturbances.kidnap_every_s > 0.0 and first_new * period_s < scenario.seconds:
         jump_s = (first_new + 0.5) * period_s  # images are taken at (index + 1) periods
         row = round(jump_s / STEP_S)
-        start_s = (first_new - mishaps.covered_images + 1) * period_s
+        start_s = (first_new - disturbances.covered_images + 1) * period_s
         covered[max(round((start_s - 0.25 * period_s) / STEP_S), 0) : row] = True
         place = given[len(places) % len(given)] if len(given) else random_pose(field, scenario.motion.margin_m, rng)
         if row < rows:
             jump_rows.append(row)
             places.append(place)
-            if mishaps.covered_images:
-                events.append({"t": round(start_s, 4), "kind": "occluded", "frames": mishaps.covered_images})
+            if disturbances.covered_images:
+                events.append({"t": round(start_s, 4), "kind": "occluded", "frames": disturbances.covered_images})
             events.append({"t": round(jump_s, 4), "kind": "kidnap"})
         first_new += images
     return np.array(jump_rows, dtype=np.int64), np.array(places).reshape(-1, 3), covered, tuple(events)
@@ -188,19 +188,19 @@ def _shoves(scenario: Scenario, rows: int, rng: np.random.Generator) -> tuple[Fl
     """(N, 3) displacement by collisions in the step to each row, spread over 0.15 s each; and their events."""
     shoved = np.zeros((rows, 3))
     events: list[dict[str, Any]] = []
-    mishaps = scenario.mishaps
-    if mishaps.shove_every_s <= 0.0:
+    disturbances = scenario.disturbances
+    if disturbances.shove_every_s <= 0.0:
         return shoved, ()
     steps = round(_SHOVE_S / STEP_S)
-    time_s = 1.0 + float(rng.exponential(mishaps.shove_every_s))
+    time_s = 1.0 + float(rng.exponential(disturbances.shove_every_s))
     while time_s + _SHOVE_S < scenario.seconds:
         row = round(time_s / STEP_S)
-        direction, length = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(*mishaps.shove_m)
-        turn = math.radians(mishaps.shove_deg) * rng.standard_normal()
+        direction, length = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(*disturbances.shove_m)
+        turn = math.radians(disturbances.shove_deg) * rng.standard_normal()
         whole = np.array([length * math.cos(direction), length * math.sin(direction), turn])
         shoved[row : row + steps] = whole / steps
         events.append({"t": round(row * STEP_S, 4), "kind": "slip"})
-        time_s += 1.0 + float(rng.exponential(mishaps.shove_every_s))
+        time_s += 1.0 + float(rng.exponential(disturbances.shove_every_s))
     return shoved, tuple(events)
 
 

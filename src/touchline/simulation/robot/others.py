@@ -22,10 +22,11 @@ _TRIES = 60
 
 @dataclass(frozen=True, eq=False)
 class Others:
-    """robots: float32 (M, K, 3) x, y, heading at rows _STRIDE apart; balls: float32 (M, B, 2)."""
+    """robots: float32 (M, K, 3) x, y, heading at rows _STRIDE apart; balls: float32 (M, B, 2); people (M, P, 3)."""
 
     robots: FloatArray
     balls: FloatArray
+    people: FloatArray
 
     def rows_at(self, time_s: float) -> tuple[int, int, float]:
         """The rows before and after a time, and the second one's share."""
@@ -34,20 +35,26 @@ class Others:
         return row, min(row + 1, len(self.robots) - 1), position - row
 
     def at(self, time_s: float) -> tuple[FloatArray, FloatArray]:
-        """Robots (K, 3) x, y (m), heading (rad) and balls (B, 2) x, y (m) at a time; field frame."""
-        row, after, share = self.rows_at(time_s)
-        robots = (1.0 - share) * self.robots[row] + share * self.robots[after]
-        balls = (1.0 - share) * self.balls[row] + share * self.balls[after]
-        return robots.astype(np.float64), balls.astype(np.float64)
+        """Robots and people (K + P, 3) x, y (m), heading (rad) and balls (B, 2) x, y (m) at a time; field frame."""
+        row, after, part = self.rows_at(time_s)
+        robots, balls, people = (
+            ((1.0 - part) * table[row] + part * table[after]).astype(np.float64)
+            for table in (self.robots, self.balls, self.people)
+        )
+        return np.concatenate((robots, people)), balls
 
 
-def bodies_at(others: Others, time_s: float, sizes: FloatArray) -> FloatArray:
+def bodies_at(others: Others, time_s: float, sizes: FloatArray, person_sizes: FloatArray) -> FloatArray:
     """(P K + B, 4) x, y (m, field frame), radius, height (m) of what the others hide lines with at a time.
 
-    sizes: (P + 1, 2) radius, height of the cylinders that stand for a robot, one on another, and of a ball.
+    sizes: (P + 1, 2) radius, height of the cylinders that stand for a robot, one on another, and of a ball;
+    person_sizes: the same for people, whose bodies come last, and of nothing.
     """
-    bodies: FloatArray = _bodies(others.robots, others.balls, others.rows_at(time_s), sizes)
-    return bodies
+    rows = others.rows_at(time_s)
+    bodies: FloatArray = _bodies(others.robots, others.balls, rows, sizes)
+    if others.people.shape[1] == 0:
+        return bodies
+    return np.concatenate((bodies, _bodies(others.people, others.balls[:, :0], rows, person_sizes)))
 
 
 @njit(cache=True)
@@ -75,7 +82,7 @@ def make_others(scenario: Scenario, field: FieldModel, track: Track, rng: np.ran
         if not settings.moving:
             robots[:, index] = _standing(field, own, robots[0, :index], robot_rng)
         elif settings.near_m > 0.0 and index % 2 == 0:
-            robots[:, index] = _playing(scenario, field, robot_rng, own)
+            robots[:, index] = _playing(scenario, field, robot_rng, own, settings.near_m)
         else:
             robots[:, index] = _playing(scenario, field, robot_rng, None)[: len(own)]
     for _ in range(3 if settings.moving else 1):
@@ -87,7 +94,12 @@ def make_others(scenario: Scenario, field: FieldModel, track: Track, rng: np.ran
     balls = np.empty((len(own), settings.balls, 2), dtype=np.float32)
     for index, ball_rng in enumerate(rng.spawn(settings.balls)):
         balls[:, index] = _rolling(field, len(own), settings.moving, ball_rng)
-    return Others(robots, balls)
+    people = np.empty((len(own), settings.people, 3), dtype=np.float32)
+    for index, person_rng in enumerate(rng.spawn(settings.people)):
+        people[:, index] = _playing(scenario, field, person_rng, own, settings.people_m)
+    if settings.people:
+        _keep_apart(own, people)
+    return Others(robots, balls, people)
 
 
 def _reach(size_m: float) -> tuple[float, float]:
@@ -110,14 +122,16 @@ def _standing(field: FieldModel, own: FloatArray, placed: FloatArray, rng: np.ra
     return best
 
 
-def _playing(scenario: Scenario, field: FieldModel, rng: np.random.Generator, about: FloatArray | None) -> FloatArray:
-    """(M, 3) a robot that drives from aim to aim; with `about` (M, 2), one that circles about that moving place."""
+def _playing(
+    scenario: Scenario, field: FieldModel, rng: np.random.Generator, about: FloatArray | None, near: float = 0.0
+) -> FloatArray:
+    """(M, 3) a robot that drives from aim to aim; with `about` (M, 2), one that circles about that moving place, on
+    average `near` (m) from it."""
     limits = DriveLimits(scenario.others.speed_m_s, 2.0, 3.0, 9.0, 0.5)
     rows = math.ceil(scenario.seconds / STEP_S) + 11 + _STRIDE
     if about is None:
         targets = np.array([random_pose(field, 0.3, rng) for _ in range(500)])
         return drive_through(targets, np.zeros(len(targets)), limits, Jumps.none(rows))[::_STRIDE]
-    near = scenario.others.near_m
     count = 500
     angles = rng.uniform(-math.pi, math.pi) + np.cumsum(rng.normal(0.0, 0.9, count))
     reach = near * rng.uniform(0.55, 1.6, count)

@@ -8,10 +8,11 @@ import numpy as np
 
 from touchline.field import FieldModel
 from touchline.simulation.world.lights import Lights, hall_lamps
-from touchline.simulation.world.world import PAINTS, Block, Colour, World
+from touchline.simulation.world.world import PAINTS, Block, Colour, GroundMark, World
 
 _PANELS = ("white", "light grey", "grey", "green", "blue", "red", "yellow", "cyan", "orange", "brown", "black")
 _CLOTHES = ("red", "orange", "blue", "brown", "white", "green", "black", "yellow", "light grey")
+_CABLE_STEP_M = 0.15
 
 
 def hall_for(field_model: FieldModel, margin_m: float = 1.8, height_m: float = 6.0) -> tuple[float, float, float]:
@@ -54,6 +55,25 @@ def random_clutter(
                 blocks += _thing(rng, *_place(side, position + 0.5 * size, depth), side, size)
             position += size + float(rng.uniform(0.05, 0.5))
     return blocks
+
+
+def cables(
+    carpet: tuple[float, float], count: int, rng: np.random.Generator, colour: Colour = PAINTS["black"]
+) -> tuple[GroundMark, ...]:
+    """Cables on a carpet (length, width; m): each winds inwards from its edge for 2 to 6 m, 1.5 cm wide."""
+    marks = []
+    for _ in range(count):
+        side = int(rng.integers(4))
+        along, across = float(rng.uniform(-0.5, 0.5)) * carpet[side % 2], 0.5 * carpet[(side + 1) % 2]
+        x, y = _place(side, along, across)
+        heading, turn = math.atan2(-y, -x) + float(rng.uniform(-0.5, 0.5)), 0.0
+        for _ in range(int(rng.uniform(2.0, 6.0) / _CABLE_STEP_M)):
+            turn = 0.8 * turn + 0.25 * float(rng.standard_normal())
+            heading += turn
+            middle = x + 0.5 * _CABLE_STEP_M * math.cos(heading), y + 0.5 * _CABLE_STEP_M * math.sin(heading)
+            marks.append(GroundMark(*middle, heading, _CABLE_STEP_M + 0.01, 0.015, colour))
+            x, y = x + _CABLE_STEP_M * math.cos(heading), y + _CABLE_STEP_M * math.sin(heading)
+    return tuple(marks)
 
 
 def _place(side: int, along: float, across: float) -> tuple[float, float]:

@@ -79,7 +79,7 @@ class Block:
 class RobotActor:
     """Another robot: where it starts and what it looks like: a dark body, a marker band, a dark top.
 
-    `robot_blocks` builds the body in its own frame. shape: msl (broad wheeled) or humanoid (two legs).
+    `robot_blocks` builds the body in its own frame. shape: msl (broad wheeled), humanoid (two legs) or person.
     """
 
     x: float
@@ -92,8 +92,8 @@ class RobotActor:
     shape: str = "msl"
 
     def __post_init__(self) -> None:
-        if self.shape not in ("msl", "humanoid"):
-            raise InputError(f"robot: shape is msl or humanoid, not '{self.shape}'")
+        if self.shape not in ("msl", "humanoid", "person"):
+            raise InputError(f"robot: shape is msl, humanoid or person, not '{self.shape}'")
         if not (self.radius > 0.0 and self.height > 0.0):
             raise InputError(f"robot at {self.x}, {self.y}: radius and height are positive")
 
@@ -115,6 +115,8 @@ class World:
     hall: length and width between the walls, height of the ceiling (m), centred on the field.
     board_height: of the dark barrier around the carpet (0: none). seam_spacing: carpet strips run across the field's
     length, this far apart (0: none). carpet_contrast: 1 is the wear and pile of a used carpet, 0 is plain colour.
+    carpet_border_m: how far outside the lines the carpet ends (None: as the field says); floor: colour beside it.
+    line_wear: how much of the lines' paint is rubbed off, and how dirty they are, 0 to 1 each.
     """
 
     field: FieldModel
@@ -127,6 +129,9 @@ class World:
     board_height: float = 0.0
     seam_spacing: float = 2.0
     carpet_contrast: float = 1.0
+    carpet_border_m: float | None = None
+    floor: Colour = (0.40, 0.375, 0.35)
+    line_wear: tuple[float, float] = (0.0, 0.0)
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -145,7 +150,8 @@ class World:
     @property
     def carpet(self) -> tuple[float, float]:
         """Length and width of the green carpet (m)."""
-        return self.field.length + 2.0 * self.field.border, self.field.width + 2.0 * self.field.border
+        border = self.field.border if self.carpet_border_m is None else self.carpet_border_m
+        return self.field.length + 2.0 * border, self.field.width + 2.0 * border
 
     def check_inside(self, name: str, x: float, y: float) -> None:
         """InputError unless a position (field frame) lies in the hall."""
@@ -194,6 +200,14 @@ def robot_blocks(robot: RobotActor) -> tuple[Block, ...]:
             Block("box", 0.0, 0.0, 0.0, 0.7 * r, 1.5 * r, 0.5 * h, 0.58 * h, (robot.marker_colour,)),
             Block("box", 0.0, 0.0, 0.0, 0.8 * r, 1.7 * r, 0.58 * h, 0.86 * h, (dark,)),
             Block("box", 0.0, 0.0, 0.0, 0.6 * r, 0.7 * r, 0.88 * h, h, (dark,)),
+        )
+    if robot.shape == "person":
+        skin = (0.45, 0.27, 0.18)
+        return (
+            *(Block("box", 0.06, y, 0.0, 0.29, 0.10, 0.0, 0.09, (PAINTS["white"],)) for y in (-0.12, 0.12)),
+            *(Block("cylinder", 0.0, y, 0.0, 0.14, 0.14, 0.09, 0.5 * h, (dark,)) for y in (-0.11, 0.11)),
+            Block("box", 0.0, 0.0, 0.0, 0.24, 0.44, 0.5 * h, 0.84 * h, (robot.marker_colour,)),
+            Block("cylinder", 0.0, 0.0, 0.0, 0.2, 0.2, 0.86 * h, h, (skin,)),
         )
     side = r * math.sqrt(2.0) * 1.08
     return (
