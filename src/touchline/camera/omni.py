@@ -276,7 +276,13 @@ def bearing_rows(bearing: float, bearings: FloatArray) -> tuple[int, int, float]
     if n == 1:
         return 0, 0, 0.0
     angle = bearing % (2.0 * np.pi)
-    k = int(np.searchsorted(bearings, angle, side="right"))
+    k, end = 0, n
+    while k < end:  # by hand: np.searchsorted takes half a second to compile
+        middle = (k + end) // 2
+        if bearings[middle] <= angle:
+            k = middle + 1
+        else:
+            end = middle
     low, high = (k - 1) % n, k % n
     gap = (bearings[high] - bearings[low]) % (2.0 * np.pi)
     return low, high, ((angle - bearings[low]) % (2.0 * np.pi)) / gap
