@@ -56,6 +56,7 @@ ROOMS = (
     "localizer",
     "cli",
 )
+MAX_FUNCTION_LINES, MAX_PARAMETERS = 60, 8
 STRANGERS = (("sources", "systems"), ("checks", "experiments"))  # rooms that don't know each other
 
 
@@ -160,6 +161,31 @@ def test_imports_for_type_checkers_do_not_count() -> None:
 
 def test_importing_the_package_imports_no_room() -> None:
     assert list(imported_modules((PACKAGE / "__init__.py").read_text(encoding="utf-8"))) == []
+
+
+def too_large(text: str) -> Iterator[str]:
+    """Functions of more than 60 lines or 8 parameters (self and cls not counted)."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            given = node.args
+            names = [argument.arg for argument in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+            parameters = len([name for name in names if name not in ("self", "cls")])
+            lines = (node.end_lineno or node.lineno) - node.lineno + 1
+            if lines > MAX_FUNCTION_LINES or parameters > MAX_PARAMETERS:
+                yield f"line {node.lineno}: {node.name} has {lines} lines and {parameters} parameters"
+
+
+def test_no_function_is_long_or_takes_much() -> None:
+    commands = PACKAGE / "cli"  # Typer's options are parameters
+    files = [path for path in python_files() if commands not in path.parents]
+    wrong = {module_of(path): found for path in files if (found := list(too_large(path.read_text(encoding="utf-8"))))}
+    assert wrong == {}
+
+
+def test_a_long_function_is_noticed() -> None:
+    assert list(too_large("def f(a, b, c, d, e, f, g, h): pass")) == []
+    assert len(list(too_large("class A:\n def f(self, a, b, c, d, e, f, g, h, i): pass"))) == 1
+    assert len(list(too_large("def f():\n" + "    pass\n" * 60))) == 1
 
 
 def test_versions_agree() -> None:

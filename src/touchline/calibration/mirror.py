@@ -25,7 +25,7 @@ from touchline.calibration.strip_axis import StripAxis, axis_points, common_cent
 from touchline.calibration.strip_edges import edge_name, measure_edges
 from touchline.calibration.strip_recording import ground_start, read_bearings, rough_center, sensor_gamma
 from touchline.camera import OmniCamera
-from touchline.camera.model_free import calibrated_camera
+from touchline.camera.model_free import Edges, calibrated_camera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, circular_mean, wrap_angles
 from touchline.sources import Recording
@@ -153,15 +153,18 @@ def _camera(
     groups = groups_of_directions(bearings)
     first = recording.image(sightings[0].index)
     assert first is not None  # it was read a moment ago
+    edges = Edges(
+        np.array([circular_mean(bearings[group]) for group in groups]),
+        np.array([offsets[group].mean(axis=0) for group in groups]),
+        np.array([radii[group].mean(axis=0) for group in groups]),
+        strip.edges_m,
+    )
     camera = calibrated_camera(
+        edges,
         size=(first.shape[1], first.shape[0]),
         center=(float(center[0]), float(center[1])),
         handedness=turned.handedness,
         mount_yaw_rad=turned.mount_yaw_rad,
-        bearings_rad=np.array([circular_mean(bearings[group]) for group in groups]),
-        offsets_rad=np.array([offsets[group].mean(axis=0) for group in groups]),
-        radii_px=np.array([radii[group].mean(axis=0) for group in groups]),
-        ranges_m=strip.edges_m,
         inner_radius_px=ground_start(recording, [s.index for s in sightings], center, np.median(radii, axis=0)),
     )
     return camera, int(spoilt.sum())

@@ -6,6 +6,8 @@ vectors; Lagrange interpolation gives range and bearing between them, first alon
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from touchline.camera.omni import OmniCamera
@@ -89,33 +91,41 @@ def offsets_along(radii_px: FloatArray, offsets_rad: FloatArray, at_px: FloatArr
     return np.array([lagrange(edges, row, at) for edges, row, at in zip(radii_px, offsets_rad, clipped, strict=True)])
 
 
+class Edges(NamedTuple):
+    """Edges at ground ranges ranges_m (E,) as seen in directions of bearings_rad (B,) (base frame).
+
+    radii_px (B, E): where they are seen. offsets_rad (B, E): by how much the true bearing is more than the camera's
+    formula with its mount_yaw has it there.
+    """
+
+    bearings_rad: FloatArray
+    offsets_rad: FloatArray
+    radii_px: FloatArray
+    ranges_m: FloatArray
+
+
 def calibrated_camera(
+    edges: Edges,
     *,
     size: tuple[int, int],
     center: tuple[float, float],
     handedness: int,
     mount_yaw_rad: float,
-    bearings_rad: FloatArray,
-    offsets_rad: FloatArray,
-    radii_px: FloatArray,
-    ranges_m: FloatArray,
     inner_radius_px: float,
 ) -> OmniCamera:
-    """The camera whose tables agree with edges at ranges (E,) m in directions of bearings (B,) rad (base frame).
+    """The camera whose tables agree with the edges.
 
-    Where they are seen: radii (B, E) px, and offsets (B, E) rad, by how much the true bearing is more than the formula
-    with mount_yaw has it there.
     size: width, height. inner_radius_px: where the robot's own body ends; the field is seen from there on, or from
     the table's first radius if that is larger, up to the table's last radius.
     """
-    radii = table_radii(radii_px, ranges_m)
-    logs = np.log(ranges_along(radii_px, ranges_m, radii))
-    offsets = offsets_along(radii_px, offsets_rad, radii)
+    radii = table_radii(edges.radii_px, edges.ranges_m)
+    logs = np.log(ranges_along(edges.radii_px, edges.ranges_m, radii))
+    offsets = offsets_along(edges.radii_px, edges.offsets_rad, radii)
     rows = np.arange(ROWS) * (2.0 * np.pi / ROWS)
     table = np.empty((ROWS, len(radii), 2))
     for k in range(len(radii)):  # at each radius the strips are seen in slightly other directions
         pairs = np.column_stack((logs[:, k], offsets[:, k]))
-        table[:, k] = periodic_lagrange(bearings_rad - offsets[:, k], pairs, rows)
+        table[:, k] = periodic_lagrange(edges.bearings_rad - offsets[:, k], pairs, rows)
     inner = max(inner_radius_px, float(radii[0]))
     return OmniCamera(
         *size, center, inner, float(radii[-1]), handedness, mount_yaw_rad, radii, rows,
