@@ -16,6 +16,8 @@ from touchline.camera import Camera, OmniCamera, PinholeCamera, field_of_view, l
 from touchline.camera.pinhole import pinhole_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
+from touchline.perception.detector import with_lean
+from touchline.types import Frame, LinePoints, Samples
 
 DISTORTION = (-0.25, 0.06, 0.0006, -0.0004, 0.0)
 
@@ -141,6 +143,20 @@ def test_only_a_camera_with_a_viewpoint_has_rays_and_attitude() -> None:
     ):
         with pytest.raises(InputError, match="viewpoint_height_m"):
             question()
+
+
+@pytest.mark.parametrize("use_attitude", [False, True])
+def test_detected_points_heed_the_lean_only_where_the_camera_does(use_attitude: bool) -> None:
+    camera = replace(mirror(), use_attitude=use_attitude)
+    pixels = camera.image_from_ground([[2.0, 0.5], [1.0, -1.0]])
+    flat = camera.ground_from_image(pixels)
+    points = LinePoints(flat, camera.ground_covariances(pixels, 0.3, 0.01), np.ones(2), pixels)
+    frame = Frame(0, tilt=Samples(np.array([-5, 0]), np.array([[0.3, 0.3], [0.0, 0.02]])))
+    seen = with_lean(points, frame, camera, 0.3, 0.01)
+    wanted = camera.ground_from_image(pixels, leaning(camera, 0.0, 0.02)) if use_attitude else flat
+    assert np.array_equal(seen.positions_m, wanted)
+    assert (np.abs(seen.positions_m - flat).max() > 0.02) == use_attitude
+    assert with_lean(points, Frame(0), camera, 0.3, 0.01) is points
 
 
 def test_a_system_for_mirrors_names_what_it_needs() -> None:

@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from touchline.camera import Camera
+from touchline.camera import Camera, pose_in_base
 from touchline.errors import InputError
 from touchline.perception.covered import is_covered
-from touchline.types import Frame, ImageArray, Observation
+from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 
 class Detector(Protocol):
@@ -59,6 +59,22 @@ def observe(frame: Frame, detector: Detector | None) -> Observation:
 def _with_finite_points(seen: Observation) -> Observation:
     points = seen.points.finite()
     return seen if points is seen.points else replace(seen, points=points)
+
+
+def with_lean(points: LinePoints, frame: Frame, camera: Camera, noise_px: float, noise_m: float) -> LinePoints:
+    """The points as a camera with `use_attitude` sees them on a body that leans; others as they are.
+
+    noise_px, noise_m: standard deviations of a point in the image and on the ground. The newest roll and pitch of the
+    frame are taken.
+    """
+    if not camera.use_attitude:
+        return points
+    lean = (None, None) if frame.tilt is None or not len(frame.tilt) else frame.tilt.values[-1]
+    pose = pose_in_base(camera, frame.base_from_camera, *lean)
+    if pose is None:
+        return points
+    covariances = camera.ground_covariances(points.pixels, noise_px, noise_m, pose)
+    return replace(points, positions_m=camera.ground_from_image(points.pixels, pose), covariances_m2=covariances)
 
 
 def check_size(image: ImageArray, camera: Camera) -> None:

@@ -24,7 +24,7 @@ from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
-from touchline.perception.detector import check_size
+from touchline.perception.detector import check_size, with_lean
 from touchline.perception.hsv_thresholds import (
     AutomaticThresholds,
     FixedThresholds,
@@ -155,9 +155,11 @@ class HsvLineDetector:
         if frame.image is None:
             raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
         try:
-            return Observation(frame.stamp_ns, self.detect(frame.image))
+            points = self.detect(frame.image)
         except NoCarpetError as error:
             return Observation(frame.stamp_ns, problem=str(error))
+        s = self.settings
+        return Observation(frame.stamp_ns, with_lean(points, frame, self.camera, s.noise_px, s.noise_m))
 
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R, uint8. Raises NoCarpetError where no green is seen."""

@@ -12,6 +12,7 @@ from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
+from touchline.perception.detector import with_lean
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, Observation
 
@@ -92,7 +93,8 @@ class SelfLearningDetector:
             problem = self._learn(image)
         if self.detector.colours is None:
             return Observation(frame.stamp_ns, problem=problem)
-        points = self.detector.detect(image)
+        s = self.detector.settings
+        points = with_lean(self.detector.detect(image), frame, self.detector.camera, s.noise_px, s.noise_m)
         if self._kept is None:
             self._watch_green(image)
         return Observation(frame.stamp_ns, points, problem=problem)
