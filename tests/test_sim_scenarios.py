@@ -51,8 +51,10 @@ class TestEveryScenario:
     def test_nubot_mti_follows_the_robot_to_a_centimetre(self, recordings: dict[str, Path], name: str) -> None:
         recording = open_source(recordings[name])
         errors = errors_of(recording, recording.camera)
-        black = 3 if name == "kidnap" else 0
-        assert len(errors) >= len(recording) - black - 1, "all but the black images, and at most one after them"
+        without = {"kidnap": 3, "worn-hall": 2}.get(
+            name, 0
+        )  # black images; among people the first ones tell too little
+        assert len(errors) >= len(recording) - without - 1, "all but these, and at most one after them"
         assert np.mean(errors[:, 0]) < 0.012
         assert np.max(errors[:, 0]) < 0.04
         assert np.degrees(np.mean(errors[:, 1])) < 0.1
