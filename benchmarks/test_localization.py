@@ -18,6 +18,16 @@ from touchline.localization import (
     range_weights,
 )
 from touchline.localization.matching.global_search import sample_errors
+from touchline.localization.matching.matcher import (
+    FIRST_STEP_M,
+    FIRST_STEP_RAD,
+    GROW,
+    MAX_STEP_M,
+    MAX_STEP_RAD,
+    MIN_STEP_M,
+    MIN_STEP_RAD,
+    SHRINK,
+)
 
 FIELD = open_field("msl-18x12")
 MAP = FIELD.distance_map()
@@ -59,9 +69,9 @@ def twin_descend(points: FloatArray, weights: FloatArray, start: Pose) -> tuple[
     """`Matcher.descend` in plain NumPy."""
     s, c2 = SETTINGS, SETTINGS.c_m**2
     pose, before = start.as_array(), np.zeros(3)
-    steps = np.array([s.first_step_m, s.first_step_m, s.first_step_rad])
-    largest = np.array([s.largest_step_m, s.largest_step_m, s.largest_step_rad])
-    smallest = np.array([s.smallest_step_m, s.smallest_step_m, s.smallest_step_rad])
+    steps = np.array([FIRST_STEP_M, FIRST_STEP_M, FIRST_STEP_RAD])
+    largest = np.array([MAX_STEP_M, MAX_STEP_M, MAX_STEP_RAD])
+    smallest = np.array([MIN_STEP_M, MIN_STEP_M, MIN_STEP_RAD])
     best, least = pose, np.inf
     for _ in range(s.iterations + 1):
         cosine, sine = np.cos(pose[2]), np.sin(pose[2])
@@ -72,8 +82,8 @@ def twin_descend(points: FloatArray, weights: FloatArray, start: Pose) -> tuple[
             best, least = pose, error
         slope = weights * 2 * c2 * d / (c2 + d * d) ** 2
         gradient = np.array([slope @ gx, slope @ gy, slope @ (gy * turned[:, 0] - gx * turned[:, 1])])
-        steps = np.where(gradient * before > 0, np.minimum(steps * s.grow, largest), steps)
-        steps = np.where(gradient * before < 0, np.maximum(steps * s.shrink, smallest), steps)
+        steps = np.where(gradient * before > 0, np.minimum(steps * GROW, largest), steps)
+        steps = np.where(gradient * before < 0, np.maximum(steps * SHRINK, smallest), steps)
         pose, before = pose - np.sign(gradient) * steps, gradient
     return best, least
 

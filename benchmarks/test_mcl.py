@@ -9,7 +9,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching.matcher import Matcher
-from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
+from touchline.localization.particles.nubot_particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")
@@ -28,7 +28,9 @@ def line_points(count: int) -> FloatArray:
 
 def spread(particles: int, refined: int = 0) -> NubotParticles:
     """Particles that are drawn anew in every cycle, the dearest case."""
-    settings = NubotParticleSettings(particles=particles, refined_clusters=refined, resampling_threshold=1.0)
+    settings = NubotParticleSettings(
+        particles=particles, paper=NubotParticlePaper(refined_clusters=refined, resampling_threshold=1.0)
+    )
     mcl = NubotParticles(MATCHER, FIELD.length, FIELD.width, np.random.default_rng(0), settings)
     mcl.restart(POSE.heading)
     return mcl

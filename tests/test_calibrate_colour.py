@@ -16,7 +16,7 @@ from touchline.calibration.colour import calibrate_marked, calibrate_recording, 
 from touchline.camera import OmniCamera
 from touchline.cli import main
 from touchline.errors import InputError, TouchlineError
-from touchline.perception import LinePointDetector
+from touchline.perception import LinePointDetector, self_learning
 from touchline.perception.colour import GREEN, OTHER, WHITE, ColourModel
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
@@ -219,10 +219,11 @@ def test_a_detector_with_a_saved_table_finds_what_it_would_find_itself(
 
 
 def test_a_kept_table_is_never_learned_anew(
-    camera: OmniCamera, image: ImageArray, colours: ColourModel, tmp_path: Path
+    camera: OmniCamera, image: ImageArray, colours: ColourModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save_colours(colours, tmp_path / "colours.npz")
-    learning = LearningSettings(colour_file=str(tmp_path / "colours.npz"), frames=2, faded_frames=1)
+    monkeypatch.setattr(self_learning, "FADED_FRAMES", 1)
+    learning = LearningSettings(colour_file=str(tmp_path / "colours.npz"), frames=2)
     detector = SelfLearningDetector(camera, learning=learning)
     dim = (image * 0.5).astype(np.uint8)
     for stamp, picture in enumerate((image, image, dim, dim, dim)):

@@ -363,7 +363,7 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
             ["run", "tiny", "--set", "particles.motion=1"],
             "setting 'particles' belongs to nubot-mcl, nubot-mcl-alone and iris-fusion",
         ),
-        (["run", "tiny", "--set", "matching=1"], "'matching' is a group of settings, not a value: c_m, first_step_m"),
+        (["run", "tiny", "--set", "matching=1"], "'matching' is a group of settings, not a value: c_m, iterations"),
         (["run", "tiny", "--set", "fusion.betas=1"], "unknown setting 'fusion.betas': known in fusion: "),
         (["run", "tiny", "--system", "fake", "--set", "noise_m"], "expected KEY=VALUE"),
         (["run", "tiny", "--system", "fake", "--config", "none.yaml"], "none.yaml: cannot be read"),

@@ -116,14 +116,14 @@ def test_only_the_own_half_is_searched_if_asked() -> None:
     points = view(circles, Pose(4.0, 0.5, 0.3), np.random.default_rng(0), reach_m=3.0)
     finder = GlobalSearch(Matcher(circles.distance_map()), circles.length, circles.width)
     weights = range_weights(points, WeightSettings())
-    for region, expected in ((OWN_HALF, Pose(-4.0, 0.5, 0.3)), (Region(least_x=0.5, most_x=6.0), Pose(4.0, 0.5, 0.3))):
+    for region, expected in ((OWN_HALF, Pose(-4.0, 0.5, 0.3)), (Region(min_x=0.5, max_x=6.0), Pose(4.0, 0.5, 0.3))):
         fix = finder.locate(points, weights, 0.3, region)
         assert fix is not None
         assert fix.match.pose.distance_to(expected) < 0.1
         samples = fix.rounds[0].samples_m
         assert len(samples) < 315
-        assert samples[:, 0].max() <= region.most_x + 0.5
-    assert finder.locate(points, weights, 0.3, Region(least_x=-0.5, most_x=0.5)) is None
+        assert samples[:, 0].max() <= region.max_x + 0.5
+    assert finder.locate(points, weights, 0.3, Region(min_x=-0.5, max_x=0.5)) is None
 
 
 def test_the_iterations_of_the_candidates_are_kept_on_request() -> None:

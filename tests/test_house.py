@@ -17,7 +17,7 @@ import yaml
 
 from touchline.camera import open_camera
 from touchline.cli import app
-from touchline.cli.settings_page import settings_page, unit_of
+from touchline.cli.settings_page import settable, settings_page, unit_of
 from touchline.config import settings_rows
 from touchline.field import open_field
 from touchline.localization.one_shot.locate import LocateSettings
@@ -222,6 +222,20 @@ def test_every_setting_says_what_it_is(settings: Any) -> None:
     rows = list(settings_rows(settings))
     assert len(rows) > 10
     assert [key for key, _, description in rows if len(description.split()) < 4] == []
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_system_has_forty_settings_at_most(name: str) -> None:
+    """Switches to the paper's form (`paper`) not counted: what nobody tunes is a constant beside its use."""
+    assert len(settable(SYSTEMS[name].settings)) <= 40
+
+
+def test_the_page_shows_every_setting_once() -> None:
+    lines = settings_page().splitlines()
+    rows = [line for line in lines if line.startswith("| `")]
+    assert len(rows) == len(set(rows))
+    shown = {line.split("`")[1] for line in rows}
+    assert all(key in shown for info in SYSTEMS.values() for key, _, _ in settings_rows(info.settings))
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def test_fixed_thresholds_hold_for_one_light_as_the_paper_says(cross_image: Imag
     dim = paint_ground(CAMERA, line_field(CROSS, light=0.3))
     assert len(detected(cross_image, thresholds="fixed")) >= 80
     assert len(detected(dim, thresholds="fixed")) == 0
-    by_hand = {"least_value": 0.05, "least_lightness": 0.2}
+    by_hand = {"min_value": 0.05, "min_lightness": 0.2}
     assert len(detected(dim, thresholds="fixed", fixed=by_hand)) >= 75
 
 
@@ -138,7 +138,7 @@ def test_white_outside_of_the_green_is_left_out_by_the_hull() -> None:
         return colours
 
     image = paint_ground(CAMERA, colour_at)
-    points = detected(image, least_green=0)
+    points = detected(image, paper={"min_green": 0})
     assert np.max(points.positions_m[:, 1]) < 2.6
     detector = HsvLineDetector(CAMERA)
     masks = detector.masks(image)

@@ -12,7 +12,13 @@ from touchline.field import open_field
 from touchline.field.error_map import error_map
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.matching.global_search import OWN_HALF
-from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
+from touchline.localization.particles.iris_particles import (
+    FARTHEST_M,
+    MAP_M,
+    IrisParticlePaper,
+    IrisParticles,
+    IrisParticleSettings,
+)
 from touchline.localization.particles.particle_set import mean_and_covariance
 from touchline.localization.particles.resampling import low_variance, tempering
 from touchline.localization.particles.sensor_models import LineView
@@ -20,7 +26,9 @@ from touchline.motion.odometry import Motion
 
 FIELD = open_field("indoor-9x6")
 STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
-PAPER = IrisParticleSettings(max_units=255, tempering_threshold=0.0, roughening=0.0, nearby_ratio=0.0)
+PAPER = IrisParticleSettings(
+    paper=IrisParticlePaper(max_units=255, tempering_threshold=0.0, roughening=0.0, nearby_ratio=0.0)
+)
 PLACE = Pose(1.3, -0.8, 2.9)
 
 
@@ -52,11 +60,13 @@ def eq_13(y: float, x: float) -> float:
 
 @pytest.mark.parametrize("worst", [255.0, 100.0])
 def test_the_logarithm_of_equation_9_is_the_plain_sum(worst: float) -> None:
-    settings = PAPER.model_copy(update={"max_units": worst, "sigma_units": 40.0})
+    settings = PAPER.model_copy(
+        update={"paper": PAPER.paper.model_copy(update={"max_units": worst}), "sigma_units": 40.0}
+    )
     particles = np.random.default_rng(1).uniform([-5, -4, -4], [5, 4, 4], (50, 3))
     points = seen_from(PLACE)
     found = log_likelihoods(particle_filter(settings), points, particles)
-    field_map = error_map(FIELD, settings.map_m, settings.farthest_m)
+    field_map = error_map(FIELD, MAP_M, FARTHEST_M)
     for (x, y, heading), logarithm in zip(particles, found, strict=True):
         rotation = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
         global_points = np.array([x, y]) + points @ rotation.T  # (7)
@@ -220,7 +230,10 @@ def test_particles_move_by_the_odometry_in_their_own_direction() -> None:
 
 def test_roughening_parts_the_copies_and_nothing_else_does_in_the_paper_s_form() -> None:
     moved = {}
-    for name, settings in (("paper", PAPER), ("rough", PAPER.model_copy(update={"roughening": 0.3}))):
+    for name, settings in (
+        ("paper", PAPER),
+        ("rough", PAPER.model_copy(update={"paper": PAPER.paper.model_copy(update={"roughening": 0.3})})),
+    ):
         made = particle_filter(settings)
         made.restart(PLACE.heading)
         made.update(seen_from(PLACE))

@@ -15,7 +15,7 @@ from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import LocateSettings, Location, PoorFitError, ScatterError, locate, locate_points
-from touchline.localization.one_shot.permutation_test import ChanceSettings, rearranged
+from touchline.localization.one_shot.permutation_test import PIECES, rearranged
 from touchline.localization.one_shot.points_file import read_points
 from touchline.localization.one_shot.whole_field import thinned, thinned_to
 from touchline.types import LinePoints
@@ -140,7 +140,7 @@ def test_a_wrong_heading_is_refused_with_what_to_check(off_deg: float) -> None:
 
 def test_a_fit_whose_lines_miss_half_of_the_points_is_refused_with_the_numbers() -> None:
     """Far better than chance, but farther from the lines than is allowed."""
-    strict = LocateSettings(most_median_m=0.005)
+    strict = LocateSettings(max_median_m=0.005)
     with pytest.raises(PoorFitError) as refused:
         locate_points(seen_from(TRUTH), FIELD, settings=strict)
     assert not isinstance(refused.value, ScatterError)
@@ -163,8 +163,8 @@ def test_a_whole_turn_more_is_the_same_heading() -> None:
 def test_rivals_are_as_near_to_the_lines_as_the_pose() -> None:
     """On a field with another penalty area the error saturates: only the distance tells the poor poses apart."""
     points = view(open_field("msl-22x14"), Pose(6.0, 2.0, 0.5), np.random.default_rng(0), count=400)
-    loose = LocateSettings(rival_factor=3.0, rival_margin_m=10.0, most_median_m=5.0)
-    tied = loose.model_copy(update={"rival_margin_m": 0.0})
+    loose = LocateSettings(hypothesis_factor=3.0, hypothesis_margin_m=10.0, max_median_m=5.0)
+    tied = loose.model_copy(update={"hypothesis_margin_m": 0.0})
     many, few = (locate_points(points, FIELD, settings=s) for s in (loose, tied))
     assert few.pose == many.pose
     assert max(rival.residual_m for rival in many.hypotheses) > 3 * many.mean_distance_m
@@ -172,7 +172,7 @@ def test_rivals_are_as_near_to_the_lines_as_the_pose() -> None:
 
 
 def test_the_twin_is_always_a_rival_on_a_symmetric_field() -> None:
-    strict = LocateSettings(rival_factor=1.0, rival_margin=0.0, rival_margin_m=0.0)
+    strict = LocateSettings(hypothesis_factor=1.0, hypothesis_margin=0.0, hypothesis_margin_m=0.0)
     for seed in range(3):
         location = locate_points(seen_from(TRUTH, seed), FIELD, settings=strict)
         assert any(is_near(rival.pose, location.pose.mirrored()) for rival in location.hypotheses)
@@ -211,7 +211,7 @@ def test_the_same_points_give_the_same_answer(located: Location) -> None:
 
 def test_rearranging_keeps_the_ranges_and_the_pieces() -> None:
     points = seen_from(TRUTH)
-    turned = rearranged(points, ChanceSettings().pieces, np.random.default_rng(0))
+    turned = rearranged(points, PIECES, np.random.default_rng(0))
     np.testing.assert_allclose(np.hypot(*turned.T), np.hypot(*points.T))
     turns = np.round(np.mod(np.arctan2(*turned.T[::-1]) - np.arctan2(*points.T[::-1]), 2 * np.pi), 6)
     values, counts = np.unique(turns, return_counts=True)
@@ -243,7 +243,7 @@ def test_points_and_field_may_come_in_any_usual_form(tmp_path: Path) -> None:
     assert touchline.locate(points, str(tmp_path / "field.yaml"), heading=0.5).pose == expected.pose
     assert touchline.locate(points, FIELD, heading=0.5, seed=1).chance != expected.chance
     with pytest.raises(NoFitError, match="at least 101 are needed"):
-        touchline.locate(points, FIELD, settings=LocateSettings(least_points=101))
+        touchline.locate(points, FIELD, settings=LocateSettings(min_points=101))
 
 
 def test_line_points_are_weighed_by_their_precision() -> None:

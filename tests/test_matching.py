@@ -16,6 +16,16 @@ from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import Matcher, MatchingSettings, WeightSettings, precision_weights, range_weights
 from touchline.localization.matching.kernels import error_and_gradient
+from touchline.localization.matching.matcher import (
+    FIRST_STEP_M,
+    FIRST_STEP_RAD,
+    GROW,
+    MAX_STEP_M,
+    MAX_STEP_RAD,
+    MIN_STEP_M,
+    MIN_STEP_RAD,
+    SHRINK,
+)
 from touchline.types import LinePoints, empty_points
 
 FIELD = open_field("msl-18x12")
@@ -45,17 +55,17 @@ def plain_rprop(
     points: FloatArray, weights: FloatArray, table: DistanceMap, start: FloatArray, s: MatchingSettings
 ) -> FloatArray:
     """Every pose visited with its error (K, 4), step by step as the textbook says."""
-    pose, steps = start.copy(), np.array([s.first_step_m, s.first_step_m, s.first_step_rad])
-    largest = np.array([s.largest_step_m, s.largest_step_m, s.largest_step_rad])
-    smallest = np.array([s.smallest_step_m, s.smallest_step_m, s.smallest_step_rad])
+    pose, steps = start.copy(), np.array([FIRST_STEP_M, FIRST_STEP_M, FIRST_STEP_RAD])
+    largest = np.array([MAX_STEP_M, MAX_STEP_M, MAX_STEP_RAD])
+    smallest = np.array([MIN_STEP_M, MIN_STEP_M, MIN_STEP_RAD])
     before = np.zeros(3)
     rows = []
     for _ in range(s.iterations + 1):
         error, gradient = plain_error_and_gradient(points, weights, table, pose, s.c_m)
         rows.append([*pose, error])
         kept, changed = gradient * before > 0, gradient * before < 0
-        steps = np.where(kept, np.minimum(steps * s.grow, largest), steps)
-        steps = np.where(changed, np.maximum(steps * s.shrink, smallest), steps)
+        steps = np.where(kept, np.minimum(steps * GROW, largest), steps)
+        steps = np.where(changed, np.maximum(steps * SHRINK, smallest), steps)
         pose = pose - np.sign(gradient) * steps
         before = gradient
     return np.array(rows)

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from touchline.geometry import Pose, wrap_angle
-from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
+from touchline.motion import MotionHistory, OdometrySettings
+from touchline.motion import odometry as odometry_module
 from touchline.types import Frame, Samples
 
 MS = 1_000_000
@@ -93,15 +94,16 @@ def test_counters_that_went_on_during_a_gap_bridge_it() -> None:
     assert motion.pose.heading == pytest.approx(0.25, abs=1e-6)
 
 
-def test_noise_grows_with_the_way_each_axis_with_its_own_scale_error() -> None:
-    quiet = dict.fromkeys(("travel_noise_m", "travel_noise_rad", "turn_noise_rad", "drift_m", "drift_rad"), 0.0)
-    only_scale = OdometrySettings(forward_scale=0.03, sideways_scale=0.05, turn_scale=0.02, **quiet)
+def test_noise_grows_with_the_way_each_axis_with_its_own_scale_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("TRAVEL_NOISE_M", "TRAVEL_NOISE_RAD", "TURN_NOISE_RAD", "DRIFT_M", "DRIFT_RAD"):
+        monkeypatch.setattr(odometry_module, name, 0.0)
+    only_scale = OdometrySettings(forward_scale=0.03, sideways_scale=0.05, turn_scale=0.02)
     stamps = np.array([0, 1000 * MS])
     motion = track(Samples(stamps, np.array([[0, 0, 0], [2.0, 1.0, 0.5]])), settings=only_scale).between(0, 1000 * MS)
     np.testing.assert_allclose(np.sqrt(np.diag(motion.covariance)), [0.06, 0.05, 0.01])
-    only_root = OdometrySettings(
-        forward_scale=0, sideways_scale=0, turn_scale=0, **{**quiet, "travel_noise_m": 0.01, "turn_noise_rad": 0.02}
-    )
+    monkeypatch.setattr(odometry_module, "TRAVEL_NOISE_M", 0.01)
+    monkeypatch.setattr(odometry_module, "TURN_NOISE_RAD", 0.02)
+    only_root = OdometrySettings(forward_scale=0, sideways_scale=0, turn_scale=0)
     there_and_back = Samples(np.array([0, 500 * MS, 1000 * MS]), np.array([[0, 0, 0], [2.0, 0, 0.5], [0, 0, 0]]))
     motion = track(there_and_back, settings=only_root).between(0, 1000 * MS)
     np.testing.assert_allclose(np.sqrt(np.diag(motion.covariance)), [0.02, 0.02, 0.02])
@@ -152,7 +154,7 @@ def test_the_lag_of_the_compass_is_made_good(with_gyro: bool, start: float, stam
 
 
 def test_without_a_recent_sample_there_is_no_heading() -> None:
-    one = MotionHistory(compass=CompassTrackSettings(oldest_s=0.3))
+    one = MotionHistory()
     assert one.at(0).heading_rad is None
     one.add_samples("compass", yaw(np.arange(1000, 1500, 20.0), 0.0))
     assert one.at(1700 * MS).heading_rad is not None

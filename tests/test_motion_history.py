@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from touchline.geometry import Pose, wrap_angle
-from touchline.motion import CompassTrackSettings, GyroSettings, MotionHistory, WheelSettings
+from touchline.motion import GyroSettings, MotionHistory, WheelSettings
 from touchline.motion.samples import SampleHistory
 from touchline.motion.wheel_pair import WheelPair
 from touchline.types import Frame, Samples
@@ -172,7 +172,7 @@ def test_compass_and_attitude_are_interpolated_where_their_lag_is_known(spoilt: 
 
 
 def test_attitude_is_none_where_it_was_not_measured_lately() -> None:
-    one = MotionHistory(compass=CompassTrackSettings(oldest_s=0.3))
+    one = MotionHistory()
     assert one.at(0) == (None, None, None)
     one.add(Frame(2 * SECOND, tilt=Samples(np.array([1_500 * MS, 2_000 * MS]), np.array([[0.1, 0.2], [0.3, 0.4]]))))
     assert one.at(1_730 * MS)[1:] == pytest.approx((0.2, 0.3))

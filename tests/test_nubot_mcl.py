@@ -18,6 +18,8 @@ from touchline.camera import OmniCamera
 from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.localization.fusion import particle_localizer
+from touchline.localization.fusion.particle_localizer import CONFIRMATIONS
 from touchline.localization.particles.nubot_particles import PAPER_FORM
 from touchline.perception import SelfLearningDetector, observe
 from touchline.sources import open_source
@@ -166,7 +168,7 @@ def error_m(estimate: Estimate, pose: Pose) -> float:
 
 def test_figure_3_particles_then_matching_then_five_bad_frames_then_particles_again() -> None:
     here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
-    made = system("failure.lone_rules=false")
+    made = system("failure.paper.single_criterion_failure=false")
     found = stand(made, here, range(10), 0.3)
     assert found[-1].status is Status.TRACKING
     assert error_m(found[-1], here) < 0.02
@@ -237,7 +239,8 @@ def test_a_compass_that_errs_delays_but_does_not_deceive(error_deg: float) -> No
 def test_particles_alone_as_the_paper_prints_them_follow_too_but_less_exactly() -> None:
     """The paper's comparison: MCL without matching."""
     pose = Pose(2.0, 1.0, 0.3)
-    as_printed = [f"particles.{name}={json.dumps(getattr(PAPER_FORM, name))}" for name in PAPER_FORM.model_fields_set]
+    switches = PAPER_FORM.paper
+    as_printed = [f"particles.paper.{name}={json.dumps(getattr(switches, name))}" for name in switches.model_fields_set]
     estimates = stand(alone(*as_printed), pose, range(40), 0.3)[20:]
     errors = [error_m(e, pose) for e in estimates]
     assert max(errors) < 0.3
@@ -255,10 +258,13 @@ def test_particles_alone_follow_a_recording_under_black_sectors(shared_data: Pat
     assert np.abs(errors[followed, 2]).mean() <= 0.005
 
 
-def test_particles_alone_that_agree_on_a_place_that_does_not_fit_are_not_believed() -> None:
+def test_particles_alone_that_agree_on_a_place_that_does_not_fit_are_not_believed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """One cycle of few particles: the heaviest takes all weight, wherever it is."""
-    poor = ("particles.particles=20", "particles.refined_clusters=0")
-    poor += ("particles.independent_points=null", "confirmations=1000")
+    poor = ("particles.particles=20", "particles.paper.refined_clusters=0")
+    poor += ("particles.paper.independent_points=null",)
+    monkeypatch.setattr(particle_localizer, "CONFIRMATIONS", 1000)
     for seed in range(10):
         pose = Pose(2.0, 1.0, 0.3)
         for estimate in stand(alone(*poor, seed=seed), pose, range(6), 0.3):
@@ -308,7 +314,7 @@ def test_a_pose_that_is_not_believed_is_published_as_uncertain_as_the_field_is_l
 
 def test_a_single_particle_follows_once_it_is_certain() -> None:
     pose = Pose(2.0, 1.0, 0.3)
-    made = alone("particles.adaptive.enabled=true", "particles.resampling_threshold=1")
+    made = alone("particles.adaptive.enabled=true", "particles.paper.resampling_threshold=1")
     estimates = stand(made, pose, range(20), 0.3)
     assert len(made.particles.particles) == 1
     assert max(error_m(e, pose) for e in estimates[10:]) < 0.1
@@ -317,7 +323,7 @@ def test_a_single_particle_follows_once_it_is_certain() -> None:
 def test_a_single_particle_that_was_kidnapped_finds_back() -> None:
     """Its spread is that of a bin: there is something to start anew from."""
     here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
-    made = alone("particles.adaptive.enabled=true", "particles.resampling_threshold=1")
+    made = alone("particles.adaptive.enabled=true", "particles.paper.resampling_threshold=1")
     before = stand(made, here, range(20), 0.3)[-1]
     assert len(made.particles.particles) == 1
     assert np.sqrt(np.diag(before.covariance)) == pytest.approx([0.144, 0.144, 0.0756], rel=0.01)
@@ -338,7 +344,7 @@ def test_adaptive_numbers_follow_a_recording_down_to_few_particles(shared_data: 
 
 
 def test_particles_that_do_not_converge_start_anew_with_wider_headings(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = system("particles.converged_m=1e-6", "most_cycles=4")
+    made = system("particles.converged_m=1e-6", "max_cycles=4")
     widenings: list[float] = []
     restart = made.particles.restart
 
@@ -361,13 +367,13 @@ def test_a_poor_calibration_is_believed_after_some_starts_however_fast_the_robot
         points = seen_from(pose, k)
         far = replace(points, positions_m=1.1 * points.positions_m)
         estimate = made.step(frame(k, far, driven, pose.heading))
-        assert estimate.status is (Status.SEARCHING if k < made.settings.confirmations else Status.TRACKING)
+        assert estimate.status is (Status.SEARCHING if k < CONFIRMATIONS else Status.TRACKING)
         assert error_m(estimate, pose) < 0.6
         pose, driven = pose.compose(step), driven.compose(step)
 
 
 def test_particles_alone_are_not_started_anew_while_they_follow() -> None:
-    made = alone("most_cycles=4")
+    made = alone("max_cycles=4")
     stand(made, Pose(2.0, 1.0, 0.3), range(12), 0.3)
     assert made.follower.search.starts == 1
     assert made.follower.search.cycles == 12

@@ -370,7 +370,7 @@ def test_a_start_that_is_no_pose_is_refused() -> None:
         Prior(Pose(0.0, 0.0, 0.0), own_half=True)
 
 
-@pytest.mark.parametrize("setting", ["matching.c_m=.inf", "mirror_tilt.height_m=.nan", "global_search.shift_m=.nan"])
+@pytest.mark.parametrize("setting", ["matching.c_m=.inf", "mirror_tilt.height_m=.nan", "global_search.spacing_m=.nan"])
 def test_settings_that_are_no_numbers_are_refused(setting: str) -> None:
     with pytest.raises(InputError, match=setting.partition("=")[0]):
         load_settings(NubotMtiSettings, None, [setting])
@@ -389,7 +389,8 @@ def test_a_robot_put_down_elsewhere_is_found_even_with_its_old_heading(turn: flo
 def test_the_papers_rule_alone_can_be_had() -> None:
     """Nearly the old heading: by the paper's rule nothing is wrong."""
     path = drive(6) + drive(12, Pose(6.0, -3.0, drive(6)[-1].heading))
-    estimates = localize(frames(path, jumps=[6], compass_error_rad=0.0), failure__lone_rules="false")
+    paper = {"failure__paper__single_criterion_failure": "false"}
+    estimates = localize(frames(path, jumps=[6], compass_error_rad=0.0), **paper)
     assert all(e.status is Status.TRACKING for e in estimates)
 
 
@@ -445,4 +446,4 @@ def test_unknown_systems_and_foreign_settings_are_refused() -> None:
     with pytest.raises(InputError, match="did you mean 'nubot-mti'"):
         open_system("nubot-mtl", RobotSetup(FIELD))
     with pytest.raises(InputError, match="takes NubotMtiSettings"):
-        open_system("nubot-mti", RobotSetup(FIELD), NubotMtiSettings().map)
+        open_system("nubot-mti", RobotSetup(FIELD), NubotMtiSettings().weights)

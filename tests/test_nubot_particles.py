@@ -14,7 +14,12 @@ from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.matching.matcher import Matcher
 from touchline.localization.particles.iris_particles import IrisParticleSettings, MeasuredMotionNoise
-from touchline.localization.particles.nubot_particles import PAPER_FORM, NubotParticles, NubotParticleSettings
+from touchline.localization.particles.nubot_particles import (
+    PAPER_FORM,
+    NubotParticlePaper,
+    NubotParticles,
+    NubotParticleSettings,
+)
 from touchline.localization.particles.particle_set import mean_and_covariance, normalize
 from touchline.localization.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
 from touchline.localization.particles.sensor_models import SquaredErrors, log_likelihoods
@@ -23,6 +28,11 @@ from touchline.motion.odometry import Motion
 FIELD = open_field("msl-18x12")
 MATCHER = Matcher(FIELD.distance_map())
 STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
+
+
+def paper_form_but(**changed: float) -> NubotParticleSettings:
+    """The paper's form with some of its switches changed."""
+    return PAPER_FORM.model_copy(update={"paper": PAPER_FORM.paper.model_copy(update=changed)})
 
 
 def monte_carlo(
@@ -67,7 +77,7 @@ def test_the_loop_agrees_with_its_numpy_twin_inside_and_outside_the_table() -> N
 
 
 def test_a_capped_distance_lets_a_stray_point_count_no_worse_than_the_cap() -> None:
-    capped = PAPER_FORM.model_copy(update={"farthest_sigmas": 2.0})
+    capped = paper_form_but(farthest_sigmas=2.0)
     points = seen_from(Pose(2.0, 1.0, 0.3))
     stray = np.vstack((points, [[9.0, 7.0]]))  # 1.1 m from the nearest line
     pose = np.array([[2.0, 1.0, 0.3]])
@@ -80,7 +90,7 @@ def test_a_capped_distance_lets_a_stray_point_count_no_worse_than_the_cap() -> N
 def test_tempering_scales_the_logarithm_and_nothing_else() -> None:
     points = seen_from(Pose(2.0, 1.0, 0.3))
     poses = np.array([[2.4, 0.8, 0.2], [-8.0, 5.0, 3.0]])
-    tempered = PAPER_FORM.model_copy(update={"independent_points": 20.0})
+    tempered = paper_form_but(independent_points=20.0)
     ratio = monte_carlo(tempered).log_likelihoods(points, None, poses) / monte_carlo(PAPER_FORM).log_likelihoods(
         points, None, poses
     )
@@ -89,7 +99,7 @@ def test_tempering_scales_the_logarithm_and_nothing_else() -> None:
 
 def test_the_sensor_model_narrows_while_the_particles_agree_and_widens_again() -> None:
     points, pose = seen_from(Pose(2.0, 1.0, 0.3)), np.array([[2.4, 0.8, 0.2]])
-    mcl = monte_carlo(PAPER_FORM.model_copy(update={"converged_sigma_m": 0.1}))
+    mcl = monte_carlo(paper_form_but(converged_sigma_m=0.1))
     wide = mcl.log_likelihoods(points, None, pose)
     for spread_m, ratio in ((0.01, 9.0), (2.0, 1.0)):
         mcl.restart(0.3)
@@ -162,13 +172,17 @@ def test_alike_weights_keep_every_particle_once() -> None:
 
 def test_resampling_waits_until_the_effective_sample_size_falls() -> None:
     points = seen_from(Pose(2.0, 1.0, 0.3))
-    patient = monte_carlo(NubotParticleSettings(resampling_threshold=0.0, refined_clusters=0))
+    patient = monte_carlo(NubotParticleSettings(paper=NubotParticlePaper(resampling_threshold=0.0, refined_clusters=0)))
     patient.restart(0.3)
     before = patient.particles.poses.copy()
     patient.update(points, None)
     assert np.array_equal(patient.particles.poses, before)
     assert patient.particles.weights.max() > 10 / 600
-    eager = monte_carlo(NubotParticleSettings(resampling_threshold=1.0, refined_clusters=0, random_particle_ratio=0.0))
+    eager = monte_carlo(
+        NubotParticleSettings(
+            paper=NubotParticlePaper(resampling_threshold=1.0, refined_clusters=0, random_particle_ratio=0.0)
+        )
+    )
     eager.restart(0.3)
     eager.update(points, None)
     assert np.all(eager.particles.weights == 1 / 600)
@@ -232,15 +246,15 @@ def test_the_noise_s_old_keys_are_accepted() -> None:
     settings = load_settings(IrisParticleSettings, None, ["motion.travel_share=0.5", "least_effective=0.2"])
     assert settings.motion.translation_from_translation == 0.5
     assert settings.motion.rotation_from_rotation == MeasuredMotionNoise().rotation_from_rotation
-    assert settings.tempering_threshold == 0.2
-    assert load_settings(NubotParticleSettings, None, ["adaptive.least=3"]).adaptive.min_particles == 3
+    assert settings.paper.tempering_threshold == 0.2
+    assert load_settings(NubotParticleSettings, None, ["fresh_share=0.3"]).paper.random_particle_ratio == 0.3
 
 
 # --- start ------------------------------------------------------------------------------------------------------------
 
 
 def test_particles_start_evenly_over_field_and_margin_and_about_the_compass() -> None:
-    mcl = monte_carlo(NubotParticleSettings(particles=50_000, beyond_m=1.0, compass_rad=0.1))
+    mcl = monte_carlo(NubotParticleSettings(particles=50_000, compass_rad=0.1))
     mcl.restart(3.1)
     x, y, heading = mcl.particles.poses.T
     assert len(x) == 50_000
@@ -270,7 +284,7 @@ def test_a_region_keeps_its_particles_inside() -> None:
 
 
 def test_the_prior_particle_ratio_starts_about_the_last_pose() -> None:
-    mcl = monte_carlo(NubotParticleSettings(prior_particle_ratio=0.25))
+    mcl = monte_carlo(NubotParticleSettings(paper=NubotParticlePaper(prior_particle_ratio=0.25)))
     mcl.restart(0.0, near=(Pose(30.0, 0.0, 0.0), np.eye(3) * 1e-4))
     assert np.count_nonzero(mcl.particles.poses[:, 0] > 29.0) == 150
 
@@ -279,7 +293,11 @@ def test_some_particles_start_anew_at_every_drawing_until_all_agree() -> None:
     """None of the first ones is anywhere near the robot."""
     pose = Pose(6.0, -3.0, 0.2)
     for share, found in ((0.0, False), (0.1, True)):
-        mcl = monte_carlo(NubotParticleSettings(random_particle_ratio=share, refined_clusters=0, converged_m=1e-3))
+        mcl = monte_carlo(
+            NubotParticleSettings(
+                converged_m=1e-3, paper=NubotParticlePaper(random_particle_ratio=share, refined_clusters=0)
+            )
+        )
         mcl.restart(0.2, near=(Pose(-6.0, 3.0, 0.2), np.eye(3) * 1e-3), everything_near=True)
         for seed in range(60):
             mcl.predict(STILL)
@@ -308,15 +326,16 @@ def test_a_narrow_cloud_fills_one_bin_wherever_it_lies() -> None:
 
 def test_kld_numbers_are_those_of_the_chi_square_quantile() -> None:
     """Equation (7) approximates the quantile of chi² over 2 ε; at 99 %: 21.666 for 9, 135.81 for 100 degrees."""
-    settings = AdaptiveSettings(error=0.05)
-    assert kld_number(10, settings) == pytest.approx(21.666 / 0.1, abs=2)
-    assert kld_number(101, settings) == pytest.approx(135.807 / 0.1, abs=3)
-    assert kld_number(1, settings) == 1
+    assert kld_number(10) == pytest.approx(21.666 / 0.1, abs=2)
+    assert kld_number(101) == pytest.approx(135.807 / 0.1, abs=3)
+    assert kld_number(1) == 1
 
 
 def test_adaptive_numbers_fall_to_a_single_particle_when_certain() -> None:
     adaptive = AdaptiveSettings(enabled=True)
-    settings = NubotParticleSettings(adaptive=adaptive, resampling_threshold=1.0, independent_points=1.0)
+    settings = NubotParticleSettings(
+        adaptive=adaptive, paper=NubotParticlePaper(resampling_threshold=1.0, independent_points=1.0)
+    )
     pose = Pose(2.0, 1.0, 0.0)
     mcl = monte_carlo(settings)
     mcl.restart(0.05)

@@ -12,7 +12,7 @@ from synthetic import BLACK, CROSS, GREEN, WHITE, YELLOW, distances, line_field,
 from touchline.camera import OmniCamera
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
-from touchline.perception import LinePointDetector, LinePointSettings, SelfLearningDetector, observe
+from touchline.perception import LinePointDetector, LinePointSettings, SelfLearningDetector, line_points, observe
 from touchline.perception.colour import GREEN as GREEN_CLASS
 from touchline.perception.colour import WHITE as WHITE_CLASS
 from touchline.perception.colour import NoCarpetError
@@ -126,8 +126,11 @@ def test_stripes_of_another_width_are_no_lines() -> None:
     assert near.sum() <= 2
 
 
-def test_covariance_grows_with_range_and_has_the_pixels_scale(cross_image: ImageArray) -> None:
-    points = detected(cross_image, noise_px=0.5, noise_m=0.0)
+def test_covariance_grows_with_range_and_has_the_pixels_scale(
+    cross_image: ImageArray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(line_points, "NOISE_M", 0.0)
+    points = detected(cross_image, noise_px=0.5)
     ranges = np.hypot(*points.positions_m.T)
     spread = np.sqrt(np.linalg.eigvalsh(points.covariances_m2)[:, 1])
     slope = 0.8 / 160.0 * (1.0 + (ranges / 0.8) ** 2)  # derivative of 0.8 tan(radius / 160)

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings, blended
-from touchline.localization.fusion.restart import RestartRule, RestartSettings
+from touchline.localization.fusion import modes as limits
+from touchline.localization.fusion import restart
+from touchline.localization.fusion.modes import SensorFusion, SensorFusionPaper, SensorFusionSettings, blended
+from touchline.localization.fusion.restart import RestartPaper, RestartRule, RestartSettings
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion.dead_reckoning import without_bias
 from touchline.motion.odometry import Motion
@@ -61,14 +63,14 @@ def test_headings_on_both_sides_of_the_half_turn_meet_between_them(middle: float
 
 
 def test_the_pose_of_each_mode_is_the_paper_s() -> None:
-    fusion = placed(SensorFusionSettings(beta=0.3, bias_gain_per_s=0))
+    fusion = placed(SensorFusionSettings(beta=0.3, paper=SensorFusionPaper(bias_gain_per_s=0)))
     odometry, particles = at(1.1), at(1.16)
     assert step(fusion, odometry, seen(particles)) is Mode.BOTH
     assert fusion.pose == pytest.approx(blended(odometry, particles, 0.3))
     assert step(fusion, odometry, None) is Mode.ODOMETRY
     assert fusion.pose == odometry
     found = SensorFusion()
-    for _ in range(SETTINGS.frames):
+    for _ in range(limits.FRAMES):
         step(found, HERE, seen(at(-3.0)), Motion(Pose(0, 0, 0), STEP.covariance, 0.0))
     assert found.mode is Mode.OMNIVISION
     assert found.pose == at(-3.0)
@@ -77,11 +79,11 @@ def test_the_pose_of_each_mode_is_the_paper_s() -> None:
 def test_after_a_gap_the_odometry_has_a_smaller_share() -> None:
     shares = []
     for duration_s in (0.1, 0.4, 3.0):
-        fusion = placed(SensorFusionSettings(beta=0.5, bias_gain_per_s=0))
+        fusion = placed(SensorFusionSettings(beta=0.5, paper=SensorFusionPaper(bias_gain_per_s=0)))
         fusion.update(at(1.1), STEP, seen(at(1.2)), duration_s)
         shares.append((1.2 - fusion.pose.x) / 0.1)
     assert shares == pytest.approx([0.5, 0.5**4, 0.5**30], abs=1e-6)
-    constant = placed(SensorFusionSettings(beta=0.5, bias_gain_per_s=0, beta_period_s=None))
+    constant = placed(SensorFusionSettings(beta=0.5, paper=SensorFusionPaper(bias_gain_per_s=0, beta_period_s=None)))
     constant.update(at(1.1), STEP, seen(at(1.2)), 3.0)
     assert constant.pose.x == pytest.approx(1.15)
 
@@ -92,9 +94,9 @@ def test_after_a_gap_the_odometry_has_a_smaller_share() -> None:
 @pytest.mark.parametrize(
     "bad",
     [
-        {"points": SETTINGS.least_points - 1},
-        {"inlier_ratio": SETTINGS.least_share - 0.01},
-        {"spread_m": SETTINGS.widest_m + 0.01},
+        {"points": limits.MIN_POINTS - 1},
+        {"inlier_ratio": limits.MIN_RATIO - 0.01},
+        {"spread_m": limits.MAX_SPREAD_M + 0.01},
     ],
 )
 def test_an_image_that_shows_too_little_leaves_odometry_alone_and_one_good_image_brings_both_back(
@@ -109,9 +111,9 @@ def test_an_image_that_shows_too_little_leaves_odometry_alone_and_one_good_image
 @pytest.mark.parametrize(
     "middling",
     [
-        {"points": (SETTINGS.least_points + SETTINGS.enough_points) // 2},
-        {"inlier_ratio": 0.5 * (SETTINGS.least_share + SETTINGS.accepted_share)},
-        {"spread_m": 0.5 * (SETTINGS.narrow_m + SETTINGS.widest_m)},
+        {"points": (limits.MIN_POINTS + limits.ENOUGH_POINTS) // 2},
+        {"inlier_ratio": 0.5 * (limits.MIN_RATIO + SETTINGS.accepted_ratio)},
+        {"spread_m": 0.5 * (limits.NARROW_M + limits.MAX_SPREAD_M)},
     ],
 )
 def test_limits_have_hysteresis(middling: dict[str, float]) -> None:
@@ -156,7 +158,7 @@ def test_images_that_contradict_it_each_in_another_way_are_never_believed() -> N
 
 def test_a_robot_without_a_pose_is_found_only_by_images_that_fit_well() -> None:
     still = Motion(Pose(0, 0, 0), STEP.covariance, 0.0)
-    poor = SETTINGS.found_share - 0.02
+    poor = SETTINGS.found_ratio - 0.02
     fusion = SensorFusion()
     assert {step(fusion, HERE, seen(at(-2.0), inlier_ratio=poor), still) for _ in range(10)} == {Mode.ODOMETRY}
     assert not fusion.has_pose
@@ -184,13 +186,13 @@ def unsure(frames: int = 60) -> SensorFusion:
 
 def test_however_unsure_the_odometry_is_an_image_far_from_it_contradicts_it() -> None:
     still = Motion(Pose(0.0, 0.0, 0.0), STEP.covariance, 0.0)
-    near_m, near_rad = 0.9 * SETTINGS.lost_m, 0.9 * SETTINGS.turned_rad
+    near_m, near_rad = 0.9 * SETTINGS.lost_m, 0.9 * limits.TURNED_RAD
     assert step(unsure(), HERE, seen(at(1.0 + near_m)), still) is Mode.BOTH
     assert step(unsure(), HERE, seen(at(1.0, heading=0.3 + near_rad)), still) is Mode.BOTH
-    for away in (at(1.0 + 1.1 * SETTINGS.lost_m), at(1.0, heading=0.3 + 1.1 * SETTINGS.turned_rad), HERE.mirrored()):
+    for away in (at(1.0 + 1.1 * SETTINGS.lost_m), at(1.0, heading=0.3 + 1.1 * limits.TURNED_RAD), HERE.mirrored()):
         fusion = unsure()
-        modes = [step(fusion, HERE, seen(away), still) for _ in range(SETTINGS.frames)]
-        assert modes == [Mode.ODOMETRY] * (SETTINGS.frames - 1) + [Mode.OMNIVISION]
+        modes = [step(fusion, HERE, seen(away), still) for _ in range(limits.FRAMES)]
+        assert modes == [Mode.ODOMETRY] * (limits.FRAMES - 1) + [Mode.OMNIVISION]
 
 
 def test_without_odometry_an_image_agrees_as_far_as_a_robot_gets_between_two_images() -> None:
@@ -205,8 +207,8 @@ def test_without_odometry_an_image_agrees_as_far_as_a_robot_gets_between_two_ima
 def test_without_odometry_a_moving_robot_is_found() -> None:
     """Images that lie apart by what a robot drives contradict the old pose in one and the same way."""
     fusion = placed()
-    modes = [step(fusion, HERE, seen(at(4.0 + 0.2 * k)), blind(0.1)) for k in range(SETTINGS.frames)]
-    assert modes == [Mode.ODOMETRY] * (SETTINGS.frames - 1) + [Mode.OMNIVISION]
+    modes = [step(fusion, HERE, seen(at(4.0 + 0.2 * k)), blind(0.1)) for k in range(limits.FRAMES)]
+    assert modes == [Mode.ODOMETRY] * (limits.FRAMES - 1) + [Mode.OMNIVISION]
 
 
 def blind(seconds: float) -> Motion:
@@ -253,7 +255,7 @@ def test_the_gyro_s_bias_is_learned_from_the_particles() -> None:
         odometry, heading = fusion.pose, fusion.pose.heading
     assert fusion.bias_rad_s == pytest.approx(bias_rad_s, rel=0.05)
     assert abs(heading) < math.radians(0.02)
-    paper = placed(SensorFusionSettings(bias_gain_per_s=0))
+    paper = placed(SensorFusionSettings(paper=SensorFusionPaper(bias_gain_per_s=0)))
     step(paper, at(1.1, heading=0.32), seen(at(1.1)))
     assert paper.bias_rad_s == 0.0
 
@@ -267,7 +269,7 @@ def test_nothing_is_learned_of_the_gyro_from_a_turn_that_it_did_not_tell() -> No
     assert fusion.update(turned, still, seen(HERE), 0.1) is Mode.BOTH  # the frame before is in this difference, too
     assert fusion.bias_rad_s == 0.0
     assert fusion.update(turned, still, seen(HERE), 0.1) is Mode.BOTH
-    assert fusion.bias_rad_s == pytest.approx(SETTINGS.bias_gain_per_s * 0.02)
+    assert fusion.bias_rad_s == pytest.approx(SETTINGS.paper.bias_gain_per_s * 0.02)
 
 
 def test_a_motion_without_its_bias_is_the_one_that_was_driven() -> None:
@@ -285,47 +287,46 @@ def test_a_motion_without_its_bias_is_the_one_that_was_driven() -> None:
 def test_particles_start_anew_after_several_images_that_contradict_them_or_after_one_if_nothing_was_seen_before() -> (
     None
 ):
-    settings = RestartSettings()
-    rule = RestartRule(settings)
-    poor = settings.least_share - 0.1
-    assert [rule.is_refuted(poor, None) for _ in range(settings.frames)] == [False] * (settings.frames - 1) + [True]
+    rule = RestartRule()
+    poor = restart.MIN_RATIO - 0.1
+    assert [rule.is_refuted(poor, None) for _ in range(restart.FRAMES)] == [False] * (restart.FRAMES - 1) + [True]
     rule.reset()
-    for _ in range(settings.frames - 1):
+    for _ in range(restart.FRAMES - 1):
         rule.is_refuted(poor, None)
     assert not rule.is_refuted(0.9, None)
     assert not rule.is_refuted(poor, None)
     for found_since in (False, True):
         rule.reset()
-        for _ in range(settings.blind_frames):
+        for _ in range(restart.BLIND_FRAMES):
             rule.see_nothing()
         if found_since:
             rule.found()
         assert rule.is_refuted(poor, None) is not found_since
     rule.reset()
-    lost = [rule.is_refuted(0.95, None, lost=True) for _ in range(settings.frames)]  # fits well, but elsewhere
-    assert lost == [False] * (settings.frames - 1) + [True]
+    lost = [rule.is_refuted(0.95, None, lost=True) for _ in range(restart.FRAMES)]  # fits well, but elsewhere
+    assert lost == [False] * (restart.FRAMES - 1) + [True]
 
 
 def test_the_wrong_end_of_the_field_is_left_when_the_compass_says_so() -> None:
-    settings = RestartSettings()
-    rule = RestartRule(settings)
-    answers = [rule.is_refuted(0.95, math.pi) for _ in range(settings.heading_frames)]
-    assert answers == [False] * (settings.heading_frames - 1) + [True]
+    rule = RestartRule()
+    answers = [rule.is_refuted(0.95, math.pi) for _ in range(restart.HEADING_FRAMES)]
+    assert answers == [False] * (restart.HEADING_FRAMES - 1) + [True]
     assert rule.at_wrong_end
     rule.start()
     assert not rule.at_wrong_end
     ends = []
-    for _ in range(settings.heading_frames):
+    for _ in range(restart.HEADING_FRAMES):
         ends.append(rule.at_right_end)
         assert not rule.is_refuted(0.95, 0.1)
-    assert ends == [False] * settings.heading_frames
+    assert ends == [False] * restart.HEADING_FRAMES
     assert rule.at_right_end
-    paper = RestartRule(RestartSettings(heading_rad=None))
+    paper = RestartRule(RestartSettings(paper=RestartPaper(heading_rad=None)))
     assert not any(paper.is_refuted(0.95, math.pi) for _ in range(50))
 
 
-def test_searches_start_anew_after_some_cycles_each_with_wider_headings() -> None:
-    rule = RestartRule(RestartSettings(most_cycles=4, widening=1.5))
+def test_searches_start_anew_after_some_cycles_each_with_wider_headings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(restart, "MAX_CYCLES", 4)
+    rule = RestartRule()
     assert rule.start_is_due()
     assert rule.start() == 1.0
     for due in (False, False, False, True):

@@ -11,11 +11,11 @@ from touchline.geometry import FloatArray, Pose
 from touchline.localization import (
     CompassCorrection,
     FailureSettings,
-    FusionSettings,
     GlobalSearch,
     GlobalSearchSettings,
     Matcher,
 )
+from touchline.localization.fusion import failure
 from touchline.localization.fusion.failure_monitor import FailureMonitor
 from touchline.localization.fusion.global_localizer import GlobalLocalizer, Localization, Prediction
 from touchline.localization.fusion.grid_localizer import GridLocalizer
@@ -114,7 +114,7 @@ def test_a_told_pose_is_as_sure_as_its_covariance_says() -> None:
 def monitor(keep_unless_better: bool = False, **settings: object) -> FailureMonitor:
     search = GlobalSearch(MATCHER, FIELD.length, FIELD.width)
     rules = FailureSettings.model_validate(settings)
-    return FailureMonitor(search, rules, FusionSettings(), keep_unless_better)
+    return FailureMonitor(search, rules, keep_unless_better)
 
 
 def test_the_first_bad_frame_refutes_a_start_pose_that_nothing_has_confirmed() -> None:
@@ -127,11 +127,12 @@ def test_the_first_bad_frame_refutes_a_start_pose_that_nothing_has_confirmed() -
         assert judge.failures == unconfirmed
 
 
-def test_five_bad_frames_fail_unless_no_other_place_is_better() -> None:
+def test_five_bad_frames_fail_unless_no_other_place_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(failure, "SUSPECT_M", 10.0)
     seen = match_input()
     poor = MATCHER.assess(seen.positions_m, seen.weights, WRONG.as_array(), 0.8)
     for pose, error, kept in ((WRONG, 0.8, False), (HERE, 0.0, True)):
-        judge = monitor(keep_unless_better=True, suspect_m=10.0)
+        judge = monitor(keep_unless_better=True)
         match = MATCHER.assess(seen.positions_m, seen.weights, WRONG.as_array(), error) if kept else poor
         assert [judge.has_failed(seen, match, pose, 0.0) for _ in range(5)] == [False] * 4 + [not kept]
 
@@ -141,14 +142,14 @@ def test_five_bad_frames_fail_unless_no_other_place_is_better() -> None:
 
 def grid(**settings: object) -> GridLocalizer:
     search = GlobalSearch(MATCHER, FIELD.length, FIELD.width, GlobalSearchSettings.model_validate(settings))
-    return GridLocalizer(search, 1.6)
+    return GridLocalizer(search)
 
 
 def particles(**settings: object) -> ParticleSearch:
     chosen = ParticleSearchSettings.model_validate(settings)
     rng = np.random.default_rng(0)
     made = NubotParticles(MATCHER, FIELD.length, FIELD.width, rng, chosen.particles, FIELD.is_symmetric)
-    return ParticleSearch(made, chosen, 1.6)
+    return ParticleSearch(made, chosen)
 
 
 def searched(localizer: GlobalLocalizer, frames: int) -> list[Localization]:
@@ -201,7 +202,7 @@ def test_particles_rest_once_matching_goes_on_and_stay_at_work_where_they_follow
 
 
 def test_a_search_starts_anew_when_the_robot_was_lost_and_after_too_many_cycles() -> None:
-    search = particles(most_cycles=3, particles={"converged_m": 1e-6})
+    search = particles(max_cycles=3, particles={"converged_m": 1e-6})
     localizer = ParticleLocalizer(search)
     starts = []
     for k in range(8):

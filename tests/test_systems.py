@@ -122,3 +122,38 @@ def test_a_pose_that_was_kept_says_nothing_new_of_the_end_of_the_field() -> None
     belief.reset(Prior(HERE))
     belief.take(found(kept=True), None)
     assert belief.side_known
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("nubot-mti", "failure.lone_rules=false", "failure.paper.single_criterion_failure=false"),
+        ("nubot-mti", "matching.uncertainty.least_position_m=0.1", "matching.uncertainty.min_position_m=0.1"),
+        ("nubot-mcl", "particles.fresh_share=0.2", "particles.paper.random_particle_ratio=0.2"),
+        ("nubot-mcl", "most_cycles=9", "max_cycles=9"),
+        ("nubot-mcl", "widening=1", "paper.widening=1"),
+        ("iris-fusion", "lines.least_green=0", "lines.paper.min_green=0"),
+        ("iris-fusion", "restart.heading_rad=null", "restart.paper.heading_rad=null"),
+        ("iris-fusion", "most_points=50", "max_points=50"),
+    ],
+)
+def test_renamed_settings_are_accepted_under_their_old_names(name: str, old: str, new: str) -> None:
+    notices: list[str] = []
+    settings = SYSTEMS[name].settings
+    assert load_settings(settings, None, [old], notices=notices) == load_settings(settings, None, [new])
+    assert len(notices) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "where"),
+    [
+        ("nubot-mti", "matching.first_step_m=0.2", "localization/matching/matcher.py"),
+        ("nubot-mcl", "map.margin_m=2", "field/model.py"),
+        ("nubot-mcl", "confirmations=5", "localization/fusion/particle_localizer.py"),
+        ("iris-fusion", "wheels.gap_s=1", "motion/gyro.py"),
+        ("iris-fusion", "fusion.near_m=0.2", "systems/iris_fusion.py"),
+    ],
+)
+def test_removed_settings_are_refused_with_what_takes_their_place(name: str, key: str, where: str) -> None:
+    with pytest.raises(InputError, match=f"was removed: .* constant of {where}"):
+        load_settings(SYSTEMS[name].settings, None, [key])

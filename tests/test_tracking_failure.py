@@ -7,7 +7,11 @@ import math
 import pytest
 
 from touchline.geometry import wrap_angle
-from touchline.localization import CompassCorrection, CompassSettings, FailureDetector, FailureSettings
+from touchline.localization import CompassCorrection, FailureDetector, FailureSettings
+from touchline.localization.fusion import compass_correction, failure
+from touchline.localization.fusion.failure import FailurePaper
+
+PAPERS_RULE = FailureSettings(paper=FailurePaper(single_criterion_failure=False))
 
 GOOD, POOR, AWFUL = 0.05, 0.3, 0.5
 STRAIGHT, ASTRAY = 0.05, 0.6
@@ -43,13 +47,13 @@ def test_frames_without_usable_points_mean_failure_by_themselves() -> None:
 def test_a_second_without_odometry_means_failure_by_itself() -> None:
     assert FailureDetector().update(60, GOOD, STRAIGHT, missing_s=1.1)
     assert not FailureDetector().update(60, GOOD, STRAIGHT, missing_s=0.9)
-    assert not FailureDetector(FailureSettings(lone_rules=False)).update(60, GOOD, STRAIGHT, missing_s=9.0)
+    assert not FailureDetector(PAPERS_RULE).update(60, GOOD, STRAIGHT, missing_s=9.0)
 
 
-def test_a_covered_frame_counts_among_the_bad_ones() -> None:
-    settings = FailureSettings(blind_frames=5)
+def test_a_covered_frame_counts_among_the_bad_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(failure, "BLIND_FRAMES", 5)
     frames = [(60, POOR, ASTRAY)] * 2 + [(0, math.nan, STRAIGHT)] + [(60, AWFUL, STRAIGHT)] * 2
-    assert judged(FailureDetector(settings), *frames) == [False, False, False, False, True]
+    assert judged(FailureDetector(), *frames) == [False, False, False, False, True]
 
 
 def suspicions(detector: FailureDetector, *frames: tuple[int, float, float | None]) -> list[int]:
@@ -64,7 +68,7 @@ def suspicions(detector: FailureDetector, *frames: tuple[int, float, float | Non
 def test_a_suspect_deviation_calls_for_a_second_opinion_every_five_frames() -> None:
     assert suspicions(FailureDetector(), *[(60, 0.2, STRAIGHT)] * 12) == [4, 9]
     assert suspicions(FailureDetector(), *[(60, 0.2, None)] * 4, (60, GOOD, None), *[(60, 0.2, None)] * 4) == []
-    assert suspicions(FailureDetector(FailureSettings(lone_rules=False)), *[(60, 0.2, STRAIGHT)] * 12) == []
+    assert suspicions(FailureDetector(PAPERS_RULE), *[(60, 0.2, STRAIGHT)] * 12) == []
 
 
 def test_a_right_pose_among_clutter_is_never_failed_for_its_deviation_alone() -> None:
@@ -72,7 +76,7 @@ def test_a_right_pose_among_clutter_is_never_failed_for_its_deviation_alone() ->
 
 
 def test_the_papers_rule_alone_is_a_setting_away() -> None:
-    detector = FailureDetector(FailureSettings(lone_rules=False))
+    detector = FailureDetector(PAPERS_RULE)
     assert not any(judged(detector, *[(60, AWFUL, STRAIGHT)] * 20, *[(0, math.nan, None)] * 20))
     assert judged(detector, *[(60, POOR, ASTRAY)] * 5)[-1]
 
@@ -96,8 +100,9 @@ def test_the_compass_is_corrected_after_five_good_frames_in_a_row() -> None:
     assert one.offset_rad == pytest.approx(0.2 * 0.1)
 
 
-def test_the_offset_settles_at_the_difference_across_half_a_turn() -> None:
-    one = CompassCorrection(CompassSettings(good_frames=1))
+def test_the_offset_settles_at_the_difference_across_half_a_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compass_correction, "GOOD_FRAMES", 1)
+    one = CompassCorrection()
     for _ in range(60):
         one.update(GOOD, -math.pi + 0.05, math.pi - 0.05)
     assert one.offset_rad == pytest.approx(0.1, abs=1e-4)
@@ -117,7 +122,7 @@ def test_half_a_turn_from_the_compass_is_bad_however_well_the_lines_fit() -> Non
     """At the other end of a symmetric field the lines fit perfectly."""
     detector = FailureDetector()
     assert [detector.update(100, 0.01, math.pi - 0.1) for _ in range(5)] == [False] * 4 + [True]
-    paper = FailureDetector(FailureSettings(lone_rules=False))
+    paper = FailureDetector(PAPERS_RULE)
     assert not any(paper.update(100, 0.01, math.pi - 0.1) for _ in range(20))
 
 

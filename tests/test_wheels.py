@@ -18,7 +18,9 @@ from touchline.api import prepare
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import Pose, wrap_angle
-from touchline.motion import DeadReckoning, GyroSettings, Motion, MotionHistory, WheelSettings
+from touchline.motion import DeadReckoning, GyroSettings, Motion, MotionHistory, WheelSettings, wheel_odometry
+from touchline.motion import gyro as gyro_module
+from touchline.motion.gyro import NOISE_RAD
 from touchline.motion.wheel_pair import WheelPair
 from touchline.sources import open_source
 from touchline.sources.description import wheel_directions_rad
@@ -391,13 +393,15 @@ def test_a_long_wait_between_frames_loses_nothing() -> None:
     assert_same(odometry.pose, drive.pose(20.0), 1e-6)
 
 
-def test_an_error_of_the_turn_is_taken_for_travel_over_the_levers() -> None:
+def test_an_error_of_the_turn_is_taken_for_travel_over_the_levers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wheels along x and y with levers l: to a robot that turns by t on the spot a scale error e is a travel -l e t."""
     turn_rad, levers, error = 0.3, (0.2, -0.1), 0.05
     mount = (0.0, math.pi / 2, *levers)
     drive, times = Drive(0.0, 0.0, 1.0), np.arange(0, 301, 20.0)
-    wheels = WheelSettings(a_lever_m=levers[0], b_lever_m=levers[1], scale_error=0, slip_m=0, drift_m=0)
-    odometry = reckoning(mount, wheels, GyroSettings(scale_error=error, bias_error_rad_s=0, noise_rad=0))
+    monkeypatch.setattr(wheel_odometry, "DRIFT_M", 0.0)
+    monkeypatch.setattr(gyro_module, "NOISE_RAD", 0.0)
+    wheels = WheelSettings(a_lever_m=levers[0], b_lever_m=levers[1], scale_error=0, slip_m=0)
+    odometry = reckoning(mount, wheels, GyroSettings(scale_error=error, bias_error_rad_s=0))
     motion = [take(odometry, f) for f in frames([0.0, 300.0], drive.wheels(times, mount), drive.gyro(times))][-1]
     half = turn_rad / 2  # the step's displacement points along the heading in its middle
     x_m = -(levers[0] * math.cos(half) - levers[1] * math.sin(half))
@@ -407,12 +411,15 @@ def test_an_error_of_the_turn_is_taken_for_travel_over_the_levers() -> None:
 
 
 @pytest.mark.parametrize("mount", [MOUNTS[1], (*MOUNTS[1][:2], 0.25, -0.15)])
-def test_the_covariance_is_that_of_many_noisy_runs(mount: tuple[float, float, float, float]) -> None:
+def test_the_covariance_is_that_of_many_noisy_runs(
+    mount: tuple[float, float, float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Circumference, slip, gyro scale, bias and noise drawn as the settings say, in an arc with unlike wheels."""
     rng = np.random.default_rng(4)
     drive = Drive(1.2, 0.4, 1.0)
     times = np.arange(0, 301, 20.0)
-    s = WheelSettings(drift_m=0.0, a_lever_m=mount[2], b_lever_m=mount[3])
+    monkeypatch.setattr(wheel_odometry, "DRIFT_M", 0.0)
+    s = WheelSettings(a_lever_m=mount[2], b_lever_m=mount[3])
     g = GyroSettings(bias_error_rad_s=0.05)
     wheels, gyro, ends = drive.wheels(times, mount), drive.gyro(times), []
     steps = np.diff(wheels.values, axis=0)
@@ -421,7 +428,7 @@ def test_the_covariance_is_that_of_many_noisy_runs(mount: tuple[float, float, fl
         noisy += s.slip_m * np.sqrt(np.abs(steps)) * rng.standard_normal(steps.shape)
         bias = g.bias_error_rad_s * rng.standard_normal()
         rate = drive.rate * (1.0 + g.scale_error * rng.standard_normal()) + bias
-        rates = rate + g.noise_rad / math.sqrt(0.02) * rng.standard_normal(len(times))
+        rates = rate + NOISE_RAD / math.sqrt(0.02) * rng.standard_normal(len(times))
         values = np.column_stack((0 * rates, 0 * rates, rates))
         counted = np.r_[np.zeros((1, 2)), np.cumsum(noisy, axis=0)]
         given = frames([0.0, 300.0], Samples(wheels.stamp_ns, counted), Samples(gyro.stamp_ns, values))

@@ -52,6 +52,12 @@ class Settings(BaseModel):
         return value
 
 
+def constants_now(module: str, *keys: str) -> dict[str, str]:
+    """Entries of `removed` for keys whose values are constants of a module now."""
+    name = module.rpartition("touchline.")[2].replace(".", "/")
+    return dict.fromkeys(keys, f"nobody had a reason to change it; it is a constant of {name}.py now")
+
+
 _ABSENT = object()
 
 
@@ -63,7 +69,7 @@ def _taken_out(tree: Any, path: Sequence[str]) -> tuple[Any, Any]:
     if not rest:
         return tree[first], {key: value for key, value in tree.items() if key != first}
     value, inner = _taken_out(tree[first], rest)
-    return value, {**tree, first: inner}
+    return value, {key: other for key, other in {**tree, first: inner}.items() if key != first or other}
 
 
 def _put_in(tree: Any, path: Sequence[str], value: Any) -> Any:

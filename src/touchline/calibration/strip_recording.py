@@ -10,7 +10,7 @@ from touchline.camera.omni import OmniCamera
 from touchline.config import read_yaml_mapping
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
-from touchline.perception.colour import GREEN, ColourSettings, colour_model, learn_carpet, pixel_noise
+from touchline.perception.colour import GREEN, colour_model, learn_carpet, pixel_noise
 from touchline.sources import ProblemLog, Recording
 from touchline.sources.description import finite_number
 from touchline.sources.tables import open_table, parse_row, read_lines, to_stamps
@@ -78,7 +78,7 @@ def ground_start(recording: Recording, indices: Sequence[int], center: FloatArra
         carpet = learn_carpet(images, near, near, pixel_noise(images, near))
     except TouchlineError:
         return float(edges_px[0])
-    model = colour_model(carpet, ColourSettings())
+    model = colour_model(carpet)
     green = np.max([model.classify(image) == GREEN for image in images], axis=0)
     start = int(edges_px[0])
     while start > 1 and np.mean(green[(radius >= start - 1) & (radius < start)]) >= _GROUND_SHARE:

@@ -10,9 +10,12 @@ from touchline.config import Settings, settings_rows
 _INTRODUCTION = """\
 # Settings
 
-Every constant that the papers leave open, and those that they fix, with the value that is used here and why.
-A value is changed with `--set KEY=VALUE` or in a YAML file given with `--config`; the file holds the same keys as a
-tree, so `matching.c_m` is `c_m` below `matching`. None is written `null`. What a run used is in its `summary.json`.
+What may be set, with the value that is used here and why. A value is changed with `--set KEY=VALUE` or in a YAML file
+given with `--config`; the file holds the same keys as a tree, so `matching.c_m` is `c_m` below `matching`. None is
+written `null`. What a run used is in its `summary.json`.
+
+Settings that several systems share come first; each stands here once. Those under `paper` are switches to the papers'
+exact form. What nobody has had a reason to change is a named constant beside its use in the code.
 
 This page is written by `touchline systems --markdown > docs/settings.md`; a test compares it with the code.
 """
@@ -23,6 +26,7 @@ _UNITS = (
     ("_m_s", "m/s"),
     ("_rad", "rad"),
     ("_px", "px"),
+    ("_deg", "°"),
     ("_s", "s"),
     ("_m", "m"),
 )
@@ -33,15 +37,37 @@ def settings_page() -> str:
     from touchline.localization.one_shot.locate import LocateSettings
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS
 
-    sections = [_INTRODUCTION]
+    owners: dict[str, tuple[str, ...]] = {}  # of each row: the systems that have it
     for info in SYSTEMS.values():
-        sections.append(f"## {info.name}\n\n{_sentence(info.description)}.\n\n{_table(list(_rows(info.settings)))}")
-    shared = set(_rows(SYSTEMS[DEFAULT_SYSTEM].settings))
-    own = [row for row in _rows(LocateSettings) if row not in shared]
+        for row in _rows(info.settings):
+            owners[row] = (*owners.get(row, ()), info.name)
+    sections = [_INTRODUCTION]
+    for names in sorted(dict.fromkeys(owners.values()), key=len, reverse=True):
+        if len(names) == 1:
+            break
+        whom = "all systems" if len(names) == len(SYSTEMS) else f"{', '.join(names[:-1])} and {names[-1]}"
+        sections.append(f"## Shared by {whom}\n\n{_table([row for row in owners if owners[row] == names])}")
+    for info in SYSTEMS.values():
+        own = [row for row in owners if owners[row] == (info.name,)]
+        table = f"\n{_table(own)}" if own else ""
+        sections.append(f"## {info.name}\n\n{_sentence(info.description)}.\n{_count(info.settings)}\n{table}")
+    own = [row for row in _rows(LocateSettings) if row not in owners]
     about = f"""\
 One observation without any history: `touchline locate` and `touchline.locate`. In Python `locate_points` takes them as
 `settings`. The groups `matching` and `weights` are those of {DEFAULT_SYSTEM}."""
     return "\n".join([*sections, f"## locate\n\n{about}\n\n{_table(own)}"])
+
+
+def settable(settings: type[Settings]) -> list[str]:
+    """The keys of the settings that a user may set, without the switches to the papers' exact form."""
+    return [key for key, _, _ in settings_rows(settings) if "paper" not in key.split(".")]
+
+
+def _count(settings: type[Settings]) -> str:
+    count = len(settable(settings))
+    switches = len(list(settings_rows(settings))) - count
+    paper = f", and {switches} switches under `paper`" if switches > 1 else ", and one switch under `paper`"
+    return f"{count} settings with the shared ones{paper * bool(switches)}."
 
 
 def unit_of(key: str) -> str:
@@ -56,7 +82,11 @@ def _table(rows: list[str]) -> str:
 def _rows(settings: type[Settings]) -> Iterator[str]:
     for key, default, description in settings_rows(settings):
         unit = unit_of(key)  # which has a column of its own here
-        yield f"| `{key}` | {_value(default)} | {unit} | {_sentence(description).replace(f' ({unit})', '')} |"
+        yield f"| `{key}` | {_value(default)} | {unit} | {_without_unit(_sentence(description), unit)} |"
+
+
+def _without_unit(text: str, unit: str) -> str:
+    return text.replace(f" ({unit})", "").replace(" (degrees)", "")
 
 
 def _value(value: Any) -> str:

@@ -17,7 +17,7 @@ from touchline.experiments.result import ExperimentResult, Headline, percent, sp
 from touchline.experiments.scenes import BLUE, PAINT, RED, field_axes, new_figure, random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.perception import HsvLineDetector, HsvLineSettings
+from touchline.perception import HsvLineDetector, HsvLinePaper, HsvLineSettings
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import MotionSettings, OthersSettings, open_scenario
 from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
@@ -32,7 +32,7 @@ CONDITIONS = {
 THRESHOLDS = {
     "automatic": HsvLineSettings(),
     "set by hand under 1": HsvLineSettings(thresholds="fixed"),
-    "automatic, no green wanted beside": HsvLineSettings(least_green=0),
+    "automatic, no green wanted beside": HsvLineSettings(paper=HsvLinePaper(min_green=0)),
 }
 TRUE_M, FALSE_M = 0.1, 0.3
 _DIRECTIONS = 24

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.localization.fusion.modes import MIN_POINTS
 from touchline.localization.particles.iris_particles import IrisParticles
 from touchline.motion import DeadReckoning, MotionHistory
 from touchline.systems import RobotSetup, open_system
@@ -91,8 +92,8 @@ def drive(
         points = empty_points() if estimate.observation is None else estimate.observation.points
         if told:
             particles.predict(motion)
-            if len(points) >= settings.fusion.least_points:
-                particles.update(evenly_chosen(points.positions_m, settings.most_points))
+            if len(points) >= MIN_POINTS:
+                particles.update(evenly_chosen(points.positions_m, settings.max_points))
         elif estimate.status is Status.TRACKING:
             odometry.set_pose(estimate.pose)
             particles.start_at(estimate.pose, estimate.covariance)

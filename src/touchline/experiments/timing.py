@@ -14,7 +14,7 @@ from touchline.experiments.scenes import BLUE, FIELD, RED, new_figure, random_pl
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching.matcher import Matcher
-from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
+from touchline.localization.particles.nubot_particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
 from touchline.motion.odometry import Motion
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -112,7 +112,9 @@ def _timed(work: Callable[[], object], cycles: int) -> FloatArray:
 def _particle_cycles(
     matcher: Matcher, seed: int, cycles: int, particles: int = 600, refined: int = 0, points: int = POINTS
 ) -> FloatArray:
-    settings = NubotParticleSettings(particles=particles, refined_clusters=refined, resampling_threshold=1.0)
+    settings = NubotParticleSettings(
+        particles=particles, paper=NubotParticlePaper(refined_clusters=refined, resampling_threshold=1.0)
+    )
     pose, seen = _seen(seed)
     chosen = np.resize(seen, (points, 2))  # more than are seen: again from the first on
     mcl = NubotParticles(matcher, 18.0, 12.0, np.random.default_rng(seed), settings)
@@ -128,7 +130,8 @@ def _particle_cycles(
 def _weights_and_twin(matcher: Matcher) -> tuple[float, float]:
     """Fastest time (µs) of the weights of 600 particles and 100 points: compiled, and in plain NumPy."""
     pose, points = _seen(0)
-    mcl = NubotParticles(matcher, 18.0, 12.0, np.random.default_rng(0), NubotParticleSettings(farthest_sigmas=None))
+    settings = NubotParticleSettings(paper=NubotParticlePaper(farthest_sigmas=None))
+    mcl = NubotParticles(matcher, 18.0, 12.0, np.random.default_rng(0), settings)
     mcl.restart(pose.heading)
     particles, table = mcl.particles.poses, matcher.distance_map
     squares = table.values[::2, ::2, 0] ** 2

@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import wrap_angle
 from touchline.motion.gyro import IntegratedGyro
 from touchline.motion.samples import NANOSECONDS, SampleHistory
 from touchline.types import Samples
 
+# time over which the compass's own turning rate is taken to bridge the lag without a gyro: long enough to average its
+# noise of half a degree
+RATE_WINDOW_S = 0.1
+MAX_AGE_S = 0.3  # age of the newest sample beyond which there is no heading: three image periods
+
 
 class CompassTrackSettings(Settings):
     """How the heading at a stamp follows from samples before it."""
+
+    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "rate_window_s", "oldest_s")
 
     lag_s: float = Field(
         0.02,
         ge=0,
         description="how late the compass reports (s): a sample shows the heading of this long before its "
         "stamp; 20 ms are usual of filtered headings",
-    )
-    rate_window_s: float = Field(
-        0.1,
-        gt=0,
-        description="time over which the compass's own turning rate is taken (s) to bridge the lag without a gyro: "
-        "long enough to average its noise of half a degree",
-    )
-    oldest_s: float = Field(
-        0.3, gt=0, description="age of the newest sample beyond which there is no heading (s): three image periods"
     )
 
 
@@ -67,7 +68,7 @@ class Compass:
         wanted_ns = stamp_ns + int(self.settings.lag_s * NANOSECONDS)
         beyond_s = (wanted_ns - self.samples.last_ns) / NANOSECONDS
         before_s = (self.samples.first_ns - wanted_ns) / NANOSECONDS
-        if max(beyond_s - self.settings.lag_s, before_s) > self.settings.oldest_s:
+        if max(beyond_s - self.settings.lag_s, before_s) > MAX_AGE_S:
             return None
         heading = self.samples.at(wanted_ns)[0]
         if beyond_s > 0.0:
@@ -79,4 +80,4 @@ class Compass:
         recent = self.gyro.rates_rad_s(stamp_ns - int(bridged_s * NANOSECONDS), stamp_ns)
         if len(recent):
             return float(recent.mean())
-        return float(self.samples.slope(self.settings.rate_window_s)[0])
+        return float(self.samples.slope(RATE_WINDOW_S)[0])

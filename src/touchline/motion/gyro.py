@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar
 
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray
 from touchline.motion.integrated import IntegratedSensor
 from touchline.motion.samples import NANOSECONDS
 from touchline.types import Samples
 
+NOISE_RAD = 0.002  # random heading error after one second, growing with the root of the time
+GAP_S = 0.25  # time without a reading after which the turn in it is unknown: two of a slow one
+
 
 class GyroSettings(Settings):
     """How the gyro is scaled, and how much it errs."""
+
+    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "noise_rad", "gap_s")
 
     scale: float = Field(1.0, gt=0, description="true turning rate per rate that the gyro shows")
     bias_rad_s: float = Field(0.0, description="what the gyro shows at rest (rad/s); 0: not known")
@@ -22,26 +29,19 @@ class GyroSettings(Settings):
     bias_error_rad_s: float = Field(
         0.01, ge=0, description="error of the bias (rad/s): 0.2 to 0.5 degrees per second are usual"
     )
-    noise_rad: float = Field(
-        0.002, ge=0, description="random heading error after one second (rad), growing with the root of the time"
-    )
-    gap_s: float = Field(
-        0.25, gt=0, description="time without a reading after which the turn in it is unknown (s): two of a slow one"
-    )
 
     def variance(self, turns_rad: float, duration_s: float) -> float:
         """Variance (rad²) of the angle after some time in which the turns add up to turns_rad, both ways."""
         known = (self.scale_error * turns_rad) ** 2 + (self.bias_error_rad_s * duration_s) ** 2
-        return known + self.noise_rad**2 * duration_s
+        return known + NOISE_RAD**2 * duration_s
 
 
 class IntegratedGyro:
     """Equation (1) of Ismail et al. 2021: the turning rate, integrated to an angle by trapezoids."""
 
-    def __init__(self, settings: GyroSettings, extrapolation_s: float) -> None:
-        """extrapolation_s: how long the last rate is believed to go on after the newest reading (s)."""
+    def __init__(self, settings: GyroSettings) -> None:
         self.settings = settings
-        self.integral = IntegratedSensor(2, extrapolation_s)
+        self.integral = IntegratedSensor(2)
         """Of the samples: the angle (rad, not wrapped) and the corrected rate (rad/s) at each reading."""
         self.dropped = 0
 
@@ -59,7 +59,7 @@ class IntegratedGyro:
             duration_ns = stamp_ns - known.last_ns
             angle_rad, last_rad_s = known.last
             angle_rad += 0.5 * (last_rad_s + rate_rad_s) * duration_ns / NANOSECONDS
-            after_gap = duration_ns > int(s.gap_s * NANOSECONDS)
+            after_gap = duration_ns > int(GAP_S * NANOSECONDS)
             self.integral.append(stamp_ns, [angle_rad, rate_rad_s], after_gap)
 
     def rates_rad_s(self, start_ns: int, end_ns: int) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from touchline.geometry import Pose
 from touchline.motion.clocks import SensorClocks
-from touchline.motion.compass import Compass, CompassTrackSettings
+from touchline.motion.compass import MAX_AGE_S, Compass, CompassTrackSettings
 from touchline.motion.gyro import GyroSettings, IntegratedGyro
 from touchline.motion.odometry import Motion, Odometry, OdometrySettings
 from touchline.motion.samples import NANOSECONDS, SampleHistory
@@ -56,11 +56,10 @@ class MotionHistory:
         """wheels: None for motion by the odometry alone. wheel_directions_rad: of a and b in the robot frame, where the
         settings name none. Raises InputError for parallel wheels.
         """
-        odometry, compass = odometry or OdometrySettings(), compass or CompassTrackSettings()
         self.clocks = SensorClocks()
-        self.odometry = Odometry(odometry)
-        self.gyro = IntegratedGyro(gyro or GyroSettings(), odometry.extrapolation_s)
-        self.compass = Compass(compass, self.gyro)
+        self.odometry = Odometry(odometry or OdometrySettings())
+        self.gyro = IntegratedGyro(gyro or GyroSettings())
+        self.compass = Compass(compass or CompassTrackSettings(), self.gyro)
         self.attitude = SampleHistory(columns=2)
         self.wheels: WheelOdometry | None = None
         self._sensors: dict[str, Sensor] = {
@@ -70,7 +69,7 @@ class MotionHistory:
             "attitude": self.attitude,
         }
         if wheels is not None:
-            self.wheels = WheelOdometry(wheels, wheels.pair(wheel_directions_rad), self.gyro, odometry)
+            self.wheels = WheelOdometry(wheels, wheels.pair(wheel_directions_rad), self.gyro)
             self._sensors["wheels"] = self.wheels.wheels
 
     def add(self, frame: Frame) -> None:
@@ -154,9 +153,9 @@ class MotionHistory:
 
     def _attitude_at(self, stamp_ns: int) -> tuple[float | None, float | None]:
         """Roll and pitch (rad), as late as the compass: both come from one filter."""
-        s, known = self.compass.settings, self.attitude
-        wanted_ns = stamp_ns + int(s.lag_s * NANOSECONDS)
-        if len(known) == 0 or max(stamp_ns - known.last_ns, known.first_ns - wanted_ns) > s.oldest_s * NANOSECONDS:
+        known = self.attitude
+        wanted_ns = stamp_ns + int(self.compass.settings.lag_s * NANOSECONDS)
+        if len(known) == 0 or max(stamp_ns - known.last_ns, known.first_ns - wanted_ns) > MAX_AGE_S * NANOSECONDS:
             return None, None
         roll_rad, pitch_rad = known.at(wanted_ns)
         return roll_rad, pitch_rad

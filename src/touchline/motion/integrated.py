@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from touchline.motion.samples import NANOSECONDS, SampleHistory
+from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 
 
 class IntegratedSensor:
@@ -13,10 +13,8 @@ class IntegratedSensor:
     Values are continuous: over a gap the sensor's owner bridges them by the motion around it, and the gap is noted.
     """
 
-    def __init__(self, columns: int, extrapolation_s: float) -> None:
-        """extrapolation_s: how long the last motion is believed to go on after the newest sample (s)."""
+    def __init__(self, columns: int) -> None:
         self.samples = SampleHistory(columns)
-        self._reach_ns = int(extrapolation_s * NANOSECONDS)
         self._gaps_ns: list[tuple[int, int]] = []
 
     def append(self, stamp_ns: int, values: list[float], after_gap: bool) -> None:
@@ -29,7 +27,10 @@ class IntegratedSensor:
         """Pieces between two stamps in which nothing is known of the sensor: first and last stamp of each."""
         if len(self.samples) == 0:
             return [(start_ns, end_ns)]
-        outside = [(start_ns, self.samples.first_ns), (self.samples.last_ns + self._reach_ns, end_ns)]
+        outside = [
+            (start_ns, self.samples.first_ns),
+            (self.samples.last_ns + int(EXTRAPOLATION_S * NANOSECONDS), end_ns),
+        ]
         pieces = ((max(first, start_ns), min(last, end_ns)) for first, last in (*outside, *self._gaps_ns))
         return [(first, last) for first, last in pieces if first < last]
 

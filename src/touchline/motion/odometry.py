@@ -3,47 +3,40 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.motion.samples import NANOSECONDS, SampleHistory
+from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 from touchline.types import Samples
+
+TRAVEL_NOISE_M = 0.01  # random position error after one metre, growing with the root of the travel
+TRAVEL_NOISE_RAD = 0.01  # random heading error after one metre, growing with the root of the travel
+TURN_NOISE_RAD = 0.01  # random heading error after one radian, growing with the root of the turn
+DRIFT_M = 0.01  # random position error after one second even at rest (m, root of time): being nudged
+DRIFT_RAD = 0.01  # random heading error after one second even at rest
+UNKNOWN_SPEED_M_S = 1.0  # speed that may have been driven while the odometry was missing: a brisk robot
+UNKNOWN_TURN_RAD_S = 1.5  # rate that may have been turned at while the odometry was missing
 
 
 class OdometrySettings(Settings):
     """The noise of dead reckoning, and what to assume without it."""
+
+    removed: ClassVar[Mapping[str, str]] = {
+        **constants_now(__name__, "travel_noise_m", "travel_noise_rad", "turn_noise_rad", "drift_m", "drift_rad"),
+        **constants_now(__name__, "unknown_speed_m_s", "unknown_turn_rad_s"),
+        **constants_now("touchline.motion.samples", "extrapolation_s"),
+    }
 
     forward_scale: float = Field(
         0.03, ge=0, description="relative error of forward travel: driven wheels err by 2 to 3 %"
     )
     sideways_scale: float = Field(0.03, ge=0, description="relative error of sideways travel: as forward")
     turn_scale: float = Field(0.03, ge=0, description="relative error of rotation: as forward")
-    travel_noise_m: float = Field(
-        0.01, ge=0, description="random position error after one metre (m), growing with the root of the travel"
-    )
-    travel_noise_rad: float = Field(
-        0.01, ge=0, description="random heading error after one metre (rad), growing with the root of the travel"
-    )
-    turn_noise_rad: float = Field(
-        0.01, ge=0, description="random heading error after one radian (rad), growing with the root of the turn"
-    )
-    drift_m: float = Field(
-        0.01, ge=0, description="random position error after one second even at rest (m, root of time): being nudged"
-    )
-    drift_rad: float = Field(0.01, ge=0, description="random heading error after one second even at rest (rad)")
-    extrapolation_s: float = Field(
-        0.1, ge=0, description="how long the last motion is believed to go on without samples (s): one image period"
-    )
-    unknown_speed_m_s: float = Field(
-        1.0, ge=0, description="speed that may have been driven while the odometry was missing (m/s): a brisk robot"
-    )
-    unknown_turn_rad_s: float = Field(
-        1.5, ge=0, description="rate that may have been turned at while the odometry was missing (rad/s)"
-    )
 
 
 class Motion(NamedTuple):
@@ -101,13 +94,13 @@ class Odometry:
         beyond_s = (stamp_ns - self.samples.last_ns) / NANOSECONDS
         if beyond_s <= 0.0:
             return Pose(pose.x, pose.y, wrap_angle(pose.heading))
-        step = self.samples.slope(self.settings.extrapolation_s) * min(beyond_s, self.settings.extrapolation_s)
+        step = self.samples.slope(EXTRAPOLATION_S) * min(beyond_s, EXTRAPOLATION_S)
         return Pose(pose.x + float(step[0]), pose.y + float(step[1]), wrap_angle(pose.heading + float(step[2])))
 
     def _missing_s(self, start_ns: int, end_ns: int) -> float:
         """Time between the stamps before the first sample and after the end of the extrapolation."""
         first_ns = self.samples.first_ns
-        last_ns = self.samples.last_ns + int(self.settings.extrapolation_s * NANOSECONDS)
+        last_ns = self.samples.last_ns + int(EXTRAPOLATION_S * NANOSECONDS)
         covered_ns = max(min(end_ns, last_ns) - max(start_ns, first_ns), 0)
         return (end_ns - start_ns - covered_ns) / NANOSECONDS
 
@@ -121,9 +114,9 @@ class Odometry:
         self, pose: Pose, travel_m: float, turn_rad: float, duration_s: float, missing_s: float
     ) -> FloatArray:
         s = self.settings
-        position = s.travel_noise_m**2 * travel_m + s.drift_m**2 * duration_s + (s.unknown_speed_m_s * missing_s) ** 2
-        heading = s.travel_noise_rad**2 * travel_m + s.turn_noise_rad**2 * turn_rad + s.drift_rad**2 * duration_s
-        heading += (s.unknown_turn_rad_s * missing_s) ** 2
+        position = TRAVEL_NOISE_M**2 * travel_m + DRIFT_M**2 * duration_s + (UNKNOWN_SPEED_M_S * missing_s) ** 2
+        heading = TRAVEL_NOISE_RAD**2 * travel_m + TURN_NOISE_RAD**2 * turn_rad + DRIFT_RAD**2 * duration_s
+        heading += (UNKNOWN_TURN_RAD_S * missing_s) ** 2
         return np.diag(
             [
                 (s.forward_scale * pose.x) ** 2 + position,

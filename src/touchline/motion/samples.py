@@ -11,6 +11,7 @@ from touchline.geometry import FloatArray
 from touchline.types import Samples
 
 NANOSECONDS = 1e9
+EXTRAPOLATION_S = 0.1  # how long the last motion is believed to go on without samples: one image period
 
 
 class SampleHistory:

@@ -17,10 +17,12 @@ import numpy as np
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.motion.gyro import IntegratedGyro
 from touchline.motion.integrated import covered_s
-from touchline.motion.odometry import Motion, OdometrySettings
-from touchline.motion.samples import NANOSECONDS
+from touchline.motion.odometry import UNKNOWN_SPEED_M_S, UNKNOWN_TURN_RAD_S, Motion
+from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS
 from touchline.motion.wheel_pair import WheelPair
 from touchline.motion.wheels import WheelCounters, WheelSettings
+
+DRIFT_M = 0.01  # random position error after one second even at rest (m, root of time): being nudged
 
 
 class RollStep(NamedTuple):
@@ -55,17 +57,12 @@ class WheelOdometry:
     counted in `Motion.missing_s`.
     """
 
-    def __init__(
-        self, settings: WheelSettings, pair: WheelPair | None, gyro: IntegratedGyro, standing_in: OdometrySettings
-    ) -> None:
-        """pair: None if nobody knows how the wheels are mounted: all their time is missing then. standing_in: of the
-        odometry, what to assume of times without samples.
-        """
+    def __init__(self, settings: WheelSettings, pair: WheelPair | None, gyro: IntegratedGyro) -> None:
+        """pair: None if nobody knows how the wheels are mounted: all their time is missing then."""
         self.settings = settings
         self.pair = pair
-        self.wheels = WheelCounters(settings, standing_in.extrapolation_s)
+        self.wheels = WheelCounters(settings)
         self.gyro = gyro
-        self._without = standing_in
 
     def between(self, start_ns: int, end_ns: int) -> Motion:
         """The robot's motion from one stamp to a later one."""
@@ -108,7 +105,7 @@ class WheelOdometry:
 
     def extrapolated(self, known_ns: int, end_ns: int) -> RollStep | None:
         """The last motion, going on for a short time beyond the newest samples; None if the end is not beyond."""
-        wheels, gyro, reach_s = self.wheels.integral.samples, self.gyro.integral.samples, self._without.extrapolation_s
+        wheels, gyro, reach_s = self.wheels.integral.samples, self.gyro.integral.samples, EXTRAPOLATION_S
         if self.pair is None or len(wheels) == 0 or len(gyro) == 0:
             return None
         goes_on_until_ns = min(wheels.last_ns, gyro.last_ns) + int(reach_s * NANOSECONDS)
@@ -142,10 +139,10 @@ class WheelOdometry:
         Wheels err by their circumference and by slip, the heading by the gyro. Half of the heading's error turns the
         displacement, too, and over the levers all of it is taken for travel.
         """
-        s, without = self.settings, self._without
-        position = s.drift_m**2 * duration_s + (without.unknown_speed_m_s * missing_s) ** 2
+        s = self.settings
+        position = DRIFT_M**2 * duration_s + (UNKNOWN_SPEED_M_S * missing_s) ** 2
         heading = self.gyro.settings.variance(rolled.turns_rad, duration_s)
-        heading += (without.unknown_turn_rad_s * missing_s) ** 2
+        heading += (UNKNOWN_TURN_RAD_S * missing_s) ** 2
         arm_x, arm_y = -0.5 * pose.y, 0.5 * pose.x
         xx, xy, yy = position, 0.0, position
         if self.pair is not None:

@@ -8,19 +8,25 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.motion.integrated import IntegratedSensor
-from touchline.motion.samples import NANOSECONDS
+from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS
 from touchline.motion.wheel_pair import WheelPair
 from touchline.types import Samples
 
 _ZEROED_M_S = 1.0  # a step to exactly zero at less than this speed is no restart but a robot that rolls about
 
 
+MAX_SPEED_M_S = 10.0  # a counter that steps faster than this was restarted: twice what robots reach
+
+
 class WheelSettings(Settings):
     """How the wheels are scaled, and how much they err."""
 
     removed: ClassVar[Mapping[str, str]] = {
+        **constants_now(__name__, "max_speed_m_s", "most_speed_m_s"),
+        **constants_now("touchline.motion.wheel_odometry", "drift_m"),
+        **constants_now("touchline.motion.gyro", "gyro_noise_rad", "gap_s"),
         "a_dir_rad": "the recording tells it: wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml",
         "b_dir_rad": "the recording tells it: wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml",
     }
@@ -39,12 +45,6 @@ class WheelSettings(Settings):
     slip_m: float = Field(
         0.004, ge=0, description="random error of a wheel after one metre of its way (m), growing with the root of it"
     )
-    drift_m: float = Field(
-        0.01, ge=0, description="random position error after one second even at rest (m, root of time): being nudged"
-    )
-    max_speed_m_s: float = Field(
-        10.0, gt=0, description="a counter that steps faster than this (m/s) was restarted: twice what robots reach"
-    )
 
     def pair(self, directions_rad: tuple[float, float] | None) -> WheelPair | None:
         """The wheels with directions of a and b (rad), None if nobody knows them.
@@ -61,13 +61,11 @@ class WheelSettings(Settings):
 class WheelCounters:
     """Travels of wheels a and b (m), continued where a counter was set to zero."""
 
-    def __init__(self, settings: WheelSettings, extrapolation_s: float) -> None:
-        """extrapolation_s: how long the last motion is believed to go on after the newest sample (s)."""
+    def __init__(self, settings: WheelSettings) -> None:
         self.settings = settings
-        self.integral = IntegratedSensor(2, extrapolation_s)
+        self.integral = IntegratedSensor(2)
         self.dropped = 0
         self.restarts = 0
-        self._extrapolation_s = extrapolation_s
         self._counted: list[float] = []
 
     def add(self, samples: Samples) -> None:
@@ -99,11 +97,10 @@ class WheelCounters:
         steps = [new - old for new, old in zip(counted, self._counted, strict=True)]
         speed_m_s = max(abs(step) for step in steps) / duration_s
         zeroed = counted == [0.0, 0.0] and speed_m_s > _ZEROED_M_S
-        restarted = zeroed or speed_m_s > s.max_speed_m_s
+        restarted = zeroed or speed_m_s > MAX_SPEED_M_S
         if restarted:
             self.restarts += 1
-            reach_s = self._extrapolation_s
-            steps = [float(rate) * min(duration_s, reach_s) for rate in known.slope(reach_s)]
+            steps = [float(rate) * min(duration_s, EXTRAPOLATION_S) for rate in known.slope(EXTRAPOLATION_S)]
         else:
             steps = [scale * step for scale, step in zip((s.a_scale, s.b_scale), steps, strict=True)]
         self.integral.append(stamp_ns, [x + step for x, step in zip(last, steps, strict=True)], restarted)

@@ -1,13 +1,14 @@
 """Image -> observation: colour classes, scan lines, the field's boundary, line points."""
 
 from touchline.perception.detector import Detector, observe
-from touchline.perception.hsv_lines import HsvLineDetector, HsvLineSettings
+from touchline.perception.hsv_lines import HsvLineDetector, HsvLinePaper, HsvLineSettings
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
 
 __all__ = [
     "Detector",
     "HsvLineDetector",
+    "HsvLinePaper",
     "HsvLineSettings",
     "LearningSettings",
     "LinePointDetector",

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
 
-from touchline.config import Settings
 from touchline.errors import TouchlineError
 from touchline.geometry import FloatArray
 from touchline.types import ImageArray
@@ -31,28 +29,12 @@ class NoCarpetError(TouchlineError):
     """No greenish colour is frequent where carpet is expected."""
 
 
-class ColourSettings(Settings):
-    """How the carpet's colour is learned; nothing here depends on the light."""
-
-    green_sigmas: float = Field(
-        3.5,
-        gt=0,
-        description="chromaticities within so many standard deviations of the carpet's are green: 3.5 leave out one "
-        "carpet pixel in 460",
-    )
-    darkest_green: float = Field(
-        0.2,
-        ge=0,
-        lt=1,
-        description="least brightness of green as a share of the usual: a deep shadow still has a third",
-    )
-    whitest_green: float = Field(
-        0.4,
-        gt=0,
-        lt=1,
-        description="how far green may go towards white (1) along the direction that tells them apart: "
-        "below the half height at which edges are taken",
-    )
+# chromaticities within so many standard deviations of the carpet's are green: 3.5 leave out one carpet pixel in 460
+GREEN_SIGMAS = 3.5
+DARKEST_GREEN = 0.2  # least brightness of green as a share of the usual: a deep shadow still has a third
+# how far green may go towards white (1) along the direction that tells them apart: below the half height at which edges
+# are taken
+WHITEST_GREEN = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,11 +90,11 @@ def learn_carpet(
     return Carpet(carpet, np.median(carpet, axis=0), shares.mean(axis=0), spread, noise)
 
 
-def colour_model(carpet: Carpet, settings: ColourSettings, white: FloatArray | None = None) -> ColourModel:
+def colour_model(carpet: Carpet, white: FloatArray | None = None) -> ColourModel:
     """What separates white from this carpet. white (3,): the paint's B, G, R beside its green, guessed if unknown."""
     paint = _neutral_white(carpet.green) if white is None else white
     signal = _signal_weights(carpet, paint)
-    return ColourModel(_build_table(carpet, paint, signal, settings), carpet.green, paint, carpet.noise, signal)
+    return ColourModel(_build_table(carpet, paint, signal), carpet.green, paint, carpet.noise, signal)
 
 
 def _pixels(images: Sequence[ImageArray], mask: npt.NDArray[np.bool_]) -> FloatArray:
@@ -219,9 +201,7 @@ def _signal_weights(carpet: Carpet, white: FloatArray) -> FloatArray:
     return scaled
 
 
-def _build_table(
-    carpet: Carpet, white: FloatArray, signal: FloatArray, settings: ColourSettings
-) -> npt.NDArray[np.uint8]:
+def _build_table(carpet: Carpet, white: FloatArray, signal: FloatArray) -> npt.NDArray[np.uint8]:
     green = carpet.green
     levels = (np.arange(1 << _BITS) + 0.5) * (1 << (8 - _BITS))
     colours = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -229,8 +209,8 @@ def _build_table(
     offset = chromaticity(colours) - carpet.center
     distance = np.sqrt(np.sum(offset @ np.linalg.inv(carpet.spread) * offset, axis=1))
     # noise weighs more in the chromaticity of dark pixels, less in that of bright ones
-    is_green = distance < settings.green_sigmas * np.clip(1.0 / brightness, 0.6, 3.0)
-    is_green &= (brightness > settings.darkest_green) & ((colours - green) @ signal < settings.whitest_green)
+    is_green = distance < GREEN_SIGMAS * np.clip(1.0 / brightness, 0.6, 3.0)
+    is_green &= (brightness > DARKEST_GREEN) & ((colours - green) @ signal < WHITEST_GREEN)
     is_green |= _overexposed_green(colours, green)
     excess, toward = colours - green, white - green
     cosine = (excess @ toward) / np.maximum(np.linalg.norm(excess, axis=1) * np.linalg.norm(toward), 1e-9)

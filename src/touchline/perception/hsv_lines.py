@@ -20,7 +20,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from touchline.camera import Camera, OmniCamera, open_camera, require_omni
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
@@ -29,7 +29,6 @@ from touchline.perception.hsv_thresholds import (
     AutomaticThresholds,
     FixedThresholds,
     Thresholds,
-    WhiteSettings,
     automatic_thresholds,
     fixed_thresholds,
 )
@@ -53,11 +52,47 @@ _ROWS = 8  # every eighth row tells the noise
 _THIN = 4  # every fourth pixel both ways is plenty for a histogram
 
 
+# gaps in the green up to this wide are closed before the field is looked for: lines at the robot's foot are 12 wide
+CLOSING_PX = 13
+OPENING_PX = 5  # specks of green up to this wide are left out: posters, robots
+SMOOTHING_PX = 0.8  # least blur before the thresholds (standard deviation, px); a noisy image gets more
+GAP_PX = 1  # gap within a run of white that is bridged: noise
+FLANK_PX = 4  # how far beyond a run its edge and the green are looked for
+MAX_RUN = 6.0  # longest run on the ground, in line widths: 6 is a crossing at 10°
+COARSEST_PX_M = 0.25  # nothing is looked for where a pixel is longer than this on the ground
+NOISE_M = 0.01  # standard deviation of a point on the ground that comes from no pixel
+
+
+class HsvLinePaper(Settings):
+    """Switches to the paper's exact form."""
+
+    min_green: int = Field(
+        1,
+        ge=0,
+        description="least green samples within flank_px on each side of a run; 0 as in the paper, which takes every "
+        "white run in the hull: goals, nets and robots, too",
+    )
+
+
 class HsvLineSettings(Settings):
     """Detection of lines by thresholds. Lengths in the image are in pixels, for images of about 500 pixels."""
 
+    renamed: ClassVar[Mapping[str, str]] = {"least_green": "paper.min_green"}
+
     removed: ClassVar[Mapping[str, str]] = {
-        "least_contrast": "a covered camera is told by the same contrast everywhere (perception/covered.py)"
+        **constants_now(
+            __name__,
+            "closing_px",
+            "opening_px",
+            "smoothing_px",
+            "gap_px",
+            "flank_px",
+            "longest_run",
+            "coarsest_px_m",
+            "noise_m",
+            "white",
+        ),
+        "least_contrast": "a covered camera is told by the same contrast everywhere (perception/covered.py)",
     }
 
     thresholds: Literal["automatic", "fixed"] = Field(
@@ -67,40 +102,13 @@ class HsvLineSettings(Settings):
     )
     fixed: FixedThresholds = FixedThresholds()
     automatic: AutomaticThresholds = AutomaticThresholds()
-    white: WhiteSettings = WhiteSettings()
     ray_step_deg: float = Field(2.5, gt=0, le=45, description="angle between rays (degrees); the paper's 2.5")
-    closing_px: int = Field(
-        13,
-        ge=1,
-        description="gaps in the green up to this wide are closed before the field is looked for (px): lines at the "
-        "robot's foot are 12 wide",
-    )
-    opening_px: int = Field(5, ge=1, description="specks of green up to this wide are left out (px): posters, robots")
-    smoothing_px: float = Field(
-        0.8, ge=0, description="least blur before the thresholds (standard deviation, px); a noisy image gets more"
-    )
-    gap_px: int = Field(1, ge=0, description="gap within a run of white that is bridged (px): noise")
-    flank_px: int = Field(4, ge=1, description="how far beyond a run its edge and the green are looked for (px)")
-    least_green: int = Field(
-        1,
-        ge=0,
-        description="least green samples within flank_px on each side of a run; 0 as in the paper, which takes every "
-        "white run in the hull: goals, nets and robots, too",
-    )
-    longest_run: float = Field(
-        6.0, gt=0, description="longest run on the ground, in line widths: 6 is a crossing at 10°"
-    )
-    coarsest_px_m: float = Field(
-        0.25, gt=0, description="nothing is looked for where a pixel is longer than this on the ground (m)"
-    )
+    paper: HsvLinePaper = HsvLinePaper()
     range_file: str | None = Field(
         None,
         description="camera.yaml that touchline calibrate range has written; none: the range table of the recording's",
     )
     noise_px: float = Field(0.4, gt=0, description="standard deviation of a point in the image (px)")
-    noise_m: float = Field(
-        0.01, ge=0, description="standard deviation of a point on the ground that comes from no pixel (m)"
-    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,7 +137,7 @@ class HsvLineDetector:
         mirror = require_omni(camera, "line points are found along rays in images of")
         self.camera = _with_ranges(mirror, s.range_file)
         self.line_width_m = line_width_m
-        self.outer_px = usable_radius(self.camera, s.coarsest_px_m)
+        self.outer_px = usable_radius(self.camera, COARSEST_PX_M)
         angles = np.radians(np.arange(0.0, 360.0, s.ray_step_deg))
         self.rays = np.column_stack((np.cos(angles), np.sin(angles)))
         v, u = np.mgrid[0 : mirror.height, 0 : mirror.width]
@@ -141,7 +149,7 @@ class HsvLineDetector:
         self._ring = np.flatnonzero(ring[::_THIN, ::_THIN])
         self._closing, self._opening = (
             cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (px // _COARSE | 1, px // _COARSE | 1))
-            for px in (s.closing_px, s.opening_px)
+            for px in (CLOSING_PX, OPENING_PX)
         )
         self._found = np.empty((_MOST_RUNS, RUN_COLUMNS))
         self.thresholds: Thresholds | None = None
@@ -158,29 +166,27 @@ class HsvLineDetector:
             points = self.detect(frame.image)
         except NoCarpetError as error:
             return Observation(frame.stamp_ns, problem=str(error))
-        s = self.settings
-        return Observation(frame.stamp_ns, with_lean(points, frame, self.camera, s.noise_px, s.noise_m))
+        return Observation(frame.stamp_ns, with_lean(points, frame, self.camera, self.settings.noise_px, NOISE_M))
 
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R, uint8. Raises NoCarpetError where no green is seen."""
         found = self._distances(self.masks(image))
-        covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, self.settings.noise_m)
+        covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, NOISE_M)
         confidences = np.clip(found[:, 4] / 100.0, 0.0, 1.0)
         return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
 
     def masks(self, image: ImageArray) -> Masks:
         """Figure 6: two thresholds, hull and AND of an image (H, W, 3)."""
         check_size(image, self.camera)
-        s = self.settings
         noise = pixel_noise([image[::_ROWS]], self._noise_rows)
-        smooth = smoothed(image, max(s.smoothing_px, smoothing_for(noise)))
+        smooth = smoothed(image, max(SMOOTHING_PX, smoothing_for(noise)))
         hsv = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2HSV), dtype=np.uint8)
         hls = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2HLS), dtype=np.uint8)
         lightness = np.ascontiguousarray(hls[..., 1])
         self.thresholds = limits = self._choose(hsv, lightness)
         green = limits.green(hsv) & self._seen
         field = self._field(green)
-        white = limits.white(hls, s.white) & ~green
+        white = limits.white(hls) & ~green
         return Masks(lightness, green, field, white, white & field)
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
@@ -230,7 +236,7 @@ class HsvLineDetector:
         pictures = RayPictures(masks.lines, masks.green, masks.lightness)
         u0, v0 = camera.center
         rays = Rays(self.rays, float(u0), float(v0), float(camera.inner_radius_px), self.outer_px)
-        limits = RunLimits(s.flank_px, s.gap_px, s.longest_run * self.line_width_m, s.least_green)
+        limits = RunLimits(FLANK_PX, GAP_PX, MAX_RUN * self.line_width_m, s.paper.min_green)
         lookup = camera.lookup_constants, camera.bearings_rad, camera.lookup_table
         count = white_runs(pictures, rays, limits, lookup, self._found)
         return self._found[:count]

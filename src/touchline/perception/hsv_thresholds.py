@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.perception.colour import NoCarpetError
 from touchline.types import ImageArray
 
@@ -20,29 +22,33 @@ _DARKEST = 20  # value, of 255: below, hue is noise
 _LEAST_SHARE = 0.05  # of greenish pixels about the robot: less, and no carpet is seen
 
 
-class WhiteSettings(Settings):
-    """What else white is, in any light."""
-
-    most_saturation: float = Field(
-        0.5,
-        ge=0,
-        le=1,
-        description="greatest HSL saturation of white: paint has less than 0.4, blurred with carpet too; "
-        "carpet in the sun has 0.7 and more, 1 where it is overexposed",
-    )
-    surely_lightness: float = Field(
-        0.9, ge=0, le=1, description="HSL lightness from which on its saturation doesn't count: near white it is noise"
-    )
+# greatest HSL saturation of white: paint has less than 0.4, blurred with carpet too; carpet in the sun has 0.7 and
+# more, 1 where it is overexposed
+MAX_WHITE_SATURATION = 0.5
+SURELY_LIGHTNESS = 0.9  # HSL lightness from which on its saturation doesn't count: near white it is noise
+HUE_SIGMAS = 4.0  # half width of green's hue in its standard deviations
+MIN_HUE_WIDTH_DEG = 24.0  # least half width of green's hue (degrees): chroma is stored at half the resolution
+SATURATION_RATIO = 0.55  # least saturation of green, as a share of the carpet's: half way to paint
+VALUE_RATIO = 0.25  # least value of green, as a share of the carpet's: a deep shadow has a third
+# quantile of the carpet's lightness that counts for white: below the middle, because paint in shade is no lighter than
+# carpet in the sun, which its saturation gives away
+CARPET_QUANTILE = 0.4
 
 
 class FixedThresholds(Settings):
     """Thresholds set by hand for one lighting, as the paper does; the values suit the recordings under lamps."""
 
+    renamed: ClassVar[Mapping[str, str]] = {
+        "least_saturation": "min_saturation",
+        "least_value": "min_value",
+        "least_lightness": "min_lightness",
+    }
+
     hue_low_deg: float = Field(90.0, ge=0, le=360, description="least hue of green (degrees)")
     hue_high_deg: float = Field(170.0, ge=0, le=360, description="greatest hue of green (degrees)")
-    least_saturation: float = Field(0.25, ge=0, le=1, description="least HSV saturation of green: a carpet has 0.45")
-    least_value: float = Field(0.12, ge=0, le=1, description="least HSV value of green: a carpet under lamps has 0.5")
-    least_lightness: float = Field(
+    min_saturation: float = Field(0.25, ge=0, le=1, description="least HSV saturation of green: a carpet has 0.45")
+    min_value: float = Field(0.12, ge=0, le=1, description="least HSV value of green: a carpet under lamps has 0.5")
+    min_lightness: float = Field(
         0.58, ge=0, le=1, description="least HSL lightness of white: half way from carpet to paint under lamps"
     )
 
@@ -50,28 +56,15 @@ class FixedThresholds(Settings):
 class AutomaticThresholds(Settings):
     """What the thresholds taken from an image are, relative to its carpet."""
 
-    hue_sigmas: float = Field(4.0, gt=0, description="half width of green's hue in its standard deviations")
-    least_hue_width_deg: float = Field(
-        24.0, gt=0, description="least half width of green's hue (degrees): chroma is stored at half the resolution"
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        __name__, "hue_sigmas", "least_hue_width_deg", "saturation_share", "value_share", "carpet_quantile"
     )
-    saturation_share: float = Field(
-        0.55, gt=0, lt=1, description="least saturation of green, as a share of the carpet's: half way to paint"
-    )
-    value_share: float = Field(
-        0.25, gt=0, lt=1, description="least value of green, as a share of the carpet's: a deep shadow has a third"
-    )
+
     lightness_ratio: float = Field(
         1.45,
         gt=1,
         description="least lightness of white over the carpet's: paint has 2.2 times that of carpet; far lines lose "
         "half of it to blur",
-    )
-    carpet_quantile: float = Field(
-        0.4,
-        ge=0,
-        le=1,
-        description="quantile of the carpet's lightness that counts for white: below the middle, because paint in "
-        "shade is no lighter than carpet in the sun, which its saturation gives away",
     )
 
 
@@ -80,27 +73,27 @@ class Thresholds:
     """In OpenCV's units: hue in steps of 2°, the rest of 255. The last one is white's, the others are green's."""
 
     hue: tuple[int, int]
-    least_saturation: int
-    least_value: int
-    least_lightness: int
+    min_saturation: int
+    min_value: int
+    min_lightness: int
 
     def green(self, hsv: ImageArray) -> npt.NDArray[np.uint8]:
         """(H, W) 255 where an HSV image (H, W, 3) is green."""
         low, high = self.hue
-        lower, upper = (low, self.least_saturation, self.least_value), (high, 255, 255)
+        lower, upper = (low, self.min_saturation, self.min_value), (high, 255, 255)
         return np.asarray(cv2.inRange(hsv, lower, upper), dtype=np.uint8)
 
-    def white(self, hls: ImageArray, settings: WhiteSettings) -> npt.NDArray[np.uint8]:
+    def white(self, hls: ImageArray) -> npt.NDArray[np.uint8]:
         """(H, W) 255 where an HLS image (H, W, 3) is white."""
-        pale, surely = round(255 * settings.most_saturation), round(255 * settings.surely_lightness)
-        light = cv2.inRange(hls, (0, self.least_lightness, 0), (180, 255, pale))
+        pale, surely = round(255 * MAX_WHITE_SATURATION), round(255 * SURELY_LIGHTNESS)
+        light = cv2.inRange(hls, (0, self.min_lightness, 0), (180, 255, pale))
         return np.asarray(cv2.bitwise_or(light, cv2.inRange(hls, (0, surely, 0), (180, 255, 255))), dtype=np.uint8)
 
 
 def fixed_thresholds(settings: FixedThresholds) -> Thresholds:
     """The settings in OpenCV's units."""
     s = settings
-    shares = (s.least_saturation, s.least_value, s.least_lightness)
+    shares = (s.min_saturation, s.min_value, s.min_lightness)
     return Thresholds((round(s.hue_low_deg / 2), round(s.hue_high_deg / 2)), *(round(255 * share) for share in shares))
 
 
@@ -119,13 +112,13 @@ def automatic_thresholds(
         raise NoCarpetError("no green carpet found around the robot: is the camera covered, or its center wrong?")
     counts = np.convolve(np.bincount(hue[greenish], minlength=_HUE_BINS), np.ones(5), mode="same")
     mode = int(np.argmax(counts))
-    width = s.least_hue_width_deg / 2
+    width = MIN_HUE_WIDTH_DEG / 2
     carpet = greenish & (np.abs(hue.astype(np.int16) - mode) <= width)
-    width = max(width, s.hue_sigmas * float(np.std(hue[carpet])))
-    usual = float(np.quantile(lightness[carpet], s.carpet_quantile))
+    width = max(width, HUE_SIGMAS * float(np.std(hue[carpet])))
+    usual = float(np.quantile(lightness[carpet], CARPET_QUANTILE))
     return Thresholds(
         (max(round(mode - width), 0), min(round(mode + width), _HUE_BINS)),
-        round(s.saturation_share * float(np.median(saturation[carpet]))),
-        round(s.value_share * float(np.median(value[carpet]))),
+        round(SATURATION_RATIO * float(np.median(saturation[carpet]))),
+        round(VALUE_RATIO * float(np.median(value[carpet]))),
         round(min(s.lightness_ratio * usual, 0.5 * (usual + 255.0))),
     )

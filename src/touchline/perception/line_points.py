@@ -6,7 +6,8 @@ green-white-green transitions. Colours are learned from the recording's own firs
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from touchline.camera import Camera, require_omni
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.errors import TouchlineError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import (
@@ -22,7 +23,6 @@ from touchline.perception.colour import (
     SMOOTH_NOISE,
     WHITE,
     ColourModel,
-    ColourSettings,
     colour_model,
     learn_carpet,
     pixel_noise,
@@ -48,9 +48,42 @@ from touchline.perception.stages import (
 )
 from touchline.types import ImageArray, LinePoints
 
+# least height of a line over its green in standard deviations of the noise on it: one sample in 30 000 reaches 4 by
+# chance
+MIN_SIGMAS = 4.0
+# least cosine between a line's excess over its green and white's: tinted light changes it little, a ball or a marker
+# fails it
+MIN_WHITENESS = 0.8
+FLANK_PX = 4  # length of the green wanted on both sides of a line: averages noise, fits between two lines
+MAX_RUN_PX = 60  # longest way from green through white to green: twice what a line at the robot's foot takes
+# longest way through a line, in line widths: 2.2 is a crossing at 27°; circles find the flatter
+STEEPEST_CROSSING = 2.2
+BLUR_PX = 3.5  # how much wider blur may make a line: lens, motion and demosaicing together
+# nothing is looked for where a pixel is longer than this on the ground: a point there would be good to 8 cm at best
+COARSEST_PX_M = 0.25
+FIELD_GAP_M = 0.6  # a gap in the green longer than this ends the field: wider than any line in blur and shadow
+NOISE_M = 0.01  # standard deviation of a point on the ground that comes from no pixel: carpet, calibration
+
 
 class LinePointSettings(Settings):
     """Detection of line points. Lengths in the image are in pixels, so they hold for images of about 500 pixels."""
+
+    renamed: ClassVar[Mapping[str, str]] = {"least_contrast": "min_contrast"}
+    removed: ClassVar[Mapping[str, str]] = {
+        **constants_now(
+            __name__,
+            "least_sigmas",
+            "least_whiteness",
+            "flank_px",
+            "longest_run_px",
+            "steepest_crossing",
+            "blur_px",
+            "coarsest_px_m",
+            "field_gap_m",
+            "noise_m",
+        ),
+        **constants_now("touchline.perception.colour", "colour"),
+    }
 
     radial_scan_lines: int = Field(72, ge=8, description="rays from the robot outwards; both NuBot papers use 72")
     circles: int = Field(
@@ -59,63 +92,16 @@ class LinePointSettings(Settings):
         description="circles about the robot, for lines that point at it: 6 px apart, about as close as the rays are",
     )
     line_width_m: float | None = Field(None, gt=0, description="width of the paint (m); none: that of the field")
-    least_contrast: float = Field(
+    min_contrast: float = Field(
         0.2,
         gt=0,
         lt=1,
         description="least height of a line over its green, as a share of learned white over green: blur takes most of "
         "the height of a far line, seams and shadow edges of the carpet stay lower",
     )
-    least_sigmas: float = Field(
-        4.0,
-        ge=0,
-        description="the same in standard deviations of the noise on green: one sample in 30 000 reaches 4 by chance",
-    )
-    least_whiteness: float = Field(
-        0.8,
-        gt=0,
-        lt=1,
-        description="least cosine between a line's excess over its green and white's: tinted light "
-        "changes it little, a ball or a marker fails it",
-    )
-    flank_px: int = Field(
-        4,
-        ge=2,
-        description="length of the green wanted on both sides of a line (px): averages noise, fits between two lines",
-    )
-    longest_run_px: int = Field(
-        60,
-        ge=5,
-        description="longest way from green through white to green (px): twice what a line at the robot's foot takes",
-    )
-    steepest_crossing: float = Field(
-        2.2,
-        gt=1,
-        description="longest way through a line, in line widths: 2.2 is a crossing at 27°; circles find the flatter",
-    )
-    blur_px: float = Field(
-        3.5, ge=0, description="how much wider blur may make a line (px): lens, motion and demosaicing together"
-    )
-    coarsest_px_m: float = Field(
-        0.25,
-        gt=0,
-        description="nothing is looked for where a pixel is longer than this on the ground (m): a point there would be "
-        "good to 8 cm at best",
-    )
-    field_gap_m: float = Field(
-        0.6,
-        gt=0,
-        description="a gap in the green longer than this ends the field (m): wider than any line in blur and shadow",
-    )
     noise_px: float = Field(
         0.3, gt=0, description="standard deviation of a point in the image (px): two edges at half height"
     )
-    noise_m: float = Field(
-        0.01,
-        ge=0,
-        description="standard deviation of a point on the ground that comes from no pixel (m): carpet, calibration",
-    )
-    colour: ColourSettings = ColourSettings()
 
 
 class LinePointDetector:
@@ -127,14 +113,14 @@ class LinePointDetector:
         self.settings = settings or LinePointSettings()
         s = self.settings
         self.line_width_m = s.line_width_m or line_width_m
-        self.outer_px = usable_radius(mirror, s.coarsest_px_m)
+        self.outer_px = usable_radius(mirror, COARSEST_PX_M)
         self.scan_lines: ScanLines = build_scan_lines(
             mirror, s.radial_scan_lines, s.circles, mirror.inner_radius_px, self.outer_px
         )
         self._see_body(np.zeros((mirror.height, mirror.width), dtype=np.bool_))
         self.colours: ColourModel | None = None
         self.green_ends_px = np.full(s.radial_scan_lines, self.outer_px)
-        self._gaps = gap_lengths(mirror, mirror.inner_radius_px, self.outer_px, s.field_gap_m)
+        self._gaps = gap_lengths(mirror, mirror.inner_radius_px, self.outer_px, FIELD_GAP_M)
         self._smoothing_px = 0.0
         self._noise = 0.0
         n = len(self.scan_lines.samples)
@@ -155,10 +141,10 @@ class LinePointDetector:
         carpet = learn_carpet(smooth, near, around, noise)  # raises before anything has changed
         self._smoothing_px = smoothing_px
         self._see_body(np.zeros_like(self.body))
-        self.colours = colour_model(carpet, self.settings.colour)
+        self.colours = colour_model(carpet)
         white = self._white_on_lines(smooth)
         if white is not None:
-            self.colours = colour_model(carpet, self.settings.colour, white)
+            self.colours = colour_model(carpet, white)
         self._noise = signal_noise(smooth, near, self.colours)
         self._see_body(self._own_body(smooth))
 
@@ -186,7 +172,7 @@ class LinePointDetector:
         """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""
         check_size(image, self.camera)
         found = self._crossings(smoothed(image, self._smoothing_px))
-        covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, self.settings.noise_m)
+        covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, NOISE_M)
         confidences = np.clip(found[:, 4], 0.0, 1.0)
         return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
 
@@ -241,13 +227,13 @@ class LinePointDetector:
             self._samples,
         )
         limits = ProfileLimits(
-            min_contrast=max(s.least_contrast, s.least_sigmas * self._noise),
-            flank_px=s.flank_px,
-            max_run_px=s.longest_run_px,
+            min_contrast=max(s.min_contrast, MIN_SIGMAS * self._noise),
+            flank_px=FLANK_PX,
+            max_run_px=MAX_RUN_PX,
             min_chord_m=0.5 * self.line_width_m,
-            max_chord_m=s.steepest_crossing * self.line_width_m,
-            blur_px=s.blur_px,
-            min_cosine=s.least_whiteness,
+            max_chord_m=STEEPEST_CROSSING * self.line_width_m,
+            blur_px=BLUR_PX,
+            min_cosine=MIN_WHITENESS,
         )
         count = find_line_profiles(
             lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,

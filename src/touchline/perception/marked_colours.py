@@ -17,7 +17,6 @@ from touchline.perception.colour import (
     WHITE,
     Carpet,
     ColourModel,
-    ColourSettings,
     chromaticity,
     colour_model,
     pixel_noise,
@@ -45,9 +44,7 @@ class Region:
         return inside.astype(np.bool_)
 
 
-def marked_colour_model(
-    images: Mapping[str, ImageArray], regions: Sequence[Region], settings: ColourSettings | None = None
-) -> ColourModel:
+def marked_colour_model(images: Mapping[str, ImageArray], regions: Sequence[Region]) -> ColourModel:
     """Learn from regions of images (H, W, 3), B, G, R, by file name.
 
     The carpet is what is marked green, the paint what is marked white (guessed without); marked colours override the
@@ -66,7 +63,7 @@ def marked_colour_model(
         raise InputError(
             "colours: what is marked white is hardly brighter than what is marked green; are they swapped?"
         )
-    model = colour_model(carpet, settings or ColourSettings(), white)
+    model = colour_model(carpet, white)
     return replace(model, table=_with_votes(model.table, pixels))
 
 

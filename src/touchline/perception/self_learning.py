@@ -8,38 +8,32 @@ from typing import ClassVar
 from pydantic import Field
 
 from touchline.camera import Camera
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.errors import InputError
 from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
 from touchline.perception.detector import with_lean
-from touchline.perception.line_points import LinePointDetector, LinePointSettings
+from touchline.perception.line_points import NOISE_M, LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, Observation
+
+FADED_GREEN = 0.6  # share of the usual green below which the light is believed to have changed; robots hide a third
+# images in a row with faded green before the colours are learned again: a robot that hides the view for a moment
+# changes nothing
+FADED_FRAMES = 5
 
 
 class LearningSettings(Settings):
     """When colours are learned."""
 
     removed: ClassVar[Mapping[str, str]] = {
-        "least_contrast": "a covered camera is told by the same contrast everywhere (perception/covered.py)"
+        **constants_now(__name__, "faded_green", "faded_frames"),
+        "least_contrast": "a covered camera is told by the same contrast everywhere (perception/covered.py)",
     }
 
     frames: int = Field(
         5,
         ge=1,
         description="first images that the colours are learned from: one serves at once, five average over places",
-    )
-    faded_green: float = Field(
-        0.6,
-        gt=0,
-        lt=1,
-        description="share of the usual green below which the light is believed to have changed; robots hide a third",
-    )
-    faded_frames: int = Field(
-        5,
-        ge=1,
-        description="images in a row with faded green before the colours are learned again: a robot that hides the "
-        "view for a moment changes nothing",
     )
     colour_file: str | None = Field(
         None,
@@ -93,8 +87,8 @@ class SelfLearningDetector:
             problem = self._learn(image)
         if self.detector.colours is None:
             return Observation(frame.stamp_ns, problem=problem)
-        s = self.detector.settings
-        points = with_lean(self.detector.detect(image), frame, self.detector.camera, s.noise_px, s.noise_m)
+        detector = self.detector
+        points = with_lean(detector.detect(image), frame, detector.camera, detector.settings.noise_px, NOISE_M)
         if self._kept is None:
             self._watch_green(image)
         return Observation(frame.stamp_ns, points, problem=problem)
@@ -121,11 +115,11 @@ class SelfLearningDetector:
 
     def _watch_green(self, image: ImageArray) -> None:
         share = self.detector.green_share
-        if share < self.settings.faded_green * self._usual_green:
+        if share < FADED_GREEN * self._usual_green:
             self._faded += 1
         else:
             self._faded = 0
             self._usual_green += 0.1 * (share - self._usual_green) if self._usual_green else share
-        if self._faded >= self.settings.faded_frames:
+        if self._faded >= FADED_FRAMES:
             self._begin_anew()
             self._faded_image = image  # learned from before the next one: `stages` still shows what this one gave

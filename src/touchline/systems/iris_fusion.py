@@ -19,9 +19,9 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
-from touchline.localization.fusion.modes import SensorFusion, SensorFusionSettings
+from touchline.localization.fusion.modes import MIN_POINTS, SensorFusion, SensorFusionSettings
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
 from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
@@ -53,22 +53,28 @@ from touchline.types import (
 _STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 
 
+NEAR_M = 0.1  # distance within which a point lies on a line: calibration, blur
+# standard deviation of the first headings about the one known before the robot was lost, without a compass, beside what
+# odometry may have gone wrong: a robot may have been turned, hardly to the other goal
+KNOWN_HEADING_RAD = 0.8
+OWN_HALF_M = 0.1  # how far beyond the centre line a robot may stand of which its own half is told
+
+
 class IrisFusionSettings(Settings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
     renamed: ClassVar = {
         "wheels.wheel_error": "wheels.scale_error",
-        "wheels.most_speed_m_s": "wheels.max_speed_m_s",
         "wheels.gyro_scale": "gyro.scale",
         "wheels.gyro_bias_rad_s": "gyro.bias_rad_s",
         "wheels.gyro_error": "gyro.scale_error",
         "wheels.gyro_bias_error_rad_s": "gyro.bias_error_rad_s",
-        "wheels.gyro_noise_rad": "gyro.noise_rad",
-        "wheels.gap_s": "gyro.gap_s",
         "wheels.fallback": "odometry",
+        "most_points": "max_points",
     }
+    removed: ClassVar = constants_now(__name__, "own_half_m")
     lines: HsvLineSettings = HsvLineSettings()
-    most_points: int = Field(
+    max_points: int = Field(
         100,
         ge=1,
         description="line points that the particles are weighed by, evenly chosen of more: the time grows with it",
@@ -85,9 +91,6 @@ class IrisFusionSettings(Settings):
     )
     start_heading_rad: float = Field(
         0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
-    )
-    own_half_m: float = Field(
-        0.1, ge=0, description="how far beyond the centre line a robot may stand of which its own half is told (m)"
     )
 
 
@@ -114,7 +117,7 @@ class IrisFusion:
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
         s, prior = self.settings, prior or Prior()
-        self.region = replace(OWN_HALF, most_x=OWN_HALF.most_x + s.own_half_m) if prior.own_half else None
+        self.region = replace(OWN_HALF, max_x=OWN_HALF.max_x + OWN_HALF_M) if prior.own_half else None
         self.moved = Pose(0.0, 0.0, 0.0)  # since the robot stood in the start region
         self.history.clear()
         self.odometry.reset(prior.pose)
@@ -172,8 +175,8 @@ class IrisFusion:
     ) -> tuple[ParticleEstimate | None, float]:
         """Figure 8: one cycle; what it says, and the mean error of the points (m, at most the map's largest)."""
         self._move(motion)
-        image_cycles = self.settings.restart.image_cycles
-        if len(points) < self.settings.fusion.least_points:
+        image_cycles = self.settings.restart.paper.image_cycles
+        if len(points) < MIN_POINTS:
             self.restart.see_nothing()
             return None, float("nan")
         if not self.searching:
@@ -215,10 +218,10 @@ class IrisFusion:
     def _cycle(self, points: LinePoints) -> tuple[ParticleEstimate, float]:
         """Equations (7) to (14)."""
         self.restart.count_cycle()
-        chosen = evenly_chosen(points.positions_m, self.settings.most_points)
+        chosen = evenly_chosen(points.positions_m, self.settings.max_points)
         found = self.particles.update(chosen)
         errors_m = self.particles.errors_m(chosen, found.pose)
-        inlier_ratio = float(np.mean(errors_m <= self.settings.fusion.near_m))
+        inlier_ratio = float(np.mean(errors_m <= NEAR_M))
         return found._replace(points=len(points), inlier_ratio=inlier_ratio), float(errors_m.mean())
 
     def _start(self, compass_rad: float | None) -> None:
@@ -241,7 +244,7 @@ class IrisFusion:
             return compass_rad, widening * s.compass_rad
         if self.fusion.has_pose:
             return self.odometry.pose.heading, widening * math.hypot(
-                s.known_heading_rad, self.fusion.heading_deviation_rad
+                KNOWN_HEADING_RAD, self.fusion.heading_deviation_rad
             )
         return None, math.pi
 

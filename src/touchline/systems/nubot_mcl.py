@@ -41,7 +41,9 @@ class NubotMclSettings(ParticleSearchSettings, NubotSettings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
     removed: ClassVar[Mapping[str, str]] = {
-        "followed_by": "to follow the robot by particles alone run the system nubot-mcl-alone"
+        **ParticleSearchSettings.removed,
+        **NubotSettings.removed,
+        "followed_by": "to follow the robot by particles alone run the system nubot-mcl-alone",
     }
 
 
@@ -58,14 +60,14 @@ class NubotMcl:
         self.history = MotionHistory(s.odometry, s.compass_track)
         self.tilt = MirrorTilt(field, s.mirror_tilt)
         self.compass_correction = CompassCorrection(s.compass)
-        matcher = Matcher(field.distance_map(s.map.resolution_m, s.map.margin_m), s.matching)
+        matcher = Matcher(field.distance_map(), s.matching)
         self.tracker = Tracker(matcher, s.fusion)
         whole_field = GlobalSearch(matcher, field.length, field.width)
-        self.failure = FailureMonitor(whole_field, s.failure, s.fusion, s.keep_unless_better)
+        self.failure = FailureMonitor(whole_field, s.failure, s.paper.keep_unless_better)
         self.particles = NubotParticles(
             matcher, field.length, field.width, rng, s.particles, symmetric=field.is_symmetric
         )
-        self.localizer = ParticleLocalizer(ParticleSearch(self.particles, s, s.failure.lone_heading_rad))
+        self.localizer = ParticleLocalizer(ParticleSearch(self.particles, s))
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
         self.reset()
 
@@ -101,7 +103,7 @@ class NubotMcl:
 
     def _match_input(self, observation: Observation) -> MatchInput:
         s, points = self.settings, observation.points
-        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.least_points
+        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.min_points
         compass_rad = self.history.at(observation.stamp_ns).heading_rad
         return MatchInput(points, weights, usable, compass_rad, self.tilt, self.compass_correction)
 

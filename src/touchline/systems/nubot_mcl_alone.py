@@ -30,7 +30,6 @@ from touchline.localization.matching.weights import WeightSettings, precision_we
 from touchline.localization.particles.nubot_particles import NubotParticles
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
-from touchline.systems.nubot_settings import MapSettings
 from touchline.systems.report import Stopwatch, report
 from touchline.systems.setup import RobotSetup
 from touchline.types import Estimate, Frame, Observation, Prior, Status
@@ -41,7 +40,6 @@ class NubotMclAloneSettings(ParticleSearchSettings):
 
     line_points: LinePointSettings = LinePointSettings()
     learning: LearningSettings = LearningSettings()
-    map: MapSettings = MapSettings()
     weights: WeightSettings = WeightSettings()
     matching: MatchingSettings = MatchingSettings()
     fusion: FusionSettings = FusionSettings()
@@ -61,13 +59,13 @@ class NubotMclAlone:
             None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)
         )
         self.history = MotionHistory(s.odometry, s.compass_track)
-        matcher = Matcher(field.distance_map(s.map.resolution_m, s.map.margin_m), s.matching)
+        matcher = Matcher(field.distance_map(), s.matching)
         whole_field = GlobalSearch(matcher, field.length, field.width)
-        self.failure = FailureMonitor(whole_field, s.failure, s.fusion, s.keep_unless_better)
+        self.failure = FailureMonitor(whole_field, s.failure, s.paper.keep_unless_better)
         self.particles = NubotParticles(
             matcher, field.length, field.width, rng, s.particles, symmetric=field.is_symmetric
         )
-        self.follower = ParticleFollower(ParticleSearch(self.particles, s, s.failure.lone_heading_rad))
+        self.follower = ParticleFollower(ParticleSearch(self.particles, s))
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
         # Only matches tell of them, and there are none here: mirror and compass are taken as they are.
         self._no_tilt, self._no_correction = MirrorTilt(field), CompassCorrection()
@@ -104,7 +102,7 @@ class NubotMclAlone:
 
     def _match_input(self, observation: Observation) -> MatchInput:
         s, points = self.settings, observation.points
-        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.least_points
+        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.min_points
         compass_rad = self.history.at(observation.stamp_ns).heading_rad
         return MatchInput(points, weights, usable, compass_rad, self._no_tilt, self._no_correction)
 

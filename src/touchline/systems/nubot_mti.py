@@ -53,11 +53,11 @@ class NubotMti:
         self.history = MotionHistory(s.odometry, s.compass_track)
         self.tilt = MirrorTilt(field, s.mirror_tilt)
         self.compass_correction = CompassCorrection(s.compass)
-        matcher = Matcher(field.distance_map(s.map.resolution_m, s.map.margin_m), s.matching)
+        matcher = Matcher(field.distance_map(), s.matching)
         search = GlobalSearch(matcher, field.length, field.width, s.global_search)
         self.tracker = Tracker(matcher, s.fusion)
-        self.failure = FailureMonitor(search, s.failure, s.fusion)
-        self.localizer: GlobalLocalizer = GridLocalizer(search, s.failure.lone_heading_rad)
+        self.failure = FailureMonitor(search, s.failure)
+        self.localizer: GlobalLocalizer = GridLocalizer(search)
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
         self.reset()
 
@@ -93,7 +93,7 @@ class NubotMti:
 
     def _match_input(self, observation: Observation) -> MatchInput:
         s, points = self.settings, observation.points
-        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.least_points
+        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.min_points
         compass_rad = self.history.at(observation.stamp_ns).heading_rad
         return MatchInput(points, weights, usable, compass_rad, self.tilt, self.compass_correction)
 

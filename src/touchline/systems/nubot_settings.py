@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from collections.abc import Mapping
+from typing import ClassVar
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.localization.fusion.compass_correction import CompassSettings
 from touchline.localization.fusion.failure import FailureSettings
 from touchline.localization.fusion.pose_filter import FusionSettings
@@ -15,19 +16,13 @@ from touchline.motion import CompassTrackSettings, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings
 
 
-class MapSettings(Settings):
-    """The table of distances to the lines."""
-
-    resolution_m: float = Field(0.025, gt=0, description="distance of its samples (m)")
-    margin_m: float = Field(3.0, gt=0, description="how far it reaches beyond the lines (m)")
-
-
 class NubotSettings(Settings):
     """What both papers fix of perception, matching and tracking, and what they leave open."""
 
+    removed: ClassVar[Mapping[str, str]] = constants_now("touchline.field.model", "map")
+
     line_points: LinePointSettings = LinePointSettings()
     learning: LearningSettings = LearningSettings()
-    map: MapSettings = MapSettings()
     weights: WeightSettings = WeightSettings()
     matching: MatchingSettings = MatchingSettings()
     mirror_tilt: MirrorTiltSettings = MirrorTiltSettings()

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import wrap_angle
 from touchline.localization.matching.matcher import Match
+
+# mean distance of the points to the lines below which a frame is good; a right pose has 0.03 to 0.1
+GOOD_DEVIATION_M = 0.12
+GOOD_FRAMES = 5  # good frames in a row before the compass is corrected, as many as mean failure
+# difference that can't be the compass's error, so that nothing is learned from it: twice the worst of usual errors, as
+# global_search.heading_tolerance_rad; half a turn means the wrong end of the field
+MAX_CORRECTION_RAD = 0.6
 
 
 class CompassSettings(Settings):
     """When and how fast the compass is corrected. The paper says: after several good frames."""
 
-    good_deviation_m: float = Field(
-        0.12,
-        gt=0,
-        description="mean distance of the points to the lines (m) below which a frame is good; a right pose "
-        "has 0.03 to 0.1",
-    )
-    good_frames: int = Field(
-        5, ge=1, description="good frames in a row before the compass is corrected, as many as mean failure"
-    )
-    most_rad: float = Field(
-        0.6,
-        gt=0,
-        description="difference (rad) that can't be the compass's error, so that nothing is learned from it: twice the "
-        "worst of usual errors, as global_search.heading_tolerance_rad; half a turn means the wrong end of the field",
-    )
+    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "good_deviation_m", "good_frames", "most_rad")
+
     gain: float = Field(
         0.2,
         gt=0,
@@ -55,9 +52,9 @@ class CompassCorrection:
     def update(self, mean_distance_m: float, heading_rad: float, compass_rad: float) -> bool:
         """Learn from one match and the compass's own reading at its time; whether the offset was corrected."""
         difference = wrap_angle(heading_rad - self.heading(compass_rad))
-        good = mean_distance_m < self.settings.good_deviation_m and abs(difference) < self.settings.most_rad
+        good = mean_distance_m < GOOD_DEVIATION_M and abs(difference) < MAX_CORRECTION_RAD
         self.good_frames = self.good_frames + 1 if good else 0
-        if self.good_frames < self.settings.good_frames:
+        if self.good_frames < GOOD_FRAMES:
             return False
         self.offset_rad = wrap_angle(self.offset_rad + self.settings.gain * difference)
         return True

@@ -2,13 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
+
+MAX_DEVIATION_M = 0.35  # mean distance that makes a frame bad whatever the compass says
+# mean distance from which a frame is suspect: look-alike places leave 0.15 to 0.35, but clutter about a right pose up
+# to 0.25, so suspicion alone is no failure
+SUSPECT_M = 0.12
+# suspect frames in a row after which the whole field is searched for a place that explains the points far better; only
+# such a one means failure. Again after as many more
+SUSPECT_FRAMES = 5
+# difference between heading and compass that makes a frame bad however well the lines fit: at the other end of a
+# symmetric field they fit perfectly, half a turn off
+MAX_HEADING_ERROR_RAD = 1.6
+# frames without usable points in a row that mean failure by themselves: whoever was covered may have been carried, and
+# looking once over the whole field costs a millisecond
+BLIND_FRAMES = 2
+# time without odometry between two frames beyond which they mean failure by themselves: a robot may be a metre from
+# where it was by then, where matching settles anywhere
+MAX_MISSING_S = 1.0
+
+
+class FailurePaper(Settings):
+    """Switches to the paper's exact form."""
+
+    single_criterion_failure: bool = Field(
+        True,
+        description="let a large mean distance, a heading far from the compass, frames without usable points or "
+        "odometry count as bad by themselves: a robot put down elsewhere with nearly its old heading never trips the "
+        "papers' rule",
+    )
 
 
 class FailureSettings(Settings):
     """When the pose is believed to be wrong. The papers name the rule and five frames, but no thresholds."""
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "least_points": "min_points",
+        "lone_rules": "paper.single_criterion_failure",
+    }
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        __name__,
+        "lone_deviation_m",
+        "suspect_m",
+        "suspect_frames",
+        "lone_heading_rad",
+        "blind_frames",
+        "most_missing_s",
+    )
 
     deviation_m: float = Field(
         0.25,
@@ -23,45 +68,8 @@ class FailureSettings(Settings):
         "well above the usual compass error of up to 0.2",
     )
     frames: int = Field(5, ge=1, description="bad frames in a row that mean failure: the five cycles of Lu et al. 2013")
-    lone_rules: bool = Field(
-        True,
-        description="let lone_deviation_m, lone_heading_rad and frames without usable points count as bad by "
-        "themselves: a robot put down elsewhere with nearly its old heading never trips the paper's rule",
-    )
-    lone_deviation_m: float = Field(
-        0.35, gt=0, description="mean distance (m) that makes a frame bad whatever the compass says"
-    )
-    suspect_m: float = Field(
-        0.12,
-        gt=0,
-        description="mean distance (m) from which a frame is suspect: look-alike places leave 0.15 to 0.35, but "
-        "clutter about a right pose up to 0.25, so suspicion alone is no failure: see suspect_frames",
-    )
-    suspect_frames: int = Field(
-        5,
-        ge=1,
-        description="suspect frames in a row after which (with lone_rules) the whole field is searched for a place "
-        "that explains the points far better; only such a one means failure. Again after as many more",
-    )
-    lone_heading_rad: float = Field(
-        1.6,
-        gt=0,
-        description="difference between heading and compass (rad) that makes a frame bad however well the lines fit, "
-        "with lone_rules: at the other end of a symmetric field they fit perfectly, half a turn off",
-    )
-    blind_frames: int = Field(
-        2,
-        ge=1,
-        description="frames without usable points in a row that mean failure by themselves (with lone_rules): whoever "
-        "was covered may have been carried, and looking once over the whole field costs a millisecond",
-    )
-    most_missing_s: float = Field(
-        1.0,
-        gt=0,
-        description="time without odometry between two frames (s) beyond which they mean failure by themselves (with "
-        "lone_rules): a robot may be a metre from where it was by then, where matching settles anywhere",
-    )
-    least_points: int = Field(10, ge=1, description="points without which a frame is not usable: fewer fit anywhere")
+    min_points: int = Field(10, ge=1, description="points without which a frame is not usable: fewer fit anywhere")
+    paper: FailurePaper = FailurePaper()
 
 
 class FailureDetector:
@@ -82,26 +90,26 @@ class FailureDetector:
         """
         s = self.settings
         self.bad_frames = self.bad_frames + 1 if self.is_bad(points, mean_distance_m, heading_error_rad) else 0
-        blind = points < s.least_points
+        blind = points < s.min_points
         self.blind_frames = self.blind_frames + 1 if blind else 0
-        self.suspect_frames = self.suspect_frames + 1 if not blind and mean_distance_m > s.suspect_m else 0
-        away = self.blind_frames >= s.blind_frames or missing_s > s.most_missing_s
-        return (s.lone_rules and away) or self.bad_frames >= s.frames
+        self.suspect_frames = self.suspect_frames + 1 if not blind and mean_distance_m > SUSPECT_M else 0
+        away = self.blind_frames >= BLIND_FRAMES or missing_s > MAX_MISSING_S
+        return (s.paper.single_criterion_failure and away) or self.bad_frames >= s.frames
 
     @property
     def suspicious(self) -> bool:
         """Whether it is time to look for a better place, though the frames so far mean no failure."""
-        s = self.settings
-        return s.lone_rules and self.suspect_frames > 0 and self.suspect_frames % s.suspect_frames == 0
+        due = self.suspect_frames > 0 and self.suspect_frames % SUSPECT_FRAMES == 0
+        return self.settings.paper.single_criterion_failure and due
 
     def is_bad(self, points: int, mean_distance_m: float, heading_error_rad: float | None) -> bool:
         """Whether this frame alone speaks against the pose; arguments as for `update`."""
         s = self.settings
-        if points < s.least_points:
-            return s.lone_rules
+        if points < s.min_points:
+            return s.paper.single_criterion_failure
         heading_inconsistent = heading_error_rad is not None and abs(heading_error_rad) > s.heading_rad
-        turned = heading_error_rad is not None and abs(heading_error_rad) > s.lone_heading_rad
-        far_off = s.lone_rules and (mean_distance_m > s.lone_deviation_m or turned)
+        turned = heading_error_rad is not None and abs(heading_error_rad) > MAX_HEADING_ERROR_RAD
+        far_off = s.paper.single_criterion_failure and (mean_distance_m > MAX_DEVIATION_M or turned)
         return far_off or (mean_distance_m > s.deviation_m and heading_inconsistent)
 
     def reset(self) -> None:

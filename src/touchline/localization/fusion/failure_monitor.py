@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from touchline.geometry import Pose
-from touchline.localization.fusion.failure import FailureDetector, FailureSettings
+from touchline.localization.fusion.failure import MAX_HEADING_ERROR_RAD, FailureDetector, FailureSettings
 from touchline.localization.fusion.match_input import MatchInput
-from touchline.localization.fusion.pose_filter import FusionSettings
+from touchline.localization.fusion.pose_filter import equal_error
 from touchline.localization.matching.global_search import GlobalSearch
 from touchline.localization.matching.matcher import Match
 
@@ -21,13 +21,11 @@ class FailureMonitor:
         self,
         search: GlobalSearch,
         settings: FailureSettings,
-        fusion: FusionSettings,
         keep_unless_better: bool = False,
     ) -> None:
         """keep_unless_better: bad frames mean failure only if another place explains the points far better."""
         self.search = search
         self.settings = settings
-        self.fusion = fusion
         self.keep_unless_better = keep_unless_better
         self.detector = FailureDetector(settings)
         self.reset()
@@ -50,7 +48,7 @@ class FailureMonitor:
         """
         failed = self._is_bad_for_long(view, match, pose, missing_s)
         if failed and self.keep_unless_better and match is not None:
-            plausible = view.heading_is_plausible(pose.heading, self.settings.lone_heading_rad)
+            plausible = view.heading_is_plausible(pose.heading, MAX_HEADING_ERROR_RAD)
             failed = not plausible or self._fits_elsewhere(view, match)
         failed = failed or (self.start_pose_unconfirmed and self.detector.bad_frames > 0)
         self.start_pose_unconfirmed = self.start_pose_unconfirmed and match is None
@@ -68,4 +66,4 @@ class FailureMonitor:
     def _fits_elsewhere(self, view: MatchInput, match: Match) -> bool:
         """Whether some other place explains the points far better than this match; the papers have no such test."""
         fix = self.search.locate_any_heading(view.positions_m, view.weights, view.heading_rad)
-        return fix is not None and match.error > self.fusion.equal_error(fix.match.error)
+        return fix is not None and match.error > equal_error(fix.match.error)

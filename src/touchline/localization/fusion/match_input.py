@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.matching.matcher import Match, Matcher, as_pose
-from touchline.localization.matching.mirror_tilt import MirrorTilt
+from touchline.localization.matching.mirror_tilt import MAX_ERROR, MirrorTilt
 from touchline.types import LinePoints
 
 
@@ -50,7 +50,7 @@ class MatchInput:
 def refine_with_tilt(matcher: Matcher, view: MatchInput, pose: FloatArray, error: float) -> Match:
     """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
     tilt = view.tilt
-    if tilt.settings.enabled and error < tilt.settings.most_error:
+    if tilt.settings.enabled and error < MAX_ERROR:
         positions_m = tilt.corrected(view.points.positions_m, tilt.update(view.points, as_pose(pose)))
         refined, refined_error, _ = matcher.descend(positions_m, view.weights, pose)
         if refined_error <= error:

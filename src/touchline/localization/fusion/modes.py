@@ -7,11 +7,13 @@ fusion takes one of the two, complementary fusion both. docs/method.md states it
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion.odometry import Motion
@@ -20,19 +22,32 @@ from touchline.types import Mode
 _QUARTER_TURN = 0.5 * math.pi  # beyond it lines are mistaken for others
 
 
-class SensorFusionSettings(Settings):
-    """The paper gives equations (15) to (19) and the three modes, no number.
+MAX_BIAS_RAD_S = 0.05  # largest bias that is learned: 3 degrees per second, several times the usual
+ENOUGH_POINTS = 15  # line points from which an image is used again
+MIN_POINTS = 10  # line points below which it no longer is: fewer fit anywhere
+# how much less is asked of found_ratio after every search that ended without it, down to accepted_ratio: a poor
+# calibration leaves more points beside the lines
+DOUBT = 0.05
+MIN_RATIO = 0.6  # share of points on lines below which it no longer is
+NARROW_M = 0.15  # standard deviation of the particles below which an image is used again: 5 times usual
+MAX_SPREAD_M = 0.25  # the same above which it no longer is: a lone line, two places
+NARROW_RAD = 0.05  # as NARROW_M, of the headings
+MAX_SPREAD_RAD = 0.08  # as MAX_SPREAD_M, of the headings
+# distance of odometry and particles within which they agree, beside three standard deviations of the odometry since it
+# was last corrected; never more than lost_m, beside what may have been driven while wheels and gyro said nothing
+AGREEMENT_M = 0.1
+AGREEMENT_RAD = 0.06  # the same of the heading; never more than TURNED_RAD
+# difference of the headings from which an image contradicts the odometry, however unsure it is: far from the quarter
+# turn at which lines can be mistaken
+TURNED_RAD = 0.5
+# images in a row that must contradict the odometry in one and the same way until the particles are believed alone, and
+# that must agree until the odometry is believed again: 0.3 s after a slip
+FRAMES = 3
 
-    Of each pair of limits the stricter one lets an image be used, the looser one lets it go on: hysteresis.
-    """
 
-    beta: float = Field(
-        0.5,
-        ge=0,
-        le=1,
-        description="the odometry's share, β of equations (15) to (19): averages the particles' noise over some "
-        "images, yet lets them correct what measuring wheels err by in them",
-    )
+class SensorFusionPaper(Settings):
+    """Switches to the paper's exact form."""
+
     beta_period_s: float | None = Field(
         0.1,
         gt=0,
@@ -45,62 +60,60 @@ class SensorFusionSettings(Settings):
         description="how much of the difference of both headings corrects the gyro's bias (rad/s per rad), at which "
         "the odometry's heading runs away: settles within some seconds; 0 is the paper's form",
     )
-    most_bias_rad_s: float = Field(
-        0.05, ge=0, description="largest bias that is learned (rad/s): 3 degrees per second, several times the usual"
+
+
+class SensorFusionSettings(Settings):
+    """The paper gives equations (15) to (19) and the three modes, no number.
+
+    Of each pair of limits the stricter one lets an image be used, the looser one lets it go on: hysteresis.
+    """
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "found_share": "found_ratio",
+        "accepted_share": "accepted_ratio",
+        "beta_period_s": "paper.beta_period_s",
+        "bias_gain_per_s": "paper.bias_gain_per_s",
+    }
+    removed: ClassVar[Mapping[str, str]] = {
+        **constants_now(
+            __name__,
+            "most_bias_rad_s",
+            "enough_points",
+            "least_points",
+            "doubt",
+            "least_share",
+            "narrow_m",
+            "widest_m",
+            "narrow_rad",
+            "widest_rad",
+            "agreement_m",
+            "agreement_rad",
+            "turned_rad",
+            "frames",
+        ),
+        **constants_now("touchline.systems.iris_fusion", "near_m"),
+    }
+
+    beta: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="the odometry's share, β of equations (15) to (19): averages the particles' noise over some "
+        "images, yet lets them correct what measuring wheels err by in them",
     )
-    enough_points: int = Field(15, ge=1, description="line points from which an image is used again")
-    least_points: int = Field(10, ge=1, description="line points below which it no longer is: fewer fit anywhere")
-    near_m: float = Field(0.1, gt=0, description="distance (m) within which a point lies on a line: calibration, blur")
-    found_share: float = Field(
+    found_ratio: float = Field(
         0.85,
         ge=0,
         le=1,
         description="share of points on lines from which an image may contradict the odometry, or find a robot that "
         "has no pose yet: on a small field wrong poses come to 0.8",
     )
-    doubt: float = Field(
-        0.05,
-        ge=0,
-        le=1,
-        description="how much less is asked of found_share after every search that ended without it, down to "
-        "accepted_share: a poor calibration leaves more points beside the lines",
-    )
-    accepted_share: float = Field(
+    accepted_ratio: float = Field(
         0.7,
         ge=0,
         le=1,
         description="share of points on lines from which an image that agrees is used again: a right pose has 0.9, "
         "robots and goals spoil some",
-    )
-    least_share: float = Field(0.6, ge=0, le=1, description="share of points on lines below which it no longer is")
-    narrow_m: float = Field(
-        0.15,
-        gt=0,
-        description="standard deviation of the particles (m) below which an image is used again: 5 times usual",
-    )
-    widest_m: float = Field(0.25, gt=0, description="the same above which it no longer is: a lone line, two places")
-    narrow_rad: float = Field(0.05, gt=0, description="as narrow_m, of the headings (rad)")
-    widest_rad: float = Field(0.08, gt=0, description="as widest_m, of the headings (rad)")
-    agreement_m: float = Field(
-        0.1,
-        gt=0,
-        description="distance of odometry and particles (m) within which they agree, beside three standard deviations "
-        "of the odometry since it was last corrected; never more than lost_m, beside what may have been driven while "
-        "wheels and gyro said nothing",
-    )
-    agreement_rad: float = Field(0.06, gt=0, description="the same of the heading (rad); never more than turned_rad")
-    turned_rad: float = Field(
-        0.5,
-        gt=0,
-        lt=_QUARTER_TURN,
-        description="difference of the headings (rad) from which an image contradicts the odometry, however unsure it "
-        "is: far from the quarter turn at which lines can be mistaken",
-    )
-    frames: int = Field(
-        3,
-        ge=1,
-        description="images in a row that must contradict the odometry in one and the same way until the particles "
-        "are believed alone, and that must agree until the odometry is believed again: 0.3 s after a slip",
     )
     lost_m: float = Field(
         0.6,
@@ -108,6 +121,7 @@ class SensorFusionSettings(Settings):
         description="standard deviation of the position (m) above which odometry alone is lost, and distance (m) from "
         "which an image contradicts it, however unsure it is: a shove, twice",
     )
+    paper: SensorFusionPaper = SensorFusionPaper()
 
 
 class SensorFusion:
@@ -189,15 +203,15 @@ class SensorFusion:
     @property
     def confirmed(self) -> bool:
         """Whether the last images agreed with the odometry, one after the other."""
-        return self.agreeing >= self.settings.frames
+        return self.agreeing >= FRAMES
 
     def _is_good(self, vision: ParticleEstimate) -> bool:
         """Whether an image may be used: enough points, most of them on lines, particles that agree."""
         s, used = self.settings, self.mode is not Mode.ODOMETRY
         if used:
-            limits = (s.least_points, s.least_share, s.widest_m, s.widest_rad)
+            limits = (MIN_POINTS, MIN_RATIO, MAX_SPREAD_M, MAX_SPREAD_RAD)
         else:
-            limits = (s.enough_points, s.accepted_share, s.narrow_m, s.narrow_rad)
+            limits = (ENOUGH_POINTS, s.accepted_ratio, NARROW_M, NARROW_RAD)
         points, ratio, most_m, most_rad = limits
         agree = vision.deviation_m <= most_m and vision.deviation_rad <= most_rad
         return vision.points >= points and vision.inlier_ratio >= ratio and agree
@@ -207,15 +221,15 @@ class SensorFusion:
         s = self.settings
         blind_m = 3.0 * _spread_m(motion.covariance) if motion.missing_s else 0.0  # what may have been driven unseen
         blind_rad = 3.0 * _spread_rad(motion.covariance) if motion.missing_s else 0.0
-        reach_m = min(s.agreement_m + 3.0 * _spread_m(self.covariance), s.lost_m + blind_m)
-        reach_rad = min(s.agreement_rad + 3.0 * _spread_rad(self.covariance), s.turned_rad + blind_rad, _QUARTER_TURN)
+        reach_m = min(AGREEMENT_M + 3.0 * _spread_m(self.covariance), s.lost_m + blind_m)
+        reach_rad = min(AGREEMENT_RAD + 3.0 * _spread_rad(self.covariance), TURNED_RAD + blind_rad, _QUARTER_TURN)
         agrees = self.has_pose and _near(odometry, vision.pose, reach_m, reach_rad)
         expected = None if self._seen is None else self._seen.compose(motion.pose)
         steady = expected is not None and _near(
-            expected, vision.pose, s.agreement_m + blind_m, min(s.agreement_rad + blind_rad, _QUARTER_TURN)
+            expected, vision.pose, AGREEMENT_M + blind_m, min(AGREEMENT_RAD + blind_rad, _QUARTER_TURN)
         )
         self.agreeing = self.agreeing + 1 if agrees else 0
-        if agrees or vision.inlier_ratio < max(s.found_share - s.doubt * self._failed_searches, s.accepted_share):
+        if agrees or vision.inlier_ratio < max(s.found_ratio - DOUBT * self._failed_searches, s.accepted_ratio):
             self.contradicting = 0
         else:
             self.contradicting = self.contradicting + 1 if steady else 1
@@ -223,10 +237,10 @@ class SensorFusion:
 
     def _next_mode(self, trusted: bool) -> Mode:
         """The mode for an image that may be used; trusted: the odometry has not missed anything."""
-        s, alone = self.settings, self.mode is Mode.OMNIVISION
+        alone = self.mode is Mode.OMNIVISION
         if not self.agreeing:
-            return Mode.OMNIVISION if self.contradicting >= s.frames else Mode.ODOMETRY
-        if not trusted or (alone and self.agreeing < s.frames):
+            return Mode.OMNIVISION if self.contradicting >= FRAMES else Mode.ODOMETRY
+        if not trusted or (alone and self.agreeing < FRAMES):
             return Mode.OMNIVISION
         return Mode.BOTH
 
@@ -240,17 +254,17 @@ class SensorFusion:
         if self.mode is Mode.BOTH and self._turned_by_gyro:
             self._learn_bias(odometry, vision.pose)
         beta = s.beta if self.mode is Mode.BOTH else 0.0
-        if s.beta_period_s is not None:
-            beta **= max(self._uncorrected_s / s.beta_period_s, 1.0)
+        if s.paper.beta_period_s is not None:
+            beta **= max(self._uncorrected_s / s.paper.beta_period_s, 1.0)
         self.pose = blended(odometry, vision.pose, beta)
         self.covariance = beta * self.covariance + (1.0 - beta) * vision.covariance
         self._uncorrected_s, self._turned_by_gyro = 0.0, True
 
     def _learn_bias(self, odometry: Pose, particles: Pose) -> None:
         s = self.settings
-        gain = min(s.bias_gain_per_s, 0.5 / max(self._uncorrected_s, 1e-3))
+        gain = min(s.paper.bias_gain_per_s, 0.5 / max(self._uncorrected_s, 1e-3))
         learned = self.bias_rad_s - gain * wrap_angle(particles.heading - odometry.heading)
-        self.bias_rad_s = min(max(learned, -s.most_bias_rad_s), s.most_bias_rad_s)
+        self.bias_rad_s = min(max(learned, -MAX_BIAS_RAD_S), MAX_BIAS_RAD_S)
 
     def _spread_by(self, motion: Motion) -> None:
         """The odometry's errors add up: the covariance of a sum is at most (1 + a) P + (1 + 1/a) Q, for any a > 0."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from touchline.geometry import Pose
 from touchline.localization.fusion.global_localizer import Localization, Prediction
 from touchline.localization.fusion.match_input import MatchInput
-from touchline.localization.fusion.particle_localizer import ParticleSearch
+from touchline.localization.fusion.particle_localizer import SAME_M, ParticleSearch
 from touchline.localization.matching.global_search import Region
 from touchline.localization.matching.matcher import Match, as_pose
 from touchline.motion import Motion
@@ -46,6 +46,6 @@ class ParticleFollower:
         """The match that a mean leads to, or the mean itself if that is far away: it says nothing of the mean then."""
         matcher, positions_m = self.search.particles.matcher, view.positions_m
         pose, error, _ = matcher.descend(positions_m, view.weights, mean.as_array())
-        if mean.distance_to(as_pose(pose)) > self.search.settings.same_m:
+        if mean.distance_to(as_pose(pose)) > SAME_M:
             pose, error = mean.as_array(), matcher.error(positions_m, view.weights, mean.as_array())
         return matcher.assess(positions_m, view.weights, pose, error)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import Pose
+from touchline.localization.fusion.failure import MAX_HEADING_ERROR_RAD
 from touchline.localization.fusion.global_localizer import Localization, Prediction
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
 from touchline.localization.matching.global_search import Region
@@ -13,36 +17,17 @@ from touchline.localization.matching.matcher import Match, as_pose
 from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
 from touchline.motion import Motion
 
+# times in a row that a new start must come back to a pose until it is believed though it was not accepted, as nubot-
+# mti's global search: real calibrations may leave more than accepted_error everywhere
+CONFIRMATIONS = 3
+# distance within which two poses are the same, the odometry's motion between them taken off: less than that of two
+# clusters
+SAME_M = 0.5
 
-class ParticleSearchSettings(Settings):
-    """When particles start anew, and when the pose that they agree on is believed."""
 
-    particles: NubotParticleSettings = NubotParticleSettings()
-    accepted_error: float = Field(
-        0.1,
-        gt=0,
-        le=1,
-        description="weighted mean error with matching's c, at the match that their mean leads to, below which the "
-        "converged particles are believed, as nubot-mti's global search; above it they start anew. 1 believes them "
-        "always, as the paper does",
-    )
-    most_cycles: int = Field(
-        15,
-        ge=1,
-        description="cycles after which particles that have not converged start anew: they converge within 5",
-    )
-    confirmations: int = Field(
-        3,
-        ge=1,
-        description="times in a row that a new start must come back to a pose until it is believed though it was "
-        "not accepted, as nubot-mti's global search: real calibrations may leave more than accepted_error everywhere",
-    )
-    same_m: float = Field(
-        0.5,
-        gt=0,
-        description="distance (m) within which two poses are the same, the odometry's motion between them taken off: "
-        "less than that of two clusters",
-    )
+class ParticleSearchPaper(Settings):
+    """Switches to the paper's exact form."""
+
     keep_unless_better: bool = Field(
         True,
         description="start the particles after bad frames only if some other place explains the points far better: "
@@ -57,19 +42,42 @@ class ParticleSearchSettings(Settings):
     )
 
 
+class ParticleSearchSettings(Settings):
+    """When particles start anew, and when the pose that they agree on is believed."""
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "most_cycles": "max_cycles",
+        "keep_unless_better": "paper.keep_unless_better",
+        "widening": "paper.widening",
+    }
+    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "confirmations", "same_m")
+
+    particles: NubotParticleSettings = NubotParticleSettings()
+    accepted_error: float = Field(
+        0.1,
+        gt=0,
+        le=1,
+        description="weighted mean error with matching's c, at the match that their mean leads to, below which the "
+        "converged particles are believed, as nubot-mti's global search; above it they start anew. 1 believes them "
+        "always, as the paper does",
+    )
+    max_cycles: int = Field(
+        15,
+        ge=1,
+        description="cycles after which particles that have not converged start anew: they converge within 5",
+    )
+    paper: ParticleSearchPaper = ParticleSearchPaper()
+
+
 class ParticleSearch:
     """Particles over the frames of a search: when they start, a cycle per frame, when they have come to a pose.
 
     `cycles` since the last start, 0 while the particles rest; `starts` of this search.
     """
 
-    def __init__(
-        self, particles: NubotParticles, settings: ParticleSearchSettings, max_heading_error_rad: float
-    ) -> None:
-        """max_heading_error_rad: difference from the compass at which a pose is not plausible."""
+    def __init__(self, particles: NubotParticles, settings: ParticleSearchSettings) -> None:
         self.particles = particles
         self.settings = settings
-        self.max_heading_error_rad = max_heading_error_rad
         self.reset()
 
     def reset(self) -> None:
@@ -88,7 +96,7 @@ class ParticleSearch:
         """A new search spreads the particles over the field, and so does one that has gone on for too long."""
         if prediction.lost or not self.cycles:
             self.reset()
-        elif self.cycles < self.settings.most_cycles:
+        elif self.cycles < self.settings.max_cycles:
             return
         self._start(view, prediction if prediction.lost or self.starts > 0 else None, region)
 
@@ -117,7 +125,7 @@ class ParticleSearch:
         """
         if match.error < self.settings.accepted_error or self._came_again(match.pose):
             return True
-        self.cycles = self.settings.most_cycles
+        self.cycles = self.settings.max_cycles
         return False
 
     def rest(self) -> None:
@@ -126,10 +134,10 @@ class ParticleSearch:
 
     def _came_again(self, pose: Pose) -> bool:
         last = self.unconfirmed_pose
-        same = last is not None and pose.distance_to(last) < self.settings.same_m
+        same = last is not None and pose.distance_to(last) < SAME_M
         self.confirmations = self.confirmations + 1 if same else 0
         self.unconfirmed_pose = pose
-        return self.confirmations >= self.settings.confirmations
+        return self.confirmations >= CONFIRMATIONS
 
     def _start(
         self,
@@ -140,9 +148,9 @@ class ParticleSearch:
     ) -> None:
         """Spread the particles over the field, and some of them, or all, about a pose that is plausible."""
         about = None
-        if near is not None and view.heading_is_plausible(near.pose.heading, self.max_heading_error_rad):
+        if near is not None and view.heading_is_plausible(near.pose.heading, MAX_HEADING_ERROR_RAD):
             about = near.pose, near.covariance
-        widening = self.settings.widening**self.starts
+        widening = self.settings.paper.widening**self.starts
         self.particles.restart(view.heading_rad, region, about, widening=widening, everything_near=everything_near)
         self.cycles = 0
         self.starts += 1

@@ -7,16 +7,30 @@ the odometry carries the pose on.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
+
+# a match beyond the gate is believed if the prediction's mean error is more than this factor, or BETTER_MARGIN, above
+# its own: a lone line that RPROP slid along is explained as well where it was predicted
+BETTER_FACTOR = 2.0
+BETTER_MARGIN = 0.02  # see BETTER_FACTOR; what noise alone changes in the mean error
 
 
 class FusionSettings(Settings):
     """The Kalman filter. The paper leaves all of it open."""
+
+    removed: ClassVar[Mapping[str, str]] = {
+        **constants_now(__name__, "better_factor", "better_margin"),
+        **constants_now(
+            "touchline.localization.fusion.tracker", "poor_error", "shove_position_m", "shove_heading_rad", "shoved_rad"
+        ),
+    }
 
     gate: float = Field(
         16.3,
@@ -24,39 +38,12 @@ class FusionSettings(Settings):
         description="squared Mahalanobis distance between prediction and match above which they contradict each other: "
         "the 99.9 % quantile of chi square with 3 degrees of freedom",
     )
-    better_factor: float = Field(
-        2.0,
-        ge=1,
-        description="a match beyond the gate is believed if the prediction's mean error is more than this factor, or "
-        "better_margin, above its own: a lone line that RPROP slid along is explained as well where it was predicted",
-    )
-    better_margin: float = Field(
-        0.02, ge=0, description="see better_factor; what noise alone changes in the mean error"
-    )
-    poor_error: float = Field(
-        0.1,
-        gt=0,
-        le=1,
-        description="mean error of a match from which matching also starts with the compass heading; as accepted_error",
-    )
-    shove_position_m: float = Field(0.3, gt=0, description="how far a shove moves the robot (m): 0.1 to 0.3 in matches")
-    shove_heading_rad: float = Field(0.2, gt=0, description="how far a shove turns the robot (rad): about ten degrees")
-    shoved_rad: float = Field(
-        0.05,
-        gt=0,
-        description="difference between corrected compass and predicted heading (rad) from which matching also starts "
-        "with the compass heading: beyond its noise of half a degree, below the ten degrees of a shove",
-    )
     start_position_m: float = Field(
         0.3, gt=0, description="standard deviation of x and y of a pose told by a person (m)"
     )
     start_heading_rad: float = Field(
         0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
     )
-
-    def equal_error(self, error: float) -> float:
-        """Mean error up to which another pose explains the points as well as one of this mean error."""
-        return max(self.better_factor * error, error + self.better_margin)
 
 
 class PoseFilter:
@@ -113,3 +100,8 @@ class PoseFilter:
         return np.array(
             [pose.x - self.pose.x, pose.y - self.pose.y, wrap_angle(pose.heading - self.pose.heading)], dtype=np.float64
         )
+
+
+def equal_error(error: float) -> float:
+    """Mean error up to which another pose explains the points as well as one of this mean error."""
+    return max(BETTER_FACTOR * error, error + BETTER_MARGIN)

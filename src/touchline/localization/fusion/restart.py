@@ -5,43 +5,35 @@ Ismail et al. 2021 start them once; this rule is ours.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
+
+MIN_RATIO = 0.6  # share of points on lines below which an image contradicts the particles
+# such images in a row after which the particles start anew over the field, or images while the pose is lost
+# (fusion.lost_m)
+FRAMES = 5
+# images without usable points in a row after which one such image is enough: whoever was covered may have been carried
+BLIND_FRAMES = 2
+MAX_CYCLES = 16  # cycles after which a search that found nothing starts anew: it takes 4 to 9
+# factor by which every new start widens the first headings about the compass, or about the heading known before
+WIDENING = 1.5
+# images in a row with such a difference until the search starts, or without it until a compass that comes late has told
+# at which end the robot is
+HEADING_FRAMES = 5
 
 
-class RestartSettings(Settings):
-    """When the particles start anew, and how."""
+class RestartPaper(Settings):
+    """Switches to the paper's exact form."""
 
-    least_share: float = Field(
-        0.6, ge=0, le=1, description="share of points on lines below which an image contradicts the particles"
-    )
-    frames: int = Field(
-        5,
-        ge=1,
-        description="such images in a row after which the particles start anew over the field, or images while the "
-        "pose is lost (fusion.lost_m)",
-    )
-    blind_frames: int = Field(
-        2,
-        ge=1,
-        description="images without usable points in a row after which one such image is enough: whoever was covered "
-        "may have been carried",
-    )
     image_cycles: int = Field(
         2,
         ge=1,
         description="cycles per image while searching, or with nothing known of the motion: halves the time to find "
         "the robot; 1 as in the paper",
-    )
-    most_cycles: int = Field(
-        16, ge=1, description="cycles after which a search that found nothing starts anew: it takes 4 to 9"
-    )
-    widening: float = Field(
-        1.5,
-        ge=1,
-        description="factor by which every new start widens the first headings about the compass, or about the heading "
-        "known before",
     )
     heading_rad: float | None = Field(
         1.6,
@@ -49,12 +41,20 @@ class RestartSettings(Settings):
         description="difference from the compass (rad) that shows the wrong end of a symmetric field, where the lines "
         "look the same; none as in the paper, whose compass serves at the start alone",
     )
-    heading_frames: int = Field(
-        5,
-        ge=1,
-        description="images in a row with such a difference until the search starts, or without it until a compass "
-        "that comes late has told at which end the robot is",
+
+
+class RestartSettings(Settings):
+    """When the particles start anew, and how."""
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "image_cycles": "paper.image_cycles",
+        "heading_rad": "paper.heading_rad",
+    }
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        __name__, "least_share", "frames", "blind_frames", "most_cycles", "widening", "heading_frames"
     )
+
+    paper: RestartPaper = RestartPaper()
 
 
 class RestartRule:
@@ -84,11 +84,11 @@ class RestartRule:
         has become so unsure that images which don't bring it back contradict it, however well they fit elsewhere.
         """
         s = self.settings
-        enough = 1 if self._blind >= s.blind_frames else s.frames
+        enough = 1 if self._blind >= BLIND_FRAMES else FRAMES
         self._blind = 0
-        self._contradicted = self._contradicted + 1 if lost or on_lines < s.least_share else 0
-        if s.heading_rad is not None and off_compass_rad is not None:
-            heading_inconsistent = abs(off_compass_rad) > s.heading_rad
+        self._contradicted = self._contradicted + 1 if lost or on_lines < MIN_RATIO else 0
+        if s.paper.heading_rad is not None and off_compass_rad is not None:
+            heading_inconsistent = abs(off_compass_rad) > s.paper.heading_rad
             self._turned = self._turned + 1 if heading_inconsistent else 0
             self._straight = 0 if heading_inconsistent else self._straight + 1
         return self._contradicted >= enough or self.at_wrong_end
@@ -96,16 +96,16 @@ class RestartRule:
     @property
     def at_wrong_end(self) -> bool:
         """Whether the compass says that the robot is followed at the wrong end of a symmetric field."""
-        return self._turned >= self.settings.heading_frames
+        return self._turned >= HEADING_FRAMES
 
     @property
     def at_right_end(self) -> bool:
         """Whether the compass says that it is followed at the right end."""
-        return self._straight >= self.settings.heading_frames
+        return self._straight >= HEADING_FRAMES
 
     def start_is_due(self) -> bool:
         """Whether a search has not begun yet, or has gone on for too long. To be asked before every image of it."""
-        return self._starts == 0 or self._cycles >= self.settings.most_cycles
+        return self._starts == 0 or self._cycles >= MAX_CYCLES
 
     def count_cycle(self) -> None:
         """The particles have taken one more cycle."""
@@ -120,7 +120,7 @@ class RestartRule:
         """A search starts, or starts anew; returns how many times wider than at first the headings shall be."""
         self._starts += 1
         self._cycles = self._contradicted = self._turned = self._straight = 0
-        return self.settings.widening ** (self._starts - 1)
+        return WIDENING ** (self._starts - 1)
 
     def found(self) -> None:
         """The robot is found, or still followed: the next search begins with the first start again."""

@@ -9,10 +9,17 @@ import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
-from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter
+from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter, equal_error
 from touchline.localization.matching.matcher import Match, Matcher
 from touchline.motion import Motion
 from touchline.types import Prior
+
+POOR_ERROR = 0.1  # mean error of a match from which matching also starts with the compass heading; as accepted_error
+SHOVE_POSITION_M = 0.3  # how far a shove moves the robot: 0.1 to 0.3 in matches
+SHOVE_HEADING_RAD = 0.2  # how far a shove turns the robot: about ten degrees
+# difference between corrected compass and predicted heading from which matching also starts with the compass heading:
+# beyond its noise of half a degree, below the ten degrees of a shove
+SHOVED_RAD = 0.05
 
 
 class Tracker:
@@ -48,11 +55,11 @@ class Tracker:
         """
         if not (self.has_pose and view.usable):
             return None
-        predicted, positions_m, s = self.filter.pose, view.positions_m, self.settings
+        predicted, positions_m = self.filter.pose, view.positions_m
         pose, error, _ = self.matcher.descend(positions_m, view.weights, predicted.as_array())
         heading = predicted.heading if view.heading_rad is None else view.heading_rad
         turn_rad = abs(wrap_angle(heading - predicted.heading))
-        if turn_rad > s.shoved_rad or (error > s.poor_error and turn_rad > 0.0):
+        if turn_rad > SHOVED_RAD or (error > POOR_ERROR and turn_rad > 0.0):
             # a shove turns the robot, too; the compass feels what the odometry doesn't
             turned = predicted._replace(heading=heading)
             other, other_error, _ = self.matcher.descend(positions_m, view.weights, turned.as_array())
@@ -68,7 +75,7 @@ class Tracker:
             self.filter.update(match.pose, match.covariance)
         elif not self._fuse_observable_directions(view, match):
             error = self.matcher.error(view.positions_m, view.weights, self.filter.pose.as_array())
-            trusted = error > self.settings.equal_error(match.error)
+            trusted = error > equal_error(match.error)
             self.filter.update(match.pose, match.covariance, trusted=trusted)
 
     def _fuse_observable_directions(self, view: MatchInput, match: Match) -> bool:
@@ -81,11 +88,11 @@ class Tracker:
         predicted = self.filter.pose.as_array()
         there = self.matcher.assess(positions_m, view.weights, predicted, match.error).covariance
         for shove in (0.0, 1.0):
-            grown = np.diag([s.shove_position_m, s.shove_position_m, s.shove_heading_rad]) ** 2 * shove
+            grown = np.diag([SHOVE_POSITION_M, SHOVE_POSITION_M, SHOVE_HEADING_RAD]) ** 2 * shove
             fused = PoseFilter(self.filter.pose, self.filter.covariance + grown, s)
             if not fused.update(match.pose, there, trusted=False):
                 continue
-            if self.matcher.error(positions_m, view.weights, fused.pose.as_array()) <= s.equal_error(match.error):
+            if self.matcher.error(positions_m, view.weights, fused.pose.as_array()) <= equal_error(match.error):
                 self.filter = fused
                 return True
         return False

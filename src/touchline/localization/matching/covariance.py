@@ -3,52 +3,53 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from collections.abc import Mapping
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray
 
 Moments: TypeAlias = tuple[FloatArray, FloatArray, float, float]
 _DIAGONAL = np.diag_indices(3)
 
 
+# share of the points that may be clutter: in each direction the most helpful ones, up to this share, and as large a
+# share of the mean over all directions are not counted, so that a few stray points don't fix what no line observes;
+# simulated clutter is 5 %
+CLUTTER_RATIO = 0.05
+MIN_RESIDUAL_M = 0.01  # smallest believed deviation of a point: the error of the distance map and carpet
+UNKNOWN_POSITION_M = 10.0  # standard deviation along a direction that no line observes: the field's size
+UNKNOWN_HEADING_RAD = 3.0  # standard deviation of a heading that no line observes: the full circle
+
+
 class UncertaintySettings(Settings):
     """How curvature becomes a covariance. The paper only says that the second derivatives measure it."""
 
-    clutter_share: float = Field(
-        0.05,
-        ge=0,
-        lt=1,
-        description="share of the points that may be clutter: in each direction the most helpful ones, up to this "
-        "share, and as large a share of the mean over all directions are not counted, so that a few stray points don't "
-        "fix what no line observes; simulated clutter is 5 %",
+    renamed: ClassVar[Mapping[str, str]] = {
+        "least_position_m": "min_position_m",
+        "least_heading_rad": "min_heading_rad",
+    }
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        __name__, "clutter_share", "least_residual_m", "unknown_position_m", "unknown_heading_rad"
     )
-    least_residual_m: float = Field(
-        0.01, gt=0, description="smallest believed deviation of a point (m): the error of the distance map and carpet"
-    )
-    least_position_m: float = Field(
+
+    min_position_m: float = Field(
         0.005,
         ge=0,
         description="smallest believed standard deviation of x and y (m): errors of calibration are the same in "
         "every frame and don't average out",
     )
-    least_heading_rad: float = Field(
-        0.002, ge=0, description="smallest believed standard deviation of the heading (rad), as least_position_m"
-    )
-    unknown_position_m: float = Field(
-        10.0, gt=0, description="standard deviation (m) along a direction that no line observes: the field's size"
-    )
-    unknown_heading_rad: float = Field(
-        3.0, gt=0, description="standard deviation (rad) of a heading that no line observes: the full circle"
+    min_heading_rad: float = Field(
+        0.002, ge=0, description="smallest believed standard deviation of the heading (rad), as min_position_m"
     )
 
     @property
     def unknown(self) -> FloatArray:
         """Covariance (3, 3) of a pose of which nothing is known."""
-        return np.diag(np.array([self.unknown_position_m, self.unknown_position_m, self.unknown_heading_rad]) ** 2)
+        return np.diag(np.array([UNKNOWN_POSITION_M, UNKNOWN_POSITION_M, UNKNOWN_HEADING_RAD]) ** 2)
 
 
 def visual_covariance(
@@ -75,18 +76,18 @@ def visual_covariance(
     if n <= 3 or mean_curvature <= 0.0:
         return s.unknown
     # Three parameters were fitted to n residuals; a perfect fit still has the least residual.
-    power = max(slope_power / (n - 3), (2.0 * s.least_residual_m / c_m**2) ** 2 * float(weights @ weights) / n)
+    power = max(slope_power / (n - 3), (2.0 * MIN_RESIDUAL_M / c_m**2) ** 2 * float(weights @ weights) / n)
     lever_m = max(math.sqrt(float(weights @ (points * points).sum(axis=1))), 0.1)
     scale = np.array([1.0, 1.0, lever_m])
     u = u / scale
     vectors = np.linalg.eigh((u.T * curvature) @ u)[1]
     helps = curvature[:, np.newaxis] * (u @ vectors) ** 2
-    kept = n - math.ceil(s.clutter_share * n)
+    kept = n - math.ceil(CLUTTER_RATIO * n)
     helps.partition(kept - 1, axis=0)
     values = helps[:kept].sum(axis=0)
-    values = np.maximum(values - s.clutter_share * values.mean(), 0.0) * (mean_curvature / power)
+    values = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0) * (mean_curvature / power)
     information = (vectors * values) @ vectors.T * np.outer(scale, scale)
     information[_DIAGONAL] += 1.0 / s.unknown[_DIAGONAL]
     covariance = np.linalg.inv(information)
-    covariance[_DIAGONAL] += np.array([s.least_position_m, s.least_position_m, s.least_heading_rad]) ** 2
+    covariance[_DIAGONAL] += np.array([s.min_position_m, s.min_position_m, s.min_heading_rad]) ** 2
     return np.asarray(0.5 * (covariance + covariance.T))

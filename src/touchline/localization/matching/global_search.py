@@ -3,32 +3,36 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.matching.kernels import grid_errors
 from touchline.localization.matching.matcher import Match, Matcher, as_pose, checked_points
 
+BEYOND_M = 1.0  # how far beyond the field the samples reach; the paper's
+SHIFT_M = 0.35  # shift of all samples in x and in y from round to round; the paper's
+# width c of the error function that ranks the samples: the paper's C = 255 read in cm, its unit of length; the nearest
+# sample is up to 0.7 m away, where the 0.25 m of matching can't tell near from far
+SAMPLE_C_M = 2.55
+
 
 class GlobalSearchSettings(Settings):
     """The sampled search of section 4.1. On the 18 x 12 m field it has 315 samples."""
 
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        __name__, "beyond_m", "shift_m", "sample_c_m", "rival_factor", "rival_margin"
+    )
+
     spacing_m: float = Field(1.0, gt=0, description="distance of the samples (m); the paper's")
-    beyond_m: float = Field(1.0, ge=0, description="how far beyond the field the samples reach (m); the paper's")
     candidates: int = Field(5, ge=1, description="samples with the least error that are refined; the paper's")
     rounds: int = Field(3, ge=1, description="searches before the best of all is taken; the paper's")
-    shift_m: float = Field(0.35, description="shift of all samples in x and in y from round to round (m); the paper's")
-    sample_c_m: float = Field(
-        2.55,
-        gt=0,
-        description="width c (m) of the error function that ranks the samples: the paper's C = 255 read in cm, its "
-        "unit of length; the nearest sample is up to 0.7 m away, where the 0.25 m of matching can't tell near from far",
-    )
     accepted_error: float = Field(
         0.1,
         gt=0,
@@ -36,12 +40,6 @@ class GlobalSearchSettings(Settings):
         description="weighted mean error with matching's c below which a pose is accepted. Clutter of 5 % and 2 % "
         "range noise leave 0.06 (median); wrong poses of equal error are rare below 0.1, frequent above",
     )
-    rival_factor: float = Field(
-        1.25,
-        ge=1,
-        description="a pose whose error is up to this factor, plus rival_margin, above another's is its equal",
-    )
-    rival_margin: float = Field(0.02, ge=0, description="see rival_factor; what noise alone changes in the mean error")
     confirmations: int = Field(
         3,
         ge=1,
@@ -55,26 +53,22 @@ class GlobalSearchSettings(Settings):
         "compass errors, and far from the quarter turn at which lines can be mistaken",
     )
 
-    def equal_error(self, error: float) -> float:
-        """Mean error up to which another pose explains the points as well as one of this mean error."""
-        return self.rival_factor * error + self.rival_margin
-
 
 @dataclass(frozen=True, slots=True)
 class Region:
     """Part of the field to search: limits of x and y in m, field frame."""
 
-    least_x: float = -math.inf
-    most_x: float = math.inf
-    least_y: float = -math.inf
-    most_y: float = math.inf
+    min_x: float = -math.inf
+    max_x: float = math.inf
+    min_y: float = -math.inf
+    max_y: float = math.inf
 
     def contains(self, pose: Pose) -> bool:
         """Whether the pose's position lies inside."""
-        return self.least_x <= pose.x <= self.most_x and self.least_y <= pose.y <= self.most_y
+        return self.min_x <= pose.x <= self.max_x and self.min_y <= pose.y <= self.max_y
 
 
-OWN_HALF = Region(most_x=0.0)
+OWN_HALF = Region(max_x=0.0)
 # Without a compass the whole circle is searched; matching turns by half a step and more.
 _ALL_HEADINGS_RAD = tuple(float(heading) for heading in np.arange(24) * np.pi / 12.0 - np.pi)
 
@@ -115,7 +109,7 @@ class GlobalSearch:
         """length_m, width_m: of the field, to its lines."""
         self.settings = settings or GlobalSearchSettings()
         self.matcher = matcher
-        self.samples_m = sample_positions(length_m, width_m, self.settings.spacing_m, self.settings.beyond_m)
+        self.samples_m = sample_positions(length_m, width_m, self.settings.spacing_m, BEYOND_M)
 
     def locate(
         self,
@@ -134,7 +128,7 @@ class GlobalSearch:
         best: Candidate | None = None
         accepted = False
         while not accepted and len(rounds) < self.settings.rounds:
-            samples = self._samples(len(rounds) * self.settings.shift_m, region)
+            samples = self._samples(len(rounds) * SHIFT_M, region)
             rounds.append(self._round(points, weights, samples, compass_rad, region, record))
             known = rounds[-1].candidates if best is None else (best, *rounds[-1].candidates)
             best = min(known, key=lambda candidate: candidate.error, default=None)
@@ -160,8 +154,8 @@ class GlobalSearch:
             return samples
         x, y = samples[:, 0], samples[:, 1]
         reach_m = 0.5 * self.settings.spacing_m  # a sample just outside may be the nearest to a pose just inside
-        inside = (x >= region.least_x - reach_m) & (x <= region.most_x + reach_m)
-        inside &= (y >= region.least_y - reach_m) & (y <= region.most_y + reach_m)
+        inside = (x >= region.min_x - reach_m) & (x <= region.max_x + reach_m)
+        inside &= (y >= region.min_y - reach_m) & (y <= region.max_y + reach_m)
         return np.asarray(samples[inside])
 
     def _round(
@@ -173,7 +167,7 @@ class GlobalSearch:
         region: Region | None,
         record: bool,
     ) -> SearchRound:
-        errors = sample_errors(self.matcher.distance_map, points, samples, compass_rad, self.settings.sample_c_m)
+        errors = sample_errors(self.matcher.distance_map, points, samples, compass_rad, SAMPLE_C_M)
         candidates = []
         for k in np.argsort(errors)[: self.settings.candidates]:
             start = np.array([samples[k, 0], samples[k, 1], compass_rad])

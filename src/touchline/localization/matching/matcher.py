@@ -5,20 +5,43 @@ Xiong et al., sections 4.1 and 4.2; Lauer, Lange and Riedmiller 2006; uncertaint
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.matching.covariance import UncertaintySettings, visual_covariance
 from touchline.localization.matching.kernels import RpropSchedule, error_and_gradient, moments, rprop
 
+FIRST_STEP_M = 0.1  # first step in x and y: the size of a usual error of the start; 'rather large' in section 5.1
+FIRST_STEP_RAD = 0.05  # first step of the heading, moves a point 2 m away by as much as first_step_m
+GROW = 1.2  # factor of a step whose derivative keeps its sign (Lauer et al. 2006)
+SHRINK = 0.5  # factor of a step whose derivative changes its sign (Lauer et al. 2006)
+MAX_STEP_M = 0.5  # longest step in x and y: half the distance between lines that can be mistaken for each other
+MAX_STEP_RAD = 0.25  # longest step of the heading: largest_step_m at 2 m
+MIN_STEP_M = 1e-5  # shortest step in x and y: far below any measurement error
+MIN_STEP_RAD = 1e-5  # shortest step of the heading
+
 
 class MatchingSettings(Settings):
     """RPROP on the error function e(t) = 1 - c² / (c² + t²)."""
+
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        __name__,
+        "first_step_m",
+        "first_step_rad",
+        "grow",
+        "shrink",
+        "largest_step_m",
+        "largest_step_rad",
+        "smallest_step_m",
+        "smallest_step_rad",
+    )
 
     c_m: float = Field(
         0.25, gt=0, description="width c of the error function (m): Lauer et al. 2006; the paper's own C has no unit"
@@ -28,28 +51,6 @@ class MatchingSettings(Settings):
         ge=1,
         description="RPROP steps: figure 9 converges after about 10; 25 also settle a start 0.3 m and 10° away",
     )
-    first_step_m: float = Field(
-        0.1,
-        gt=0,
-        description="first step in x and y (m): the size of a usual error of the start; 'rather large' in section 5.1",
-    )
-    first_step_rad: float = Field(
-        0.05, gt=0, description="first step of the heading (rad), moves a point 2 m away by as much as first_step_m"
-    )
-    grow: float = Field(1.2, gt=1, description="factor of a step whose derivative keeps its sign (Lauer et al. 2006)")
-    shrink: float = Field(
-        0.5, gt=0, lt=1, description="factor of a step whose derivative changes its sign (Lauer et al. 2006)"
-    )
-    largest_step_m: float = Field(
-        0.5,
-        gt=0,
-        description="longest step in x and y (m): half the distance between lines that can be mistaken for each other",
-    )
-    largest_step_rad: float = Field(0.25, gt=0, description="longest step of the heading (rad): largest_step_m at 2 m")
-    smallest_step_m: float = Field(
-        1e-5, gt=0, description="shortest step in x and y (m): far below any measurement error"
-    )
-    smallest_step_rad: float = Field(1e-5, gt=0, description="shortest step of the heading (rad)")
     uncertainty: UncertaintySettings = UncertaintySettings()
 
 
@@ -78,11 +79,11 @@ class Matcher:
         s = self.settings
         self._schedule = RpropSchedule(
             s.iterations,
-            np.array([s.first_step_m, s.first_step_m, s.first_step_rad]),
-            np.array([s.smallest_step_m, s.smallest_step_m, s.smallest_step_rad]),
-            np.array([s.largest_step_m, s.largest_step_m, s.largest_step_rad]),
-            s.grow,
-            s.shrink,
+            np.array([FIRST_STEP_M, FIRST_STEP_M, FIRST_STEP_RAD]),
+            np.array([MIN_STEP_M, MIN_STEP_M, MIN_STEP_RAD]),
+            np.array([MAX_STEP_M, MAX_STEP_M, MAX_STEP_RAD]),
+            GROW,
+            SHRINK,
         )
 
     def match(self, positions_m: FloatArray, weights: FloatArray, start: Pose, record: bool = False) -> Match:

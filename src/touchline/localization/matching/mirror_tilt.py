@@ -8,54 +8,50 @@ g next to the pose. The shift h² g can't be seen in one image; it follows from 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 from numba import njit
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.field import FieldModel
 from touchline.field.distances import nearest_line_point
 from touchline.geometry import FloatArray, Pose
 from touchline.types import LinePoints
 
+MAX_ERROR = 0.1  # mean error of a match above which the lines are too uncertain to tell a tilt
+UNKNOWN_PER_M = 0.015  # standard deviation of g before the first frame: a mirror 0.3 degrees off
+VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from frame to frame: vibration of 0.06 degrees
+DRIFT_PER_M = 0.0001  # drift of the mean g per frame: a loosening mount
+WIDTH_M = 0.1  # distance to the line from which a point loses influence; the pose is already matched
+FIRST_WIDTH_M = 0.25  # the same while the tilt is still unknown; Lauer's c
+MIN_NOISE_M = 0.01  # standard deviation that no point falls below: carpet, calibration
+LOOSE_POSITION_M = 0.2  # how far the pose may move from the match meanwhile: what an unknown tilt may have shifted it
+LOOSE_HEADING_RAD = 0.1  # how far the heading may turn from the match meanwhile: as loose_position_m
+ITERATIONS = 2  # Gauss-Newton steps per frame: enough from the mean of the frames before
+
 
 class MirrorTiltSettings(Settings):
     """How much tilt is expected, and how fast it may change. None of this is in the paper."""
 
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        __name__,
+        "most_error",
+        "unknown_per_m",
+        "vibration_per_m",
+        "drift_per_m",
+        "width_m",
+        "first_width_m",
+        "least_noise_m",
+        "loose_position_m",
+        "loose_heading_rad",
+        "iterations",
+    )
+
     enabled: bool = Field(True, description="estimate the tilt; without it a mirror 0.2 degrees off costs 5 cm")
-    most_error: float = Field(
-        0.1, gt=0, le=1, description="mean error of a match above which the lines are too uncertain to tell a tilt"
-    )
     height_m: float = Field(0.75, ge=0, description="height of the mirror (m): MSL robots may be 0.8 m high")
-    unknown_per_m: float = Field(
-        0.015, gt=0, description="standard deviation of g (1/m) before the first frame: a mirror 0.3 degrees off"
-    )
-    vibration_per_m: float = Field(
-        0.003,
-        gt=0,
-        description="standard deviation of g (1/m) about its mean from frame to frame: vibration of 0.06 degrees",
-    )
-    drift_per_m: float = Field(0.0001, ge=0, description="drift of the mean g per frame (1/m): a loosening mount")
-    width_m: float = Field(
-        0.1,
-        gt=0,
-        description="distance to the line (m) from which a point loses influence; the pose is already matched",
-    )
-    first_width_m: float = Field(0.25, gt=0, description="the same while the tilt is still unknown (m); Lauer's c")
-    least_noise_m: float = Field(
-        0.01, gt=0, description="standard deviation (m) that no point falls below: carpet, calibration"
-    )
-    loose_position_m: float = Field(
-        0.2,
-        gt=0,
-        description="how far (m) the pose may move from the match meanwhile: what an unknown tilt may have shifted it",
-    )
-    loose_heading_rad: float = Field(
-        0.1, gt=0, description="how far (rad) the heading may turn from the match meanwhile: as loose_position_m"
-    )
-    iterations: int = Field(
-        2, ge=1, description="Gauss-Newton steps per frame: enough from the mean of the frames before"
-    )
 
 
 class MirrorTilt:
@@ -69,7 +65,7 @@ class MirrorTilt:
     def reset(self) -> None:
         """Back to an upright mirror of unknown error."""
         self.mean_per_m = np.zeros(2)
-        self.covariance = np.eye(2) * self.settings.unknown_per_m**2
+        self.covariance = np.eye(2) * UNKNOWN_PER_M**2
 
     def corrected(self, positions_m: FloatArray, bend_per_m: FloatArray | None = None) -> FloatArray:
         """Points (N, 2) as an upright mirror would have seen them; with the mean bend, or the one given."""
@@ -79,18 +75,18 @@ class MirrorTilt:
     def update(self, points: LinePoints, pose: Pose) -> FloatArray:
         """This frame's bend (2,), from points as seen and a pose that fits them but for the bend."""
         s = self.settings
-        prior = self.covariance + np.eye(2) * s.vibration_per_m**2
-        loose = np.array([s.loose_position_m, s.loose_position_m, s.loose_heading_rad]) ** -2.0
+        prior = self.covariance + np.eye(2) * VIBRATION_PER_M**2
+        loose = np.array([LOOSE_POSITION_M, LOOSE_POSITION_M, LOOSE_HEADING_RAD]) ** -2.0
         information = np.zeros((5, 5))
         information[:3, :3] = np.diag(loose)
         information[3:, 3:] = np.linalg.inv(prior)
         start = np.array([*pose, *self.mean_per_m])
         state = start.copy()
-        unsure = float(np.trace(self.covariance)) > 0.1 * s.unknown_per_m**2
-        widths = [s.first_width_m] * 3 * unsure + [s.width_m] * s.iterations
+        unsure = float(np.trace(self.covariance)) > 0.1 * UNKNOWN_PER_M**2
+        widths = [FIRST_WIDTH_M] * 3 * unsure + [WIDTH_M] * ITERATIONS
         for width_m in widths:
             matrix, vector = normal_equations(
-                points.positions_m, points.covariances_m2, state, s.height_m, width_m, s.least_noise_m, self._lines
+                points.positions_m, points.covariances_m2, state, s.height_m, width_m, MIN_NOISE_M, self._lines
             )
             state = state + np.linalg.solve(matrix + information, vector + information @ (start - state))
         bend = state[3:]
@@ -105,11 +101,10 @@ class MirrorTilt:
         gain_prior = np.linalg.inv(prior)
         own = np.linalg.inv(posterior) - gain_prior + np.eye(2) * 1e-3
         measured = self.mean_per_m + np.linalg.solve(own, np.linalg.inv(posterior) @ (bend - self.mean_per_m))
-        s = self.settings
-        spread = np.linalg.inv(own) + np.eye(2) * s.vibration_per_m**2
+        spread = np.linalg.inv(own) + np.eye(2) * VIBRATION_PER_M**2
         gain = self.covariance @ np.linalg.inv(self.covariance + spread)
         self.mean_per_m = self.mean_per_m + gain @ (measured - self.mean_per_m)
-        self.covariance = (np.eye(2) - gain) @ self.covariance + np.eye(2) * s.drift_per_m**2
+        self.covariance = (np.eye(2) - gain) @ self.covariance + np.eye(2) * DRIFT_PER_M**2
 
 
 def bent(positions_m: FloatArray, bend_per_m: FloatArray, height_m: float) -> FloatArray:

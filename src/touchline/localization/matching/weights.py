@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray
 from touchline.types import LinePoints
+
+RANGE_NOISE_M = 0.01  # generic range noise, for points without a covariance: a usual mirror calibration
 
 
 class WeightSettings(Settings):
     """Weights of line points. The paper weighs all alike; range precision falls with range on every mirror."""
+
+    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "range_noise_m")
 
     floor_m: float = Field(
         0.03,
         gt=0,
         description="error that no point is free of (m): line width, uneven carpet, vibration; keeps the few nearest "
         "points from deciding alone",
-    )
-    range_noise_m: float = Field(
-        0.01, ge=0, description="generic range noise (m), for points without a covariance: a usual mirror calibration"
     )
     range_noise_relative: float = Field(
         0.02, ge=0, description="generic range noise as a share of the range, for points without a covariance: the same"
@@ -30,7 +34,7 @@ class WeightSettings(Settings):
 def range_weights(positions_m: FloatArray, settings: WeightSettings) -> FloatArray:
     """Weights (N,) of metric points (N, 2) in the robot frame by the generic range noise; they sum to 1."""
     ranges_m = np.hypot(positions_m[:, 0], positions_m[:, 1])
-    sigma_m = settings.floor_m + settings.range_noise_m + settings.range_noise_relative * ranges_m
+    sigma_m = settings.floor_m + RANGE_NOISE_M + settings.range_noise_relative * ranges_m
     return normalized(1.0 / sigma_m**2)
 
 

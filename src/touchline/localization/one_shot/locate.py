@@ -3,79 +3,91 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
-from touchline.localization.one_shot.permutation_test import Chance, ChanceSettings, chance_test
+from touchline.localization.one_shot.permutation_test import Chance, chance_test
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.whole_field import PoseGrid, thinned_to
 from touchline.types import Hypothesis, LinePoints
+
+BEYOND_M = 1.0  # how far beyond the field the samples reach: as far as the paper's
+SAMPLE_C_M = 0.5  # width c of the error function for ranking the samples: as spacing_m
+SAMPLE_POINTS = 150  # points, evenly over the ground, that rank and refine the samples: more only take longer
+SAME_M = 0.15  # poses nearer to each other than this and SAME_RAD are one: less than two lines are apart
+SAME_RAD = 0.1  # poses with headings nearer than this and SAME_M are one: as SAME_M
 
 
 class LocateSettings(Settings):
     """The search of `locate_points`."""
 
-    least_points: int = Field(8, ge=4, description="different points needed: a pose has three unknowns, and clutter")
+    renamed: ClassVar[Mapping[str, str]] = {
+        "least_points": "min_points",
+        "most_median_m": "max_median_m",
+        "rival_factor": "hypothesis_factor",
+        "rival_margin": "hypothesis_margin",
+        "rival_margin_m": "hypothesis_margin_m",
+        "chance.least_significance": "min_significance",
+    }
+    removed: ClassVar[Mapping[str, str]] = {
+        **constants_now("touchline.localization.one_shot.permutation_test", "chance"),
+        **constants_now(__name__, "beyond_m", "sample_c_m", "sample_points", "same_m", "same_rad"),
+    }
+
+    min_points: int = Field(8, ge=4, description="different points needed: a pose has three unknowns, and clutter")
     spacing_m: float = Field(
         0.5,
         gt=0,
         description="distance of the sample positions (m): half the paper's, for no compass narrows the search",
     )
-    beyond_m: float = Field(
-        1.0, ge=0, description="how far beyond the field the samples reach (m): as far as the paper's"
-    )
     spacing_rad: float = Field(
         0.0873, gt=0, description="distance of the sample headings (rad): 5°, half a metre at 6 m as spacing_m"
-    )
-    sample_c_m: float = Field(
-        0.5, gt=0, description="width c of the error function for ranking the samples (m): as spacing_m"
-    )
-    sample_points: int = Field(
-        150,
-        ge=10,
-        description="points, evenly over the ground, that rank and refine the samples: more only take longer",
     )
     candidates: int = Field(
         80, ge=1, description="samples that are refined, of some 86 000: without a heading many look alike"
     )
     finalists: int = Field(
-        20, ge=1, description="refined poses that are matched again with all points; rivals are among them"
+        20, ge=1, description="refined poses that are matched again with all points; other hypotheses are among them"
     )
     heading_tolerance_rad: float = Field(
         0.6, gt=0, description="how far the heading may be from a given one (rad): twice the usual worst compass error"
     )
-    same_m: float = Field(
-        0.15,
-        gt=0,
-        description="poses nearer to each other than this (m) and same_rad are one: less than two lines are apart",
+    hypothesis_factor: float = Field(
+        1.25,
+        ge=1,
+        description="another hypothesis's mean error is at most this factor, plus hypothesis_margin, above the best",
     )
-    same_rad: float = Field(
-        0.1, gt=0, description="poses with headings nearer than this (rad) and same_m are one: as same_m"
+    hypothesis_margin: float = Field(
+        0.02, ge=0, description="see hypothesis_factor; what noise alone changes in the mean error"
     )
-    rival_factor: float = Field(
-        1.25, ge=1, description="a rival's mean error is at most this factor, plus rival_margin, above the best"
+    hypothesis_margin_m: float = Field(
+        0.02,
+        ge=0,
+        description="its mean distance (m) is within hypothesis_factor and this margin of the best, too",
     )
-    rival_margin: float = Field(0.02, ge=0, description="see rival_factor; what noise alone changes in the mean error")
-    rival_margin_m: float = Field(
-        0.02, ge=0, description="a rival's mean distance (m) is within rival_factor and this margin of the best, too"
-    )
-    most_median_m: float = Field(
+    max_median_m: float = Field(
         0.25,
         gt=0,
         description="largest median distance of the points to the lines (m): half of them must lie within the reach "
         "c of the error function, matching.c_m; beyond it they no longer pull at the pose",
     )
-    chance: ChanceSettings = ChanceSettings()
+    min_significance: float = Field(
+        3.0,
+        gt=0,
+        description="deviations by which the error must lie below that of 20 rearranged copies of the points: chance "
+        "alone reaches this 4 times in a thousand",
+    )
     matching: MatchingSettings = MatchingSettings()
     # The mirror of an unknown robot is off by more than its range noise: near points must not decide alone.
     weights: WeightSettings = WeightSettings(floor_m=0.1)
@@ -154,20 +166,20 @@ def locate_points(
     _check_heading(heading)
     points, weights = _different_points(points, weights, s)
     matcher = Matcher(field.distance_map(), s.matching)
-    grid = PoseGrid(field.length, field.width, s.spacing_m, s.beyond_m, s.spacing_rad, heading, s.heading_tolerance_rad)
+    grid = PoseGrid(field.length, field.width, s.spacing_m, BEYOND_M, s.spacing_rad, heading, s.heading_tolerance_rad)
     matches = _matches(matcher, grid, points, weights, heading, s)
     if not matches:
         raise NoFitError(
             f"no pose within {s.heading_tolerance_rad:.2f} rad of the heading {heading:.2f} fits the points"
         )
     best = matches[0]
-    chance = chance_test(matcher, grid, points, s.sample_c_m, s.chance, seed)
+    chance = chance_test(matcher, grid, points, SAMPLE_C_M, seed)
     distances = field.line_distances(best.pose.transform(points))
     mean_m, median_m = float(np.mean(distances)), float(np.median(distances))
     nearest = Hypothesis(best.pose, mean_m)
-    if chance.significance < s.chance.least_significance:
+    if chance.significance < s.min_significance:
         raise ScatterError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
-    if median_m > s.most_median_m:
+    if median_m > s.max_median_m:
         raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
     others = _hypotheses(matches, field, points, mean_m, heading, s)
     return Location(best.pose, best.covariance, best.error, mean_m, median_m, others, len(points), chance)
@@ -193,13 +205,14 @@ def _hypotheses(
     Both, because the error saturates: once far points are lost, it hardly tells how far.
     """
     best = matches[0]
-    most_error, most_m = best.error * s.rival_factor + s.rival_margin, mean_m * s.rival_factor + s.rival_margin_m
-    similar = [match for match in matches[1:] if match.error <= most_error]
+    max_error = best.error * s.hypothesis_factor + s.hypothesis_margin
+    max_m = mean_m * s.hypothesis_factor + s.hypothesis_margin_m
+    similar = [match for match in matches[1:] if match.error <= max_error]
     means_m = [float(np.mean(field.line_distances(match.pose.transform(points)))) for match in similar]
     others = [
         Hypothesis(match.pose, found_m, covariance=match.covariance)
         for match, found_m in zip(similar, means_m, strict=True)
-        if found_m <= most_m
+        if found_m <= max_m
     ]
     mirrored = best.pose.mirrored()
     known = [other.pose for other in others]
@@ -220,9 +233,9 @@ def _different_points(
         raise InputError(f"line point {int(np.argmin(np.isfinite(table).all(axis=1)))} is not a pair of finite numbers")
     _, first = np.unique(table, axis=0, return_index=True)
     first = np.sort(first)
-    if len(first) < s.least_points:
+    if len(first) < s.min_points:
         noun = "point is" if len(first) == 1 else "points are"
-        raise NoFitError(f"{len(first)} different {noun} too few to tell a pose: at least {s.least_points} are needed")
+        raise NoFitError(f"{len(first)} different {noun} too few to tell a pose: at least {s.min_points} are needed")
     different = np.ascontiguousarray(table[first])
     if weights is None:
         return different, range_weights(different, s.weights)
@@ -236,9 +249,9 @@ def _matches(
     matcher: Matcher, grid: PoseGrid, points: FloatArray, weights: FloatArray, heading: float | None, s: LocateSettings
 ) -> list[Match]:
     """Matches of all points at different poses, the better first."""
-    few = thinned_to(points, s.sample_points)
+    few = thinned_to(points, SAMPLE_POINTS)
     alike = normalized(np.ones(len(few)))
-    starts = grid.best(matcher.distance_map, few, s.sample_c_m, s.candidates)
+    starts = grid.best(matcher.distance_map, few, SAMPLE_C_M, s.candidates)
     refined = [matcher.descend(few, alike, start) for start in starts]
     poses = [Pose(*map(float, pose)) for pose, _, _ in sorted(refined, key=lambda found: found[1])]
     finalists = _different_poses(poses, s)[: s.finalists]
@@ -265,7 +278,7 @@ def _different_poses(poses: list[Pose], s: LocateSettings) -> list[Pose]:
 
 def _is_among(pose: Pose, others: list[Pose], s: LocateSettings) -> bool:
     return any(
-        pose.distance_to(other) < s.same_m and abs(wrap_angle(pose.heading - other.heading)) < s.same_rad
+        pose.distance_to(other) < SAME_M and abs(wrap_angle(pose.heading - other.heading)) < SAME_RAD
         for other in others
     )
 
@@ -275,14 +288,14 @@ def _scatter_message(points: int, best: Hypothesis, chance: Chance, heading: flo
         f"the {points} points fit no pose better than scatter would: the best one ({_words(best.pose)}) leaves them "
         f"{best.residual_m:.2f} m from the lines on average, and rearranged pieces of the same points fit as well "
         f"(error {chance.error:.2f} against {chance.mean:.2f}: {chance.significance:.1f} deviations, "
-        f"{s.chance.least_significance:.0f} are needed). {_what_to_check(heading)}"
+        f"{s.min_significance:.0f} are needed). {_what_to_check(heading)}"
     )
 
 
 def _poor_message(points: int, best: Hypothesis, median_m: float, heading: float | None, s: LocateSettings) -> str:
     return (
         f"the {points} points fit no pose well: the best one ({_words(best.pose)}) leaves half of them more than "
-        f"{median_m:.2f} m from the lines ({best.residual_m:.2f} m on average); at most {s.most_median_m:.2f} m are "
+        f"{median_m:.2f} m from the lines ({best.residual_m:.2f} m on average); at most {s.max_median_m:.2f} m are "
         f"allowed. {_what_to_check(heading)}"
     )
 

@@ -5,32 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import Field
 
-from touchline.config import Settings
 from touchline.geometry import FloatArray
 from touchline.localization.matching.matcher import Matcher
 from touchline.localization.matching.weights import normalized
 from touchline.localization.one_shot.whole_field import PoseGrid, thinned, thinned_to
 
-
-class ChanceSettings(Settings):
-    """The test against chance, see `chance_test`."""
-
-    pieces: int = Field(
-        8,
-        ge=2,
-        description="pieces that the view is cut into: some 45° of a full circle, about as much as one line fills",
-    )
-    copies: int = Field(20, ge=5, description="rearranged copies of the points: enough for a mean and a deviation")
-    least_significance: float = Field(
-        3.0,
-        gt=0,
-        description="deviations by which the error must lie below that of the copies: with 20 of them, chance alone "
-        "reaches this 4 times in a thousand",
-    )
-    candidates: int = Field(40, ge=1, description="poses refined for the points and for each copy")
-    most_points: int = Field(150, ge=10, description="points that take part: more only make a clear case clearer")
+PIECES = 8  # pieces that the view is cut into: some 45° of a full circle, about as much as one line fills
+COPIES = 20  # rearranged copies of the points: enough for a mean and a deviation
+CANDIDATES = 40  # poses refined for the points and for each copy
+MAX_POINTS = 150  # points that take part: more only make a clear case clearer
 
 
 class Chance(NamedTuple):
@@ -46,9 +30,7 @@ class Chance(NamedTuple):
         return (self.mean - self.error) / max(self.deviation, 1e-6)
 
 
-def chance_test(
-    matcher: Matcher, grid: PoseGrid, points: FloatArray, sample_c_m: float, settings: ChanceSettings, seed: int
-) -> Chance:
+def chance_test(matcher: Matcher, grid: PoseGrid, points: FloatArray, sample_c_m: float, seed: int) -> Chance:
     """How much better the points (N, 2) fit the field than the same pieces in another arrangement.
 
     Any cloud of points fits some pose somehow: the best of a hundred thousand poses, on a field full of lines, leaves
@@ -67,13 +49,12 @@ def chance_test(
     clump of 0.7 m by itself puts those scans at -1 and 2, and the heaps at -1 to 2. Nothing in the points tells them
     apart, so they are refused, and the best pose is named with the refusal.
     """
-    spread = thinned_to(thinned(points, matcher.settings.c_m), settings.most_points)
+    spread = thinned_to(thinned(points, matcher.settings.c_m), MAX_POINTS)
     generator = np.random.default_rng(seed)
     errors = [
-        least_error(matcher, grid, rearranged(spread, settings.pieces, generator), sample_c_m, settings.candidates)
-        for _ in range(settings.copies)
+        least_error(matcher, grid, rearranged(spread, PIECES, generator), sample_c_m, CANDIDATES) for _ in range(COPIES)
     ]
-    error = least_error(matcher, grid, spread, sample_c_m, settings.candidates)
+    error = least_error(matcher, grid, spread, sample_c_m, CANDIDATES)
     return Chance(error, float(np.mean(errors)), float(np.std(errors, ddof=1)))
 
 

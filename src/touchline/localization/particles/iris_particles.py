@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.field import FieldModel
 from touchline.field.error_map import FARTHEST, error_map
 from touchline.geometry import FloatArray, Pose
@@ -49,43 +49,16 @@ class MeasuredMotionNoise(MotionNoise):
     )
 
 
-class IrisParticleSettings(Settings):
-    """The paper gives 600 particles, 256 steps of the map, the models and the resampling; nothing else."""
+BEYOND_M = 1.0  # how far beyond the field particles start: the robot's margin
+FARTHEST_M = 1.0  # distance from a line at which the map's error is 255: half way between most lines
+MAP_M = 0.05  # distance of the error map's samples: a thin line's width
+NEARBY_M = 0.25  # standard deviation of their x and y: a shove is 0.1 to 0.3
+NEARBY_RAD = 0.05  # standard deviation of their heading: the gyro feels turns
 
-    renamed: ClassVar[Mapping[str, str]] = {
-        "least_effective": "tempering_threshold",
-        "nearby_share": "nearby_ratio",
-        "worst_units": "max_units",
-    }
 
-    particles: int = Field(600, ge=1, description="particles; the paper's 600")
-    particles_all_headings: int = Field(
-        6000,
-        ge=1,
-        description="particles at a start with headings all around: ten for each of 600 places; between this and "
-        "`particles`, in proportion to how wide the headings are spread",
-    )
-    beyond_m: float = Field(1.0, ge=0, description="how far beyond the field particles start (m): the robot's margin")
-    compass_rad: float = Field(
-        0.15, ge=0, description="standard deviation of the first headings about the compass (rad): 5 degrees and more"
-    )
-    known_heading_rad: float = Field(
-        0.8,
-        ge=0,
-        description="standard deviation of the first headings about the one known before the robot was lost, without a "
-        "compass (rad), beside what odometry may have gone wrong: a robot may have been turned, hardly to the other "
-        "goal",
-    )
-    farthest_m: float = Field(
-        1.0, gt=0, description="distance from a line at which the map's error is 255 (m): half way between most lines"
-    )
-    map_m: float = Field(0.05, gt=0, description="distance of the error map's samples (m): a thin line's width")
-    sigma_units: float = Field(
-        64.0,
-        gt=0,
-        description="the σ of equation (8) in units of the map: 64 are 0.25 m with farthest_m 1; with some hundred "
-        "points the product (9) is then 3 cm wide, as wide as particles lie apart",
-    )
+class IrisParticlePaper(Settings):
+    """Switches to the paper's exact form."""
+
     max_units: float = Field(
         128.0,
         gt=0,
@@ -114,9 +87,43 @@ class IrisParticleSettings(Settings):
         description="ratio of particles that are moved to about the fused pose in every cycle: they find a robot that "
         "slipped or was shoved, and they speak for the odometry when an image is bad; 0 is the paper's form",
     )
-    nearby_m: float = Field(0.25, gt=0, description="standard deviation of their x and y (m): a shove is 0.1 to 0.3")
-    nearby_rad: float = Field(0.05, gt=0, description="standard deviation of their heading (rad): the gyro feels turns")
+
+
+class IrisParticleSettings(Settings):
+    """The paper gives 600 particles, 256 steps of the map, the models and the resampling; nothing else."""
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "least_effective": "paper.tempering_threshold",
+        "nearby_share": "paper.nearby_ratio",
+        "worst_units": "paper.max_units",
+        "max_units": "paper.max_units",
+        "tempering_threshold": "paper.tempering_threshold",
+        "roughening": "paper.roughening",
+        "nearby_ratio": "paper.nearby_ratio",
+    }
+    removed: ClassVar[Mapping[str, str]] = {
+        **constants_now(__name__, "beyond_m", "farthest_m", "map_m", "nearby_m", "nearby_rad"),
+        **constants_now("touchline.systems.iris_fusion", "known_heading_rad"),
+    }
+
+    particles: int = Field(600, ge=1, description="particles; the paper's 600")
+    particles_all_headings: int = Field(
+        6000,
+        ge=1,
+        description="particles at a start with headings all around: ten for each of 600 places; between this and "
+        "`particles`, in proportion to how wide the headings are spread",
+    )
+    compass_rad: float = Field(
+        0.15, ge=0, description="standard deviation of the first headings about the compass (rad): 5 degrees and more"
+    )
+    sigma_units: float = Field(
+        64.0,
+        gt=0,
+        description="the σ of equation (8) in units of the map: 64 are 0.25 m with farthest_m 1; with some hundred "
+        "points the product (9) is then 3 cm wide, as wide as particles lie apart",
+    )
     motion: MeasuredMotionNoise = MeasuredMotionNoise()
+    paper: IrisParticlePaper = IrisParticlePaper()
 
 
 class IrisParticles:
@@ -128,16 +135,16 @@ class IrisParticles:
         self.settings = s = settings or IrisParticleSettings()
         self.rng = rng
         self.symmetric = field.is_symmetric
-        self._reach_m = 0.5 * np.array([field.length, field.width]) + s.beyond_m
-        self.sensor_model = ErrorMapModel(error_map(field, s.map_m, s.farthest_m), s.sigma_units, s.max_units)
+        self._reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
+        self.sensor_model = ErrorMapModel(error_map(field, MAP_M, FARTHEST_M), s.sigma_units, s.paper.max_units)
         self.particles = ParticleSet(np.zeros((1, 3)))
         self.filter: ParticleFilter[LineView] = ParticleFilter(
             self.particles,
             MotionModel(s.motion),
             self.sensor_model,
-            Resampling(EVERY_CYCLE, s.particles, s.roughening, mean_of_drawn=True),
+            Resampling(EVERY_CYCLE, s.particles, s.paper.roughening, mean_of_drawn=True),
             rng,
-            min_effective=s.tempering_threshold * s.particles,
+            min_effective=s.paper.tempering_threshold * s.particles,
         )
         self.restart(None)
 
@@ -176,9 +183,9 @@ class IrisParticles:
     def put_nearby(self, pose: Pose) -> None:
         """Move nearby_ratio of the particles, evenly chosen, to about a pose."""
         s = self.settings
-        count = int(s.nearby_ratio * len(self.particles))
+        count = int(s.paper.nearby_ratio * len(self.particles))
         if count:
-            deviations = np.array([s.nearby_m, s.nearby_m, s.nearby_rad])
+            deviations = np.array([NEARBY_M, NEARBY_M, NEARBY_RAD])
             self.filter.inject(pose.as_array() + deviations * self.rng.standard_normal((count, 3)))
 
     def keep_within(self, region: Region, moved: Pose) -> None:
@@ -191,7 +198,7 @@ class IrisParticles:
         cosine, sine = np.cos(headings), np.sin(headings)
         x = poses[:, 0] - cosine * moved.x + sine * moved.y
         y = poses[:, 1] - sine * moved.x - cosine * moved.y
-        inside = (x >= region.least_x) & (x <= region.most_x) & (y >= region.least_y) & (y <= region.most_y)
+        inside = (x >= region.min_x) & (x <= region.max_x) & (y >= region.min_y) & (y <= region.max_y)
         kept = poses[inside]
         if 0 < len(kept) < len(inside):
             poses[~inside] = kept[self.rng.integers(len(kept), size=len(inside) - len(kept))]

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.matching.global_search import Region
 from touchline.localization.matching.matcher import Matcher, checked_points
@@ -21,36 +21,20 @@ from touchline.localization.particles.motion_model import MotionModel, MotionNoi
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
 from touchline.localization.particles.random_particles import InjectionUntilConverged, UniformPoses
-from touchline.localization.particles.resampling import AdaptiveSettings, KldNumber, Resampling
+from touchline.localization.particles.resampling import BIN_M, BIN_RAD, AdaptiveSettings, KldNumber, Resampling
 from touchline.localization.particles.sensor_models import DistanceMapModel, LineView
 from touchline.motion.odometry import Motion
 
+BEYOND_M = 1.0  # how far beyond the field particles start: the robot's margin
+TABLE_M = 0.05  # sample distance of the table of distances: fine beside sigma_m, fits the cache
+CONVERGED_RAD = 0.15  # the same of the heading
+CLUSTER_M = 0.7  # distance of two clusters: that of the first particles
+HEADING_TOLERANCE_RAD = 0.6  # largest turn of a refined particle from the compass, as global_search's
 
-class NubotParticleSettings(Settings):
-    """Monte Carlo localization. The paper gives 600 particles, the models and the convergence rule; nothing else."""
 
-    renamed: ClassVar[Mapping[str, str]] = {
-        "least_effective": "resampling_threshold",
-        "fresh_share": "random_particle_ratio",
-        "kept_share": "prior_particle_ratio",
-    }
+class NubotParticlePaper(Settings):
+    """Switches to the paper's exact form."""
 
-    particles: int = Field(600, ge=1, description="particles; the paper's 600 on the 18 x 12 m field")
-    particles_all_headings: int = Field(
-        6000,
-        ge=1,
-        description="particles while no compass tells the heading: ten headings for each of the paper's places",
-    )
-    beyond_m: float = Field(1.0, ge=0, description="how far beyond the field particles start (m): the robot's margin")
-    compass_rad: float = Field(
-        0.1, ge=0, description="standard deviation of the first headings about the compass (rad): 5 degrees indoors"
-    )
-    sigma_m: float = Field(
-        0.3,
-        gt=0,
-        description="σ of equation (2) (m) until the particles have converged: the next of 600 is some 0.35 m away "
-        "from the robot",
-    )
     converged_sigma_m: float | None = Field(
         0.1,
         gt=0,
@@ -72,28 +56,14 @@ class NubotParticleSettings(Settings):
     precise_points: bool = Field(
         True, description="let precise points weigh more, as in matching; the paper weighs all alike"
     )
-    table_m: float = Field(
-        0.05, gt=0, description="sample distance of the table of distances (m): fine beside sigma_m, fits the cache"
-    )
     resampling_threshold: float = Field(
         0.5, ge=0, le=1, description="ratio of effective particles below which they are drawn anew: the usual half"
     )
-    converged_m: float = Field(
-        0.3,
-        gt=0,
-        description="standard deviation of the position (m) below which the particles have converged: from there "
-        "matching finds the pose",
-    )
-    converged_rad: float = Field(0.15, gt=0, description="the same of the heading (rad)")
     refined_clusters: int = Field(
         5,
         ge=0,
         description="best clusters whose best particle is moved to its match every cycle; 0 is the paper's form, in "
         "which the drawing alone must come near",
-    )
-    cluster_m: float = Field(0.7, gt=0, description="distance (m) of two clusters: that of the first particles")
-    heading_tolerance_rad: float = Field(
-        0.6, gt=0, description="largest turn of a refined particle from the compass (rad), as global_search's"
     )
     random_particle_ratio: float = Field(
         0.1,
@@ -109,19 +79,65 @@ class NubotParticleSettings(Settings):
         description="ratio of particles that start about the last pose after a failure: it may have been right; 0 as "
         "in the paper",
     )
+
+
+class NubotParticleSettings(Settings):
+    """Monte Carlo localization. The paper gives 600 particles, the models and the convergence rule; nothing else."""
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "least_effective": "paper.resampling_threshold",
+        "fresh_share": "paper.random_particle_ratio",
+        "kept_share": "paper.prior_particle_ratio",
+        "converged_sigma_m": "paper.converged_sigma_m",
+        "farthest_sigmas": "paper.farthest_sigmas",
+        "independent_points": "paper.independent_points",
+        "precise_points": "paper.precise_points",
+        "resampling_threshold": "paper.resampling_threshold",
+        "refined_clusters": "paper.refined_clusters",
+        "random_particle_ratio": "paper.random_particle_ratio",
+        "prior_particle_ratio": "paper.prior_particle_ratio",
+    }
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        __name__, "beyond_m", "table_m", "converged_rad", "cluster_m", "heading_tolerance_rad"
+    )
+
+    particles: int = Field(600, ge=1, description="particles; the paper's 600 on the 18 x 12 m field")
+    particles_all_headings: int = Field(
+        6000,
+        ge=1,
+        description="particles while no compass tells the heading: ten headings for each of the paper's places",
+    )
+    compass_rad: float = Field(
+        0.1, ge=0, description="standard deviation of the first headings about the compass (rad): 5 degrees indoors"
+    )
+    sigma_m: float = Field(
+        0.3,
+        gt=0,
+        description="σ of equation (2) (m) until the particles have converged: the next of 600 is some 0.35 m away "
+        "from the robot",
+    )
+    converged_m: float = Field(
+        0.3,
+        gt=0,
+        description="standard deviation of the position (m) below which the particles have converged: from there "
+        "matching finds the pose",
+    )
     motion: MotionNoise = MotionNoise()
     adaptive: AdaptiveSettings = AdaptiveSettings()
+    paper: NubotParticlePaper = NubotParticlePaper()
 
 
 # Equations (1) to (3) as they stand, and nothing but the drawing to come near.
 PAPER_FORM = NubotParticleSettings(
-    converged_sigma_m=None,
-    farthest_sigmas=None,
-    independent_points=None,
-    precise_points=False,
-    refined_clusters=0,
-    random_particle_ratio=0.0,
-    prior_particle_ratio=0.0,
+    paper=NubotParticlePaper(
+        converged_sigma_m=None,
+        farthest_sigmas=None,
+        independent_points=None,
+        precise_points=False,
+        refined_clusters=0,
+        random_particle_ratio=0.0,
+        prior_particle_ratio=0.0,
+    )
 )
 
 
@@ -145,14 +161,21 @@ class NubotParticles:
         self.matcher = matcher
         self.rng = rng
         self.symmetric = symmetric
-        self._reach_m = 0.5 * np.array([length_m, width_m]) + s.beyond_m
+        self._reach_m = 0.5 * np.array([length_m, width_m]) + BEYOND_M
         self.sensor_model = DistanceMapModel(
-            matcher.distance_map, s.sigma_m, s.converged_sigma_m, s.farthest_sigmas, s.independent_points, s.table_m
+            matcher.distance_map,
+            s.sigma_m,
+            s.paper.converged_sigma_m,
+            s.paper.farthest_sigmas,
+            s.paper.independent_points,
+            TABLE_M,
         )
-        resampling = Resampling(s.resampling_threshold, KldNumber(s.adaptive) if s.adaptive.enabled else None)
+        resampling = Resampling(s.paper.resampling_threshold, KldNumber() if s.adaptive.enabled else None)
         everywhere = UniformPoses(self._reach_m, symmetric=symmetric)
-        self._injection = InjectionUntilConverged(everywhere, s.random_particle_ratio, s.converged_m, s.converged_rad)
-        bins = np.array([s.adaptive.bin_m, s.adaptive.bin_m, s.adaptive.bin_rad])
+        self._injection = InjectionUntilConverged(
+            everywhere, s.paper.random_particle_ratio, s.converged_m, CONVERGED_RAD
+        )
+        bins = np.array([BIN_M, BIN_M, BIN_RAD])
         self.particles = ParticleSet(np.zeros((1, 3)), lone_covariance=np.diag(bins**2) / 12.0)
         self.filter: ParticleFilter[LineView] = ParticleFilter(
             self.particles, MotionModel(s.motion), self.sensor_model, resampling, rng, self._injection
@@ -177,13 +200,13 @@ class NubotParticles:
         """
         s = self.settings
         self._compass_deviation_rad = min(s.compass_rad * widening, math.pi)
-        self._tolerance_rad = max(s.heading_tolerance_rad, 2.0 * self._compass_deviation_rad)
+        self._tolerance_rad = max(HEADING_TOLERANCE_RAD, 2.0 * self._compass_deviation_rad)
         self._region = region or Region()
         self.sensor_model.narrow = False
         count = s.particles if compass_rad is not None else s.particles_all_headings
         poses = self._start_poses(compass_rad).draw(self.rng, count)
         if near is not None:
-            kept = count if everything_near else int(s.prior_particle_ratio * count)
+            kept = count if everything_near else int(s.paper.prior_particle_ratio * count)
             pose, covariance = near
             poses[:kept] = self.rng.multivariate_normal(pose.as_array(), covariance, kept, method="eigh")
         self.filter.start(poses)
@@ -210,7 +233,7 @@ class NubotParticles:
         view = self._view(points, weights, compass_rad)
         self.sensor_model.narrow = self.converged
         self.filter.weigh(view)
-        if self.settings.refined_clusters:
+        if self.settings.paper.refined_clusters:
             self._refine(view)
         self.filter.normalize()
 
@@ -222,7 +245,7 @@ class NubotParticles:
     def converged(self) -> bool:
         """Whether the variance of the particles says that they agree."""
         s, found = self.settings, self.filter.estimate()
-        return found.deviation_m < s.converged_m and found.deviation_rad < s.converged_rad
+        return found.deviation_m < s.converged_m and found.deviation_rad < CONVERGED_RAD
 
     def log_likelihoods(self, points: FloatArray, weights: FloatArray | None, poses: FloatArray) -> FloatArray:
         """log P(o | l) (K,) of poses (K, 3), but for a constant, with the σ of the last weighing.
@@ -233,7 +256,7 @@ class NubotParticles:
         return self.sensor_model.log_likelihoods(view, np.ascontiguousarray(poses, dtype=np.float64))
 
     def _view(self, points: FloatArray, weights: FloatArray | None, compass_rad: float | None) -> LineView:
-        return LineView(*checked_points(points, weights if self.settings.precise_points else None), compass_rad)
+        return LineView(*checked_points(points, weights if self.settings.paper.precise_points else None), compass_rad)
 
     def _start_poses(self, compass_rad: float | None) -> UniformPoses:
         """Where particles start: evenly over the region, headings as `restart` has them."""
@@ -255,14 +278,14 @@ class NubotParticles:
     def _best_of_clusters(self) -> list[int]:
         """Indices of the heaviest particles, no two of them in one cluster."""
         s, log_weights = self.settings, self.particles.log_weights
-        likely = min(len(log_weights), 40 * s.refined_clusters)
+        likely = min(len(log_weights), 40 * s.paper.refined_clusters)
         order = np.argpartition(-log_weights, likely - 1)[:likely]
         order = order[np.argsort(-log_weights[order], kind="stable")]
         places = self.particles.poses[order]
         free = np.ones(likely, dtype=bool)
         best: list[int] = []
-        while len(best) < s.refined_clusters and free.any():
+        while len(best) < s.paper.refined_clusters and free.any():
             k = int(np.argmax(free))
             best.append(int(order[k]))
-            free &= np.hypot(places[:, 0] - places[k, 0], places[:, 1] - places[k, 1]) >= s.cluster_m
+            free &= np.hypot(places[:, 0] - places[k, 0], places[:, 1] - places[k, 1]) >= CLUSTER_M
         return best

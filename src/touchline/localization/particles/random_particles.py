@@ -29,8 +29,8 @@ class UniformPoses(NamedTuple):
 
     def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
         """So many poses (count, 3)."""
-        low = np.maximum(-self.reach_m, [self.region.least_x, self.region.least_y])
-        high = np.minimum(self.reach_m, [self.region.most_x, self.region.most_y])
+        low = np.maximum(-self.reach_m, [self.region.min_x, self.region.min_y])
+        high = np.minimum(self.reach_m, [self.region.max_x, self.region.max_y])
         poses = np.empty((count, 3))
         poses[:, :2] = rng.uniform(low, high, (count, 2))
         if self.heading_rad is not None:

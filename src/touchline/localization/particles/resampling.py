@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
 
@@ -85,52 +85,49 @@ class CertaintyNumber:
         return self.min_count + round(ratio * (self.max_count - self.min_count))
 
 
+KLD_ERROR = 0.05  # largest distance (nats) between the samples and the truth: Fox's
+KLD_QUANTILE = 2.326  # standard normal quantile of keeping it: 99 %, as Fox
+BIN_M = 0.5  # size of a bin in x and y: Fox's 50 cm
+BIN_RAD = 0.2618  # size of a bin in heading: Fox's 15 degrees
+# ratio of the particles that every drawing keeps at least: one good draw may agree on a look-alike place, five in a row
+# don't. Near 0 is Fox's own, the number that is asked for at once
+MIN_KEPT_RATIO = 0.5
+MIN_PARTICLES = 1  # fewest particles: one when certain (references 8 and 9)
+
+
 class AdaptiveSettings(Settings):
     """Particle numbers by Kullback-Leibler distance (Fox 2003: Adapting the sample size in particle filters).
 
     References 8, 9, 12 of Lu et al. 2013, who keep 600.
     """
 
-    renamed: ClassVar[Mapping[str, str]] = {"kept_share": "min_kept_ratio", "least": "min_particles"}
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        __name__, "error", "quantile", "bin_m", "bin_rad", "min_kept_ratio", "min_particles", "kept_share", "least"
+    )
 
     enabled: bool = Field(False, description="draw only as many particles as the spread asks for; the paper keeps all")
-    error: float = Field(0.05, gt=0, description="largest distance (nats) between the samples and the truth: Fox's")
-    quantile: float = Field(2.326, gt=0, description="standard normal quantile of keeping it: 99 %, as Fox")
-    bin_m: float = Field(0.5, gt=0, description="size of a bin in x and y (m): Fox's 50 cm")
-    bin_rad: float = Field(0.2618, gt=0, description="size of a bin in heading (rad): Fox's 15 degrees")
-    min_kept_ratio: float = Field(
-        0.5,
-        gt=0,
-        le=1,
-        description="ratio of the particles that every drawing keeps at least: one good draw may agree on a look-alike "
-        "place, five in a row don't. Near 0 is Fox's own, the number that is asked for at once",
-    )
-    min_particles: int = Field(1, ge=1, description="fewest particles: one when certain (references 8 and 9)")
 
 
 @dataclass(frozen=True, slots=True)
 class KldNumber:
     """As few as keep the Kullback-Leibler distance below its limit; never more than before."""
 
-    settings: AdaptiveSettings
-
     def __call__(self, drawn: FloatArray, estimate: ParticleEstimate) -> int:
         """The number for the bins that the drawn particles occupy."""
-        s = self.settings
-        wanted = kld_number(occupied_bins(drawn, estimate.pose, s.bin_m, s.bin_rad), s)
-        return min(max(wanted, int(s.min_kept_ratio * len(drawn))), len(drawn))
+        wanted = kld_number(occupied_bins(drawn, estimate.pose, BIN_M, BIN_RAD))
+        return min(max(wanted, int(MIN_KEPT_RATIO * len(drawn))), len(drawn))
 
 
-def kld_number(bins: int, settings: AdaptiveSettings) -> int:
+def kld_number(bins: int) -> int:
     """Particles that keep the Kullback-Leibler distance below its limit, for so many occupied bins (Fox 2003, eq. 7).
 
     A single bin needs a single particle.
     """
     if bins <= 1:
-        return settings.min_particles
+        return MIN_PARTICLES
     a = 2.0 / (9.0 * (bins - 1))
-    number = (bins - 1) / (2.0 * settings.error) * (1.0 - a + math.sqrt(a) * settings.quantile) ** 3
-    return max(settings.min_particles, math.ceil(number))
+    number = (bins - 1) / (2.0 * KLD_ERROR) * (1.0 - a + math.sqrt(a) * KLD_QUANTILE) ** 3
+    return max(MIN_PARTICLES, math.ceil(number))
 
 
 def occupied_bins(poses: FloatArray, middle: Pose, size_m: float, size_rad: float) -> int:

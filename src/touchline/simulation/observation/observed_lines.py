@@ -16,6 +16,7 @@ from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointSettings
+from touchline.perception.line_points import BLUR_PX, COARSEST_PX_M, NOISE_M, STEEPEST_CROSSING
 from touchline.simulation.observation.crossings import COLUMNS, Ground, find_crossings, inside_sector, scale_table
 from touchline.simulation.observation.fixed_noise import mosaic_table
 from touchline.simulation.observation.goal_clutter import NET_PLACES, PLACES, place_strays, seen_thread, thread_table
@@ -56,7 +57,7 @@ class ObservedLines:
         self._rays, self._circles = _scan_geometry(camera, self.detector, view_rad)
         s, n = self.detector, self.noise
         width = s.line_width_m or field.line_width
-        limits = (width, s.steepest_crossing, s.blur_px, n.bridged_px, n.apart_px)
+        limits = (width, STEEPEST_CROSSING, BLUR_PX, n.bridged_px, n.apart_px)
         goals, bars = _goals(field)
         kinds = [n.white_goals if goal.color == "white" else n.coloured_goals for goal in field.goals]
         self._goals = goals, np.array([kind.numbers() for kind in kinds]).reshape(-1, 6)
@@ -72,7 +73,7 @@ class ObservedLines:
         self._posts = np.array([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts]).reshape(-1, 4)
         self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
         self._errors = PointErrors(
-            n.numbers(s.noise_px, s.noise_m), len(self._rays), seed, mosaic_table(seed), lookup, self._scales,
+            n.numbers(s.noise_px, NOISE_M), len(self._rays), seed, mosaic_table(seed), lookup, self._scales,
             _askew(camera, as_built), _STEP_PX,
         )  # fmt: skip
         self._found = np.empty((2048, COLUMNS))
@@ -199,7 +200,7 @@ def _scan_geometry(camera: OmniCamera, s: LinePointSettings, view_rad: float) ->
 
     Where the camera's table depends on the direction, a circle of the image is taken for one on the ground.
     """
-    inner, outer = camera.inner_radius_px, _farthest_radius(camera, s.coarsest_px_m)
+    inner, outer = camera.inner_radius_px, _farthest_radius(camera, COARSEST_PX_M)
     angles = np.pi / s.radial_scan_lines * np.arange(2 * s.radial_scan_lines)
     first = np.where(np.arange(len(angles)) % 2 == 0, inner, max(inner, 0.5 * outer))
     bearings = camera.mount_yaw_rad + camera.handedness * angles
