@@ -21,10 +21,15 @@ if TYPE_CHECKING:
     from touchline.localizer import Localizer
     from touchline.sources import open_source
     from touchline.systems import RobotSetup, open_system
+    from touchline.types import Estimate, LinePoints, Observation, Status
 
 __all__ = [
+    "Estimate",
+    "LinePoints",
     "Localizer",
+    "Observation",
     "RobotSetup",
+    "Status",
     "evaluate",
     "locate",
     "open_camera",
@@ -44,6 +49,10 @@ _PLACES = {
     "open_source": ("touchline.sources", "open_source"),
     "open_system": ("touchline.systems", "open_system"),
     "RobotSetup": ("touchline.systems", "RobotSetup"),
+    "Estimate": ("touchline.types", "Estimate"),
+    "LinePoints": ("touchline.types", "LinePoints"),
+    "Observation": ("touchline.types", "Observation"),
+    "Status": ("touchline.types", "Status"),
 }
 
 

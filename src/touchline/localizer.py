@@ -65,6 +65,7 @@ class Localizer:
         Raises InputError for whatever of these is wrong.
         """
         info = system_info(system)
+        _check_kinds(field, camera, seed)
         chosen = settings_from_mapping(info.settings, settings) if isinstance(settings, Mapping) else settings
         self.field = field if isinstance(field, FieldModel) else open_field(field)
         self.camera = open_camera(camera) if isinstance(camera, str | Path) else camera
@@ -115,8 +116,9 @@ class Localizer:
         """Where the robot stood when an image was taken, by the image and all samples that have come until now.
 
         image: uint8 (H, W, 3), BGR. points: on lines, (N, 2) in the robot frame (m), or with covariances. observation:
-        all that a detector of the robot's own found. The last of them that is given counts. base_from_camera: the pose
-        of the camera body in the base frame, of a head that moves.
+        all that a detector of the robot's own found. Of several that are given, an observation is taken before points,
+        and points before an image. base_from_camera: the pose of the camera body in the base frame, of a head that
+        moves.
 
         An image up to a second older than the newest is left out: the last estimate is returned, searching. One that
         is older still means that the clock was set back: localization starts anew with the last pose as prior.
@@ -399,6 +401,16 @@ def _pairs(points: FloatArray | Sequence[Sequence[float]] | None) -> FloatArray:
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(f"points need the shape (N, 2), got {array.shape}")
     return array
+
+
+def _check_kinds(field: object, camera: object, seed: object) -> None:
+    """Raises InputError for a field, camera or seed of a kind that can't be one."""
+    if not isinstance(field, str | Path | FieldModel):
+        raise InputError(f"field: expected a name, the path of a field.yaml or a FieldModel, got {field!r:.60}")
+    if not (camera is None or isinstance(camera, str | Path) or hasattr(camera, "ground_from_image")):
+        raise InputError(f"camera: expected the path of a camera.yaml, a camera or None, got {camera!r:.60}")
+    if not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed: expected a whole number from 0 on, got {seed!r:.60}")
 
 
 def _directions(wheels: tuple[float, float] | None) -> tuple[float, float] | None:

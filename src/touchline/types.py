@@ -329,7 +329,7 @@ class Estimate:
     observation: Observation | None = field(default=None, repr=False)
     mode: Mode | None = None
     problems: tuple[str, ...] = ()
-    """What was wrong with the robot's data since the estimate before: complete sentences."""
+    """What was wrong with the robot's data since the estimate before: a phrase each."""
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the observation, in numbers, words and lists as JSON knows them; NaN as None."""

@@ -91,7 +91,10 @@ def _deviations(tilt: MirrorTilt, field: FieldModel, estimate: Estimate) -> tupl
 
 
 def _fit(off: FloatArray, near_a_line: float, tracked: str) -> Finding:
-    typical = float(np.median(off)) if len(off) else math.inf
+    if not len(off):
+        what = f"no point lies near a line, {tracked}"
+        return Finding("lines", Severity.WARNING, FIELD, what, "Is it this field, and are the points in metres?")
+    typical = float(np.median(off))
     what = f"points lie {100 * typical:.1f} cm from the lines (median), {tracked}"
     advice = "Is it this field, and this camera's calibration?"
     if near_a_line < _LEAST_NEAR:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from touchline.geometry import FloatArray
 
 
 def compile_loops(
@@ -33,27 +38,41 @@ def compile_loops(
 
 
 def _run_example(system: str) -> None:
-    """Half of the bundled recording, searched from nowhere and then tracked: every loop is called once."""
+    """The bundled recording, searched from nowhere and tracked, with its report; then points without an image."""
+    import numpy as np
+
     from touchline.api import prepare
     from touchline.cli.run import example_recording
+    from touchline.evaluation.run_folder import new_folder
+    from touchline.localizer import Localizer
+    from touchline.types import points_at
 
-    prepared = prepare(example_recording(), system)
-    for index, frame in enumerate(prepared.source):
-        prepared.system.step(frame)
-        if index >= 12:
-            break
+    with tempfile.TemporaryDirectory() as folder:
+        prepare(example_recording(), system).execute(new_folder(Path(folder) / "run", system))
+    robot = Localizer("msl-18x12", system=system)
+    for k in range(3):
+        robot.add_odometry(k * 100_000_000, 0.0, 0.0, 0.0)
+        robot.localize(k * 100_000_000, points=points_at(np.ascontiguousarray(_view())))
+        robot.localize(k * 100_000_000 + 1, points=_view())
 
 
 def _locate_example() -> None:
+    from touchline.field import open_field
+    from touchline.localization import locate_points
+
+    locate_points(_view(), open_field("msl-18x12"))
+
+
+def _view() -> FloatArray:
+    """Points (N, 2) of the lines within 5 m of a robot, robot frame."""
     import numpy as np
 
     from touchline.field import open_field
     from touchline.geometry import Pose
-    from touchline.localization import locate_points
 
-    field = open_field("msl-18x12")
-    seen = Pose(2.0, 1.0, 0.3).inverse().transform(np.vstack(list(field.polylines(0.1))))
-    locate_points(np.ascontiguousarray(seen[np.hypot(*seen.T) < 5.0]), field)
+    lines = np.vstack(list(open_field("msl-18x12").polylines(0.1)))
+    seen = Pose(2.0, 1.0, 0.3).inverse().transform(lines)
+    return np.ascontiguousarray(seen[np.hypot(*seen.T) < 5.0])
 
 
 def _render_example() -> None:

@@ -1,4 +1,4 @@
-"""What the experiments of iris-fusion share: one drive through its three systems, and what may disturb it."""
+"""What the experiments of iris-fusion share: one drive by odometry, particles and fusion, and its disturbances."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ def kidnap(
 
 
 def _system(name: str, field: FieldModel, rng: np.random.Generator) -> NubotMti | NubotMcl:
-    """One of the two systems, with its parts at hand: how often it has failed is not in its estimates."""
+    """The system that is examined, with its parts at hand: how often it has failed is not in its estimates."""
     setup = RobotSetup(field)
     return NubotMcl(setup, NubotMclSettings(), rng) if name == "nubot-mcl" else NubotMti(setup, NubotMtiSettings(), rng)
 

@@ -44,7 +44,8 @@ class SensorClocks:
     """Compares the stamps of each sensor with those of frames and of all other sensors.
 
     A sample more than 1 s ahead of all of them is refused; three such in a row that follow each other within 1 s are a
-    clock that jumped, and are believed. Should the frames not follow, the sensor's next sample at their time is.
+    clock that jumped, and are believed. If the frames don't follow, the sensor's next sample at
+    the frames' time is believed again.
     """
 
     def __init__(self) -> None:

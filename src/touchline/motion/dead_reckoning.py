@@ -1,4 +1,4 @@
-"""The pose by measuring wheels and gyro alone, corrected from outside.
+"""The pose by measuring wheels and gyro, corrected from outside.
 
 M. A. Ismail, D. Purwanto, A. Arifin: Soccer robot localization based on sensor fusion from odometry and omnivision,
 section II.A, equations (4) to (6), figure 4.

@@ -46,7 +46,8 @@ def observe(frame: Frame, detector: Detector | None) -> Observation:
     Points without a finite position, covariance and confidence are left out. detector: None without a camera.
     """
     if frame.observation is not None:
-        return _with_finite_points(frame.observation)
+        # whatever clock the robot's own detector has, the observation belongs to this frame
+        return _with_finite_points(replace(frame.observation, stamp_ns=frame.stamp_ns))
     if detector is None:
         return Observation(frame.stamp_ns)
     if frame.image is None:

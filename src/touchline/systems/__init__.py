@@ -123,8 +123,9 @@ def open_system(
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
     if setup.camera is not None and setup.camera.model not in info.cameras:
         raise InputError(
-            f"{name} finds line points in images of an omnidirectional camera; "
-            f"this recording's camera is a {setup.camera.model}"
+            f"{name} finds line points in images of an omnidirectional camera; this camera is a {setup.camera.model}. "
+            "What a detector of the robot's own has found needs no camera model: observations.csv in a recording, "
+            "points or an observation in Python"
         )
     return info.factory(setup, chosen, np.random.default_rng(0) if rng is None else rng)
 
