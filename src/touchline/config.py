@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_args
@@ -28,7 +29,7 @@ class Settings(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _rename_old_keys(cls, values: Any, info: ValidationInfo) -> Any:
-        """Move what stands under an old key to the new one; `load_settings` hands in a list that collects notices."""
+        """Move what stands under an old key to the new one; whoever loads settings hands in `_Renamings`."""
         if not isinstance(values, dict):
             return values
         for old, new in cls.renamed.items():
@@ -39,7 +40,7 @@ class Settings(BaseModel):
                 raise ValueError(f"'{old}' is the old name of '{new}': keep only '{new}'")
             values = _put_in(without, new.split("."), value)
             if info.context is not None:
-                info.context.append(f"setting '{old}' is called '{new}' now; the old name will be refused some day")
+                info.context.add(cls, old, new)
         return values
 
     @field_validator("*", mode="before")
@@ -59,6 +60,29 @@ def constants_now(module: str, *keys: str) -> dict[str, str]:
 
 
 _ABSENT = object()
+
+
+class _Renamings:
+    """Collects a sentence for each key of a settings tree that stands under an old name."""
+
+    def __init__(self, model: type[Settings]) -> None:
+        self.model = model
+        self.sentences: list[str] = []
+
+    def add(self, group: type[Settings], old: str, new: str) -> None:
+        start = next(_paths_to(group, self.model), "")
+        self.sentences.append(
+            f"setting '{start}{old}' is called '{start}{new}' now; the old name will be refused some day"
+        )
+
+
+def _paths_to(group: type[Settings], model: type[Settings], prefix: str = "") -> Iterator[str]:
+    """Each place of a group in a settings tree, as the dotted beginning of its keys."""
+    if model is group:
+        yield prefix
+    for name, info in model.model_fields.items():
+        if isinstance(info.annotation, type) and issubclass(info.annotation, Settings):
+            yield from _paths_to(group, info.annotation, f"{prefix}{name}.")
 
 
 def _taken_out(tree: Any, path: Sequence[str]) -> tuple[Any, Any]:
@@ -127,25 +151,34 @@ def load_settings(
         path = key.strip().split(".")
         _put(tree, path, value, item)
         changed.add(tuple(path))
+    renamings = _Renamings(model)
     try:
-        return model.model_validate(tree, context=notices)
+        loaded = model.model_validate(tree, context=renamings)
     except ValidationError as error:
         where = () if section is None else (section,)
         raise InputError(_explain(model, error, file, where, changed, elsewhere or {})) from None
+    if notices is not None:
+        notices += renamings.sentences
+    return loaded
 
 
 def settings_from_mapping(model: type[SettingsT], changes: Mapping[str, Any]) -> SettingsT:
     """Settings from the defaults and what differs: a tree of groups, or keys with dots (`{"matching.c_m": 0.3}`).
 
-    Raises InputError with the nearest known key for an unknown one, and for a value that does not fit.
+    Warns (FutureWarning) of a key under its old name. Raises InputError with the nearest known key for an unknown one,
+    and for a value that does not fit.
     """
     tree: dict[str, Any] = {}
     for key, value in changes.items():
         _put(tree, str(key).split("."), value, f"{key}={value}")
+    renamings = _Renamings(model)
     try:
-        return model.model_validate(tree)
+        loaded = model.model_validate(tree, context=renamings)
     except ValidationError as error:
         raise InputError(f"settings: {_explain(model, error, None, (), set(), {})}") from None
+    for sentence in renamings.sentences:
+        warnings.warn(sentence, FutureWarning, stacklevel=3)
+    return loaded
 
 
 def read_yaml_mapping(path: Path) -> dict[str, Any]:

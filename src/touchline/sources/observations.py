@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
+from touchline.messages import did_you_mean
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.tables import (
@@ -204,7 +205,7 @@ def _row(table: Table, text: str) -> tuple[str, _Seen | None]:
     row = {name: cells[position] for name, position in table.columns.items()}
     kind = row["kind"].strip('"')
     if kind not in KINDS:
-        raise _RowError(f"kind {shown(kind)} is not known; known: {', '.join(KINDS)}")
+        raise _RowError(f"kind {shown(kind)} is not known; {did_you_mean(kind, KINDS)}")
     if kind == NOTHING:
         return kind, None
     x, y, x2, y2 = _needed(row, "x_m"), _needed(row, "y_m"), math.nan, math.nan

@@ -84,9 +84,10 @@ class MirrorTilt:
         state = start.copy()
         unsure = float(np.trace(self.covariance)) > 0.1 * UNKNOWN_PER_M**2
         widths = [FIRST_WIDTH_M] * 3 * unsure + [WIDTH_M] * ITERATIONS
+        covariances_m2 = np.ascontiguousarray(points.covariances_m2)  # another layout would be compiled for again
         for width_m in widths:
             matrix, vector = normal_equations(
-                points.positions_m, points.covariances_m2, state, s.height_m, width_m, MIN_NOISE_M, self._lines
+                points.positions_m, covariances_m2, state, s.height_m, width_m, MIN_NOISE_M, self._lines
             )
             state = state + np.linalg.solve(matrix + information, vector + information @ (start - state))
         bend = state[3:]
