@@ -21,20 +21,19 @@ from touchline.localization.fusion.belief import Belief
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.fusion.failure_monitor import FailureMonitor
 from touchline.localization.fusion.global_localizer import Prediction
-from touchline.localization.fusion.match_input import MatchInput
+from touchline.localization.fusion.match_input import MatchInput, MatchInputs
 from touchline.localization.fusion.particle_localizer import ParticleLocalizer, ParticleSearch, ParticleSearchSettings
 from touchline.localization.fusion.tracker import Tracker
 from touchline.localization.matching.global_search import GlobalSearch
 from touchline.localization.matching.matcher import Match, Matcher
 from touchline.localization.matching.mirror_tilt import MirrorTilt
-from touchline.localization.matching.weights import precision_weights
 from touchline.localization.particles.nubot_particles import NubotParticles
 from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
 from touchline.systems.nubot_settings import NubotSettings
 from touchline.systems.report import Stopwatch, report
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Observation, Prior, Status
+from touchline.types import Estimate, Frame, Prior, Status
 
 
 class NubotMclSettings(ParticleSearchSettings, NubotSettings):
@@ -60,6 +59,7 @@ class NubotMcl:
         self.history = MotionHistory(s.odometry, s.compass_track)
         self.tilt = MirrorTilt(field, s.mirror_tilt)
         self.compass_correction = CompassCorrection(s.compass)
+        self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
         matcher = Matcher(field.distance_map(), s.matching)
         self.tracker = Tracker(matcher, s.fusion)
         whole_field = GlobalSearch(matcher, field.length, field.width)
@@ -90,7 +90,7 @@ class NubotMcl:
         self.tracker.predict(motion)  # predict: the odometry carries the pose on, section 4
         self.localizer.predict(motion)  # and the particles, by the motion model
         observation = clock.perception(observe, frame, self.detector)  # observe: line points of the image
-        view = self._match_input(observation)
+        view = self.inputs.of(observation)
         match = self.tracker.match(view)  # match: from the prediction
         if self.belief.is_tracking:
             self.tracker.fuse(view, match)  # fuse: Kalman filter, covariance from the second derivatives
@@ -100,12 +100,6 @@ class NubotMcl:
         if view.usable and not self.belief.is_tracking:
             match = self._localize(view, match)  # search: one cycle of the particles, equations (1) to (3)
         return report(observation, self.tracker.filter, self.belief, match, (), clock)
-
-    def _match_input(self, observation: Observation) -> MatchInput:
-        s, points = self.settings, observation.points
-        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.min_points
-        compass_rad = self.history.at(observation.stamp_ns).heading_rad
-        return MatchInput(points, weights, usable, compass_rad, self.tilt, self.compass_correction)
 
     def _localize(self, view: MatchInput, match: Match | None) -> Match:
         """The particles' mean; once they have converged, the match that it leads to. Tracking starts if that fits."""

@@ -19,20 +19,20 @@ from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.fusion.failure import FailureSettings
 from touchline.localization.fusion.failure_monitor import FailureMonitor
 from touchline.localization.fusion.global_localizer import Localization, Prediction
-from touchline.localization.fusion.match_input import MatchInput
+from touchline.localization.fusion.match_input import MatchInput, MatchInputs
 from touchline.localization.fusion.particle_follower import ParticleFollower
 from touchline.localization.fusion.particle_localizer import ParticleSearch, ParticleSearchSettings
 from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter
 from touchline.localization.matching.global_search import GlobalSearch
 from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.matching.mirror_tilt import MirrorTilt
-from touchline.localization.matching.weights import WeightSettings, precision_weights
+from touchline.localization.matching.weights import WeightSettings
 from touchline.localization.particles.nubot_particles import NubotParticles
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.report import Stopwatch, report
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Observation, Prior, Status
+from touchline.types import Estimate, Frame, Prior, Status
 
 
 class NubotMclAloneSettings(ParticleSearchSettings):
@@ -67,8 +67,8 @@ class NubotMclAlone:
         )
         self.follower = ParticleFollower(ParticleSearch(self.particles, s))
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
-        # Only matches tell of them, and there are none here: mirror and compass are taken as they are.
-        self._no_tilt, self._no_correction = MirrorTilt(field), CompassCorrection()
+        # Only matches tell of mirror and compass, and there are none here: both are taken as they are.
+        self.inputs = MatchInputs(self.history, MirrorTilt(field), CompassCorrection(), s.weights, s.failure.min_points)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -90,7 +90,7 @@ class NubotMclAlone:
         self.filter.predict(motion.pose, motion.covariance)  # predict: the odometry stands in where nothing is seen
         self.follower.predict(motion)  # and moves the particles, by the motion model
         observation = clock.perception(observe, frame, self.detector)  # observe: line points of the image
-        view = self._match_input(observation)
+        view = self.inputs.of(observation)
         match = self._follow(view)  # weigh and resample the particles, equations (1) to (3)
         if self.belief.is_tracking:
             nearby = None if match is None else self.follower.match_nearby(view, self.filter.pose)
@@ -99,12 +99,6 @@ class NubotMclAlone:
         if view.usable and not self.belief.is_tracking:
             match = self._localize(view)  # search: the same over the whole field
         return report(observation, self.filter, self.belief, match, (), clock)
-
-    def _match_input(self, observation: Observation) -> MatchInput:
-        s, points = self.settings, observation.points
-        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.min_points
-        compass_rad = self.history.at(observation.stamp_ns).heading_rad
-        return MatchInput(points, weights, usable, compass_rad, self._no_tilt, self._no_correction)
 
     def _follow(self, view: MatchInput) -> Match | None:
         """One more cycle about the pose; None without a pose, or without usable points."""

@@ -20,18 +20,17 @@ from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.fusion.failure_monitor import FailureMonitor
 from touchline.localization.fusion.global_localizer import GlobalLocalizer, Prediction
 from touchline.localization.fusion.grid_localizer import GridLocalizer
-from touchline.localization.fusion.match_input import MatchInput
+from touchline.localization.fusion.match_input import MatchInput, MatchInputs
 from touchline.localization.fusion.tracker import Tracker
 from touchline.localization.matching.global_search import GlobalSearch, GlobalSearchSettings
 from touchline.localization.matching.matcher import Match, Matcher
 from touchline.localization.matching.mirror_tilt import MirrorTilt
-from touchline.localization.matching.weights import precision_weights
 from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
 from touchline.systems.nubot_settings import NubotSettings
 from touchline.systems.report import Stopwatch, report
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status
+from touchline.types import Estimate, Frame, Hypothesis, Prior, Status
 
 
 class NubotMtiSettings(NubotSettings):
@@ -53,6 +52,7 @@ class NubotMti:
         self.history = MotionHistory(s.odometry, s.compass_track)
         self.tilt = MirrorTilt(field, s.mirror_tilt)
         self.compass_correction = CompassCorrection(s.compass)
+        self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
         matcher = Matcher(field.distance_map(), s.matching)
         search = GlobalSearch(matcher, field.length, field.width, s.global_search)
         self.tracker = Tracker(matcher, s.fusion)
@@ -79,7 +79,7 @@ class NubotMti:
         motion = self.history.take(frame)
         self.tracker.predict(motion)  # predict: the odometry carries the pose on (4.2)
         observation = clock.perception(observe, frame, self.detector)  # observe: line points of the image (4.1)
-        view = self._match_input(observation)
+        view = self.inputs.of(observation)
         match = self.tracker.match(view)  # match: from the prediction, equation (3)
         hypotheses: tuple[Hypothesis, ...] = ()
         if self.belief.is_tracking:
@@ -90,12 +90,6 @@ class NubotMti:
         if view.usable and not self.belief.is_tracking:
             match, hypotheses = self._localize(view, match)  # search: global localization (4.1)
         return report(observation, self.tracker.filter, self.belief, match, hypotheses, clock)
-
-    def _match_input(self, observation: Observation) -> MatchInput:
-        s, points = self.settings, observation.points
-        weights, usable = precision_weights(points, s.weights), len(points) >= s.failure.min_points
-        compass_rad = self.history.at(observation.stamp_ns).heading_rad
-        return MatchInput(points, weights, usable, compass_rad, self.tilt, self.compass_correction)
 
     def _localize(self, view: MatchInput, match: Match | None) -> tuple[Match | None, tuple[Hypothesis, ...]]:
         """The best pose of the search, or the tracked one if no other is better; believed once it is confirmed."""

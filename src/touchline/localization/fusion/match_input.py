@@ -8,7 +8,9 @@ from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.matching.matcher import Match, Matcher, as_pose
 from touchline.localization.matching.mirror_tilt import MAX_ERROR, MirrorTilt
-from touchline.types import LinePoints
+from touchline.localization.matching.weights import WeightSettings, precision_weights
+from touchline.motion import MotionHistory
+from touchline.types import LinePoints, Observation
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -45,6 +47,26 @@ class MatchInput:
         """Whether a heading does not contradict the compass outright, as at the wrong end of a symmetric field."""
         error_rad = self.heading_error_rad(heading_rad)
         return error_rad is None or abs(error_rad) < max_error_rad
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class MatchInputs:
+    """Makes the match input of each frame.
+
+    tilt, correction: what the system learns of mirror and compass. min_points: without so many a frame is not usable.
+    """
+
+    history: MotionHistory
+    tilt: MirrorTilt
+    correction: CompassCorrection
+    weights: WeightSettings
+    min_points: int
+
+    def of(self, observation: Observation) -> MatchInput:
+        """That of what was seen."""
+        points, compass_rad = observation.points, self.history.at(observation.stamp_ns).heading_rad
+        weights, usable = precision_weights(points, self.weights), len(points) >= self.min_points
+        return MatchInput(points, weights, usable, compass_rad, self.tilt, self.correction)
 
 
 def refine_with_tilt(matcher: Matcher, view: MatchInput, pose: FloatArray, error: float) -> Match:
