@@ -32,12 +32,12 @@ class GoalClutter(Settings):
     It falls with the distance as a logistic function.
     """
 
-    net_points: float = Field(53.4, ge=0, description="points on the net behind, seen between the posts from close by")
+    net_points: float = Field(52.6, ge=0, description="points on the net behind, seen between the posts from close by")
     net_half_m: float = Field(1.0, description="distance of the goal at which half of these are seen")
-    net_slope_m: float = Field(0.46, gt=0, description="how fast that changes with the distance (logistic)")
-    side_points: float = Field(3.95, ge=0, description="points on posts and side nets, seen from close by")
-    side_half_m: float = Field(5.2, description="distance of the goal at which half of these are seen")
-    side_slope_m: float = Field(0.43, gt=0, description="how fast that changes with the distance (logistic)")
+    net_slope_m: float = Field(0.475, gt=0, description="how fast that changes with the distance (logistic)")
+    side_points: float = Field(3.7, ge=0, description="points on posts and side nets, seen from close by")
+    side_half_m: float = Field(5.12, description="distance of the goal at which half of these are seen")
+    side_slope_m: float = Field(0.444, gt=0, description="how fast that changes with the distance (logistic)")
 
     def numbers(self) -> tuple[float, ...]:
         """All of them, in order."""

@@ -32,51 +32,51 @@ class ObservationNoise(Settings):
     Pixels are along the scan path that found the point, unless they are said to be at right angles to the line.
     """
 
-    noise_px: float = Field(0.087, ge=0, description="standard deviation of an error at right angles to the line")
-    tail: float = Field(0.75, gt=0, description="how much heavier than normal its tails are: k of sinh(k z) / k")
+    noise_px: float = Field(0.0856, ge=0, description="standard deviation of an error at right angles to the line")
+    tail: float = Field(0.761, gt=0, description="how much heavier than normal its tails are: k of sinh(k z) / k")
     oblique_sine: float = Field(
-        0.354, ge=0, description="sine of a crossing in the image at which the deviation has doubled once more"
+        0.353, ge=0, description="sine of a crossing in the image at which the deviation has doubled once more"
     )
     thin_px: float = Field(
-        1.41, ge=0, description="width of a line in the image at which the deviation is 1.4 times that"
+        1.37, ge=0, description="width of a line in the image at which the deviation is 1.4 times that"
     )
     kept_ratio: float = Field(
-        0.96, ge=0, le=1, description="share of an error's variance that the next image repeats from the same place"
+        0.963, ge=0, le=1, description="share of an error's variance that the next image repeats from the same place"
     )
     phase_px: float = Field(0.4, gt=0, description="way along the path after which the repeated part is another")
     frame_px: float = Field(0.01, ge=0, description="deviation that all points on rays of an image share")
-    found_ratio: float = Field(0.939, ge=0, le=1, description="share of easy crossings of rays that are found")
+    found_ratio: float = Field(0.938, ge=0, le=1, description="share of easy crossings of rays that are found")
     circle_ratio: float = Field(0.878, ge=0, le=1, description="share of easy crossings of circles that are found")
-    thin_half_px: float = Field(0.29, description="width of a line in the image of which half are found")
-    thin_slope_px: float = Field(0.072, gt=0, description="how fast that changes with the width (logistic)")
+    thin_half_px: float = Field(0.289, description="width of a line in the image of which half are found")
+    thin_slope_px: float = Field(0.0706, gt=0, description="how fast that changes with the width (logistic)")
     coarse_half_m: float = Field(0.178, gt=0, description="length of a pixel on the ground at which half is found")
     coarse_slope_m: float = Field(0.0016, gt=0, description="how fast that changes with the length (logistic)")
-    flat_half: float = Field(0.257, description="sine of a crossing in the image at which half is found")
-    flat_slope: float = Field(0.06, gt=0, description="how fast that changes with the sine (logistic)")
-    blur_px: float = Field(2.9, ge=0, description="width (pixels) that blur gives the thinnest line")
+    flat_half: float = Field(0.255, description="sine of a crossing in the image at which half is found")
+    flat_slope: float = Field(0.0609, gt=0, description="how fast that changes with the sine (logistic)")
+    blur_px: float = Field(2.91, ge=0, description="width (pixels) that blur gives the thinnest line")
     long_slope_px: float = Field(
-        0.65, gt=0, description="how sharp the detector's limit of a line's width is (logistic)"
+        0.646, gt=0, description="how sharp the detector's limit of a line's width is (logistic)"
     )
-    bar_ratio: float = Field(0.93, ge=0, le=1, description="share of near crossings of a goal's bar that are found")
-    bar_half_m: float = Field(2.48, gt=0, description="range at which half of these are")
+    bar_ratio: float = Field(0.973, ge=0, le=1, description="share of near crossings of a goal's bar that are found")
+    bar_half_m: float = Field(2.38, gt=0, description="range at which half of these are")
     bar_slope_m: float = Field(1.13, gt=0, description="how fast that changes with the range (logistic)")
     mark_ratio: float = Field(0.817, ge=0, le=1, description="share of crossings of round marks that are found")
-    grazed_ratio: float = Field(0.733, ge=0, le=1, description="share found on rays along the edge of a black sector")
-    grazed_factor: float = Field(3.09, ge=1, description="how much larger errors are there")
-    mixed_ratio: float = Field(1, ge=0, le=1, description="share found where more than one line lies on the path")
-    mixed_factor: float = Field(1.52, ge=1, description="how much larger errors are there")
+    grazed_ratio: float = Field(0.734, ge=0, le=1, description="share found on rays along the edge of a black sector")
+    grazed_factor: float = Field(3.15, ge=1, description="how much larger errors are there")
+    mixed_ratio: float = Field(0.999, ge=0, le=1, description="share found where more than one line lies on the path")
+    mixed_factor: float = Field(1.53, ge=1, description="how much larger errors are there")
     bridged_px: float = Field(1.5, ge=0, description="gap between two lines that the detector takes for paint")
     apart_px: float = Field(3.5, ge=0, description="gap between two lines that it needs to find either")
     contrast_px: float = Field(
-        0.99, gt=0, description="width at which blur leaves 63 % of the contrast: the confidence"
+        1.0, gt=0, description="width at which blur leaves 63 % of the contrast: the confidence"
     )
-    false_points: float = Field(0.37, ge=0, description="mean number of points on no line per image, anywhere in view")
+    false_points: float = Field(0.367, ge=0, description="mean number of points on no line per image, anywhere in view")
     white_goals: GoalClutter = GoalClutter()
     coloured_goals: GoalClutter = GoalClutter(
-        net_points=21.9, net_half_m=1.52, net_slope_m=0.43, side_points=22.6, side_half_m=1.0, side_slope_m=0.56
+        net_points=21.3, net_half_m=1.67, net_slope_m=0.386, side_points=22.1, side_half_m=1.0, side_slope_m=0.593
     )
     covered_goals: GoalClutter = GoalClutter(
-        net_points=182.0, net_half_m=1.0, net_slope_m=1.5, side_points=31.1, side_half_m=3.05, side_slope_m=1.37
+        net_points=183.0, net_half_m=1.0, net_slope_m=1.22, side_points=27.8, side_half_m=3.11, side_slope_m=1.3
     )
     lean_noise_rad: float = Field(0.0, ge=0, description="error of roll and of pitch that all points of an image share")
     height_m: float = Field(
