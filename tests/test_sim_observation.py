@@ -11,6 +11,7 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.perception.line_points import NOISE_M
 from touchline.simulation.observation.crossings import PLAIN, hidden
 from touchline.simulation.observation.fixed_noise import mosaic_noise, mosaic_table, phase_noise
 from touchline.simulation.observation.goal_clutter import GoalClutter
@@ -140,7 +141,7 @@ class TestObservedLines:
         points = observer.observe(POSE, np.random.default_rng(0))
         jacobians = observer.camera.ground_jacobian(points.pixels)
         settings = observer.detector
-        expected = settings.noise_px**2 * jacobians @ jacobians.transpose(0, 2, 1) + settings.noise_m**2 * np.eye(2)
+        expected = settings.noise_px**2 * jacobians @ jacobians.transpose(0, 2, 1) + NOISE_M**2 * np.eye(2)
         np.testing.assert_allclose(points.covariances_m2, expected, rtol=0.01, atol=1e-6)
 
     def test_nothing_is_seen_behind_a_robot_or_in_a_black_sector(self) -> None:

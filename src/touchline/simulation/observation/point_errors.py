@@ -67,9 +67,7 @@ class ObservationNoise(Settings):
     mixed_factor: float = Field(1.53, ge=1, description="how much larger errors are there")
     bridged_px: float = Field(1.5, ge=0, description="gap between two lines that the detector takes for paint")
     apart_px: float = Field(3.5, ge=0, description="gap between two lines that it needs to find either")
-    contrast_px: float = Field(
-        1.0, gt=0, description="width at which blur leaves 63 % of the contrast: the confidence"
-    )
+    contrast_px: float = Field(1.0, gt=0, description="width at which blur leaves 63 % of the contrast: the confidence")
     false_points: float = Field(0.367, ge=0, description="mean number of points on no line per image, anywhere in view")
     white_goals: GoalClutter = GoalClutter()
     coloured_goals: GoalClutter = GoalClutter(
