@@ -14,7 +14,7 @@ import touchline
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization import LocateSettings, Location, PoorFitError, ScatterError, locate, locate_points
+from touchline.localization import LocateSettings, Location, NotSignificantError, PoorFitError, locate, locate_points
 from touchline.localization.one_shot.permutation_test import PIECES, rearranged
 from touchline.localization.one_shot.points_file import read_points
 from touchline.localization.one_shot.whole_field import thinned, thinned_to
@@ -143,7 +143,7 @@ def test_a_fit_whose_lines_miss_half_of_the_points_is_refused_with_the_numbers()
     strict = LocateSettings(max_median_m=0.005)
     with pytest.raises(PoorFitError) as refused:
         locate_points(seen_from(TRUTH), FIELD, settings=strict)
-    assert not isinstance(refused.value, ScatterError)
+    assert not isinstance(refused.value, NotSignificantError)
     median_m = np.median(FIELD.line_distances(refused.value.best.pose.transform(seen_from(TRUTH))))
     assert f"half of them more than {median_m:.2f} m from the lines" in str(refused.value)
     assert "Check the field, the unit" in str(refused.value)

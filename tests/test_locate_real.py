@@ -13,7 +13,7 @@ from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.field.model import field_to_text
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization import Location, PoorFitError, ScatterError, locate_points
+from touchline.localization import Location, NotSignificantError, PoorFitError, locate_points
 
 # file, field with the lines as documented, field with the paint's true centre lines, documented pose, mean distance (m)
 MEASUREMENTS = [
@@ -159,7 +159,7 @@ def test_of_the_other_scans_it_reports_what_it_finds(small_data: Path, scan: str
     try:
         pose = locate_points(points, field).pose
         said = "found"
-    except ScatterError as error:
+    except NotSignificantError as error:
         pose, said = error.best.pose, f"refused ({error.chance.significance:.1f} deviations), best"
     found_m = float(np.mean(field.line_distances(pose.transform(near_points(points)))))
     print(f"{scan}: {said} {pose}: {found_m:.2f} m; its own placing {own}: {at_own:.2f} m")

@@ -88,7 +88,7 @@ def check_light(survey: Survey) -> Iterator[Finding]:
         return
     black = [int(index) for index in np.flatnonzero(survey.black)]
     if black:
-        severity = _by_share(len(black), survey)
+        severity = _severity(len(black), survey)
         advice = "The camera was covered or not running; the estimate rests on odometry there."
         yield Finding("light", severity, IMAGE_LIST, f"{len(black)} black: {frames_in_words(black)}", advice)
     dark = [int(index) for index in np.flatnonzero((survey.brightness < DARK_MEAN) & ~survey.black)]
@@ -127,8 +127,8 @@ def check_frozen(survey: Survey) -> Iterator[Finding]:
     if repeated:
         what = f"{len(repeated)} repeat the image before: {frames_in_words(repeated)}"
         advice = "The camera or the recorder hung; what these images show is older than their time stamp."
-        yield Finding("frozen", _by_share(len(repeated), survey), IMAGE_LIST, what, advice)
+        yield Finding("frozen", _severity(len(repeated), survey), IMAGE_LIST, what, advice)
 
 
-def _by_share(count: int, survey: Survey) -> Severity:
+def _severity(count: int, survey: Survey) -> Severity:
     return Severity.ERROR if count > SPOILED_SHARE * len(survey.recording) else Severity.WARNING

@@ -63,7 +63,7 @@ def iris_lines(seeds: int) -> ExperimentResult:
         for thresholds in THRESHOLDS
     ]
     shown = {condition: found[0][condition, "automatic"] for condition in CONDITIONS}
-    false = [_false_share([by_case[c, "automatic"] for c in CONDITIONS]) for by_case in found]
+    false = [_false_ratio([by_case[c, "automatic"] for c in CONDITIONS]) for by_case in found]
     median_cm = [100.0 * float(np.median(np.concatenate([by_case[c, "automatic"].distances_m for c in CONDITIONS])))
                  for by_case in found]  # fmt: skip
     residuals_cm = [100.0 * float(np.sqrt(np.mean(each.residuals_m**2))) for each in regressions]
@@ -149,14 +149,14 @@ def _row(condition: str, thresholds: str, detections: list[Detection]) -> tuple[
     counts = [float(len(each.points)) for each in detections]
     on_line = [float(np.count_nonzero(each.distances_m <= TRUE_M)) for each in detections]
     false = [float(np.count_nonzero(each.distances_m > FALSE_M)) for each in detections]
-    cells = [spread(counts, 0), spread(on_line, 0), f"{spread(false, 1)} ({100 * _false_share(detections):.1f} %)"]
+    cells = [spread(counts, 0), spread(on_line, 0), f"{spread(false, 1)} ({100 * _false_ratio(detections):.1f} %)"]
     seen = [each.distances_m for each in detections if len(each.points)]
     for quantile in (0.5, 0.9):
         cells.append(spread([100.0 * float(np.quantile(d, quantile)) for d in seen], 1) if seen else "–")
     return condition, thresholds, *cells
 
 
-def _false_share(detections: list[Detection]) -> float:
+def _false_ratio(detections: list[Detection]) -> float:
     distances_m = np.concatenate([each.distances_m for each in detections])
     return float(np.mean(distances_m > FALSE_M)) if len(distances_m) else 0.0
 

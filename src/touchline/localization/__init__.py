@@ -15,8 +15,8 @@ from touchline.localization.matching.weights import WeightSettings, precision_we
 from touchline.localization.one_shot.locate import (
     LocateSettings,
     Location,
+    NotSignificantError,
     PoorFitError,
-    ScatterError,
     locate,
     locate_points,
 )
@@ -36,10 +36,10 @@ __all__ = [
     "Match",
     "Matcher",
     "MatchingSettings",
+    "NotSignificantError",
     "PoorFitError",
     "PoseFilter",
     "Region",
-    "ScatterError",
     "WeightSettings",
     "locate",
     "locate_points",

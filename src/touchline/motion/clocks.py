@@ -70,7 +70,7 @@ class SensorClocks:
         stamps_ns = samples.stamp_ns.tolist()
         last_ns, is_first = max(stamps_ns), self.frame_ns is None and not self._newest_ns
         if self._is_near_others(last_ns) and not is_first and not self._is_ahead_of_frames(sensor):
-            self._believe(sensor, last_ns)
+            self._accept(sensor, last_ns)
             return Believed(samples, clock_jumped=False)
         return self._one_by_one(sensor, samples)
 
@@ -78,7 +78,7 @@ class SensorClocks:
         newest_ns = self._newest_ns.get(sensor)
         return newest_ns is not None and self.frame_ns is not None and newest_ns > self.frame_ns + _JUMP_NS
 
-    def _believe(self, sensor: str, stamp_ns: int) -> None:
+    def _accept(self, sensor: str, stamp_ns: int) -> None:
         self._newest_ns[sensor] = max(stamp_ns, self._newest_ns.get(sensor, stamp_ns))
         self._refused_in_a_row.pop(sensor, None)
 
@@ -89,13 +89,13 @@ class SensorClocks:
             if self._is_ahead_of_frames(sensor) and abs(stamp_ns - (self.frame_ns or 0)) <= _JUMP_NS:
                 rows, jumped = [(stamp_ns, values)], True
                 del self._newest_ns[sensor]
-                self._believe(sensor, stamp_ns)
+                self._accept(sensor, stamp_ns)
             elif self._is_near_others(stamp_ns):
                 rows.append((stamp_ns, values))
-                self._believe(sensor, stamp_ns)
+                self._accept(sensor, stamp_ns)
             elif confirmed := self._refuse(sensor, stamp_ns, values):
                 rows, jumped = confirmed, True
-                self._believe(sensor, stamp_ns)
+                self._accept(sensor, stamp_ns)
         self.jumps[sensor] += jumped
         stamps_ns = np.array([stamp_ns for stamp_ns, _ in rows], dtype=np.int64)
         kept = np.array([values for _, values in rows], dtype=np.float64).reshape(-1, samples.values.shape[1])

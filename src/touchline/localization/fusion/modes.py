@@ -212,8 +212,8 @@ class SensorFusion:
             limits = (MIN_POINTS, MIN_RATIO, MAX_SPREAD_M, MAX_SPREAD_RAD)
         else:
             limits = (ENOUGH_POINTS, s.accepted_ratio, NARROW_M, NARROW_RAD)
-        points, ratio, most_m, most_rad = limits
-        agree = vision.deviation_m <= most_m and vision.deviation_rad <= most_rad
+        points, ratio, max_m, max_rad = limits
+        agree = vision.deviation_m <= max_m and vision.deviation_rad <= max_rad
         return vision.points >= points and vision.inlier_ratio >= ratio and agree
 
     def _compare(self, odometry: Pose, motion: Motion, vision: ParticleEstimate) -> None:

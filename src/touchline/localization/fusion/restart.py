@@ -77,16 +77,16 @@ class RestartRule:
         """An image without usable points."""
         self._blind += 1
 
-    def is_refuted(self, on_lines: float, off_compass_rad: float | None, lost: bool = False) -> bool:
+    def is_refuted(self, inlier_ratio: float, off_compass_rad: float | None, lost: bool = False) -> bool:
         """Judge one image with points while the robot is followed; True if the particles must start anew.
 
-        on_lines: share of points on lines; off_compass_rad: heading minus compass, None without one. lost: the pose
+        inlier_ratio: share of points on lines; off_compass_rad: heading minus compass, None without one. lost: the pose
         has become so unsure that images which don't bring it back contradict it, however well they fit elsewhere.
         """
         s = self.settings
         enough = 1 if self._blind >= BLIND_FRAMES else FRAMES
         self._blind = 0
-        self._contradicted = self._contradicted + 1 if lost or on_lines < MIN_RATIO else 0
+        self._contradicted = self._contradicted + 1 if lost or inlier_ratio < MIN_RATIO else 0
         if s.paper.heading_rad is not None and off_compass_rad is not None:
             heading_inconsistent = abs(off_compass_rad) > s.paper.heading_rad
             self._turned = self._turned + 1 if heading_inconsistent else 0

@@ -17,7 +17,7 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
-from touchline.localization.one_shot.permutation_test import Chance, chance_test
+from touchline.localization.one_shot.permutation_test import PermutationTest, permutation_test
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.whole_field import PoseGrid, thinned_to
 from touchline.types import Hypothesis, LinePoints
@@ -110,19 +110,19 @@ class Location:
     median_distance_m: float
     hypotheses: tuple[Hypothesis, ...]
     points: int
-    chance: Chance
+    chance: PermutationTest
 
 
 class PoorFitError(NoFitError):
     """Points that most of the lines miss even at the best pose: that pose nevertheless, and the test against chance."""
 
-    def __init__(self, message: str, best: Hypothesis, chance: Chance) -> None:
+    def __init__(self, message: str, best: Hypothesis, chance: PermutationTest) -> None:
         super().__init__(message)
         self.best = best
         self.chance = chance
 
 
-class ScatterError(PoorFitError):
+class NotSignificantError(PoorFitError):
     """Points that fit no pose better than chance: `chance` is the test that the best pose failed."""
 
 
@@ -159,8 +159,8 @@ def locate_points(
     heading: from a compass (rad, field frame); None searches the whole circle. weights (N,): relative; None weighs by
     the generic range noise. seed: of the test against chance.
     Raises NoFitError for too few points, PoorFitError (a NoFitError) if the lines miss most points at the best pose,
-    ScatterError (a PoorFitError) for points that fit no pose better than chance, InputError for points that are no
-    numbers and for a heading beyond a whole turn.
+    NotSignificantError (a PoorFitError) for points that fit no pose better than chance, InputError for points that are
+    no numbers and for a heading beyond a whole turn.
     """
     s = settings or LocateSettings()
     _check_heading(heading)
@@ -173,12 +173,12 @@ def locate_points(
             f"no pose within {s.heading_tolerance_rad:.2f} rad of the heading {heading:.2f} fits the points"
         )
     best = matches[0]
-    chance = chance_test(matcher, grid, points, SAMPLE_C_M, seed)
+    chance = permutation_test(matcher, grid, points, SAMPLE_C_M, seed)
     distances = field.line_distances(best.pose.transform(points))
     mean_m, median_m = float(np.mean(distances)), float(np.median(distances))
     nearest = Hypothesis(best.pose, mean_m)
     if chance.significance < s.min_significance:
-        raise ScatterError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
+        raise NotSignificantError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
     if median_m > s.max_median_m:
         raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
     others = _hypotheses(matches, field, points, mean_m, heading, s)
@@ -255,7 +255,7 @@ def _matches(
     refined = [matcher.descend(few, alike, start) for start in starts]
     poses = [Pose(*map(float, pose)) for pose, _, _ in sorted(refined, key=lambda found: found[1])]
     finalists = _different_poses(poses, s)[: s.finalists]
-    # The twin on a symmetric field is always a candidate, even if the grid happened to miss it.
+    # The mirrored pose on a symmetric field is always a candidate, even if the grid happened to miss it.
     finalists += [pose.mirrored() for pose in finalists]
     matches = sorted((matcher.match(points, weights, pose) for pose in finalists), key=lambda match: match.error)
     allowed = [match for match in matches if _allowed(match.pose, heading, s)]
@@ -283,7 +283,9 @@ def _is_among(pose: Pose, others: list[Pose], s: LocateSettings) -> bool:
     )
 
 
-def _scatter_message(points: int, best: Hypothesis, chance: Chance, heading: float | None, s: LocateSettings) -> str:
+def _scatter_message(
+    points: int, best: Hypothesis, chance: PermutationTest, heading: float | None, s: LocateSettings
+) -> str:
     return (
         f"the {points} points fit no pose better than scatter would: the best one ({_words(best.pose)}) leaves them "
         f"{best.residual_m:.2f} m from the lines on average, and rearranged pieces of the same points fit as well "

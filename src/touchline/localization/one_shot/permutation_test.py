@@ -17,7 +17,7 @@ CANDIDATES = 40  # poses refined for the points and for each copy
 MAX_POINTS = 150  # points that take part: more only make a clear case clearer
 
 
-class Chance(NamedTuple):
+class PermutationTest(NamedTuple):
     """error: least mean error of the points; mean, deviation: of the least errors of their rearranged copies."""
 
     error: float
@@ -30,7 +30,9 @@ class Chance(NamedTuple):
         return (self.mean - self.error) / max(self.deviation, 1e-6)
 
 
-def chance_test(matcher: Matcher, grid: PoseGrid, points: FloatArray, sample_c_m: float, seed: int) -> Chance:
+def permutation_test(
+    matcher: Matcher, grid: PoseGrid, points: FloatArray, sample_c_m: float, seed: int
+) -> PermutationTest:
     """How much better the points (N, 2) fit the field than the same pieces in another arrangement.
 
     Any cloud of points fits some pose somehow: the best of a hundred thousand poses, on a field full of lines, leaves
@@ -55,7 +57,7 @@ def chance_test(matcher: Matcher, grid: PoseGrid, points: FloatArray, sample_c_m
         least_error(matcher, grid, rearranged(spread, PIECES, generator), sample_c_m, CANDIDATES) for _ in range(COPIES)
     ]
     error = least_error(matcher, grid, spread, sample_c_m, CANDIDATES)
-    return Chance(error, float(np.mean(errors)), float(np.std(errors, ddof=1)))
+    return PermutationTest(error, float(np.mean(errors)), float(np.std(errors, ddof=1)))
 
 
 def rearranged(points: FloatArray, pieces: int, generator: np.random.Generator) -> FloatArray:

@@ -176,7 +176,7 @@ class NubotParticles:
             everywhere, s.paper.random_particle_ratio, s.converged_m, CONVERGED_RAD
         )
         bins = np.array([BIN_M, BIN_M, BIN_RAD])
-        self.particles = ParticleSet(np.zeros((1, 3)), lone_covariance=np.diag(bins**2) / 12.0)
+        self.particles = ParticleSet(np.zeros((1, 3)), single_covariance=np.diag(bins**2) / 12.0)
         self.filter: ParticleFilter[LineView] = ParticleFilter(
             self.particles, MotionModel(s.motion), self.sensor_model, resampling, rng, self._injection
         )

@@ -42,12 +42,12 @@ class ParticleSet:
     1 and hold what log_weights held at the last `normalize`.
     """
 
-    def __init__(self, poses: FloatArray, lone_covariance: FloatArray | None = None) -> None:
+    def __init__(self, poses: FloatArray, single_covariance: FloatArray | None = None) -> None:
         """poses (N, 3), float64, contiguous; not copied.
 
-        lone_covariance (3, 3): of all the poses that a particle stands for when it is the only one.
+        single_covariance (3, 3): of all the poses that a particle stands for when it is the only one.
         """
-        self.lone_covariance = np.zeros((3, 3)) if lone_covariance is None else lone_covariance
+        self.single_covariance = np.zeros((3, 3)) if single_covariance is None else single_covariance
         self.replace(poses)
 
     def __len__(self) -> int:
@@ -66,7 +66,7 @@ class ParticleSet:
     def estimate(self) -> ParticleEstimate:
         """Weighted mean, circular in the heading, and covariance about it."""
         mean, covariance = mean_and_covariance(self.poses, self.weights)
-        return ParticleEstimate(as_pose(mean), self.lone_covariance.copy() if len(self) == 1 else covariance)
+        return ParticleEstimate(as_pose(mean), self.single_covariance.copy() if len(self) == 1 else covariance)
 
 
 @numba.njit(cache=True)
