@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from touchline.camera.base import Camera, field_of_view, leaning, pose_in_base
+from touchline.camera.ground_view import GroundView, ground_view
 from touchline.camera.omni import OmniCamera, omni_from_mapping, require_omni
 from touchline.camera.pinhole import PinholeCamera, pinhole_from_mapping
 from touchline.config import read_yaml_mapping
@@ -35,10 +36,12 @@ def camera_from_mapping(tree: dict[str, Any], path: Path) -> Camera:
 
 __all__ = [
     "Camera",
+    "GroundView",
     "OmniCamera",
     "PinholeCamera",
     "camera_from_mapping",
     "field_of_view",
+    "ground_view",
     "leaning",
     "open_camera",
     "pose_in_base",

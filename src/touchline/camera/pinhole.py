@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.camera.base import Mask, ground_jacobian, ground_of_rays, pixel_covariances
+from touchline.camera.imu_correction import ImuCorrection, correction_from_mapping, correction_mapping
 from touchline.camera.reading import read_image_size, read_number, read_numbers, read_switch, require_keys
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
@@ -35,6 +36,7 @@ class PinholeCamera:
 
     fx, fy, cx, cy: focal lengths and principal point (px). distortion: (5,) OpenCV's k1, k2, p1, p2, k3.
     base_from_camera: its mount, on a body that does not lean. use_attitude: whether the IMU's roll and pitch are used.
+    imu_correction: what they do to undistorted pixels, where it has been learned (see `GroundView`).
     largest_radius: how far from the optical axis at unit depth the distortion is trusted: to the image's corners, and
     no farther than where it stops growing.
     Raises InputError for a size or focal length that is not positive and for a camera at or below the ground.
@@ -49,6 +51,7 @@ class PinholeCamera:
     distortion: FloatArray
     base_from_camera: Pose3
     use_attitude: bool = True
+    imu_correction: ImuCorrection | None = None
     largest_radius: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -78,6 +81,20 @@ class PinholeCamera:
         rays = np.column_stack((np.ones(len(plane)), -plane))
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays
+
+    def undistorted(self, pixels: npt.ArrayLike) -> FloatArray:
+        """Where a lens without distortion would show pixels (N, 2); NaN where the distortion is not trusted."""
+        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        moved: FloatArray = self._undistorted((uv - (self.cx, self.cy)) / (self.fx, self.fy))
+        return moved * (self.fx, self.fy) + (self.cx, self.cy)
+
+    def distorted(self, pixels: npt.ArrayLike) -> FloatArray:
+        """The inverse of `undistorted`."""
+        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        plane = (uv - (self.cx, self.cy)) / (self.fx, self.fy)
+        plane[~(np.hypot(*plane.T) <= self.largest_radius)] = np.nan
+        moved: FloatArray = self._distorted(plane) * (self.fx, self.fy) + (self.cx, self.cy)
+        return moved
 
     def ray(self, pixels: npt.ArrayLike, base_from_camera: Pose3 | None = None) -> FloatArray:
         """Unit vectors (N, 3) of what pixels (N, 2) see, in the base frame, from the camera on."""
@@ -178,15 +195,17 @@ def pinhole_from_mapping(tree: Mapping[str, Any], path: Path) -> PinholeCamera:
     x, y, z, roll, pitch, yaw = (read_number(mount[key], path, f"mount: {key}") for key in _MOUNT_KEYS)
     use_attitude = read_switch(tree, "use_attitude", True, path)
     pose = Pose3.from_roll_pitch_yaw(roll, pitch, yaw, (x, y, z))
+    learned = tree.get("imu_correction")
+    correction = None if learned is None else correction_from_mapping(learned, path)
     try:
-        return PinholeCamera(width, height, fx, fy, cx, cy, distortion, pose, use_attitude)
+        return PinholeCamera(width, height, fx, fy, cx, cy, distortion, pose, use_attitude, correction)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
 def pinhole_mapping(camera: PinholeCamera) -> dict[str, Any]:
     """The camera.yaml of a pinhole camera."""
-    pose = camera.base_from_camera
+    pose, learned = camera.base_from_camera, camera.imu_correction
     numbers = (*pose.translation_m, *pose.roll_pitch_yaw())
     return {
         "model": "pinhole",
@@ -198,4 +217,6 @@ def pinhole_mapping(camera: PinholeCamera) -> dict[str, Any]:
         "cy": camera.cy,
         "distortion": [float(value) for value in camera.distortion],
         "mount": {key: round(float(value), 12) for key, value in zip(_MOUNT_KEYS, numbers, strict=True)},
-    } | ({} if camera.use_attitude else {"use_attitude": False})
+        **({} if camera.use_attitude else {"use_attitude": False}),
+        **({} if learned is None else {"imu_correction": correction_mapping(learned)}),
+    }
