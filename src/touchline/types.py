@@ -79,10 +79,13 @@ class LinePoints:
     def __len__(self) -> int:
         return len(self.positions_m)
 
-    def finite(self) -> LinePoints:
-        """Those with a finite position, covariance and confidence."""
+    def usable(self, max_range_m: float = math.inf) -> LinePoints:
+        """Those that are measurements: finite, no negative confidence or variance, within max_range_m."""
         kept = np.isfinite(self.positions_m).all(axis=1) & np.isfinite(self.covariances_m2).all(axis=(1, 2))
-        kept &= np.isfinite(self.confidences)
+        kept &= np.isfinite(self.confidences) & (self.confidences >= 0.0)
+        kept &= (self.covariances_m2[:, 0, 0] >= 0.0) & (self.covariances_m2[:, 1, 1] >= 0.0)
+        with np.errstate(over="ignore"):
+            kept &= np.hypot(self.positions_m[:, 0], self.positions_m[:, 1]) <= max_range_m
         if kept.all():
             return self
         return LinePoints(self.positions_m[kept], self.covariances_m2[kept], self.confidences[kept], self.pixels[kept])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Protocol
 
@@ -11,6 +12,8 @@ from touchline.camera import Camera, pose_in_base
 from touchline.errors import InputError
 from touchline.perception.covered import is_covered
 from touchline.types import Frame, ImageArray, LinePoints, Observation
+
+_WANTED = "not an array (height, width, 3) of uint8"
 
 
 class Detector(Protocol):
@@ -40,25 +43,42 @@ class Detector(Protocol):
         ...
 
 
-def observe(frame: Frame, detector: Detector | None) -> Observation:
+def observe(frame: Frame, detector: Detector | None, max_range_m: float = math.inf) -> Observation:
     """What a frame shows: the observation that it brings, or else what the detector finds in its image.
 
-    Points without a finite position, covariance and confidence are left out. detector: None without a camera.
+    Points that are no measurements, and those farther away than max_range_m, are left out. detector: None without a
+    camera. An image that can't be used is this frame's problem: nothing is seen, and no other frame is concerned.
     """
     if frame.observation is not None:
         # whatever clock the robot's own detector has, the observation belongs to this frame
-        return _with_finite_points(replace(frame.observation, stamp_ns=frame.stamp_ns))
+        return _with_usable_points(replace(frame.observation, stamp_ns=frame.stamp_ns), max_range_m)
     if detector is None:
         return Observation(frame.stamp_ns)
     if frame.image is None:
         return Observation(frame.stamp_ns, problem=frame.problem or "there is no image")
+    if not is_image(frame.image):
+        return Observation(frame.stamp_ns, problem=f"the image is {_kind(frame.image)}, {_WANTED}")
     if is_covered(frame.image):
         return Observation(frame.stamp_ns, problem="the image is black, or shows nothing at all")
-    return _with_finite_points(detector.observe(frame))
+    try:
+        return _with_usable_points(detector.observe(frame), max_range_m)
+    except InputError as error:
+        return Observation(frame.stamp_ns, problem=str(error))
 
 
-def _with_finite_points(seen: Observation) -> Observation:
-    points = seen.points.finite()
+def is_image(image: object) -> bool:
+    """Whether this is an image that can be looked at: uint8 (H, W, 3), not empty."""
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+        return False
+    return image.ndim == 3 and image.shape[2] == 3 and image.size > 0
+
+
+def _kind(image: object) -> str:
+    return f"{image.shape} of {image.dtype}" if isinstance(image, np.ndarray) else f"a {type(image).__name__}"
+
+
+def _with_usable_points(seen: Observation, max_range_m: float) -> Observation:
+    points = seen.points.usable(max_range_m)
     return seen if points is seen.points else replace(seen, points=points)
 
 
@@ -81,7 +101,5 @@ def with_lean(points: LinePoints, frame: Frame, camera: Camera, noise_px: float,
 def check_size(image: ImageArray, camera: Camera) -> None:
     """Raises InputError unless the image is (H, W, 3) of uint8 as the camera takes them."""
     wanted = (camera.height, camera.width, 3)
-    if image.shape != wanted or image.dtype != np.uint8:
-        raise InputError(
-            f"the image is {image.shape} of {image.dtype}; the camera file says {wanted} (height, width, 3), uint8"
-        )
+    if not is_image(image) or image.shape != wanted:
+        raise InputError(f"the image is {_kind(image)}; the camera file says {wanted} (height, width, 3), uint8")

@@ -12,7 +12,7 @@ from touchline.config import Settings, constants_now
 from touchline.errors import InputError
 from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
-from touchline.perception.detector import with_lean
+from touchline.perception.detector import check_size, with_lean
 from touchline.perception.line_points import NOISE_M, LinePointDetector, LinePointSettings
 from touchline.types import Frame, ImageArray, Observation
 
@@ -80,6 +80,7 @@ class SelfLearningDetector:
         image, problem = frame.image, None
         if image is None:
             raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
+        check_size(image, self.detector.camera)  # before it is kept to learn from
         if self._faded_image is not None:
             self._learn(self._faded_image)
             self._faded_image = None
@@ -117,6 +118,8 @@ class SelfLearningDetector:
         share = self.detector.green_share
         if share < FADED_GREEN * self._usual_green:
             self._faded += 1
+            if 1 < len(self._images) < self.settings.frames:
+                self._images.pop()  # broken, or hardly any field in it: not to be learned from with the others
         else:
             self._faded = 0
             self._usual_green += 0.1 * (share - self._usual_green) if self._usual_green else share

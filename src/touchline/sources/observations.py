@@ -322,7 +322,7 @@ def _covariances(positions_m: FloatArray, upper: list[tuple[float, float, float]
 
 
 def _point_rows(kind: str, points: LinePoints) -> list[list[str]]:
-    known = points.finite()
+    known = points.usable()
     each = zip(known.positions_m, known.covariances_m2, known.confidences, strict=True)
     return [
         [kind, *_cells(at), "", "", "", *_cells(_upper(covariance)), "", "", "", "", *_cells(sure)]

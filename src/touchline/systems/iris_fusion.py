@@ -107,6 +107,7 @@ class IrisFusion:
             None if setup.camera is None else HsvLineDetector(setup.camera, settings.lines, field.line_width)
         )
         s = settings
+        self.max_range_m = setup.max_range_m
         self.history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
         self.odometry = DeadReckoning(self.history)
         self.rng = rng
@@ -139,7 +140,7 @@ class IrisFusion:
         clock = Stopwatch()
         self.status = Status.SEARCHING if self.searching else self.status
         motion, duration_s = self._odometry(frame)  # predict: wheels and gyro, figure 4, equations (1) to (6)
-        observation = clock.perception(observe, frame, self.detector)  # observe: line points, figures 6 and 7
+        observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: figures 6 and 7
         compass_rad = self.history.at(frame.stamp_ns).heading_rad
         vision, residual_m = self._particle_filter(observation.points, motion, compass_rad)  # figure 8, (7) to (14)
         self.fusion.update(self.odometry.pose, motion, vision, duration_s, motion.by_gyro)  # figure 11, (15) to (19)

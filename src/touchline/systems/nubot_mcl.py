@@ -56,6 +56,7 @@ class NubotMcl:
         self.detector = (
             None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)
         )
+        self.max_range_m = setup.max_range_m
         self.history = MotionHistory(s.odometry, s.compass_track)
         self.tilt = MirrorTilt(field, s.mirror_tilt)
         self.compass_correction = CompassCorrection(s.compass)
@@ -89,7 +90,7 @@ class NubotMcl:
         motion = self.history.take(frame)
         self.tracker.predict(motion)  # predict: the odometry carries the pose on, section 4
         self.localizer.predict(motion)  # and the particles, by the motion model
-        observation = clock.perception(observe, frame, self.detector)  # observe: line points of the image
+        observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points
         view = self.inputs.of(observation)
         match = self.tracker.match(view)  # match: from the prediction
         if self.belief.is_tracking:

@@ -58,6 +58,7 @@ class NubotMclAlone:
         self.detector = (
             None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)
         )
+        self.max_range_m = setup.max_range_m
         self.history = MotionHistory(s.odometry, s.compass_track)
         matcher = Matcher(field.distance_map(), s.matching)
         whole_field = GlobalSearch(matcher, field.length, field.width)
@@ -89,7 +90,7 @@ class NubotMclAlone:
         motion = self.history.take(frame)
         self.filter.predict(motion.pose, motion.covariance)  # predict: the odometry stands in where nothing is seen
         self.follower.predict(motion)  # and moves the particles, by the motion model
-        observation = clock.perception(observe, frame, self.detector)  # observe: line points of the image
+        observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points
         view = self.inputs.of(observation)
         match = self._follow(view)  # weigh and resample the particles, equations (1) to (3)
         if self.belief.is_tracking:

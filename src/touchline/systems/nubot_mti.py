@@ -49,6 +49,7 @@ class NubotMti:
         self.detector = (
             None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)
         )
+        self.max_range_m = setup.max_range_m
         self.history = MotionHistory(s.odometry, s.compass_track)
         self.tilt = MirrorTilt(field, s.mirror_tilt)
         self.compass_correction = CompassCorrection(s.compass)
@@ -78,7 +79,7 @@ class NubotMti:
         clock = Stopwatch()
         motion = self.history.take(frame)
         self.tracker.predict(motion)  # predict: the odometry carries the pose on (4.2)
-        observation = clock.perception(observe, frame, self.detector)  # observe: line points of the image (4.1)
+        observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points (4.1)
         view = self.inputs.of(observation)
         match = self.tracker.match(view)  # match: from the prediction, equation (3)
         hypotheses: tuple[Hypothesis, ...] = ()

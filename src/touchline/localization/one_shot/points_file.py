@@ -25,7 +25,7 @@ def points_and_weights(
     Raises InputError for a file that can't be read and for what is no table of numbers.
     """
     if isinstance(points, LinePoints):
-        known = points.finite()
+        known = points.usable()
         return known.positions_m, precision_weights(known, WeightSettings())
     if isinstance(points, str | Path):
         return read_points(Path(points))
