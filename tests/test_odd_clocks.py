@@ -17,7 +17,7 @@ from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import run_frames
 from touchline.geometry import Pose
-from touchline.motion import FrameOrder, MotionHistory, WheelSettings, frame_order
+from touchline.motion import FrameClock, FrameOrder, MotionHistory, WheelSettings
 from touchline.motion.clocks import SensorClocks
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Prior, Samples, Status
@@ -152,34 +152,53 @@ def test_samples_may_go_on_for_long_without_any_frame() -> None:
 # --- frames -----------------------------------------------------------------------------------------------------------
 
 
-def test_the_order_of_a_frame() -> None:
-    assert frame_order(5, 5) is FrameOrder.NEXT
-    assert frame_order(SECOND, 2 * SECOND) is FrameOrder.LATE
-    assert frame_order(SECOND - 1, 2 * SECOND) is FrameOrder.CLOCK_SET_BACK
+NEXT, LATE, UNCONFIRMED, SET_BACK = FrameOrder
+
+
+@pytest.mark.parametrize(
+    ("tenths", "orders"),
+    [
+        ([0, 1, 1, 2], [NEXT] * 4),
+        ([0, 20, 10, 21], [NEXT, NEXT, LATE, NEXT]),
+        ([0, 36000, 1, 2], [NEXT, NEXT, UNCONFIRMED, SET_BACK]),  # any distance may be the usual one
+        ([0, 1, 36000, 2, 36000, 3], [NEXT, NEXT, UNCONFIRMED, NEXT, UNCONFIRMED, NEXT]),
+        ([0, 1, 36000, 36001, 36002], [NEXT, NEXT, UNCONFIRMED, NEXT, NEXT]),  # set forward, or a long silence
+        ([50, 51, -36000, 52, 53], [NEXT, NEXT, UNCONFIRMED, NEXT, NEXT]),
+        ([50, 51, -36000, -35999, -35998], [NEXT, NEXT, UNCONFIRMED, SET_BACK, NEXT]),
+        ([50, 51, -36000, 36000, 52], [NEXT, NEXT, UNCONFIRMED, UNCONFIRMED, NEXT]),  # neither confirms the other
+        ([50, 51, 36000, 45, 52], [NEXT, NEXT, UNCONFIRMED, LATE, NEXT]),
+        ([0, 300, 600, 1500, 1800], [NEXT] * 5),  # one image in half a minute
+        ([0, 1, 100, 101], [NEXT] * 4),  # a camera that was connected anew
+    ],
+)
+def test_the_order_of_frames(tenths: list[int], orders: list[FrameOrder]) -> None:
+    clock = FrameClock()
+    assert [clock.order(tenth * SECOND // 10) for tenth in tenths] == orders
 
 
 @every_system
-@pytest.mark.parametrize("by_ns", [HOUR, -HOUR])
+@pytest.mark.parametrize("by_ns", [HOUR, 11 * SECOND, -HOUR, -2 * SECOND])
 @pytest.mark.parametrize("whole", [True, False])
-def test_a_frame_an_hour_off_keeps_the_pose_as_prior(name: str, by_ns: int, whole: bool) -> None:
-    """Its stamp alone, or with those of its samples: the frames after it are followed again within half a second."""
+def test_a_frame_an_hour_off_costs_no_other(name: str, by_ns: int, whole: bool) -> None:
+    """Its stamp alone, or with those of its samples."""
     _, frames, poses = drive()
     made = OrderedSystem(system(name))
     given = [moved(f, by_ns, whole) if k == BAD else f for k, f in enumerate(frames[:60])]
     estimates = [made.step(frame) for frame in given]
-    back = BAD + 1 if by_ns > 0 else BAD
-    assert estimates[back].status is Status.SEARCHING
-    assert made.counts[FrameOrder.CLOCK_SET_BACK] == 1
-    assert silenced(poses, estimates, after=BAD + 5) == 0
+    assert (estimates[BAD].status, estimates[BAD].pose) == (Status.SEARCHING, estimates[BAD - 1].pose)
+    assert made.counts == {NEXT: 59, UNCONFIRMED: 1}
+    assert silenced(poses, estimates) == 0
 
 
 @every_system
 @pytest.mark.parametrize("by_ns", [HOUR, -HOUR])
 def test_a_clock_that_is_set_for_good_is_followed(name: str, by_ns: int) -> None:
+    """By the second frame that it stamps; the pose is kept as the prior."""
     _, frames, poses = drive()
     made = OrderedSystem(system(name))
     given = [moved(f, by_ns, True) if k >= BAD else f for k, f in enumerate(frames[:60])]
     estimates = [made.step(frame) for frame in given]
+    assert estimates[BAD].status is Status.SEARCHING
     for k in range(BAD + 10, 60):
         assert estimates[k].status is Status.TRACKING
         assert estimates[k].pose.distance_to(poses[k]) < 0.05
@@ -233,7 +252,8 @@ def test_what_a_new_start_is_told(statuses: list[Status], prior: Prior) -> None:
     made = OrderedSystem(recorder, Prior(own_half=True))
     for k in range(len(statuses)):
         made.step(Frame(HOUR + k))
-    assert made.step(Frame(0)).status is Status.SEARCHING
+    for k in range(2):
+        assert made.step(Frame(k)).status is Status.SEARCHING
     assert recorder.priors == [prior]
 
 
@@ -250,19 +270,19 @@ class Shuffled(FakeSource):
 
 
 def test_a_run_survives_any_order_and_its_files_stay_in_order(tmp_path: Path) -> None:
-    source = Shuffled(5, 36000, 10, 11, 12, 11, 13, -20, -19)
+    source = Shuffled(5, 36000, 10, 11, 12, 11, 13, -20, -19, -18)
     made = FakeSystem(np.random.default_rng(0))
     with RunFolder(tmp_path) as folder:
         tally = run_frames(source, made, folder)
-    assert (tally.ended, tally.late_frames, tally.clock_set_back) == ("complete", 2, 2)
-    assert read_tum(tmp_path / "trajectory.tum").stamp_ns.tolist() == [-20 * STEP_NS, -19 * STEP_NS]
+    assert (tally.ended, tally.late_frames, tally.unconfirmed_frames, tally.clock_set_back) == ("complete", 2, 2, 1)
+    assert read_tum(tmp_path / "trajectory.tum").stamp_ns.tolist() == [-19 * STEP_NS, -18 * STEP_NS]
     assert len(read_estimates(tmp_path / "estimates.csv").trajectory) == 2
 
 
 def test_one_frame_far_ahead_costs_a_run_no_other(tmp_path: Path) -> None:
     with RunFolder(tmp_path) as folder:
         tally = run_frames(Shuffled(36000, 10, 11), FakeSystem(np.random.default_rng(0)), folder)
-    assert tally.summary()["clock_set_back"] == 1
+    assert (tally.summary()["unconfirmed_frames"], tally.summary()["clock_set_back"]) == (1, 0)
     written = read_tum(tmp_path / "trajectory.tum").stamp_ns
     assert written.tolist() == [k * STEP_NS for k in range(12)]
 

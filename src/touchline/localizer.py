@@ -25,7 +25,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.localization.fusion.pose_filter import PoseFilter
-from touchline.motion import FrameOrder, MotionHistory, frame_order
+from touchline.motion import FrameOrder, MotionHistory
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system, system_info
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, ImageArray, LinePoints, Observation, Prior, Samples, Status, points_at
@@ -33,10 +33,14 @@ from touchline.types import Estimate, Frame, ImageArray, LinePoints, Observation
 _SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
 _MOST_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
 _LARGEST = 1e9  # no metre, radian or rad/s of a robot gets there
-_FARTHEST_M = 1000.0
 _LATEST_NS = 2**62
 _PREDICTED_NS = 1_000_000_000  # a pose carried on for longer is a guess: odometry may have slipped
 _MISSING_S = 0.5
+_ODD_ORDERS = {
+    FrameOrder.LATE: "image: older than the one before, left out",
+    FrameOrder.UNCONFIRMED: "image: stamped far from the one before, left out unless the next one is there, too",
+    FrameOrder.CLOCK_SET_BACK: "image: more than a second older than the last ones: the clock was set back",
+}
 
 _log = logging.getLogger(__name__)
 
@@ -70,6 +74,7 @@ class Localizer:
         self.field = field if isinstance(field, FieldModel) else open_field(field)
         self.camera = open_camera(camera) if isinstance(camera, str | Path) else camera
         setup = RobotSetup(self.field, self.camera, _directions(wheels))
+        self._max_range_m = setup.max_range_m
         made = open_system(system, setup, chosen, np.random.default_rng(seed))
         made.reset()
         self._system = OrderedSystem(made)
@@ -120,17 +125,15 @@ class Localizer:
         and points before an image. base_from_camera: the pose of the camera body in the base frame, of a head that
         moves.
 
-        An image up to a second older than the newest is left out: the last estimate is returned, searching. One that
-        is older still means that the clock was set back: localization starts anew with the last pose as prior.
+        An image up to a second older than the newest is left out: the last estimate is returned, searching. So is one
+        that is older still or far ahead, until the next image confirms it. If that is older, too, the clock was set
+        back: localization starts anew with the last pose as prior.
         """
         with self._stepping:
             last = self._last
             stamp = self._stamp("image", stamp_ns)
             if stamp is None:
                 return self._finished(replace(last or self._unknown(0), status=Status.SEARCHING))
-            if last is not None and frame_order(stamp, last.stamp_ns) is FrameOrder.LATE:
-                self._counts.add("image: older than the one before, left out")
-                return self._finished(replace(last, status=Status.SEARCHING))
             frame = Frame(
                 stamp,
                 image=self._usable_image(image, points is not None or observation is not None),
@@ -241,15 +244,10 @@ class Localizer:
 
     def _usable_points(self, points: LinePoints) -> LinePoints:
         """Those that are measurements; the others are counted."""
-        good = np.isfinite(points.covariances_m2).all(axis=(1, 2)) & (points.confidences >= 0.0)
-        good &= (np.abs(points.positions_m) < _FARTHEST_M).all(axis=1) & np.isfinite(points.confidences)
-        good &= (np.diagonal(points.covariances_m2, axis1=1, axis2=2) >= 0.0).all(axis=1)
-        if good.all():
-            return points
-        self._counts.add("points: a point that is no measurement, left out", int(np.count_nonzero(~good)))
-        return LinePoints(
-            points.positions_m[good], points.covariances_m2[good], points.confidences[good], points.pixels[good]
-        )
+        usable = points.usable(self._max_range_m)
+        if len(usable) < len(points):
+            self._counts.add("points: a point that is no measurement, left out", len(points) - len(usable))
+        return usable
 
     def _usable_camera_pose(self, pose: Pose3 | None) -> Pose3 | None:
         if pose is None:
@@ -269,8 +267,11 @@ class Localizer:
             self._system.reset(Prior(self._last.pose) if self._last is not None else self._prior)
             estimate = replace(self._last or self._unknown(frame.stamp_ns), status=Status.SEARCHING)
             estimate = replace(estimate, stamp_ns=frame.stamp_ns)
-        if self._system.order is FrameOrder.CLOCK_SET_BACK:
-            self._counts.add("image: more than a second older than the one before: the clock was set back")
+        order = self._system.order
+        if order in _ODD_ORDERS:
+            self._counts.add(_ODD_ORDERS[order])
+        if order in (FrameOrder.LATE, FrameOrder.UNCONFIRMED):
+            return estimate
         self._count_samples()
         with self._predicting:
             if self._last is not None and frame.stamp_ns < self._last.stamp_ns:

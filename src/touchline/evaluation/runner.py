@@ -67,6 +67,7 @@ class RunTally:
     black: int = 0
     missing_images: int = 0
     late_frames: int = 0
+    unconfirmed_frames: int = 0
     clock_set_back: int = 0
     either_side: int = 0
     other_side: Pose | None = None
@@ -112,6 +113,7 @@ class RunTally:
             **({"mode": {mode.value: self.modes[mode] for mode in Mode}} if self.modes else {}),
             "missing_images": self.missing_images,
             "late_frames": self.late_frames,
+            "unconfirmed_frames": self.unconfirmed_frames,
             "clock_set_back": self.clock_set_back,
             "black_images": {"count": self.black, "stretches_ns": self.black_ns},
             "either_side": {
@@ -173,10 +175,10 @@ def run_frames(
     """Step the system through all frames and write every estimate.
 
     prior: what the system has been reset with. A frame without image (`frame.problem` says why) goes to the system like
-    any other. A frame that comes late by up to a second is dropped and counted; where a clock was set back, what was
-    written from there on is replaced. `stop` is asked after every frame; if it says so, the run ends as interrupted. An
-    exception of the system or the source ends the run as failed and is kept in the tally; what was done until then is
-    in the folder.
+    any other. A frame that comes late by up to a second, or whose stamp jumps without that of the next one, is dropped
+    and counted; where a clock was set back, what was written from there on is replaced. `stop` is asked after every
+    frame; if it says so, the run ends as interrupted. An exception of the system or the source ends the run as failed
+    and is kept in the tally; what was done until then is in the folder.
     """
     tally = RunTally(pictures=FramePicker(len(source)))
     start_s = time.perf_counter()
@@ -203,6 +205,8 @@ def _step_through(
         estimate = system.step(frame)
         if system.order is FrameOrder.LATE:
             tally.late_frames += 1
+        elif system.order is FrameOrder.UNCONFIRMED:
+            tally.unconfirmed_frames += 1
         else:
             if system.order is FrameOrder.CLOCK_SET_BACK:
                 tally.clock_set_back += 1

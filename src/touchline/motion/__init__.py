@@ -1,6 +1,6 @@
 """Odometry, wheels, gyro, compass, attitude: the motion between two stamps with its noise, the orientation at one."""
 
-from touchline.motion.clocks import FrameOrder, frame_order
+from touchline.motion.clocks import FrameClock, FrameOrder
 from touchline.motion.compass import CompassTrackSettings
 from touchline.motion.dead_reckoning import DeadReckoning
 from touchline.motion.gyro import GyroSettings
@@ -11,6 +11,7 @@ from touchline.motion.wheels import WheelSettings
 __all__ = [
     "CompassTrackSettings",
     "DeadReckoning",
+    "FrameClock",
     "FrameOrder",
     "GyroSettings",
     "Motion",
@@ -18,5 +19,4 @@ __all__ = [
     "OdometrySettings",
     "Orientation",
     "WheelSettings",
-    "frame_order",
 ]

@@ -12,6 +12,8 @@ from touchline.motion.samples import NANOSECONDS
 from touchline.types import Samples
 
 _JUMP_NS = int(1.0 * NANOSECONDS)  # ten image periods: drivers deliver late, but not by that much
+_GAP_NS = int(10.0 * NANOSECONDS)  # longest silence of a camera that goes on: reconnecting takes some seconds
+_USUAL_GAPS = 3  # a camera that is slower than that may leave out two images
 _CONFIRMATIONS = 3  # one wrong stamp is a broken message, several that follow each other are a clock
 
 
@@ -22,15 +24,51 @@ class FrameOrder(Enum):
     """Not older."""
     LATE = "late"
     """Older by up to a second, as of a driver that mixes frames up: to be dropped."""
+    UNCONFIRMED = "unconfirmed"
+    """Far away: a broken stamp, unless the next frame is there, too."""
     CLOCK_SET_BACK = "clock set back"
-    """Older by more: the histories have to start anew."""
+    """Older by more than a second, as the one before it was: the histories have to start anew."""
 
 
-def frame_order(stamp_ns: int, newest_ns: int) -> FrameOrder:
-    """How a frame follows the newest one before it."""
-    if stamp_ns >= newest_ns:
-        return FrameOrder.NEXT
-    return FrameOrder.LATE if newest_ns - stamp_ns <= _JUMP_NS else FrameOrder.CLOCK_SET_BACK
+class FrameClock:
+    """Compares the stamps of frames with each other: one that jumps is believed when the next one confirms it.
+
+    Far ahead is more than 10 s, or than three times the frames' last distance; the first distance can be any.
+    """
+
+    def __init__(self) -> None:
+        self.newest_ns: int | None = None
+        """Stamp of the newest frame that is believed; after a clock was set back, of the first one by the new clock."""
+        self._gap_ns: int | None = None
+        self._unconfirmed_ns: int | None = None
+
+    def order(self, stamp_ns: int) -> FrameOrder:
+        """How a frame follows those before it."""
+        order = self._order(stamp_ns)
+        if order is FrameOrder.UNCONFIRMED:
+            self._unconfirmed_ns = stamp_ns
+        elif order is not FrameOrder.LATE:
+            if order is FrameOrder.NEXT and self.newest_ns is not None:
+                self._gap_ns = stamp_ns - self.newest_ns
+            self.newest_ns, self._unconfirmed_ns = stamp_ns, None
+        return order
+
+    def _order(self, stamp_ns: int) -> FrameOrder:
+        ahead_ns = 0 if self.newest_ns is None else stamp_ns - self.newest_ns
+        if -_JUMP_NS <= ahead_ns < 0:
+            return FrameOrder.LATE
+        if ahead_ns >= 0 and (self._gap_ns is None or ahead_ns <= max(_GAP_NS, _USUAL_GAPS * self._gap_ns)):
+            return FrameOrder.NEXT
+        if not self._is_confirmed(stamp_ns):
+            return FrameOrder.UNCONFIRMED
+        return FrameOrder.NEXT if ahead_ns > 0 else FrameOrder.CLOCK_SET_BACK
+
+    def _is_confirmed(self, stamp_ns: int) -> bool:
+        """Whether the frame before was as far away, and isn't newer."""
+        before_ns, newest_ns = self._unconfirmed_ns, self.newest_ns
+        if before_ns is None or newest_ns is None:
+            return False
+        return before_ns <= stamp_ns and (before_ns > newest_ns) == (stamp_ns > newest_ns)
 
 
 class Believed(NamedTuple):

@@ -76,7 +76,10 @@ class MotionHistory:
         """Take all samples of a frame. Raises ValueError, and takes none, if it is older than the newest frame."""
         newest_ns = self.clocks.frame_ns
         if newest_ns is not None and frame.stamp_ns < newest_ns:
-            raise ValueError(f"motion runs forward in time, got {newest_ns} to {frame.stamp_ns} ns")
+            raise ValueError(
+                f"motion runs forward in time, got {newest_ns} to {frame.stamp_ns} ns: a system whose frames may be "
+                "out of order is stepped through an OrderedSystem"
+            )
         self.clocks.frame_ns = frame.stamp_ns
         self._take("odometry", frame.odometry)
         self._take("wheels", frame.wheels)

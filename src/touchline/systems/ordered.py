@@ -1,22 +1,31 @@
-"""Frames whose stamps run backwards: dropped, or a new start of the system that keeps its pose."""
+"""Frames whose stamps jump or run backwards: dropped, or a new start of the system that keeps its pose."""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
-from touchline.motion import FrameOrder, frame_order
-from touchline.types import Estimate, Frame, Prior, Status, System
+import numpy as np
+
+from touchline.motion import FrameClock, FrameOrder
+from touchline.motion.samples import NANOSECONDS
+from touchline.types import Estimate, Frame, Prior, Samples, Status, System
 
 _POSE_KEPT = 10  # frames without tracking after which the last pose says nothing of where the robot is: one second
+_MOST_DROPPED = 20  # frames whose samples wait: two seconds
+_AHEAD_NS = int(1.0 * NANOSECONDS)  # samples may be newer than the image that they come with, by its delay
+_SENSORS = ("odometry", "wheels", "gyro", "compass", "tilt")
 
 
 class OrderedSystem:
     """A system that takes frames of any order and never raises for it: what the runner and live use step.
 
     A frame older than the newest by up to a second is dropped: its estimate is the last one again, status searching.
-    One that is older still comes from a clock that was set back: the system starts anew there with the pose that it
-    tracked last as its prior, and this frame's status is searching.
+    So is one that is older still, or far ahead, until the next one confirms it: a broken stamp costs its own frame
+    alone. The samples of dropped frames come with the next one. Once the second frame is older, the clock was set back:
+    the system starts anew there with the pose that it tracked last as its prior, and this frame's status is searching.
     """
 
     def __init__(self, system: System, prior: Prior | None = None) -> None:
@@ -26,23 +35,32 @@ class OrderedSystem:
         """How many frames of each order there were."""
         self.order = FrameOrder.NEXT
         """The order of the last frame."""
-        self._prior = prior or Prior()
-        self._last: Estimate | None = None
-        self._untracked = 0
+        self._begin(prior)
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior; the counts stay."""
         self.system.reset(prior)
-        self._prior, self._last, self._untracked = prior or Prior(), None, 0
+        self._begin(prior)
+
+    def _begin(self, prior: Prior | None) -> None:
+        self._prior = prior or Prior()
+        self._clock = FrameClock()
+        self._last: Estimate | None = None
+        self._dropped: deque[Frame] = deque(maxlen=_MOST_DROPPED)
+        self._untracked = 0
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame. The estimate of a dropped frame has the stamp of the newest one."""
-        self.order = FrameOrder.NEXT if self._last is None else frame_order(frame.stamp_ns, self._last.stamp_ns)
+        self.order = self._clock.order(frame.stamp_ns)
         self.counts[self.order] += 1
-        if self.order is FrameOrder.LATE and self._last is not None:
+        if self.order in (FrameOrder.LATE, FrameOrder.UNCONFIRMED) and self._last is not None:
+            self._dropped.append(replace(frame, image=None, observation=None))
             return replace(self._last, status=Status.SEARCHING)
         if self.order is FrameOrder.CLOCK_SET_BACK:
             self.system.reset(self._prior)
+        if self._dropped:
+            frame = _with_samples_of(self._dropped, frame)
+            self._dropped.clear()
         estimate = self.system.step(frame)
         self._remember(estimate)
         if self.order is FrameOrder.CLOCK_SET_BACK:
@@ -58,3 +76,20 @@ class OrderedSystem:
             self._untracked += 1
             if self._untracked > _POSE_KEPT:
                 self._prior = Prior()
+
+
+def _with_samples_of(dropped: Iterable[Frame], frame: Frame) -> Frame:
+    """A frame with the samples of those dropped before it, too; what another clock has stamped is left out."""
+    joined: dict[str, Any] = {}
+    for sensor in _SENSORS:
+        own: Samples | None = getattr(frame, sensor)
+        parts: list[Samples] = [samples for each in dropped if (samples := getattr(each, sensor)) is not None]
+        if parts:
+            stamps_ns = np.concatenate([samples.stamp_ns for samples in parts])
+            values = np.concatenate([samples.values for samples in parts])
+            near = stamps_ns <= frame.stamp_ns + _AHEAD_NS
+            stamps_ns, values = stamps_ns[near], values[near]
+            if own is not None:
+                stamps_ns, values = np.concatenate([stamps_ns, own.stamp_ns]), np.concatenate([values, own.values])
+            joined[sensor] = Samples(stamps_ns, values)
+    return replace(frame, **joined)
