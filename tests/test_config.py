@@ -10,10 +10,11 @@ import yaml
 
 from touchline.calibration.colour import read_regions
 from touchline.camera import open_camera
-from touchline.config import Settings, load_settings, read_yaml, yaml_line
+from touchline.config import Settings, load_settings
 from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.sources import open_source
+from touchline.yaml_files import read_yaml, yaml_line
 
 ROOT = Path(__file__).parents[1]
 
@@ -103,7 +104,7 @@ def test_a_key_that_stands_twice_in_one_line_is_refused_too(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("text", ["2026-13-45", "!!float x", "0b_"])
 def test_what_only_looks_like_a_date_or_a_number_is_told(tmp_path: Path, text: str) -> None:
-    with pytest.raises(InputError, match=r"robot\.yaml: holds a value that cannot be read"):
+    with pytest.raises(InputError, match=r"robot\.yaml, line 1: holds a value that cannot be read"):
         read_yaml(yaml_file(tmp_path, f"name: {text}"))
     with pytest.raises(InputError, match=r"--set name=.*not readable"):
         load_settings(Robot, None, [f"name={text}"])

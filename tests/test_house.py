@@ -32,6 +32,9 @@ ROOMS = (
     "errors",
     "messages",
     "new_files",
+    "opened_files",
+    "yaml_files",
+    "image_files",
     "geometry",
     "types",
     "config",
@@ -157,6 +160,20 @@ def test_an_uphill_import_is_noticed_in_every_form(text: str) -> None:
 def test_imports_for_type_checkers_do_not_count() -> None:
     text = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from touchline.cli import app\n"
     assert uphill_imports("field", text) == []
+
+
+def test_files_are_read_through_the_ground_floor_alone() -> None:
+    """What opens safely stands in one place: nobody else opens a file that a user brings."""
+    way = re.compile(r"\.read_(?:text|bytes)\(|\.open\(\"r|imread|imdecode|np\.load|yaml\.(?:safe_)?load|genfromtxt")
+    keepers = ("opened_files", "yaml_files", "image_files")
+    found = {
+        module: lines
+        for path in python_files()
+        if (module := module_of(path)) not in keepers
+        and (lines := [line for line in path.read_text(encoding="utf-8").splitlines() if way.search(line)])
+    }
+    assert list(found) == ["api", "sources.tables"]
+    assert [len(lines) for lines in found.values()] == [1, 1]  # the processor's name; lines that were read already
 
 
 def test_importing_the_package_imports_no_room() -> None:

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_args
 
-import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
 from touchline.errors import InputError
 from touchline.messages import listed
+from touchline.yaml_files import YamlError, read_yaml_mapping, yaml_line, yaml_value
 
 
 class Settings(BaseModel):
@@ -145,9 +145,9 @@ def load_settings(
             numbers = (f"{row[0]}={row[1]}" for row in settings_rows(model) if isinstance(row[1], int | float))
             raise InputError(f"--set {item}: expected KEY=VALUE, for example --set {next(numbers, 'key=1')}")
         try:
-            value = yaml.safe_load(text)
-        except (yaml.YAMLError, ValueError) as error:
-            raise InputError(f"--set {item}: the value is not readable ({error})") from None
+            value = yaml_value(text)
+        except YamlError as error:
+            raise InputError(f"--set {item:.200}: the value is not readable ({error.what})") from None
         path = key.strip().split(".")
         _put(tree, path, value, item)
         changed.add(tuple(path))
@@ -179,88 +179,6 @@ def settings_from_mapping(model: type[SettingsT], changes: Mapping[str, Any]) ->
     for sentence in renamings.sentences:
         warnings.warn(sentence, FutureWarning, stacklevel=3)
     return loaded
-
-
-def read_yaml_mapping(path: Path) -> dict[str, Any]:
-    """A YAML file whose top level is a mapping; InputError names the file and line of what is wrong."""
-    loaded = read_yaml(path)
-    if loaded is None:
-        return {}
-    if not isinstance(loaded, dict):
-        raise InputError(f"{path}: expected keys and values at the top level, found a {type(loaded).__name__}")
-    return loaded
-
-
-def read_yaml(path: Path) -> Any:
-    """What a YAML file holds; InputError names the file and line of what is wrong, a key that stands twice as well."""
-    try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file") from None
-    except _TwiceError as error:
-        raise InputError(f"{path}, {error}") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f", line {mark.line + 1}" if mark is not None else ""
-        raise InputError(f"{path}{line}: is not valid YAML ({getattr(error, 'problem', error)})") from None
-    except ValueError as error:  # from a value that only looks like a date or a number
-        raise InputError(f"{path}: holds a value that cannot be read ({error})") from None
-
-
-def yaml_line(path: Path, keys: Sequence[str | int]) -> int | None:
-    """The line in a YAML file in which an entry begins, named by keys and, in lists, numbers from 0; of what is not
-    there the nearest entry around it. None without any.
-    """
-    try:
-        node = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
-        return None
-    line = None
-    for key in keys:
-        if isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value):
-            node = node.value[key]
-            line = node.start_mark.line + 1
-            continue
-        inside = node.value if isinstance(node, yaml.MappingNode) else []
-        entries = [(name, value) for name, value in inside if name.value == str(key)]
-        if not entries:
-            break
-        line, node = entries[-1][0].start_mark.line + 1, entries[-1][1]
-    return line
-
-
-class _TwiceError(Exception):
-    """A key stands twice in one mapping: the later one would silently win."""
-
-
-class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """Plain values only, and no key twice."""
-
-    def construct_document(self, node: yaml.Node) -> Any:
-        _refuse_twice(node)  # before merged keys (<<) are put among the others: these may come again
-        return super().construct_document(node)
-
-
-def _refuse_twice(root: yaml.Node) -> None:
-    """Raises _TwiceError for a key that stands twice in a mapping anywhere below a node."""
-    seen, waiting = {id(root)}, [root]  # an alias may lead back to where it stands
-    while waiting:
-        node = waiting.pop()
-        parts = list(node.value) if isinstance(node, yaml.SequenceNode) else []
-        lines: dict[str, int] = {}
-        for key, value in node.value if isinstance(node, yaml.MappingNode) else []:
-            parts += [key, value]
-            line = key.start_mark.line + 1
-            if isinstance(key, yaml.ScalarNode) and key.value in lines:
-                before = "" if lines[key.value] == line else f" in line {lines[key.value]}"
-                raise _TwiceError(f"line {line}: '{key.value}' stands{before or ' there'} already; keep one")
-            if isinstance(key, yaml.ScalarNode):
-                lines[key.value] = line
-        new = [part for part in parts if id(part) not in seen]
-        seen.update(map(id, new))
-        waiting += reversed(new)
 
 
 def settings_rows(model: type[Settings], prefix: str = "") -> Iterator[tuple[str, Any, str]]:

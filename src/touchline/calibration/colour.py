@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from touchline.camera import Camera
-from touchline.config import read_yaml
 from touchline.errors import InputError, TouchlineError
 from touchline.messages import did_you_mean
 from touchline.perception import LinePointDetector
@@ -20,6 +19,7 @@ from touchline.perception.marked_colours import CLASSES, Region, marked_colour_m
 from touchline.sources import Recording
 from touchline.sources.decoding import decode_image, usable_image
 from touchline.types import ImageArray
+from touchline.yaml_files import read_yaml
 
 REGIONS = "regions.yaml"
 _IMAGES = 8  # of a recording, spread over it: more teach nothing new

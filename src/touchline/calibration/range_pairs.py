@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from touchline.calibration.mirror import calibrate_mirror
-from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, circular_mean, wrap_angles
 from touchline.sources import ProblemLog, Recording
 from touchline.sources.description import finite_number
 from touchline.sources.tables import Line, Table, open_table, parse_row, read_lines
+from touchline.yaml_files import read_yaml_mapping
 
 MARKS = "marks.csv"
 _COLUMNS = ("u", "v", "x_m", "y_m")

@@ -9,9 +9,9 @@ from touchline.camera.base import Camera, field_of_view, leaning, pose_in_base
 from touchline.camera.ground_view import GroundView, ground_view
 from touchline.camera.omni import OmniCamera, omni_from_mapping, require_omni
 from touchline.camera.pinhole import PinholeCamera, pinhole_from_mapping
-from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.messages import did_you_mean
+from touchline.yaml_files import read_yaml_mapping
 
 MODELS = ("omni", "pinhole")
 

@@ -18,9 +18,9 @@ from numba import njit
 
 from touchline.camera.base import Camera, Mask, ground_jacobian, ground_of_rays, pixel_covariances
 from touchline.camera.reading import read_image_size, read_number, read_numbers, read_switch, require_keys
-from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
+from touchline.yaml_files import read_yaml_mapping
 
 _KEYS = ("width", "height", "center", "inner_radius_px", "outer_radius_px", "handedness", "mount_yaw", "range_table")
 _INVERSE_STEPS = 6

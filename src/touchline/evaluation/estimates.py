@@ -18,6 +18,7 @@ import numpy.typing as npt
 from touchline.errors import InputError
 from touchline.evaluation.tum import fixed, seconds_text, stamp_from_text
 from touchline.geometry import FloatArray
+from touchline.opened_files import text_lines
 from touchline.types import Estimate, Mode, Samples, Status
 
 HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
@@ -122,19 +123,14 @@ def _as_numpy(values: array[Any]) -> npt.NDArray[Any]:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    reader = csv.reader(text_lines(path, newline=""))
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.reader(file)
-            columns = tuple(next(reader, ()))
-            if columns not in (COLUMNS, (*COLUMNS, "mode")):
-                raise InputError(f"{path}, line 1: expected the header {HEADER}")
-            for row in reader:
-                if len(row) != len(columns):
-                    raise InputError(
-                        f"{path}, line {reader.line_num}: expected {len(columns)} values, found {len(row)}"
-                    )
-                yield reader.line_num, row
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except (UnicodeDecodeError, csv.Error):
+        columns = tuple(next(reader, ()))
+        if columns not in (COLUMNS, (*COLUMNS, "mode")):
+            raise InputError(f"{path}, line 1: expected the header {HEADER}")
+        for row in reader:
+            if len(row) != len(columns):
+                raise InputError(f"{path}, line {reader.line_num}: expected {len(columns)} values, found {len(row)}")
+            yield reader.line_num, row
+    except csv.Error:
         raise InputError(f"{path}: is not a CSV file") from None

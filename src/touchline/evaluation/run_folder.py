@@ -12,6 +12,7 @@ from typing import Any, Self
 from touchline.errors import InputError
 from touchline.evaluation.estimates import csv_row, header
 from touchline.evaluation.tum import stamp_from_text, tum_line
+from touchline.opened_files import UnreadableError, read_text
 from touchline.types import Estimate
 
 TRAJECTORY = "trajectory.tum"
@@ -19,6 +20,7 @@ ESTIMATES = "estimates.csv"
 SUMMARY = "summary.json"
 REPORT = "report.html"
 RUNS = Path("runs")
+_MOST_SUMMARY_BYTES = 20_000_000
 
 
 def new_folder(output: Path | None, name: str, parent: Path = RUNS) -> Path:
@@ -109,10 +111,10 @@ def read_summary(folder: Path) -> dict[str, Any]:
     """Read summary.json. Raises InputError if it is missing or not what `run` writes."""
     path = folder / SUMMARY
     try:
-        loaded = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); is {folder} the folder of a run?") from None
-    except ValueError:
+        loaded = json.loads(read_text(path, _MOST_SUMMARY_BYTES))
+    except UnreadableError as error:
+        raise InputError(f"{error}; is {folder} the folder of a run?") from None
+    except (ValueError, RecursionError):
         raise InputError(f"{path}: is not valid JSON") from None
     if not isinstance(loaded, dict):
         raise InputError(f"{path}: expected a JSON object, as `touchline run` writes it")

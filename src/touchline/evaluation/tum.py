@@ -11,6 +11,7 @@ import numpy as np
 from touchline.errors import InputError
 from touchline.geometry import Pose
 from touchline.messages import counted
+from touchline.opened_files import text_lines
 from touchline.sources.truth import heading_of
 from touchline.types import Samples
 
@@ -72,20 +73,14 @@ def read_tum(path: Path) -> Samples:
     Raises InputError that names file and line: not eight finite numbers, or times that do not increase.
     """
     stamps, poses = array("q"), array("d")
-    try:
-        with path.open(encoding="utf-8") as file:
-            for number, line in enumerate(file, start=1):
-                if not line.strip() or line.startswith("#"):
-                    continue
-                stamp_ns, pose = _parse(line, f"{path}, line {number}")
-                if stamps and stamp_ns <= stamps[-1]:
-                    raise InputError(f"{path}, line {number}: the time does not increase; sort the file by time")
-                stamps.append(stamp_ns)
-                poses.extend(pose)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file") from None
+    for number, line in enumerate(text_lines(path), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        stamp_ns, pose = _parse(line, f"{path}, line {number}")
+        if stamps and stamp_ns <= stamps[-1]:
+            raise InputError(f"{path}, line {number}: the time does not increase; sort the file by time")
+        stamps.append(stamp_ns)
+        poses.extend(pose)
     if not stamps:
         raise InputError(f"{path}: holds no pose; expected lines of 't x y z qx qy qz qw'")
     return Samples(np.array(stamps, dtype=np.int64), np.array(poses, dtype=np.float64).reshape(-1, 3))

@@ -7,8 +7,10 @@ from pathlib import Path
 
 from touchline.errors import InputError
 from touchline.experiments.result import ExperimentResult
+from touchline.opened_files import read_text
 
 PAGE = "results.md"
+_MOST_BYTES = 10_000_000
 _HEAD = (
     "# Results of the experiments",
     "",
@@ -40,7 +42,7 @@ def write_result(result: ExperimentResult, folder: Path, order: Sequence[str] = 
         page = folder / f"{result.name}.md"
         page.write_text(result_page(result, [path.name for path in pictures]), encoding="utf-8")
         summary = folder / PAGE
-        before = summary.read_text(encoding="utf-8") if summary.exists() else ""
+        before = read_text(summary, _MOST_BYTES) if summary.exists() else ""
         summary.write_text(with_row(before, result, order), encoding="utf-8")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}); choose another with --output") from None

@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 from typing import Any
 
-from touchline.config import read_yaml_mapping, yaml_line
 from touchline.errors import InputError
 from touchline.field.model import FieldModel, Goal, Pole
 from touchline.messages import did_you_mean
+from touchline.yaml_files import read_yaml_mapping, yaml_line
 
 _SIZES = ("length", "width", "line_width")
 _ROWS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}

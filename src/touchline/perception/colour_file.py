@@ -3,17 +3,48 @@
 from __future__ import annotations
 
 import io
+import lzma
+import tokenize
 import zipfile
+import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.new_files import write_new_file
+from touchline.opened_files import read_bytes
 from touchline.perception.colour import WHITE, ColourModel
 
 _FORMAT = "touchline colours 1"
-_SHAPES = {"table": (64, 64, 64), "green": (3,), "white": (3,), "noise": (), "signal": (3,)}
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "table": (64, 64, 64),
+    "green": (3,),
+    "white": (3,),
+    "noise": (),
+    "signal": (3,),
+}
+_MEMBERS: dict[str, tuple[int, ...]] = {"format": (), **_SHAPES}
+_MOST_BYTES = 4_000_000  # the table as float64, and room to spare
+_MOST_ITEM_BYTES = 400  # the text of `format` has 100 letters at most
+_NO_ARCHIVE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    tokenize.TokenError,
+    ArithmeticError,
+    EOFError,
+    LookupError,
+    NotImplementedError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+)
+"""What zipfile and NumPy raise for an archive that is none, or is damaged, encrypted or packed in another way."""
 
 
 def save_colours(model: ColourModel, path: Path) -> None:
@@ -27,19 +58,19 @@ def save_colours(model: ColourModel, path: Path) -> None:
 def load_colours(path: str | Path) -> ColourModel:
     """The colour model of a file that `touchline calibrate colour` wrote. Raises InputError for any other file."""
     path = Path(path)
+    data = read_bytes(path, _MOST_BYTES)
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in ("format", *_SHAPES)}
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or 'not a file of colours'})") from None
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        with zipfile.ZipFile(io.BytesIO(data)) as stored:
+            arrays = {name: _array(stored, name, shape) for name, shape in _MEMBERS.items()}
+    except InputError as error:
+        raise InputError(f"{path}: is damaged: {error}") from None
+    except _NO_ARCHIVE:
         raise InputError(f"{path}: is not a colour table; make one with touchline calibrate colour") from None
     if str(arrays["format"]) != _FORMAT:
-        raise InputError(f"{path}: is a colour table of another format ({arrays['format']}); make it anew")
-    for name, shape in _SHAPES.items():
-        array = arrays[name]
-        if array.shape != shape or array.dtype.kind not in "uf" or not np.all(np.isfinite(array)):
-            raise InputError(f"{path}: is damaged: '{name}' has shape {array.shape}, expected {shape}")
+        raise InputError(f"{path}: is a colour table of another format ({arrays['format']!s:.40}); make it anew")
+    for name in _SHAPES:
+        if arrays[name].dtype.kind not in "uf" or not np.all(np.isfinite(arrays[name])):
+            raise InputError(f"{path}: is damaged: '{name}' holds something else than numbers")
     if arrays["table"].dtype != np.uint8 or int(arrays["table"].max()) > WHITE:
         raise InputError(f"{path}: is damaged: 'table' holds classes that are not known")
     return ColourModel(
@@ -49,3 +80,23 @@ def load_colours(path: str | Path) -> ColourModel:
         float(arrays["noise"]),
         arrays["signal"].astype(np.float64),
     )
+
+
+def _array(stored: zipfile.ZipFile, name: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:
+    """One array of an archive; its size and shape are looked at before memory is taken for it.
+
+    Raises InputError for another size or shape, and one of `_NO_ARCHIVE` for what is no array.
+    """
+    member = stored.getinfo(f"{name}.npy")
+    if member.file_size > _MOST_BYTES:
+        raise InputError(f"'{name}' has {member.file_size} bytes, more than {_MOST_BYTES}")
+    with stored.open(member) as file:
+        array = io.BytesIO(file.read(_MOST_BYTES))
+    if np.lib.format.read_magic(array) != (1, 0):
+        raise InputError(f"'{name}' is an array of another version")
+    found, _, kind = np.lib.format.read_array_header_1_0(array)
+    if found != shape or kind.itemsize > _MOST_ITEM_BYTES:
+        raise InputError(f"'{name}' has shape {found}, expected {shape}")
+    array.seek(0)
+    values: npt.NDArray[Any] = np.lib.format.read_array(array, allow_pickle=False)
+    return values

@@ -10,9 +10,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from touchline.config import Settings, load_settings, read_yaml_mapping
+from touchline.config import Settings, load_settings
 from touchline.errors import InputError
 from touchline.simulation.robot.sensors import Range, SensorSettings
+from touchline.yaml_files import read_yaml_mapping
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
 Place = tuple[float, float, float]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from touchline.image_files import ImageSize, decode, image_size, read_image_bytes
+from touchline.opened_files import UnreadableError
 from touchline.sources.problems import ProblemKind
 from touchline.types import ImageArray
 
@@ -18,6 +21,7 @@ _PNG_START, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 _JPEG_START, _JPEG_END, _JPEG_SCAN = b"\xff\xd8", b"\xff\xd9", 0xDA
 # In the coded pixels of a JPEG file 0xFF is followed by 0, a restart marker, 0xFF, or by what starts a new scan.
 _JPEG_STRAY = re.compile(rb"\xff[^\x00\xc4\xd0-\xd7\xda-\xdd\xff]")
+_SMALL_PX = 4_000_000  # decoded even where another size is expected: they may be damaged rather than too large
 _FILL = 128  # what libjpeg paints where the coded pixels end before the image does
 
 
@@ -30,29 +34,28 @@ class Decoded:
     what: str = ""
 
 
-def decode_image(path: Path) -> Decoded:
+def decode_image(path: Path, expected: tuple[int, int] | None = None) -> Decoded:
     """Decode a file as it is stored. Files that end early or are damaged inside are broken, as far as can be told:
-    OpenCV itself would give half an image without a word.
+    OpenCV itself would give half an image without a word. A large image with more pixels than one of the expected
+    size (width, height) is not decoded at all.
     """
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        return Decoded(None, ProblemKind.MISSING_IMAGE, "is missing")
-    except (OSError, ValueError) as error:
-        return Decoded(None, ProblemKind.MISSING_IMAGE, f"cannot be read ({error})")
+        data = read_image_bytes(path)
+    except UnreadableError as error:
+        return Decoded(None, ProblemKind.MISSING_IMAGE, "is missing" if error.missing else error.what)
     if not data:
         return Decoded(None, ProblemKind.BROKEN_IMAGE, "is empty")
     if (damage := _damage(data)) is not None:
         return Decoded(None, ProblemKind.BROKEN_IMAGE, damage)
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), _FLAGS)
-    except cv2.error:
-        pixels = None
-    if pixels is None:
-        return Decoded(None, ProblemKind.BROKEN_IMAGE, "is not an image that can be decoded")
+    size = image_size(data)
+    if expected is not None and size is not None and math.prod(size) > max(math.prod(expected), _SMALL_PX):
+        return _of_other_size(size, expected)
+    pixels = decode(data, _FLAGS)
+    if isinstance(pixels, str):
+        return Decoded(None, ProblemKind.BROKEN_IMAGE, pixels)
     if data.startswith(_JPEG_START) and bool((pixels[-8:, -8:] == _FILL).all()) and bool((pixels != _FILL).any()):
         return Decoded(None, ProblemKind.BROKEN_IMAGE, "is a damaged JPEG file: its lower part is lost")
-    return Decoded(pixels)  # type: ignore[arg-type]
+    return Decoded(pixels)
 
 
 def usable_image(decoded: Decoded, size: tuple[int, int] | None) -> tuple[ImageArray | None, Decoded]:
@@ -65,9 +68,13 @@ def usable_image(decoded: Decoded, size: tuple[int, int] | None) -> tuple[ImageA
         what = f"holds {8 * pixels.itemsize}-bit linear values; exposure and gain have to be applied before it is seen"
         return None, Decoded(None, ProblemKind.LINEAR_IMAGE, what)
     if size is not None and (width, height) != size:
-        what = f"is {width}×{height} pixels, expected {size[0]}×{size[1]}"
-        return None, Decoded(None, ProblemKind.IMAGE_SIZE, what)
+        return None, _of_other_size(ImageSize(width, height), size)
     return pixels.astype(np.uint8, copy=False), decoded
+
+
+def _of_other_size(found: ImageSize, expected: tuple[int, int]) -> Decoded:
+    what = f"is {found.width}×{found.height} pixels, expected {expected[0]}×{expected[1]}"
+    return Decoded(None, ProblemKind.IMAGE_SIZE, what)
 
 
 def _damage(data: bytes) -> str | None:

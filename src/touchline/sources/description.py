@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.messages import did_you_mean
 from touchline.sources.problems import ProblemKind, ProblemLog
+from touchline.yaml_files import read_yaml_mapping
 
 FORMAT = 1
 NO_CAMERA = "none"

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
+from touchline.opened_files import open_bytes
 from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
 from touchline.sources.decoding import decode_image, usable_image
@@ -271,7 +272,7 @@ class Recording:
         if self._observations is None or self._observed is None:
             yield from itertools.repeat(None, len(self))
             return
-        with self._observations.table.path.open("rb") as file:
+        with open_bytes(self._observations.table.path) as file:
             for index in self._observed:
                 yield None if index < 0 else self._observations.read(int(index), file, log)
 
@@ -310,7 +311,7 @@ class Recording:
     def _load(self, index: int, name: str, log: ProblemLog) -> tuple[ImageArray | None, str | None]:
         """The image of one frame, or the problem that left none."""
         assert self._images is not None
-        image, outcome = usable_image(decode_image(self.folder / name), self._size)
+        image, outcome = usable_image(decode_image(self.folder / name, self._size), self._size)
         if image is None:
             kind = outcome.kind or ProblemKind.BROKEN_IMAGE
             line = int(self._images.lines[index])

@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
+from touchline.opened_files import LONGEST_LINE, open_bytes
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.tables import (
-    LONGEST_LINE,
     Line,
     StampArray,
     Table,
@@ -48,7 +48,7 @@ class ImageList:
 
     def file_names(self, start: int = 0) -> Iterator[str]:
         """The images' files, relative to the recording, from one index on."""
-        with self.table.path.open("rb") as file:
+        with open_bytes(self.table.path) as file:
             for offset in self.offsets[start:]:
                 file.seek(offset)
                 yield _file_cell(self.table, file.readline(LONGEST_LINE).decode("utf-8", errors="replace"))

@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
+from touchline.opened_files import LONGEST_LINE, UnreadableError, open_bytes
 from touchline.sources.problems import ProblemKind, ProblemLog
 
 BLOCK_BYTES = 16384
-LONGEST_LINE = 65536
 LATEST_TIME_S = 9.0e9  # int64 nanoseconds end there
 LARGEST = 1.0e9  # no metre, radian or rad/s of a robot gets there
 
@@ -63,10 +63,10 @@ class TableError(InputError):
 def open_table(path: Path, needed: Sequence[str]) -> Table:
     """Read the header; TableError if it can't be read or lacks a needed column."""
     try:
-        with path.open("rb") as file:
+        with open_bytes(path) as file:
             header = file.readline(LONGEST_LINE)
-    except OSError as error:
-        raise TableError(path, f"cannot be read ({error.strerror})") from None
+    except UnreadableError as error:
+        raise TableError(path, error.what) from None
     try:
         text = header.decode("utf-8-sig").strip()
     except UnicodeDecodeError:
@@ -89,7 +89,7 @@ def read_lines(table: Table) -> Iterator[list[Line]]:
 
     A line longer than LONGEST_LINE comes as its first LONGEST_LINE bytes: it can't be a row.
     """
-    with table.path.open("rb") as file:
+    with open_bytes(table.path) as file:
         offset = file.seek(table.start)
         number, carry, skipping = 2, "", False
         while chunk := file.read(BLOCK_BYTES):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from touchline.errors import InputError
 from touchline.geometry import wrap_angles
 from touchline.messages import counted
+from touchline.opened_files import text_lines
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.source import Truth
@@ -26,16 +26,11 @@ def read_truth(path: Path, image_stamps: StampArray, log: ProblemLog) -> Truth |
     Broken lines, times out of order and another length than the images' go to the log.
     """
     rows, lines = array("d"), array("q")
-    number = 0
-    try:
-        with path.open(encoding="utf-8", errors="replace") as file:
-            for number, text in enumerate(file, start=1):
-                row = _pose_row(path.name, number, text, log)
-                if row is not None:
-                    rows.extend(row)
-                    lines.append(number)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    for number, text in enumerate(text_lines(path, errors="replace"), start=1):
+        row = _pose_row(path.name, number, text, log)
+        if row is not None:
+            rows.extend(row)
+            lines.append(number)
     table = np.array(rows).reshape(-1, 4)
     stamps = to_stamps(table[:, 0])
     keep = increasing_rows(stamps, np.iinfo(np.int64).min)

@@ -6,18 +6,17 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from touchline.camera import Camera, open_camera
 from touchline.errors import InputError, NoFitError, TouchlineError
 from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, Pose3
+from touchline.image_files import read_image
 from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.messages import counted
 from touchline.motion.attitude import with_camera_poses
+from touchline.opened_files import open_bytes
 from touchline.perception import Detector
 from touchline.sources import Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system, system_info
@@ -174,25 +173,13 @@ def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, 
     return replace(look, field_from_robot=location.pose, found="or its mirror image, without a compass")
 
 
-def read_image(path: Path) -> ImageArray:
-    """An image file as (H, W, 3) BGR. Raises InputError if it is none."""
-    try:
-        code = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    image = cv2.imdecode(code, cv2.IMREAD_COLOR) if len(code) else None
-    if image is None:
-        raise InputError(f"{path}: is not an image that can be decoded")
-    return np.asarray(image, dtype=np.uint8)
-
-
 def observe_image(path: Path, camera: Camera, field: FieldModel, system: str = DEFAULT_SYSTEM) -> Look:
     """What a system sees in the image of a file, without a pose.
 
     Raises InputError if it can't be read or is of another size than the camera's, TouchlineError where nothing can be
     seen; all name the file.
     """
-    image = read_image(path)
+    image: ImageArray = read_image(path)
     detector = open_system(system, RobotSetup(field, camera)).detector
     try:
         assert detector is not None, "there is a camera"
@@ -207,6 +194,6 @@ def observe_image(path: Path, camera: Camera, field: FieldModel, system: str = D
 
 def _has_16_bits(path: Path) -> bool:
     """Whether a file is a PNG of 16 bits per channel: often 10 or 12 bits of a camera, and then almost black."""
-    with path.open("rb") as file:
+    with open_bytes(path) as file:
         head = file.read(25)
     return head[:4] == b"\x89PNG" and head[24:] == b"\x10"

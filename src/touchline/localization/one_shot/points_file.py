@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from array import array
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,8 +13,10 @@ import numpy as np
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.localization.matching.weights import WeightSettings, precision_weights
+from touchline.opened_files import text_lines
 from touchline.types import LinePoints
 
+MAX_POINTS = 10_000_000
 _NAMES = {"x_m": "x", "x": "x", "y_m": "y", "y": "y", "weight": "weight"}
 
 
@@ -43,26 +46,32 @@ def read_points(path: Path) -> tuple[FloatArray, FloatArray | None]:
     The header names the columns x_m and y_m (or x and y) and, if there is one, weight; others are passed over.
     Raises InputError with file and line for whatever can't be read.
     """
+    columns: dict[str, int] | None = None
+    numbers, lines = array("d"), array("q")
+    reader = csv.reader(text_lines(path))
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file") from None
-    rows = [
-        (number, row) for number, row in enumerate(csv.reader(text.splitlines()), start=1) if any(map(str.strip, row))
-    ]
-    if not rows:
+        for row in reader:
+            if not any(map(str.strip, row)):
+                continue
+            if columns is None:
+                columns = _columns(path, reader.line_num, row)
+                continue
+            if len(lines) == MAX_POINTS:
+                raise InputError(f"{path}: holds more than {MAX_POINTS} points, the most of one observation")
+            numbers.extend(_numbers(path, reader.line_num, row, columns))
+            lines.append(reader.line_num)
+    except csv.Error as error:
+        raise InputError(f"{path}, line {reader.line_num}: cannot be read ({error})") from None
+    if columns is None:
         raise InputError(f"{path}: is empty; expected a header x_m,y_m and one point per line")
-    columns = _columns(path, rows[0][0], rows[0][1])
-    if len(rows) == 1:
+    if not lines:
         raise InputError(f"{path}: holds no points after the header")
-    table = np.array([_numbers(path, number, row, columns) for number, row in rows[1:]])
+    table = np.frombuffer(numbers).reshape(len(lines), len(columns))
     if "weight" not in columns:
         return table, None
     negative = np.flatnonzero(table[:, 2] < 0)
     if len(negative):
-        raise InputError(f"{path}, line {rows[1 + int(negative[0])][0]}: a weight can't be negative")
+        raise InputError(f"{path}, line {lines[int(negative[0])]}: a weight can't be negative")
     return np.ascontiguousarray(table[:, :2]), table[:, 2].copy()
 
 

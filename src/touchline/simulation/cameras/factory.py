@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from touchline.config import read_yaml_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.messages import did_you_mean
@@ -29,6 +28,7 @@ from touchline.simulation.cameras.mirror_rays import MirrorMount
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
 from touchline.simulation.scenario import CameraSettings
+from touchline.yaml_files import read_yaml_mapping
 
 SimulatedCamera = SimulatedOmniCamera | SimulatedPinholeCamera
 
