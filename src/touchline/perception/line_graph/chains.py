@@ -1,0 +1,65 @@
+"""Chains of a graph: the ways between nodes that are no mere passages, as field lines and key nodes start from."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from touchline.perception.line_graph.graph import Graph, IntArray
+
+
+class Chains(NamedTuple):
+    """nodes: (M,) of all chains, end nodes included; chain k is nodes[starts[k] : starts[k + 1]], starts (K + 1,)."""
+
+    nodes: IntArray
+    starts: IntArray
+
+
+def find_chains(graph: Graph) -> Chains:
+    """Connected nodes of degree two, with the nodes of other degree that are connected directly to them.
+
+    Two nodes of other degree that are connected make a chain of two. A closed ring begins and ends with the same node.
+    """
+    total = int(graph.degrees.sum()) + len(graph.degrees) + 8
+    nodes, starts = np.empty(2 * total, dtype=np.int64), np.zeros(total + 1, dtype=np.int64)
+    count = _trace(graph, nodes, starts)
+    return Chains(nodes[: starts[count]], starts[: count + 1])
+
+
+@njit(cache=True)
+def _follow(graph: Graph, begin: int, link: int, used, nodes, at: int) -> int:  # type: ignore[no-untyped-def]
+    """Write the chain that leaves a node by one of its links; used: (N, 8) links that were walked. Returns its end."""
+    nodes[at] = begin
+    at += 1
+    node, out = begin, link
+    while True:
+        following = graph.links[node, out]
+        used[node, out] = True
+        for k in range(graph.degrees[following]):
+            if graph.links[following, k] == node:
+                used[following, k] = True
+                out = k
+        nodes[at] = following
+        at += 1
+        if graph.degrees[following] != 2 or following == begin:
+            return at
+        node, out = following, 1 - out
+
+
+@njit(cache=True)
+def _trace(graph: Graph, nodes: IntArray, starts: IntArray) -> int:
+    """Chains from nodes of other degree than two, then what is left: rings."""
+    used = np.zeros(graph.links.shape, dtype=np.bool_)
+    count, at = 0, 0
+    for ring in (False, True):
+        for node in range(len(graph.degrees)):
+            if (graph.degrees[node] == 2) != ring:
+                continue
+            for k in range(graph.degrees[node]):
+                if not used[node, k]:
+                    at = _follow(graph, node, k, used, nodes, at)
+                    count += 1
+                    starts[count] = at
+    return count

@@ -1,0 +1,250 @@
+"""Colour classes: a table over B, G, R made from luminance thresholds and ellipses in U, V; counts in cells of 8 x 8.
+
+H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient soccer robot localization (2012), section 3.
+The table holds for each colour its class, or how white it is: from where on that is white depends on the light about
+the cell. All algorithms behind this one work on the cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from touchline.geometry import FloatArray
+from touchline.perception.colour import GREEN as IS_GREEN
+from touchline.perception.colour import ColourModel, colour_model, learn_carpet, pixel_noise
+from touchline.types import ImageArray
+
+CELL_PX = 8
+WHITE, GREEN, BLACK, BLUE, YELLOW, ORANGE, MAGENTA, CYAN = range(8)
+CLASSES = 8
+OTHER = 8
+FULL = CELL_PX * CELL_PX  # pixels of a cell
+FIRST_WHITE = 16  # codes of the table from here on tell how white a colour is
+WHITE_STEPS = 100.0  # such codes between carpet and paint
+HALF_WHITE = 0.5  # a pixel that is half paint is white: edges lie at half height
+_LEAST_WHITE = 0.15  # colours less white than this are never white, whatever the light
+_BITS = 6
+_LEVELS = 1 << _BITS
+_EVERY = 4  # pixels between the samples that tell the light
+_LIGHT_REACH = 6  # cells to each side that the light is averaged over
+_PALEST = 1.25  # paint is brighter than the carpet beside it by at least this factor
+_FEWEST = 30  # pixels that paint is learned from
+_BESIDE_PX = 15  # paint lies within so many pixels of carpet
+# of each colour the middle (U, V), half axes (U, V) and the interval of Y, of full-range YUV with U, V about 0
+_ELLIPSES: dict[int, tuple[float, float, float, float, float, float]] = {
+    BLUE: (60.0, -22.0, 38.0, 22.0, 12.0, 150.0),
+    YELLOW: (-72.0, 18.0, 40.0, 26.0, 60.0, 250.0),
+    ORANGE: (-55.0, 62.0, 35.0, 28.0, 50.0, 220.0),
+    MAGENTA: (12.0, 62.0, 30.0, 30.0, 30.0, 220.0),
+    CYAN: (22.0, -62.0, 30.0, 30.0, 40.0, 240.0),
+}
+_BLACK_Y = 0.45  # of the carpet's luminance, of colourless pixels
+_COLOURLESS = 12.0  # distance from white in U, V
+
+CountArray = npt.NDArray[np.uint8]
+"""(8, rows, columns): pixels of each class in each cell, at most 64."""
+
+
+class ColourClasses(NamedTuple):
+    """The learned classes.
+
+    table: uint8 (64 * 64 * 64,) by B, G, R, each shifted right by 2: a class, OTHER, or FIRST_WHITE and more. model:
+    carpet and paint that it comes from. white_from: the code from which on a pixel is white in the light it was learned
+    in. local: whether that goes with the light about each cell.
+    """
+
+    table: npt.NDArray[np.uint8]
+    model: ColourModel
+    white_from: float
+    local: bool
+
+
+def luma_chroma(colours: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Y (N,) 0 to 255 and U, V (N,) about 0 of colours (N, 3) B, G, R."""
+    blue, green, red = colours.T
+    y = 0.114 * blue + 0.587 * green + 0.299 * red
+    return y, 0.564 * (blue - y), 0.713 * (red - y)
+
+
+def learn_classes(
+    images: Sequence[ImageArray], near: npt.NDArray[np.bool_], around: npt.NDArray[np.bool_], yuv: bool
+) -> ColourClasses:
+    """Learn from images (H, W, 3): the carpet's green first, then the paint beside it.
+
+    near, around: (H, W) where carpet is expected, and all of the field that is looked at. yuv: the paper's form, one
+    luminance threshold for white and an ellipse for green; else green is a range of rays from black, and white is told
+    by Fisher's direction from carpet to paint and relative to the light about it.
+    Raises NoCarpetError when no greenish colour is frequent.
+    """
+    carpet = learn_carpet(images, near, around, pixel_noise(images, near))
+    model = colour_model(carpet)
+    paint = _learn_paint(images, around, model)
+    if paint is not None:
+        model = colour_model(carpet, paint)
+    table = yuv_table(model, carpet.pixels) if yuv else relative_table(model)
+    return ColourClasses(table, model, _white_from(model, yuv), not yuv)
+
+
+def relative_table(model: ColourModel) -> npt.NDArray[np.uint8]:
+    """The table of `ColourClasses` with green as the model has it and white by its signal."""
+    colours = _cell_colours()
+    table = _colour_codes(colours, model)
+    whiteness = (colours - model.green) @ model.signal
+    pale = (table == OTHER) | (table == BLACK)
+    table = np.where(pale & (whiteness > _LEAST_WHITE), _codes(whiteness), table)
+    return np.where(model.table.reshape(-1) == IS_GREEN, GREEN, table).astype(np.uint8)
+
+
+def yuv_table(model: ColourModel, carpet: FloatArray) -> npt.NDArray[np.uint8]:
+    """The same as the paper has it: white above a luminance, black below one, green in an ellipse of U, V.
+
+    carpet: (N, 3) pixels of it, B, G, R.
+    """
+    colours = _cell_colours()
+    table = _colour_codes(colours, model)
+    y, u, v = luma_chroma(colours)
+    carpet_y, carpet_u, carpet_v = luma_chroma(carpet)
+    low, high = np.quantile(carpet_y, (0.005, 0.995))
+    spread = np.cov(np.stack((carpet_u, carpet_v))) + 2.0 * np.eye(2)
+    offset = np.column_stack((u - carpet_u.mean(), v - carpet_v.mean()))
+    near = np.sum(offset @ np.linalg.inv(spread) * offset, axis=1) < 3.5**2
+    table[near & (y > 0.6 * low) & (y < 1.2 * high)] = GREEN
+    bright = y >= _luminance_of_white(model)
+    return np.where(bright, 255, table).astype(np.uint8)
+
+
+def _white_from(model: ColourModel, yuv: bool) -> float:
+    return float(FIRST_WHITE) if yuv else FIRST_WHITE + HALF_WHITE * WHITE_STEPS
+
+
+def _luminance_of_white(model: ColourModel) -> float:
+    y, _, _ = luma_chroma(np.stack((model.green, model.white)))
+    return float(0.5 * (y[0] + y[1]))
+
+
+def _cell_colours() -> FloatArray:
+    """(64³, 3) B, G, R of the table's entries."""
+    levels = (np.arange(_LEVELS) + 0.5) * (256 // _LEVELS)
+    return np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _codes(whiteness: FloatArray) -> FloatArray:
+    codes: FloatArray = np.clip(np.rint(FIRST_WHITE + WHITE_STEPS * whiteness), FIRST_WHITE, 255)
+    return codes
+
+
+def _colour_codes(colours: FloatArray, model: ColourModel) -> npt.NDArray[np.int64]:
+    """The classes of the coloured and of black; U, V are counted from those of the paint, as the light tints both."""
+    y, u, v = luma_chroma(colours)
+    white_y, white_u, white_v = (float(value[0]) for value in luma_chroma(model.white[np.newaxis]))
+    u, v = u - white_u * y / white_y, v - white_v * y / white_y
+    table = np.full(len(colours), OTHER, dtype=np.int64)
+    carpet_y = float(luma_chroma(model.green[np.newaxis])[0][0])
+    table[(y < _BLACK_Y * carpet_y) & (np.hypot(u, v) < _COLOURLESS)] = BLACK
+    for kind, (u0, v0, half_u, half_v, low, high) in _ELLIPSES.items():
+        inside = ((u - u0) / half_u) ** 2 + ((v - v0) / half_v) ** 2 < 1.0
+        table[inside & (y > low) & (y < high)] = kind
+    return table
+
+
+def _learn_paint(images: Sequence[ImageArray], around: npt.NDArray[np.bool_], model: ColourModel) -> FloatArray | None:
+    """(3,) B, G, R of paint: what is bright and colourless close to carpet; None where too little is seen."""
+    found = []
+    kernel = np.ones((2 * (_BESIDE_PX // 2) + 1,) * 2, dtype=np.uint8)
+    green_y = float(luma_chroma(model.green[np.newaxis])[0][0])
+    for image in images:
+        green = (model.classify(image) == IS_GREEN) & around
+        beside = cv2.dilate(green.astype(np.uint8), kernel)[::2, ::2].astype(np.bool_)
+        colours = image[::2, ::2][beside & around[::2, ::2]].astype(np.float64)
+        y, _, _ = luma_chroma(colours)
+        white = ((colours - model.green) @ model.signal > HALF_WHITE) & (y > _PALEST * green_y)
+        found.append(colours[white])
+    pixels = np.concatenate(found)
+    return np.median(pixels, axis=0) if len(pixels) >= _FEWEST else None
+
+
+@njit(cache=True)
+def count_classes(
+    image: ImageArray, table: npt.NDArray[np.uint8], white_from: npt.NDArray[np.uint8], counts: CountArray
+) -> None:
+    """Count the classes of an image (H, W, 3) in cells of 8 x 8 pixels, into counts (8, rows, columns).
+
+    white_from: (rows, columns) code of the table from which on a pixel is white.
+    """
+    packed = np.zeros(256, dtype=np.uint64)  # eight counters of a byte each
+    for kind in range(1, CLASSES):
+        packed[kind] = np.uint64(1) << np.uint64(8 * kind)
+    one: Any = np.uint64(1)
+    nothing: Any = np.uint64(0)
+    for row in range(counts.shape[1]):
+        for column in range(counts.shape[2]):
+            total = nothing
+            least = white_from[row, column]
+            for v in range(CELL_PX * row, CELL_PX * row + CELL_PX):
+                for u in range(CELL_PX * column, CELL_PX * column + CELL_PX):
+                    code = table[
+                        (np.int64(image[v, u, 0] >> 2) << 12)
+                        | (np.int64(image[v, u, 1] >> 2) << 6)
+                        | np.int64(image[v, u, 2] >> 2)
+                    ]
+                    total += packed[code] + (one if code >= least else nothing)
+            for kind in range(CLASSES):
+                counts[kind, row, column] = (total >> np.uint64(8 * kind)) & np.uint64(255)
+
+
+@njit(cache=True)
+def carpet_light(image: ImageArray, table: npt.NDArray[np.uint8], carpet_sum: float, light: FloatArray) -> None:
+    """How bright the carpet about each cell is against the one that was learned, into light (rows, columns).
+
+    carpet_sum: B + G + R of the carpet that was learned. 1 where no carpet is near.
+    """
+    rows, columns = light.shape
+    sums, counts = np.zeros((rows + 1, columns + 1)), np.zeros((rows + 1, columns + 1))
+    for row in range(rows):
+        for column in range(columns):
+            brightness, count = np.int64(0), 0
+            for v in range(CELL_PX * row + 1, CELL_PX * row + CELL_PX, _EVERY):
+                for u in range(CELL_PX * column + 1, CELL_PX * column + CELL_PX, _EVERY):
+                    b, g, r = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
+                    if table[((b >> 2) << 12) | ((g >> 2) << 6) | (r >> 2)] == GREEN:
+                        brightness += b + g + r
+                        count += 1
+            # integral images: what is summed over any rectangle costs four look-ups
+            for total, value in ((sums, brightness), (counts, count)):
+                total[row + 1, column + 1] = (
+                    value + total[row, column + 1] + total[row + 1, column] - total[row, column]
+                )
+    for row in range(rows):
+        top, bottom = max(row - _LIGHT_REACH, 0), min(row + _LIGHT_REACH + 1, rows)
+        for column in range(columns):
+            left, right = max(column - _LIGHT_REACH, 0), min(column + _LIGHT_REACH + 1, columns)
+            count = counts[bottom, right] - counts[top, right] - counts[bottom, left] + counts[top, left]
+            brightness = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+            light[row, column] = brightness / (count * carpet_sum) if count > 8.0 else 1.0
+
+
+@njit(cache=True)
+def suppress_fringes(counts: CountArray) -> None:
+    """Forget orange and cyan in cells that touch white: beside sharp contrasts a Bayer mosaic makes such fringes.
+
+    Only where the colour fills less than half of the cell; changes counts (8, rows, columns) in place.
+    """
+    rows, columns = counts.shape[1:]
+    for row in range(rows):
+        for column in range(columns):
+            if counts[ORANGE, row, column] + counts[CYAN, row, column] == 0:
+                continue
+            sharp = False
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for c in range(max(column - 1, 0), min(column + 2, columns)):
+                    sharp = sharp or counts[WHITE, r, c] + counts[BLACK, r, c] > 4
+            if sharp:
+                for kind in (ORANGE, CYAN):
+                    if counts[kind, row, column] < FULL // 2:
+                        counts[kind, row, column] = 0

@@ -1,0 +1,140 @@
+"""Image -> lines, crossings, landmarks, boundary by the line structure graph.
+
+H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient soccer robot localization, Advanced Robotics
+26 (2012), sections 3 and 4.
+
+    image ─▶ colour classes in cells (3) ─▶ field boundary (3.1) ─▶ low-pass, skeleton (3.2) ─▶ nodes, graph (3.3)
+                                                                                                     │
+                landmarks (4.3) ◀── column sums                     field lines (4.2) ◀──────────────┤
+                                                                    key nodes, crossings (4.1) ◀─────┘
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.camera import Camera, GroundView, PinholeCamera, ground_view
+from touchline.errors import InputError
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray
+from touchline.perception.colour import NoCarpetError
+from touchline.perception.detector import check_size
+from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses, learn_classes
+from touchline.perception.line_graph.crossings import find_crossings
+from touchline.perception.line_graph.field_boundary import boundary_pixels
+from touchline.perception.line_graph.field_lines import find_lines
+from touchline.perception.line_graph.image_plane import (
+    ImagePlane,
+    ground_covariances,
+    grounds_from_pixels,
+    image_plane,
+    make_lens,
+)
+from touchline.perception.line_graph.profiles import Pixels
+from touchline.perception.line_graph.settings import LineGraphSettings
+from touchline.perception.line_graph.structure import Structure, find_structure
+from touchline.types import Frame, ImageArray, LinePoints, Observation
+
+_NEAR_M = 3.0  # ground up to here is expected to be mostly carpet
+_LOOSEST, _TIGHTEST = 1.7, 0.5  # how wide a line may look, against what is expected
+
+
+class LineGraphDetector:
+    """A `Detector` of lines, crossings and landmarks for a perspective camera that sees the field from above it."""
+
+    def __init__(self, camera: Camera, settings: LineGraphSettings, field: FieldModel) -> None:
+        """Raises InputError for a camera that looks at a mirror."""
+        if not isinstance(camera, PinholeCamera):
+            raise InputError(f"the line graph needs a perspective camera (model: pinhole); this one is {camera.model}")
+        self.camera, self.settings, self.field = camera, settings, field
+        self.lens = make_lens(camera)
+        corners = np.isfinite(self.lens.table[..., 0])
+        rows, columns = camera.height // CELL_PX, camera.width // CELL_PX
+        self._usable = (corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:])[:rows, :columns]
+        self.classes: ColourClasses | None = None
+        self.reset()
+
+    @property
+    def learns_colours(self) -> bool:
+        """Whether the first images teach it its colours: not with a colour table."""
+        return self.settings.colour_file is None
+
+    def reset(self) -> None:
+        """Forget the colours."""
+        self.classes = None
+        self._images: list[ImageArray] = []
+
+    def observe(self, frame: Frame) -> Observation:
+        """What a frame's image shows. Raises InputError for one of another size than the camera's, or without one."""
+        if frame.image is None:
+            raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
+        try:
+            view = self._view(frame)
+        except InputError as error:
+            return Observation(frame.stamp_ns, problem=str(error))
+        return self.detect(frame.image, view, frame.stamp_ns)
+
+    def detect(self, image: ImageArray, view: GroundView, stamp_ns: int = 0) -> Observation:
+        """What an image (H, W, 3), B, G, R, shows from this view."""
+        check_size(image, self.camera)
+        image = np.ascontiguousarray(image)
+        plane = image_plane(self.lens, view)
+        try:
+            classes = self._learned(image, view)
+        except NoCarpetError as error:
+            return Observation(stamp_ns, problem=str(error))
+        structure = self._structure(image, classes, plane)
+        pixels = self._pixels(image, classes, structure)
+        lines, points = find_lines(structure, pixels, plane, self.settings)
+        crossings = find_crossings(structure, lines, pixels, plane, self.settings)
+        return Observation(stamp_ns, points, lines, crossings, boundary=self._boundary(structure, plane))
+
+    def _view(self, frame: Frame) -> GroundView:
+        if frame.base_from_camera is not None:
+            return ground_view(self.camera, frame.base_from_camera)
+        if frame.tilt is None or not len(frame.tilt):
+            return GroundView(self.camera)
+        roll, pitch = frame.tilt.values[-1]
+        return ground_view(self.camera, None, float(roll), float(pitch))
+
+    def _structure(self, image: ImageArray, classes: ColourClasses, plane: ImagePlane) -> Structure:
+        return find_structure(image, classes, self._usable, plane, self.field.line_width, self.settings)
+
+    def _pixels(self, image: ImageArray, classes: ColourClasses, structure: Structure) -> Pixels:
+        model = classes.model
+        signal = np.append(model.signal, -float(model.signal @ model.green))
+        return Pixels(image, signal, structure.light, self.field.line_width, _LOOSEST, _TIGHTEST)
+
+    def _learned(self, image: ImageArray, view: GroundView) -> ColourClasses:
+        """The colours, learned from the first images."""
+        if self.classes is None or len(self._images) < self.settings.learning_frames:
+            self._images.append(image)
+            if len(self._images) in (1, self.settings.learning_frames):
+                try:
+                    near, around = self._masks(view)
+                    yuv = self.settings.paper.colours == "yuv"
+                    self.classes = learn_classes(self._images, near, around, yuv)
+                except NoCarpetError:
+                    self._images.pop()
+                    raise
+        assert self.classes is not None
+        return self.classes
+
+    def _masks(self, view: GroundView) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """(H, W) pixels that see ground near by, and ground that is looked at at all."""
+        plane = image_plane(self.lens, view)
+        v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]
+        ground = grounds_from_pixels(plane, np.column_stack((u.ravel(), v.ravel())).astype(np.float64))
+        away = np.hypot(*ground.T).reshape(u.shape)
+        around = away <= self.settings.farthest_m
+        near = away <= max(_NEAR_M, float(np.quantile(away[around], 0.25)) if around.any() else _NEAR_M)
+        return near, around
+
+    def _boundary(self, structure: Structure, plane: ImagePlane) -> LinePoints:
+        pixels = boundary_pixels(structure.ends, structure.smooth.shape[0])
+        ground: FloatArray = grounds_from_pixels(plane, pixels)
+        inside = np.isfinite(ground).all(axis=1) & (structure.ends > 0.0) & (pixels[:, 1] > 0.0)
+        pixels, ground = pixels[inside], ground[inside]
+        covariances = ground_covariances(plane, pixels, 0.5 * CELL_PX, 0.05)
+        return LinePoints(ground, covariances, np.full(len(ground), 0.5), pixels)

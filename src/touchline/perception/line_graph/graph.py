@@ -1,0 +1,318 @@
+"""The line structure graph (section 3.3): nodes along the skeleton, connections between them.
+
+After S. Behnke, M. Pfister, R. Rojas: Recognition of handwritten digits using structural information (1997), which the
+paper names for the details.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.skeleton import NO_SKELETON
+
+MOST_NODES = 1500
+MOST_LINKS = 8
+MOST_DEGREE = 4  # more lines never meet
+_RANKS = 3
+_REACH = 6.0  # cells that a candidate connection may bridge
+_TURN = math.radians(40.0)  # by how much a line may turn where a connection continues it
+_PALEST = 0.25  # least whiteness along a candidate connection, as a share of its nodes'
+
+IntArray = npt.NDArray[np.int64]
+
+
+class Graph(NamedTuple):
+    """Nodes and their connections.
+
+    places: (N, 2) column, row in cells, the middle of a cell is whole. links: (N, 8) nodes that each is connected
+    to, of which the first `degrees` (N,) count.
+    """
+
+    places: FloatArray
+    links: IntArray
+    degrees: IntArray
+
+
+def line_graph(smooth: FloatArray, ranks: npt.NDArray[np.uint8], bridge: bool = True) -> Graph:
+    """The graph of a skeleton: ranks (rows, columns) of `rank_cells`, smooth the whiteness it comes from.
+
+    bridge: whether candidate connections over gaps are judged.
+    """
+    node_at = np.full(ranks.shape, -1, dtype=np.int64)
+    cells = np.empty((MOST_NODES, 2), dtype=np.int64)
+    count = place_nodes(ranks, node_at, cells)
+    graph = Graph(np.empty((MOST_NODES, 2)), np.empty((MOST_NODES, MOST_LINKS), dtype=np.int64),
+                  np.zeros(MOST_NODES, dtype=np.int64))  # fmt: skip
+    graph.places[:count] = cells[:count]
+    connect_regions(ranks, node_at, graph)
+    remove_triangles(graph, count)
+    count = stretch_ends(ranks, node_at, graph, count)
+    if bridge:
+        bridge_gaps(smooth, graph, count)
+    refine_places(smooth, graph, count)
+    return Graph(graph.places[:count], graph.links[:count], graph.degrees[:count])
+
+
+@njit(cache=True)
+def place_nodes(ranks: npt.NDArray[np.uint8], node_at: IntArray, cells: IntArray) -> int:
+    """Nodes at peaks of the skeleton, then along its ridges at least two cells apart.
+
+    Writes the number of the node into node_at (rows, columns), column and row into cells; returns how many.
+    """
+    rows, columns = ranks.shape
+    count = 0
+    for rank in range(_RANKS):
+        for row in range(rows):
+            for column in range(columns):
+                if ranks[row, column] != rank or count == len(cells):
+                    continue
+                free = True
+                for r in range(max(row - 1, 0), min(row + 2, rows)):
+                    for c in range(max(column - 1, 0), min(column + 2, columns)):
+                        free = free and node_at[r, c] < 0
+                if free:
+                    node_at[row, column] = count
+                    cells[count, 0], cells[count, 1] = column, row
+                    count += 1
+    return count
+
+
+@njit(cache=True)
+def connected(graph: Graph, a: int, b: int) -> bool:
+    """Whether two nodes are connected."""
+    found = False
+    for k in range(graph.degrees[a]):
+        found = found or graph.links[a, k] == b
+    return found
+
+
+@njit(cache=True)
+def connect(graph: Graph, a: int, b: int) -> None:
+    """Connect two nodes, if they are not and have room."""
+    if a == b or graph.degrees[a] == MOST_LINKS or graph.degrees[b] == MOST_LINKS or connected(graph, a, b):
+        return
+    graph.links[a, graph.degrees[a]] = b
+    graph.links[b, graph.degrees[b]] = a
+    graph.degrees[a] += 1
+    graph.degrees[b] += 1
+
+
+@njit(cache=True)
+def _drop(graph: Graph, a: int, b: int) -> None:
+    for k in range(graph.degrees[a]):
+        if graph.links[a, k] == b:
+            graph.degrees[a] -= 1
+            graph.links[a, k] = graph.links[a, graph.degrees[a]]
+            return
+
+
+@njit(cache=True)
+def disconnect(graph: Graph, a: int, b: int) -> None:
+    """Remove the connection of two nodes."""
+    _drop(graph, a, b)
+    _drop(graph, b, a)
+
+
+@njit(cache=True)
+def _nodes_near(node_at: IntArray, row: int, column: int, near: IntArray) -> int:
+    """Nodes whose 3 x 3 region holds a cell, into near (9,); returns how many."""
+    rows, columns = node_at.shape
+    count = 0
+    for r in range(max(row - 1, 0), min(row + 2, rows)):
+        for c in range(max(column - 1, 0), min(column + 2, columns)):
+            if node_at[r, c] >= 0:
+                near[count] = node_at[r, c]
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def connect_regions(ranks: npt.NDArray[np.uint8], node_at: IntArray, graph: Graph) -> None:
+    """Connect nodes whose 3 x 3 regions overlap or touch on the skeleton."""
+    rows, columns = ranks.shape
+    here, there = np.empty(9, dtype=np.int64), np.empty(9, dtype=np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            if ranks[row, column] == NO_SKELETON:
+                continue
+            count = _nodes_near(node_at, row, column, here)
+            for r in range(row, min(row + 2, rows)):
+                for c in range(max(column - 1, 0), min(column + 2, columns)):
+                    if ranks[r, c] == NO_SKELETON or (r == row and c < column):
+                        continue
+                    beside = _nodes_near(node_at, r, c, there)
+                    for k in range(count):
+                        for m in range(beside):
+                            connect(graph, here[k], there[m])
+
+
+@njit(cache=True)
+def _length(graph: Graph, a: int, b: int) -> float:
+    return math.hypot(graph.places[a, 0] - graph.places[b, 0], graph.places[a, 1] - graph.places[b, 1])
+
+
+@njit(cache=True)
+def remove_triangles(graph: Graph, count: int) -> None:
+    """Of three nodes that are all connected the longest connection is redundant (simplicity)."""
+    for a in range(count):
+        k = 0
+        while k < graph.degrees[a]:
+            b, redundant = graph.links[a, k], False
+            for m in range(graph.degrees[a]):
+                c = graph.links[a, m]
+                if c != b and connected(graph, b, c):
+                    length = _length(graph, a, b)
+                    redundant = redundant or (length >= _length(graph, a, c) and length >= _length(graph, b, c))
+            if redundant:
+                disconnect(graph, a, b)
+            else:
+                k += 1
+
+
+@njit(cache=True)
+def stretch_ends(ranks: npt.NDArray[np.uint8], node_at: IntArray, graph: Graph, count: int) -> int:
+    """Move end nodes to the last cell of the skeleton, split nodes without connections; returns how many there are."""
+    rows, columns = ranks.shape
+    for node in range(count):
+        if graph.degrees[node] > 1:
+            continue
+        column, row = int(graph.places[node, 0]), int(graph.places[node, 1])
+        # of a lone node: the cell farthest from it, then the one farthest from that
+        from_column, from_row = graph.places[node, 0], graph.places[node, 1]
+        if graph.degrees[node] == 1:
+            other = graph.links[node, 0]
+            from_column, from_row = graph.places[other, 0], graph.places[other, 1]
+        far_column, far_row, farthest = column, row, math.hypot(column - from_column, row - from_row)
+        second_column, second_row, second = column, row, -1.0
+        for turn in range(2 if graph.degrees[node] == 0 else 1):
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for c in range(max(column - 1, 0), min(column + 2, columns)):
+                    if ranks[r, c] == NO_SKELETON:
+                        continue
+                    if turn == 0 and math.hypot(c - from_column, r - from_row) > farthest:
+                        far_column, far_row, farthest = c, r, math.hypot(c - from_column, r - from_row)
+                    if turn == 1 and math.hypot(c - far_column, r - far_row) > second:
+                        second_column, second_row, second = c, r, math.hypot(c - far_column, r - far_row)
+        graph.places[node, 0], graph.places[node, 1] = far_column, far_row
+        if graph.degrees[node] == 0 and second >= 1.0 and count < len(graph.places):
+            graph.places[count, 0], graph.places[count, 1] = second_column, second_row
+            connect(graph, node, count)
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _turn(graph: Graph, before: int, node: int, after_x: float, after_y: float) -> float:
+    """Angle (rad) between the connection before -> node and the direction (after_x, after_y)."""
+    x, y = graph.places[node, 0] - graph.places[before, 0], graph.places[node, 1] - graph.places[before, 1]
+    return abs(math.atan2(x * after_y - y * after_x, x * after_x + y * after_y))
+
+
+@njit(cache=True)
+def whiteness_between(smooth: FloatArray, x0: float, y0: float, x1: float, y1: float) -> float:
+    """Least whiteness on the straight line between two places (columns, rows), its ends left out."""
+    steps = max(int(2.0 * max(abs(x1 - x0), abs(y1 - y0))), 2)
+    least = np.inf
+    for k in range(1, steps):
+        x, y = x0 + (x1 - x0) * k / steps, y0 + (y1 - y0) * k / steps
+        least = min(least, smooth[int(y + 0.5), int(x + 0.5)])
+    return least
+
+
+@njit(cache=True)
+def _is_continued(graph: Graph, node: int, x: float, y: float) -> bool:
+    """Whether a connection in direction (x, y) suits a node: continues its end, or leaves a straight line."""
+    degree = graph.degrees[node]
+    if degree == 0:
+        return True
+    if degree == 1:
+        return _turn(graph, graph.links[node, 0], node, x, y) < _TURN
+    if degree == 2:
+        a, b = graph.links[node, 0], graph.links[node, 1]
+        bx, by = graph.places[b, 0] - graph.places[node, 0], graph.places[b, 1] - graph.places[node, 1]
+        return (
+            _turn(graph, a, node, bx, by) < _TURN
+            or _turn(graph, a, node, x, y) < _TURN
+            or _turn(graph, b, node, x, y) < _TURN
+        )
+    return bool(degree < MOST_DEGREE)
+
+
+@njit(cache=True)
+def _cost(smooth: FloatArray, graph: Graph, end: int, other: int) -> float:
+    """How badly a connection from an end to another node fits: infinite where it is not allowed.
+
+    Closure: its length; continuity: how much the line turns; the whiteness along it like that of the nodes.
+    """
+    x, y = graph.places[other, 0] - graph.places[end, 0], graph.places[other, 1] - graph.places[end, 1]
+    length = math.hypot(x, y)
+    if length > _REACH or length == 0.0 or connected(graph, end, other):
+        return np.inf
+    if not (_is_continued(graph, end, x, y) and _is_continued(graph, other, -x, -y)):
+        return np.inf
+    turn = _turn(graph, graph.links[end, 0], end, x, y) if graph.degrees[end] == 1 else 0.5 * _TURN
+    white = 0.5 * (
+        smooth[int(graph.places[end, 1] + 0.5), int(graph.places[end, 0] + 0.5)]
+        + smooth[int(graph.places[other, 1] + 0.5), int(graph.places[other, 0] + 0.5)]
+    )
+    between = whiteness_between(
+        smooth, graph.places[end, 0], graph.places[end, 1], graph.places[other, 0], graph.places[other, 1]
+    )
+    paleness = max(0.0, 1.0 - between / max(white, 1e-6))
+    if paleness > 1.0 - _PALEST:
+        return np.inf
+    return float(length / _REACH + turn / _TURN + paleness)
+
+
+@njit(cache=True)
+def bridge_gaps(smooth: FloatArray, graph: Graph, count: int) -> None:
+    """Give each end node the candidate connection that fits best, the ends with the best ones first."""
+    for _ in range(count):
+        best, best_end, best_other = np.inf, -1, -1
+        for end in range(count):
+            if graph.degrees[end] > 1:
+                continue
+            for other in range(count):
+                near = abs(graph.places[other, 0] - graph.places[end, 0]) <= _REACH
+                if other == end or not near or graph.degrees[other] >= MOST_DEGREE:
+                    continue
+                if graph.degrees[end] == 1 and connected(graph, graph.links[end, 0], other):
+                    continue  # simplicity: no triangles
+                cost = _cost(smooth, graph, end, other)
+                if cost < best:
+                    best, best_end, best_other = cost, end, other
+        if best_end < 0:
+            break
+        connect(graph, best_end, best_other)
+
+
+@njit(cache=True)
+def refine_places(smooth: FloatArray, graph: Graph, count: int) -> None:
+    """Move nodes onto the ridge between cells: the top of a parabola across the line, along rows or columns.
+
+    Junctions and lone nodes stay on their cell.
+    """
+    rows, columns = smooth.shape
+    for node in range(count):
+        degree = graph.degrees[node]
+        column, row = int(graph.places[node, 0]), int(graph.places[node, 1])
+        if degree == 0 or degree > 2:
+            continue
+        a, b = graph.links[node, 0], graph.links[node, 1] if degree == 2 else node
+        upright = abs(graph.places[a, 0] - graph.places[b, 0]) < abs(graph.places[a, 1] - graph.places[b, 1])
+        here = smooth[row, column]
+        if upright and 0 < column < columns - 1:
+            before, after = smooth[row, column - 1], smooth[row, column + 1]
+        elif not upright and 0 < row < rows - 1:
+            before, after = smooth[row - 1, column], smooth[row + 1, column]
+        else:
+            continue
+        bend = before - 2.0 * here + after
+        if bend < 0.0 and before <= here and after <= here:
+            graph.places[node, 0 if upright else 1] += 0.5 * (before - after) / bend

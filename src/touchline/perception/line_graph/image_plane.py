@@ -1,0 +1,176 @@
+"""The geometry of one image in compiled loops: pixel <-> undistorted image plane <-> ground.
+
+The plane lies at unit depth before the camera: x to the right, y down, as OpenCV's normalised coordinates. A straight
+line of the field is straight in it, and a homography leads from it to the ground, the IMU's learned correction
+included, as that is affine. The undistortion is a table, made once per camera (section 4.4's "pre-calculated").
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from touchline.camera import GroundView, PinholeCamera
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.colour_classes import CELL_PX
+
+
+class Lens(NamedTuple):
+    """pinhole: (4,) fx, fy, cx, cy. distortion: (5,) OpenCV's. table: (R, C, 2) plane coordinates of the pixels whose u
+    and v are multiples of 8; NaN where the distortion is not trusted.
+    """
+
+    pinhole: FloatArray
+    distortion: FloatArray
+    table: FloatArray
+
+
+class ImagePlane(NamedTuple):
+    """lens: of the camera. ground: (3, 3) ground from plane, homogeneous, the last row positive below the horizon.
+    plane: (3, 3) its inverse. size: (2,) width and height of the image (px).
+    """
+
+    lens: Lens
+    ground: FloatArray
+    plane: FloatArray
+    size: FloatArray
+
+
+def make_lens(camera: PinholeCamera) -> Lens:
+    """The part that is the same for all images of a camera."""
+    rows, columns = camera.height // CELL_PX + 2, camera.width // CELL_PX + 2
+    v, u = np.mgrid[0:rows, 0:columns] * float(CELL_PX)
+    plane = camera.undistorted(np.column_stack((u.ravel(), v.ravel())))
+    pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    table = ((plane - pinhole[2:]) / pinhole[:2]).reshape(rows, columns, 2)
+    return Lens(pinhole, np.array(camera.distortion, dtype=np.float64), np.ascontiguousarray(table))
+
+
+def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
+    """The geometry of an image of a perspective camera."""
+    pose = view.pose
+    rotation, at = pose.rotation, pose.translation_m
+    rays = np.column_stack((-rotation[:, 1], -rotation[:, 2], rotation[:, 0]))  # of (x, y, 1), base frame
+    ground = np.stack((at[2] * rays[0] - at[0] * rays[2], at[2] * rays[1] - at[1] * rays[2], -rays[2]))
+    fx, fy, cx, cy = lens.pinhole
+    if view.correction is not None:
+        corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        levelled = view.correction.level(corners * (fx, fy) + (cx, cy), view.roll_rad, view.pitch_rad)
+        levelled = (levelled - (cx, cy)) / (fx, fy)
+        affine = np.eye(3)
+        affine[:2, 0], affine[:2, 1], affine[:2, 2] = levelled[1] - levelled[0], levelled[2] - levelled[0], levelled[0]
+        ground = ground @ affine
+    size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
+    return ImagePlane(lens, np.ascontiguousarray(ground), np.linalg.inv(ground), size)
+
+
+@njit(cache=True, error_model="numpy")
+def plane_from_pixel(lens: Lens, u: float, v: float) -> tuple[float, float]:
+    """Plane coordinates of a pixel, bilinear in the lens's table; beyond its rim extrapolated."""
+    rows, columns = lens.table.shape[0], lens.table.shape[1]
+    column = min(max(math.floor(u / CELL_PX), 0), columns - 2)
+    row = min(max(math.floor(v / CELL_PX), 0), rows - 2)
+    a, b = u / CELL_PX - column, v / CELL_PX - row
+    t = lens.table
+    x = (1.0 - b) * ((1.0 - a) * t[row, column, 0] + a * t[row, column + 1, 0]) + b * (
+        (1.0 - a) * t[row + 1, column, 0] + a * t[row + 1, column + 1, 0]
+    )
+    y = (1.0 - b) * ((1.0 - a) * t[row, column, 1] + a * t[row, column + 1, 1]) + b * (
+        (1.0 - a) * t[row + 1, column, 1] + a * t[row + 1, column + 1, 1]
+    )
+    return x, y
+
+
+@njit(cache=True, error_model="numpy")
+def pixel_from_plane(lens: Lens, x: float, y: float) -> tuple[float, float]:
+    """Where the lens shows a place of the plane."""
+    d, p = lens.distortion, lens.pinhole
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]))
+    u = x * radial + 2.0 * d[2] * x * y + d[3] * (r2 + 2.0 * x * x)
+    v = y * radial + d[2] * (r2 + 2.0 * y * y) + 2.0 * d[3] * x * y
+    return p[0] * u + p[2], p[1] * v + p[3]
+
+
+@njit(cache=True, error_model="numpy")
+def transformed(h: FloatArray, x: float, y: float) -> tuple[float, float]:
+    """A homography of a point; NaN beyond the horizon."""
+    w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
+    if w <= 1e-9:
+        return np.nan, np.nan
+    return (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / w, (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / w
+
+
+@njit(cache=True, error_model="numpy")
+def ground_from_pixel(plane: ImagePlane, u: float, v: float) -> tuple[float, float]:
+    """Ground point (m, robot frame) of a pixel; NaN above the horizon."""
+    x, y = plane_from_pixel(plane.lens, u, v)
+    return transformed(plane.ground, x, y)
+
+
+@njit(cache=True, error_model="numpy")
+def pixel_from_ground(plane: ImagePlane, x: float, y: float) -> tuple[float, float]:
+    """Pixel of a ground point (m, robot frame); NaN behind the camera."""
+    a, b = transformed(plane.plane, x, y)
+    return pixel_from_plane(plane.lens, a, b)
+
+
+@njit(cache=True, error_model="numpy")
+def planes_from_pixels(plane: ImagePlane, pixels: FloatArray) -> FloatArray:
+    """`plane_from_pixel` of pixels (N, 2), as (N, 2)."""
+    points = np.empty((len(pixels), 2))
+    for i in range(len(pixels)):
+        points[i, 0], points[i, 1] = plane_from_pixel(plane.lens, pixels[i, 0], pixels[i, 1])
+    return points
+
+
+@njit(cache=True, error_model="numpy")
+def grounds_from_pixels(plane: ImagePlane, pixels: FloatArray) -> FloatArray:
+    """`ground_from_pixel` of pixels (N, 2), as (N, 2)."""
+    points = np.empty((len(pixels), 2))
+    for i in range(len(pixels)):
+        points[i, 0], points[i, 1] = ground_from_pixel(plane, pixels[i, 0], pixels[i, 1])
+    return points
+
+
+@njit(cache=True, error_model="numpy")
+def pixels_from_grounds(plane: ImagePlane, points: FloatArray) -> FloatArray:
+    """`pixel_from_ground` of ground points (N, 2), as (N, 2)."""
+    pixels = np.empty((len(points), 2))
+    for i in range(len(points)):
+        pixels[i, 0], pixels[i, 1] = pixel_from_ground(plane, points[i, 0], points[i, 1])
+    return pixels
+
+
+@njit(cache=True, error_model="numpy")
+def ground_covariances(plane: ImagePlane, pixels: FloatArray, noise_px: float, noise_m: float) -> FloatArray:
+    """(N, 2, 2) covariances (m²) of the ground points of pixels (N, 2): noise of the pixel and of the ground."""
+    covariances = np.empty((len(pixels), 2, 2))
+    for i in range(len(pixels)):
+        u, v = pixels[i, 0], pixels[i, 1]
+        x, y = ground_from_pixel(plane, u, v)
+        ux, uy = ground_from_pixel(plane, u + 0.5, v)
+        vx, vy = ground_from_pixel(plane, u, v + 0.5)  # downwards: never above the horizon
+        a, b, c, d = 2.0 * (ux - x), 2.0 * (vx - x), 2.0 * (uy - y), 2.0 * (vy - y)
+        covariances[i, 0, 0] = noise_px**2 * (a * a + b * b) + noise_m**2
+        covariances[i, 1, 1] = noise_px**2 * (c * c + d * d) + noise_m**2
+        covariances[i, 0, 1] = covariances[i, 1, 0] = noise_px**2 * (a * c + b * d)
+    return covariances
+
+
+@njit(cache=True, error_model="numpy")
+def horizon_rows(plane: ImagePlane, columns: int, rows: int, farthest_m: float, out: FloatArray) -> None:
+    """The highest row of cells in each column that sees ground no farther than farthest_m, into out (columns,)."""
+    for column in range(columns):
+        highest = 0
+        for row in range(rows):
+            u, v = CELL_PX * column + 0.5 * (CELL_PX - 1), CELL_PX * row + 0.5 * (CELL_PX - 1)
+            x, y = ground_from_pixel(plane, u, v)
+            if math.hypot(x, y) <= farthest_m:
+                highest = row
+                break
+            highest = row + 1
+        out[column] = highest

@@ -1,0 +1,143 @@
+"""Field lines from the fine graph (section 4.2): components of degree-two nodes, split and merge, end points projected.
+
+All in the undistorted image plane, where straight lines are straight.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.chains import Chains
+from touchline.perception.line_graph.graph import IntArray
+
+MOST_LINES = 64
+_FEWEST_NODES = 3
+_MOST_STACK = 256
+_SAME_RAD = math.radians(4.0)  # directions of two components that may be merged
+_BESIDE = 1.5  # how far, in splitting distances, one may lie off the other's line
+
+
+def split_and_merge(nodes: FloatArray, chains: Chains, split: float) -> FloatArray:
+    """Straight lines (L, 4) x0, y0, x1, y1 of chains of nodes (N, 2), all in the image plane.
+
+    split: distance from the fitted line from which on a component is split.
+    """
+    found = np.empty((MOST_LINES, 4))
+    parts = np.empty((MOST_LINES, 2), dtype=np.int64)
+    count = _split(nodes, chains, split, parts)
+    members = np.arange(count)
+    _merge(nodes, chains, split, parts[:count], members)
+    return found[: _project_ends(nodes, chains, parts[:count], members, found)]
+
+
+@njit(cache=True)
+def fit_line(points: FloatArray, use: IntArray) -> tuple[float, float, float, float]:
+    """Total least squares through points[use]: a point of the line and its direction, x, y, dx, dy."""
+    n = max(len(use), 1)
+    mx, my = 0.0, 0.0
+    for k in use:
+        mx += points[k, 0] / n
+        my += points[k, 1] / n
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for k in use:
+        x, y = points[k, 0] - mx, points[k, 1] - my
+        xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    return mx, my, math.cos(angle), math.sin(angle)
+
+
+@njit(cache=True)
+def _split(nodes: FloatArray, chains: Chains, split: float, parts: IntArray) -> int:
+    """First and last place in chains.nodes of every straight part, into parts (MOST_LINES, 2); returns how many."""
+    stack = np.empty((_MOST_STACK, 2), dtype=np.int64)
+    count = 0
+    for chain in range(len(chains.starts) - 1):
+        stack[0, 0], stack[0, 1] = chains.starts[chain], chains.starts[chain + 1] - 1
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            first, last = stack[depth, 0], stack[depth, 1]
+            if last - first + 1 < _FEWEST_NODES:
+                continue
+            x, y, dx, dy = fit_line(nodes, chains.nodes[first : last + 1])
+            worst, at = 0.0, first
+            for k in range(first, last + 1):
+                n = chains.nodes[k]
+                off = abs((nodes[n, 0] - x) * dy - (nodes[n, 1] - y) * dx)
+                if off > worst:
+                    worst, at = off, k
+            if worst <= split:
+                if count < len(parts):
+                    parts[count, 0], parts[count, 1] = first, last
+                    count += 1
+            elif depth + 2 <= _MOST_STACK:
+                at = min(max(at, first + 1), last - 1)
+                stack[depth, 0], stack[depth, 1] = first, at
+                stack[depth + 1, 0], stack[depth + 1, 1] = at, last
+                depth += 2
+    return count
+
+
+@njit(cache=True)
+def _members_of(chains: Chains, parts: IntArray, members: IntArray, group: int) -> IntArray:
+    """Nodes of all parts of a group."""
+    total = 0
+    for k in range(len(parts)):
+        if members[k] == group:
+            total += parts[k, 1] - parts[k, 0] + 1
+    use = np.empty(total, dtype=np.int64)
+    at = 0
+    for k in range(len(parts)):
+        if members[k] == group:
+            for m in range(parts[k, 0], parts[k, 1] + 1):
+                use[at] = chains.nodes[m]
+                at += 1
+    return use
+
+
+@njit(cache=True)
+def _merge(nodes: FloatArray, chains: Chains, split: float, parts: IntArray, members: IntArray) -> None:
+    """Give parts whose lines are alike the same number in members (K,)."""
+    for a in range(len(parts)):
+        for b in range(a + 1, len(parts)):
+            if members[a] == members[b]:
+                continue
+            one = _members_of(chains, parts, members, members[a])
+            other = _members_of(chains, parts, members, members[b])
+            _, _, dxa, dya = fit_line(nodes, one)
+            _, _, dxb, dyb = fit_line(nodes, other)
+            if abs(dxa * dyb - dya * dxb) > math.sin(_SAME_RAD):
+                continue
+            both = np.concatenate((one, other))
+            x, y, dx, dy = fit_line(nodes, both)
+            worst = 0.0
+            for n in both:
+                worst = max(worst, abs((nodes[n, 0] - x) * dy - (nodes[n, 1] - y) * dx))
+            if worst <= _BESIDE * split:
+                gone = members[b]
+                for k in range(len(parts)):
+                    if members[k] == gone:
+                        members[k] = members[a]
+
+
+@njit(cache=True)
+def _project_ends(nodes: FloatArray, chains: Chains, parts: IntArray, members: IntArray, found: FloatArray) -> int:
+    """The end points of each group of parts, projected onto its line, into found (L, 4); returns how many."""
+    count = 0
+    for group in range(len(parts)):
+        use = _members_of(chains, parts, members, group)
+        if len(use) == 0:
+            continue
+        x, y, dx, dy = fit_line(nodes, use)
+        low, high = np.inf, -np.inf
+        for n in use:
+            along = (nodes[n, 0] - x) * dx + (nodes[n, 1] - y) * dy
+            low, high = min(low, along), max(high, along)
+        found[count, 0], found[count, 1] = x + low * dx, y + low * dy
+        found[count, 2], found[count, 3] = x + high * dx, y + high * dy
+        count += 1
+    return count

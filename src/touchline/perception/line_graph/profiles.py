@@ -1,0 +1,155 @@
+"""Profiles across a line in the whole image: where exactly the paint lies, how wide it is, and what is beside it.
+
+"We use subpixel precision when possible": the cells find lines, the pixels place them. An addition of ours.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.colour_classes import CELL_PX
+from touchline.perception.line_graph.image_plane import ImagePlane, pixel_from_ground
+from touchline.types import ImageArray
+
+OUTSIDE, NO_LINE, LINE = 0, 1, 2
+"""What a profile shows: it leaves the image, no line, a line."""
+_MOST_SAMPLES = 160
+_FLANK_PX = 3  # carpet looked at on each side
+_FAINTEST = 0.25  # least contrast of a line
+_PALE_FLANK = 0.3  # what is beside a line is no whiter than this share of its contrast
+
+
+class Cut(NamedTuple):
+    """A cut through the image at right angles to a line: its middle and unit direction (px), the line's width there."""
+
+    u: float
+    v: float
+    du: float
+    dv: float
+    width_px: float
+
+
+class Pixels(NamedTuple):
+    """What profiles are read from.
+
+    image: (H, W, 3). signal: (4,) weights of B, G, R and a constant: 0 on carpet, 1 on paint in the light that was
+    learned. light: (rows, columns) of cells, how bright it is against that. width_m: of a line. loosest, tightest:
+    how much wider and narrower than expected a line may look.
+    """
+
+    image: ImageArray
+    signal: FloatArray
+    light: FloatArray
+    width_m: float
+    loosest: float
+    tightest: float
+
+
+@njit(cache=True, error_model="numpy")
+def signal_at(pixels: Pixels, u: float, v: float) -> float:
+    """How white a place of the image is, 0 carpet to 1 paint in the light about it, bilinear; it must lie inside."""
+    image, w = pixels.image, pixels.signal
+    height, width = image.shape[0], image.shape[1]
+    column, row = min(max(int(u), 0), width - 2), min(max(int(v), 0), height - 2)
+    a, b = u - column, v - row
+    total = 0.0
+    for dv in range(2):
+        for du in range(2):
+            share = (a if du else 1.0 - a) * (b if dv else 1.0 - b)
+            value = w[3]
+            for channel in range(3):
+                value += w[channel] * image[row + dv, column + du, channel]
+            total += share * value
+    cell_row = min(int(v) // CELL_PX, pixels.light.shape[0] - 1)
+    cell_column = min(int(u) // CELL_PX, pixels.light.shape[1] - 1)
+    return float(total / pixels.light[max(cell_row, 0), max(cell_column, 0)])
+
+
+@njit(cache=True, error_model="numpy")
+def cut_across(pixels: Pixels, plane: ImagePlane, x: float, y: float, nx: float, ny: float) -> Cut:
+    """The cut at a ground point (x, y) of a line with normal (nx, ny); its width is NaN where it is not seen."""
+    u, v = pixel_from_ground(plane, x, y)
+    half = 0.5 * pixels.width_m
+    ua, va = pixel_from_ground(plane, x - half * nx, y - half * ny)
+    ub, vb = pixel_from_ground(plane, x + half * nx, y + half * ny)
+    # at right angles to the line in the image, which is not where its normal on the ground points
+    ta, sa = pixel_from_ground(plane, x + half * ny, y - half * nx)
+    tb, sb = pixel_from_ground(plane, x - half * ny, y + half * nx)
+    length = math.hypot(tb - ta, sb - sa)
+    du, dv = -(sb - sa) / length, (tb - ta) / length
+    width = du * (ub - ua) + dv * (vb - va)
+    if width < 0.0:
+        du, dv, width = -du, -dv, -width
+    height, columns = pixels.image.shape[0], pixels.image.shape[1]
+    if not (0.0 <= u <= columns - 1 and 0.0 <= v <= height - 1 and width > 0.0):
+        width = np.nan
+    return Cut(u, v, du, dv, width)
+
+
+@njit(cache=True, error_model="numpy")
+def read_profile(pixels: Pixels, plane: ImagePlane, x: float, y: float, nx: float, ny: float, found: FloatArray) -> int:
+    """Read a profile across a line whose ground point (x, y) and normal (nx, ny) are known roughly.
+
+    Writes the middle's pixel u, v, its width (px), the width expected (px) and its contrast into found (5,). Returns
+    OUTSIDE, NO_LINE or LINE.
+    """
+    cut = cut_across(pixels, plane, x, y, nx, ny)
+    if not cut.width_px > 0.0:
+        return OUTSIDE
+    height, width = pixels.image.shape[0], pixels.image.shape[1]
+    steps = int(min(cut.width_px * 1.3 + 4.0, 0.5 * _MOST_SAMPLES - 2))
+    samples = np.full(2 * steps + 1, np.nan)  # NaN beyond the image's edge
+    for k in range(-steps, steps + 1):
+        u, v = cut.u + k * cut.du, cut.v + k * cut.dv
+        if 0.0 <= u <= width - 1 and 0.0 <= v <= height - 1:
+            samples[k + steps] = signal_at(pixels, u, v)
+    shown, middle, paint, top = find_paint(samples, cut.width_px)
+    if shown != LINE:
+        return shown
+    if paint > pixels.loosest * cut.width_px + 1.5 or paint < pixels.tightest * cut.width_px - 0.5:
+        return NO_LINE
+    found[0], found[1] = cut.u + (middle - steps) * cut.du, cut.v + (middle - steps) * cut.dv
+    found[2], found[3], found[4] = paint, cut.width_px, top
+    return LINE
+
+
+@njit(cache=True, error_model="numpy")
+def find_paint(samples: FloatArray, width_px: float) -> tuple[int, float, float, float]:
+    """The run of paint next to the middle of samples (N,), its edges at half height.
+
+    Returns what is shown, and of a LINE its middle (samples from the first), its width and its contrast.
+    """
+    n, middle = len(samples), len(samples) // 2
+    near = max(2, int(0.6 * width_px) + 2)
+    top, peak = -np.inf, middle
+    for k in range(max(0, middle - near), min(n, middle + near + 1)):
+        if samples[k] > top:
+            top, peak = samples[k], k
+    if not top > _FAINTEST:
+        return NO_LINE, 0.0, 0.0, 0.0
+    half = 0.5 * min(top, 1.0)
+    low, high = peak, peak
+    while low > 0 and samples[low - 1] >= half:
+        low -= 1
+    while high < n - 1 and samples[high + 1] >= half:
+        high += 1
+    if low == 0 or high == n - 1:
+        return NO_LINE, 0.0, 0.0, 0.0
+    if np.isnan(samples[low - 1]) or np.isnan(samples[high + 1]):
+        return OUTSIDE, 0.0, 0.0, 0.0
+    before, after = np.inf, np.inf
+    for k in range(1, _FLANK_PX + 1):
+        if low - k >= 0 and samples[low - k] < before:
+            before = samples[low - k]
+        if high + k < n and samples[high + k] < after:
+            after = samples[high + k]
+    if not (before < _PALE_FLANK * top and after < _PALE_FLANK * top):
+        return NO_LINE, 0.0, 0.0, 0.0
+    lower = low - (samples[low] - half) / max(samples[low] - samples[low - 1], 1e-9)
+    upper = high + (samples[high] - half) / max(samples[high] - samples[high + 1], 1e-9)
+    return LINE, 0.5 * (lower + upper), upper - lower, top

@@ -1,0 +1,69 @@
+"""Low-pass and skeleton of the white cells (section 3.2): a ranking operator finds the middle of lines."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.colour_classes import WHITE, CountArray
+
+NO_SKELETON = 9
+"""Rank of a cell that is not on the skeleton."""
+_MOST_EQUAL = 3  # a cell with fewer neighbours that are as white or whiter is on the skeleton
+_LEAST_WHITE = 0.75  # white pixels after the low-pass that count: less is a stray
+
+
+@njit(cache=True)
+def white_inside(counts: CountArray, ends: FloatArray, white: FloatArray) -> None:
+    """The white counts below the boundary, into white (rows, columns); ends: (columns,) its height in cells."""
+    rows, columns = white.shape
+    for column in range(columns):
+        top = rows - ends[column]
+        for row in range(rows):
+            white[row, column] = np.float64(counts[WHITE, row, column]) if row + 0.5 >= top else 0.0
+
+
+@njit(cache=True)
+def low_pass(white: FloatArray, passes: npt.NDArray[np.int64], smooth: FloatArray) -> None:
+    """A binomial 3 x 3 filter, as often as each row wants, into smooth (rows, columns).
+
+    passes: (rows,) at least 1, more where lines are wider than two cells: each cross-section shall have one maximum.
+    """
+    rows, columns = white.shape
+    now, along = white.copy(), np.empty((rows, columns))
+    for turn in range(1, int(passes.max()) + 1):
+        for row in range(rows):
+            for column in range(columns):
+                left, right = max(column - 1, 0), min(column + 1, columns - 1)
+                along[row, column] = 0.25 * now[row, left] + 0.5 * now[row, column] + 0.25 * now[row, right]
+        for row in range(rows):
+            above, below = max(row - 1, 0), min(row + 1, rows - 1)
+            for column in range(columns):
+                now[row, column] = 0.25 * along[above, column] + 0.5 * along[row, column] + 0.25 * along[below, column]
+        for row in range(rows):
+            if passes[row] == turn:
+                smooth[row] = now[row]
+
+
+@njit(cache=True)
+def rank_cells(smooth: FloatArray, ranks: npt.NDArray[np.uint8]) -> None:
+    """How many of the eight neighbours are as white or whiter, into ranks (rows, columns): below three is skeleton.
+
+    NO_SKELETON elsewhere.
+    """
+    rows, columns = smooth.shape
+    ranks[:] = NO_SKELETON
+    for row in range(rows):
+        for column in range(columns):
+            here = smooth[row, column]
+            if here < _LEAST_WHITE:
+                continue
+            count = 0
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for c in range(max(column - 1, 0), min(column + 2, columns)):
+                    if (r != row or c != column) and smooth[r, c] >= here:
+                        count += 1
+            if count < _MOST_EQUAL:
+                ranks[row, column] = count

@@ -1,0 +1,115 @@
+"""Section 3 in one go: image -> colour classes in cells -> field boundary -> skeleton -> line structure graph."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.chains import Chains, find_chains
+from touchline.perception.line_graph.colour_classes import (
+    CELL_PX,
+    CLASSES,
+    FIRST_WHITE,
+    ColourClasses,
+    CountArray,
+    carpet_light,
+    count_classes,
+    suppress_fringes,
+)
+from touchline.perception.line_graph.field_boundary import (
+    BoundaryThresholds,
+    binarize,
+    field_colour,
+    scan_columns,
+    smooth_boundary,
+)
+from touchline.perception.line_graph.graph import Graph, line_graph
+from touchline.perception.line_graph.image_plane import ImagePlane, ground_from_pixel, horizon_rows
+from touchline.perception.line_graph.settings import LineGraphSettings
+from touchline.perception.line_graph.skeleton import low_pass, rank_cells, white_inside
+from touchline.types import ImageArray
+
+_MOST_PASSES = 8
+_DARKEST, _BRIGHTEST = 0.25, 3.0  # of the carpet's light against that of learning
+
+
+class Structure(NamedTuple):
+    """What section 3 makes of an image, in cells of 8 x 8 pixels.
+
+    counts: (8, rows, columns) pixels of each class. light: (rows, columns) how bright the carpet is. ends: (columns,)
+    height of the field's boundary. smooth: (rows, columns) low-passed white. ranks: (rows, columns) of the skeleton.
+    """
+
+    counts: CountArray
+    light: FloatArray
+    ends: FloatArray
+    smooth: FloatArray
+    ranks: npt.NDArray[np.uint8]
+    graph: Graph
+    chains: Chains
+
+
+def find_structure(
+    image: ImageArray,
+    classes: ColourClasses,
+    usable: npt.NDArray[np.bool_],
+    plane: ImagePlane,
+    line_width_m: float,
+    settings: LineGraphSettings,
+) -> Structure:
+    """The structure of an image (H, W, 3). usable: (rows, columns) cells whose colours count."""
+    counts, light = _counted(image, classes, usable)
+    ends = _boundary(counts, plane, settings)
+    rows, columns = usable.shape
+    white, smooth = np.empty((rows, columns)), np.empty((rows, columns))
+    white_inside(counts, ends, white)
+    passes = np.ones(rows, dtype=np.int64) if settings.paper.fixed_low_pass else _passes(plane, rows, line_width_m)
+    low_pass(white, passes, smooth)
+    ranks = np.empty((rows, columns), dtype=np.uint8)
+    rank_cells(smooth, ranks)
+    graph = line_graph(smooth, ranks)
+    return Structure(counts, light, ends, smooth, ranks, graph, find_chains(graph))
+
+
+def _counted(image: ImageArray, classes: ColourClasses, usable: npt.NDArray[np.bool_]) -> tuple[CountArray, FloatArray]:
+    light = np.ones(usable.shape)
+    if classes.local:
+        carpet_light(image, classes.table, float(classes.model.green.sum()), light)
+        np.clip(light, _DARKEST, _BRIGHTEST, out=light)
+    white_from = np.clip(FIRST_WHITE + (classes.white_from - FIRST_WHITE) * light, FIRST_WHITE, 255).astype(np.uint8)
+    counts = np.empty((CLASSES, *usable.shape), dtype=np.uint8)
+    count_classes(image, classes.table, white_from, counts)
+    suppress_fringes(counts)
+    counts[:, ~usable] = 0
+    return counts, light
+
+
+def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings) -> FloatArray:
+    rows, columns = counts.shape[1:]
+    merged, field = np.empty((rows, columns)), np.empty((rows, columns), dtype=np.bool_)
+    field_colour(counts, merged)
+    limits = BoundaryThresholds(settings.pixel_threshold, settings.row_threshold, settings.window_threshold)
+    binarize(merged, limits, field)
+    horizon, rough, ends = np.empty(columns), np.empty(columns), np.empty(columns)
+    horizon_rows(plane, columns, rows, np.inf, horizon)
+    scan_columns(field, counts, horizon, settings.paper.plain_boundary, rough)
+    smooth_boundary(rough, ends)
+    return ends
+
+
+def _passes(plane: ImagePlane, rows: int, line_width_m: float) -> npt.NDArray[np.int64]:
+    """(rows,) of the low-pass: as many as a line that runs away from the camera is wide, in cells."""
+    passes = np.ones(rows, dtype=np.int64)
+    middle = plane.size[0] / 2.0
+    for row in range(rows):
+        v = CELL_PX * row + 0.5 * (CELL_PX - 1)
+        x, y = ground_from_pixel(plane, middle, v)
+        beside = ground_from_pixel(plane, middle + 1.0, v)
+        per_px = math.hypot(beside[0] - x, beside[1] - y)
+        if per_px > 0.0:
+            passes[row] = min(max(1, round(line_width_m / per_px / CELL_PX)), _MOST_PASSES)
+    return passes

@@ -1,0 +1,113 @@
+"""The line structure graph: hand-drawn skeletons, and the humanoid's recordings with their truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.camera import OmniCamera
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
+from touchline.perception.line_graph.chains import find_chains
+from touchline.perception.line_graph.graph import Graph, line_graph
+from touchline.perception.line_graph.skeleton import low_pass, rank_cells
+from touchline.sources import open_source
+
+ROWS, COLUMNS = 40, 60
+
+
+def drawn(*strokes: tuple[float, float, float, float], width: float = 1.2) -> FloatArray:
+    """White counts (rows, columns) of strokes x0, y0, x1, y1 in cells."""
+    y, x = np.mgrid[0:ROWS, 0:COLUMNS].astype(np.float64)
+    white = np.zeros((ROWS, COLUMNS))
+    for x0, y0, x1, y1 in strokes:
+        length = np.hypot(x1 - x0, y1 - y0)
+        along = np.clip(((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / length**2, 0.0, 1.0)
+        away = np.hypot(x - x0 - along * (x1 - x0), y - y0 - along * (y1 - y0))
+        white = np.maximum(white, 64.0 * np.clip(0.5 * width + 0.5 - away, 0.0, 1.0))
+    return white
+
+
+def graph_of(white: FloatArray, passes: int = 1) -> Graph:
+    smooth, ranks = np.empty_like(white), np.empty(white.shape, dtype=np.uint8)
+    low_pass(white, np.full(ROWS, passes), smooth)
+    rank_cells(smooth, ranks)
+    return line_graph(smooth, ranks)
+
+
+def degrees(graph: Graph, *, least: int) -> list[int]:
+    return sorted(int(d) for d in graph.degrees if d >= least)
+
+
+def test_a_straight_line_is_one_chain() -> None:
+    graph = graph_of(drawn((10.0, 20.3, 50.0, 24.1)))
+    chains = find_chains(graph)
+    assert len(chains.starts) == 2
+    assert sorted(np.bincount(graph.degrees).tolist()[1:]) == sorted([2, len(graph.degrees) - 2])
+    ends = graph.places[graph.degrees == 1]
+    np.testing.assert_allclose(np.sort(ends[:, 0]), [10.0, 50.0], atol=1.2)
+    expected = 20.3 + (graph.places[:, 0] - 10.0) * 3.8 / 40.0
+    inner = graph.degrees == 2
+    assert np.abs(graph.places[inner, 1] - expected[inner]).mean() < 0.15
+
+
+@pytest.mark.parametrize(
+    ("strokes", "junctions"),
+    [
+        ([(10.0, 10.0, 40.0, 10.0), (10.0, 10.0, 10.0, 35.0)], []),
+        ([(5.0, 10.0, 55.0, 10.0), (30.0, 10.0, 30.0, 35.0)], [3]),
+        ([(5.0, 20.0, 55.0, 20.0), (30.0, 3.0, 30.0, 37.0)], [4]),
+    ],
+    ids=["L", "T", "X"],
+)
+def test_crossings_are_nodes_of_their_degree(
+    strokes: list[tuple[float, float, float, float]], junctions: list[int]
+) -> None:
+    assert degrees(graph_of(drawn(*strokes)), least=3) == junctions
+
+
+def test_a_circle_is_a_ring() -> None:
+    angles = np.linspace(0.0, 2.0 * np.pi, 40)
+    x, y = 30.0 + 14.0 * np.cos(angles), 20.0 + 12.0 * np.sin(angles)
+    graph = graph_of(drawn(*zip(x[:-1], y[:-1], x[1:], y[1:], strict=True)))
+    assert set(graph.degrees.tolist()) == {2}
+    chains = find_chains(graph)
+    assert len(chains.starts) == 2
+    assert chains.nodes[0] == chains.nodes[-1]
+
+
+def test_a_broken_line_is_bridged_over_a_pale_gap() -> None:
+    white = drawn((5.0, 20.0, 55.0, 20.0))
+    white[:, 28:32] *= 0.35
+    assert len(find_chains(graph_of(white)).starts) == 2
+
+
+def test_two_lines_close_by_stay_two() -> None:
+    graph = graph_of(drawn((5.0, 18.0, 55.0, 18.0), (5.0, 22.0, 55.0, 22.0)))
+    assert len(find_chains(graph).starts) == 3
+    assert degrees(graph, least=3) == []
+
+
+@pytest.mark.parametrize("name", ["humanoid_9x6_walk", "humanoid_hsl_pan"])
+def test_lines_of_recordings_lie_on_the_fields(small_data: Path, name: str) -> None:
+    recording = open_source(small_data / name)
+    assert recording.truth is not None
+    detector = LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
+    away = []
+    for index, frame in enumerate(recording):
+        seen = detector.observe(frame)
+        assert len(seen.lines) > 0
+        near = np.hypot(*seen.points.positions_m.T) < 3.0
+        places = recording.truth[index].transform(seen.points.positions_m[near])
+        away.append(recording.field.line_distances(places))
+    assert np.median(np.concatenate(away)) < 0.06
+
+
+def test_a_mirror_is_refused(small_data: Path) -> None:
+    recording = open_source(small_data / "omni_msl_track")
+    assert isinstance(recording.camera, OmniCamera)
+    with pytest.raises(InputError, match="perspective"):
+        LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
