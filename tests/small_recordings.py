@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -73,13 +74,15 @@ def delete_lines(file: Path, first: int, last: int) -> None:
 
 
 def borrow(source: Path, folder: Path, frames: int) -> Path:
-    """The first frames of a public recording: images linked, everything else copied and free to be changed."""
-    folder.mkdir()
-    (folder / "images").symlink_to(source / "images")
+    """The first frames of a public recording, copied and free to be changed."""
+    (folder / "images").mkdir(parents=True)
     for file in source.iterdir():
         if file.is_file():
             (folder / file.name).write_bytes(file.read_bytes())
     for name, header in (("images.csv", 1), ("ground_truth.tum", 0)):
         lines = (folder / name).read_text().split("\n")
         (folder / name).write_text("\n".join(lines[: frames + header]) + "\n")
+    for row in (folder / "images.csv").read_text().split("\n"):
+        for name in (cell for cell in row.split(",") if cell.startswith("images/")):
+            shutil.copy(source / name, folder / name)
     return folder

@@ -385,6 +385,6 @@ def test_the_recording_of_the_how_to_can_be_opened(tmp_path: Path) -> None:
     (tmp_path / "sequence.yaml").write_text(yaml_blocks("how-to-recording.md")[0], encoding="utf-8")
     (tmp_path / "images.csv").write_text("t,file\n0.1,images/000000.jpg\n", encoding="utf-8")
     (tmp_path / "images").symlink_to(example / "images")
-    source = open_source(tmp_path)
+    source = open_source(tmp_path, follow_links=True)
     assert (source.name, source.field.name, len(source)) == ("friday-3", "msl-18x12", 1)
     assert next(iter(source)).problem is None

@@ -43,7 +43,7 @@ _LIBRARIES = ("touchline", "numpy", "numba", "opencv-python-headless")
 
 
 def run(
-    recording: str | Path,
+    recording: str | Path | Recording,
     system: str = DEFAULT_SYSTEM,
     *,
     output: str | Path | None = None,
@@ -55,8 +55,9 @@ def run(
 ) -> Run:
     """Localize a recording and write the folder of the run, as `touchline run` does.
 
-    output: the folder, which must not exist; by default a new one, runs/NAME-N. start: x, y (m), heading (rad) in the
-    field frame. config: a YAML file of settings; overrides: `key=value` each. The same seed gives the same trajectory.
+    recording: its folder, or what `open_source` made of it. output: the folder, which must not exist; by default a new
+    one, runs/NAME-N. start: x, y (m), heading (rad) in the field frame. config: a YAML file of settings;
+    overrides: `key=value` each. The same seed gives the same trajectory.
 
     Raises InputError for bad input; what the system raises is raised on, after the folder has been finished.
     """
@@ -133,7 +134,7 @@ class PreparedRun:
 
 
 def prepare(
-    recording: str | Path,
+    recording: str | Path | Recording,
     system: str = DEFAULT_SYSTEM,
     *,
     prior: Prior | None = None,
@@ -147,7 +148,7 @@ def prepare(
     notices: list[str] = []
     file = None if config is None else Path(config)
     settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices)
-    source = open_source(recording)
+    source = recording if isinstance(recording, Recording) else open_source(recording)
     built = open_system(system, robot_setup(source), settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)

@@ -6,6 +6,14 @@ from pathlib import Path
 
 from touchline.errors import InputError
 
+_LONGEST_NAME = 200  # bytes; file systems take 255, and something is put behind it
+
+
+def file_name(words: str) -> str:
+    """A name as one file or folder can have it: no path, nothing that can't be printed, not too long."""
+    plain = "".join("-" if letter in "/\\" or not letter.isprintable() else letter for letter in words)
+    return plain.encode()[:_LONGEST_NAME].decode(errors="ignore").strip(". -") or "unnamed"
+
 
 def check_new_file(path: Path, endings: tuple[str, ...], what: str = "the file") -> None:
     """Whether a file can be written there later: asked before the work for it begins.

@@ -30,6 +30,32 @@ class UnreadableError(InputError):
         self.missing = missing
 
 
+class OwnFolder:
+    """A folder whose files name others, such as a recording: what lies elsewhere is not read unless it is asked for.
+
+    follow_links: read whatever is named, absolute paths, `..` and links that lead out of the folder included.
+    """
+
+    def __init__(self, path: Path, follow_links: bool = False) -> None:
+        self.path = path
+        self.follow_links = follow_links
+        self._root = os.path.realpath(path)
+
+    def file(self, name: str) -> Path:
+        """The path of a file that is named relative to the folder. Raises UnreadableError if it lies elsewhere."""
+        path = self.path / name
+        if self.follow_links:
+            return path
+        try:
+            inside = os.path.commonpath((self._root, os.path.realpath(path))) == self._root
+        except (OSError, ValueError):  # a zero byte in the name, another drive
+            inside = False
+        if not inside:
+            what = f"leads out of {self.path}, and what lies elsewhere is only read with --follow-links"
+            raise UnreadableError(path, what)
+        return path
+
+
 def open_bytes(path: Path) -> BinaryIO:
     """Open a regular file for reading. Raises UnreadableError for anything else: a pipe or a device may never end."""
     _check_regular(path)

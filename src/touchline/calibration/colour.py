@@ -12,6 +12,7 @@ import numpy as np
 from touchline.camera import Camera
 from touchline.errors import InputError, TouchlineError
 from touchline.messages import did_you_mean
+from touchline.opened_files import OwnFolder
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import ColourModel
 from touchline.perception.covered import is_covered
@@ -37,9 +38,9 @@ class ColourCalibration:
 def calibrate_recording(recording: Recording, regions_file: Path | None = None) -> ColourCalibration:
     """From a recording: its marked regions if it has regions.yaml (or another file is given), else its field."""
     own = recording.folder / REGIONS
-    file = regions_file or (own if own.exists() else None)
+    file = regions_file or (recording.file(REGIONS) if own.exists() else None)
     if file is not None:
-        return calibrate_marked(recording.folder, file)
+        return calibrate_marked(recording.folder, file, recording.follows_links)
     chosen = np.unique(np.linspace(0, len(recording) - 1, _IMAGES).astype(int))
     images = [image for k in chosen if (image := recording.image(int(k))) is not None and not is_covered(image)]
     if not images:
@@ -63,10 +64,11 @@ def calibrate_unmarked(
     return ColourCalibration(detector.colours, images[0], f"{name}, without marks")
 
 
-def calibrate_marked(folder: Path, regions_file: Path) -> ColourCalibration:
-    """From marked regions of images in a folder."""
+def calibrate_marked(folder: Path, regions_file: Path, follow_links: bool = False) -> ColourCalibration:
+    """From marked regions of images in a folder, or anywhere with `follow_links`."""
     regions = read_regions(regions_file)
-    images = {name: read_picture(folder / name) for name in dict.fromkeys(region.file for region in regions)}
+    own = OwnFolder(folder, follow_links)
+    images = {name: read_picture(own.file(name)) for name in dict.fromkeys(region.file for region in regions)}
     for region in regions:
         height, width = images[region.file].shape[:2]
         if not region.mask((height, width)).any():

@@ -56,7 +56,7 @@ def recording_pairs(recording: Recording, skip_unusable: bool = False) -> RangeP
     Raises InputError if it has neither, and for whatever is wrong with them.
     """
     if (recording.folder / MARKS).exists():
-        return marked_pairs(recording.folder / MARKS, recording.camera_file or recording.folder / "camera.yaml")
+        return marked_pairs(recording.file(MARKS), recording.camera_file or recording.file("camera.yaml"))
     if "patch_edges_m" in recording.sequence:
         return strip_pairs(recording, skip_unusable)
     raise InputError(

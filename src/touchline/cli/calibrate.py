@@ -9,6 +9,7 @@ import typer
 
 from touchline.cli.calibrate_range import calibrate_range
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
+from touchline.cli.options import FollowLinks
 from touchline.errors import InputError
 from touchline.new_files import write_new_file
 
@@ -34,6 +35,7 @@ def mirror(
     skip_unusable: Annotated[
         bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")
     ] = False,
+    follow_links: FollowLinks = False,
 ) -> None:
     """Write a camera.yaml with ranges and bearings for every direction, from images of a strip of known edges."""
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
@@ -44,7 +46,7 @@ def mirror(
     from touchline.view.calibration import mirror_picture
     from touchline.view.picture_files import save_picture
 
-    source = open_source(recording)
+    source = open_source(recording, follow_links)
     calibration = calibrate_mirror(source, skip_unusable)
     for message in calibration.unusable:
         errors_console().print(f"left out: {message}", style="yellow", markup=False)
@@ -72,6 +74,7 @@ def colour(
         Path | None, typer.Option(help="camera.yaml of an image without marks.", show_default=False)
     ] = None,
     picture: Annotated[Path | None, _PICTURE] = None,
+    follow_links: FollowLinks = False,
 ) -> None:
     """Write a colour table (.npz), learned from marked regions, or without any marks from the field itself."""
     if not source.exists():
@@ -87,9 +90,9 @@ def colour(
     if source.is_dir():
         if camera is not None:
             raise InputError("--camera is for single images: a recording brings its own")
-        calibration = calibrate_recording(open_source(source), regions)
+        calibration = calibrate_recording(open_source(source, follow_links), regions)
     elif regions is not None:
-        calibration = calibrate_marked(source.parent, regions)
+        calibration = calibrate_marked(source.parent, regions, follow_links)
     elif camera is not None:
         calibration = calibrate_unmarked([read_picture(source)], open_camera(camera), source.name)
     else:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
+from touchline.cli.options import FollowLinks
 from touchline.errors import InputError
 from touchline.new_files import write_new_file
 
@@ -44,10 +45,11 @@ def calibrate_range(
     skip_unusable: Annotated[
         bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")
     ] = False,
+    follow_links: FollowLinks = False,
 ) -> None:
     """Write a camera.yaml whose ranges are a polynomial of the pixel radius, fitted to pairs of both."""
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
-    pairs = _pairs(source, camera, skip_unusable)
+    pairs = _pairs(source, camera, skip_unusable, follow_links)
     from touchline.calibration.range_figure import range_figure
     from touchline.calibration.range_regression import fit_range
     from touchline.calibration.strip_recording import camera_yaml
@@ -61,7 +63,7 @@ def calibrate_range(
     print_lines(words, output, picture)
 
 
-def _pairs(source: Path, camera: Path | None, skip_unusable: bool) -> RangePairs:
+def _pairs(source: Path, camera: Path | None, skip_unusable: bool, follow_links: bool) -> RangePairs:
     if not source.exists():
         raise InputError(f"{source}: there is no such recording or file of marks")
     if source.is_dir() and camera is not None:
@@ -70,7 +72,7 @@ def _pairs(source: Path, camera: Path | None, skip_unusable: bool) -> RangePairs
     from touchline.sources import open_source
 
     if source.is_dir():
-        return recording_pairs(open_source(source), skip_unusable)
+        return recording_pairs(open_source(source, follow_links), skip_unusable)
     return marked_pairs(source, camera or source.parent / "camera.yaml")
 
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.options import FollowLinks
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -20,6 +22,7 @@ _PIPE_WIDTH = 400
 def check(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording folder.", show_default=False)],
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    follow_links: FollowLinks = False,
 ) -> None:
     """Read a whole recording and say what is odd about it, and what to do.
 
@@ -30,7 +33,7 @@ def check(
     from touchline.messages import counted
     from touchline.sources import open_source
 
-    source = open_source(recording)
+    source = open_source(recording, follow_links)
     findings = _check_with_progress(source)
     counts = {severity.value: sum(finding.severity is severity for finding in findings) for severity in Severity}
     worst_first = tuple(reversed(counts.items()))

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from touchline.cli.options import FollowLinks
+
 
 def evaluate(
     run: Annotated[
@@ -17,9 +19,10 @@ def evaluate(
         typer.Option(help="True poses in TUM format (default: the recording's).", show_default=False),
     ] = None,
     skip: Annotated[int, typer.Option(min=0, metavar="N", help="Leave out the first N frames.")] = 0,
+    follow_links: FollowLinks = False,
 ) -> None:
     """Print the error table: mean, median, standard deviation, maximum of x, y, position (cm) and heading (°)."""
     from touchline.cli.console import output, print_errors
     from touchline.evaluation import evaluate as errors_of
 
-    print_errors(output(), errors_of(run, truth, skip))
+    print_errors(output(), errors_of(run, truth, skip, follow_links))

@@ -14,6 +14,7 @@ import typer
 
 from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors, told_of_compiling
 from touchline.cli.console import output as output_console
+from touchline.cli.options import FollowLinks
 from touchline.errors import InputError, TouchlineError
 
 if TYPE_CHECKING:
@@ -54,17 +55,21 @@ def run(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting; may be repeated.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same trajectory.")] = 0,
+    follow_links: FollowLinks = False,
 ) -> None:
     """Localise a recording: trajectory, estimates, summary and report in a new folder."""
     if start is not None and own_half:
         raise InputError("--start and --own-half exclude each other: give the pose, or only the half")
     from touchline.api import prepare
-    from touchline.systems import DEFAULT_SYSTEM
+    from touchline.sources import open_source
+    from touchline.systems import DEFAULT_SYSTEM, system_info
     from touchline.types import Prior
 
     prior = Prior(parse_pose(start) if start is not None else None, own_half)
+    system_info(system or DEFAULT_SYSTEM)  # an unknown name is told before the recording is read
+    source = open_source(recording, follow_links)
     prepared = prepare(
-        recording, system or DEFAULT_SYSTEM, prior=prior, config=config, overrides=settings or (), seed=seed
+        source, system or DEFAULT_SYSTEM, prior=prior, config=config, overrides=settings or (), seed=seed
     )
     execute(prepared, output)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.options import FollowLinks
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def view(
             "--output", "-o", help="New folder for the pictures (default: runs/NAME-view-N).", show_default=False
         ),
     ] = None,
+    follow_links: FollowLinks = False,
 ) -> None:
     """Draw points and field lines over one image; with --stages, every step on the way there."""
     if not source.exists():
@@ -56,7 +58,10 @@ def view(
     from touchline.view.stages import save_pictures
 
     chosen = system or DEFAULT_SYSTEM
-    look = look_at_recording(source, frame, chosen) if camera is None else look_at_image(source, camera, field, chosen)
+    if camera is None:
+        look = look_at_recording(source, frame, chosen, follow_links)
+    else:
+        look = look_at_image(source, camera, field, chosen)
     pictures = look.stages() if stages else {"overlay": look.overlay()}
     folder = new_folder(output, f"{look.name}-view")
     _tell(look, save_pictures(pictures, folder))

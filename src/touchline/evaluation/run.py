@@ -18,11 +18,12 @@ from touchline.types import Samples, Status
 class Run:
     """The folder of a run: `errors`, `estimates` and `summary` are read when first asked for.
 
-    Raises InputError if the folder is not that of a run.
+    follow_links: as of `open_source`, for the recording's truth. Raises InputError if the folder is not that of a run.
     """
 
-    def __init__(self, folder: Path | str) -> None:
+    def __init__(self, folder: Path | str, follow_links: bool = False) -> None:
         self.folder = Path(folder)
+        self._follow_links = follow_links
         self.summary: dict[str, Any] = read_summary(self.folder)
 
     @property
@@ -41,7 +42,7 @@ class Run:
 
         Raises InputError if the recording is no longer where it was.
         """
-        truth = open_source(self._recording()["path"]).truth
+        truth = open_source(self._recording()["path"], self._follow_links).truth
         return None if truth is None else truth.samples()
 
     @property
@@ -88,11 +89,12 @@ class Run:
         return f"Run({str(self.folder)!r})"
 
 
-def evaluate(run: str | Path, truth: str | Path | None = None, skip: int = 0) -> ErrorTable:
+def evaluate(run: str | Path, truth: str | Path | None = None, skip: int = 0, follow_links: bool = False) -> ErrorTable:
     """Errors of a run folder or of a trajectory in TUM format, as `touchline evaluate` prints them.
 
     truth: a TUM file; without it, a run folder's recording is asked. A trajectory file has no statuses and no black
-    images, so all its frames count. Raises InputError if there is nothing to compare with.
+    images, so all its frames count. follow_links: as of `open_source`.
+    Raises InputError if there is nothing to compare with.
     """
     run, truth = Path(run), None if truth is None else Path(truth)
     if not run.exists():
@@ -101,7 +103,7 @@ def evaluate(run: str | Path, truth: str | Path | None = None, skip: int = 0) ->
         if truth is None:
             raise InputError(f"{run}: a trajectory alone has no truth; give it with --truth FILE")
         return error_table(read_tum(run), read_tum(truth), skip=skip)
-    finished = Run(run)
+    finished = Run(run, follow_links)
     known = read_tum(truth) if truth is not None else finished.truth
     if known is None:
         raise InputError(f"{finished.summary['recording']['path']}: holds no truth; give it with --truth FILE")

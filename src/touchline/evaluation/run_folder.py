@@ -12,6 +12,7 @@ from typing import Any, Self
 from touchline.errors import InputError
 from touchline.evaluation.estimates import csv_row, header
 from touchline.evaluation.tum import stamp_from_text, tum_line
+from touchline.new_files import file_name
 from touchline.opened_files import UnreadableError, read_text
 from touchline.types import Estimate
 
@@ -24,10 +25,11 @@ _MOST_SUMMARY_BYTES = 20_000_000
 
 
 def new_folder(output: Path | None, name: str, parent: Path = RUNS) -> Path:
-    """Make the folder `output`, or the first free `parent/name-N`.
+    """Make the folder `output`, or the first free `parent/name-N`; a name that would be a path is made one.
 
     Raises InputError if `output` exists already or the folder cannot be made.
     """
+    name = file_name(name)
     try:
         if output is not None:
             output.mkdir(parents=True)

@@ -11,9 +11,10 @@ from touchline.sources.source import Source, Truth
 __all__ = ["SENSOR_FILES", "Problem", "ProblemKind", "ProblemLog", "Recording", "Source", "Truth", "open_source"]
 
 
-def open_source(path: str | Path) -> Recording:
+def open_source(path: str | Path, follow_links: bool = False) -> Recording:
     """Open a recording folder (docs/how-to-recording.md, format 1).
 
+    follow_links: read what the recording names or links to outside of its folder, too.
     Raises InputError, naming file and line, when it can't be read at all. What can be survived is in `.problems`.
     """
-    return Recording(Path(path))
+    return Recording(Path(path), follow_links)

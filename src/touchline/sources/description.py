@@ -10,6 +10,7 @@ from typing import Any
 
 from touchline.errors import InputError
 from touchline.messages import did_you_mean
+from touchline.opened_files import OwnFolder
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.yaml_files import read_yaml_mapping
 
@@ -37,20 +38,21 @@ class Description:
     linear: bool
 
 
-def read_description(folder: Path, log: ProblemLog) -> Description:
+def read_description(folder: OwnFolder, log: ProblemLog) -> Description:
     """Read and check; InputError for what no reader could do without, the log for the rest."""
-    path = folder / SEQUENCE
-    if not path.is_file():
-        raise InputError(f"{path}: is missing, so {folder} is not a recording; it has to name format, field and camera")
+    path = folder.file(SEQUENCE)
+    if not path.exists():
+        what = f"is missing, so {folder.path} is not a recording; it has to name format, field and camera"
+        raise InputError(f"{path}: {what}")
     sequence = read_yaml_mapping(path)
     _check_format(path, sequence.get("format"))
-    camera_file = folder / CAMERA
+    camera_file = folder.file(CAMERA)
     there = camera_file.exists() and sequence.get("camera") != NO_CAMERA
     model = read_yaml_mapping(camera_file) if there else None
     kind = _camera_kind(path, sequence.get("camera"), camera_file, model)
     sensor = sequence.get("sensor")
     return Description(
-        name=str(sequence.get("name", folder.resolve().name)),
+        name=str(sequence.get("name", folder.path.resolve().name)),
         sequence=sequence,
         camera_kind=kind,
         camera_file=None if model is None else camera_file,
@@ -87,9 +89,9 @@ def _image_size(model: Mapping[str, Any]) -> tuple[int, int] | None:
     return None if width is None or height is None else (width, height)
 
 
-def _field_source(folder: Path, path: Path, name: object) -> str | Path:
-    if (folder / FIELD).exists():
-        return folder / FIELD
+def _field_source(folder: OwnFolder, path: Path, name: object) -> str | Path:
+    if folder.file(FIELD).exists():
+        return folder.file(FIELD)
     from touchline.field import preset_names
 
     known = list(preset_names())

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.opened_files import open_bytes
+from touchline.opened_files import OwnFolder, UnreadableError, open_bytes
 from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
-from touchline.sources.decoding import decode_image, usable_image
+from touchline.sources.decoding import Decoded, decode_image, usable_image
 from touchline.sources.description import NO_CAMERA, Description, read_description, wheel_directions_rad
 from touchline.sources.images import ImageList, read_image_list
 from touchline.sources.observations import OBSERVATIONS, ObservationList, read_observation_list
@@ -51,22 +51,24 @@ class Recording:
     """A folder as docs/how-to-recording.md describes it: iterate for `Frame`s, as often as you like.
 
     Frames are those of images.csv, or of observations.csv where there are no images; what observations.csv says of an
-    image comes with it. Every frame carries the samples in the half-open interval (stamp of the frame before, its own
+    image comes with it. Files outside of the folder, by absolute paths, `..` or links, are only read with
+    `follow_links`. Every frame carries the samples in the half-open interval (stamp of the frame before, its own
     stamp]; the first one all samples up to its stamp. A sensor without a sample there is None. A frame whose image is
     missing or broken has image None and says why in `problem`.
 
     Raises InputError when it can't be opened at all; what can be survived is in `problems`.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, follow_links: bool = False) -> None:
         if not folder.exists():
             raise InputError(f"{folder}: there is no such recording")
         if not folder.is_dir():
             raise InputError(f"{folder}: is not a recording; expected a folder that holds sequence.yaml and images.csv")
         self.folder = folder
+        self._own = OwnFolder(folder, follow_links)
         self._opening = ProblemLog()
         self._pass = ProblemLog()
-        self._about: Description = read_description(folder, self._opening)
+        self._about: Description = read_description(self._own, self._opening)
         self._observations = self._open_observations()
         self._images = self._open_images()
         frames = self._images or self._observations
@@ -80,8 +82,12 @@ class Recording:
         self.truth: Truth | None = None
         """The true poses, where they are known. For evaluation only."""
         if (folder / TRUTH).exists():
-            self.truth = read_truth(folder / TRUTH, self._stamp_ns, self._opening)
+            self.truth = read_truth(self.file(TRUTH), self._stamp_ns, self._opening)
         self._size = self._about.image_size
+
+    def file(self, name: str) -> Path:
+        """The path of a file of the recording. Raises UnreadableError for one elsewhere that must not be followed."""
+        return self._own.file(name)
 
     def _open_observations(self) -> ObservationList | None:
         """observations.csv, if it is there; a file that can't be used is fatal only where no camera sees instead."""
@@ -91,25 +97,25 @@ class Recording:
                 raise InputError(f"{path}: is missing, but sequence.yaml says camera 'none': nothing would be seen")
             return None
         try:
-            return read_observation_list(path, self._opening)
-        except TableError as error:
-            if self.camera_kind == NO_CAMERA or not (self.folder / IMAGE_LIST).is_file():
+            return read_observation_list(self.file(OBSERVATIONS), self._opening)
+        except (TableError, UnreadableError) as error:
+            if self.camera_kind == NO_CAMERA or not (self.folder / IMAGE_LIST).exists():
                 raise
             what = f"{error.what}; the recording is read without it"
-            self._opening.add(ProblemKind.SENSOR_FILE, OBSERVATIONS, what, line=error.line)
+            self._opening.add(ProblemKind.SENSOR_FILE, OBSERVATIONS, what, line=_line_of(error))
         return None
 
     def _open_images(self) -> ImageList | None:
         """images.csv; None where observations.csv tells the times instead."""
         path = self.folder / IMAGE_LIST
-        if self.camera_kind == NO_CAMERA or (self._observations is not None and not path.is_file()):
+        if self.camera_kind == NO_CAMERA or (self._observations is not None and not path.exists()):
             return None
-        if not path.is_file():
+        if not path.exists():
             raise InputError(
                 f"{path}: is missing; it has to list the images as t,file,exposure_ms,gain, unless there is an "
                 f"{OBSERVATIONS}"
             )
-        return read_image_list(path, self._opening)
+        return read_image_list(self.file(IMAGE_LIST), self._opening)
 
     def _match_observations(self) -> npt.NDArray[np.int64] | None:
         """(N,) the observation of each frame, -1 where there is none; those at no frame's time are reported."""
@@ -127,10 +133,10 @@ class Recording:
         if not (self.folder / name).exists():
             return
         try:
-            self._tables[name] = open_table(self.folder / name, ["t", *columns])
-        except TableError as error:
+            self._tables[name] = open_table(self.file(name), ["t", *columns])
+        except (TableError, UnreadableError) as error:
             what = f"{error.what}; the recording is read without it"
-            self._opening.add(ProblemKind.SENSOR_FILE, name, what, line=error.line)
+            self._opening.add(ProblemKind.SENSOR_FILE, name, what, line=_line_of(error))
 
     @property
     def name(self) -> str:
@@ -141,6 +147,11 @@ class Recording:
     def sequence(self) -> Mapping[str, Any]:
         """sequence.yaml as it was written."""
         return self._about.sequence
+
+    @property
+    def follows_links(self) -> bool:
+        """Whether files outside of the folder are read."""
+        return self._own.follow_links
 
     @property
     def events(self) -> tuple[Mapping[str, Any], ...]:
@@ -311,7 +322,11 @@ class Recording:
     def _load(self, index: int, name: str, log: ProblemLog) -> tuple[ImageArray | None, str | None]:
         """The image of one frame, or the problem that left none."""
         assert self._images is not None
-        image, outcome = usable_image(decode_image(self.folder / name, self._size), self._size)
+        try:
+            decoded = decode_image(self.file(name), self._size)
+        except UnreadableError as error:
+            decoded = Decoded(None, ProblemKind.MISSING_IMAGE, error.what)
+        image, outcome = usable_image(decoded, self._size)
         if image is None:
             kind = outcome.kind or ProblemKind.BROKEN_IMAGE
             line = int(self._images.lines[index])
@@ -320,6 +335,10 @@ class Recording:
         if self._size is None:
             self._size = (image.shape[1], image.shape[0])
         return image, None
+
+
+def _line_of(error: TableError | UnreadableError) -> int | None:
+    return error.line if isinstance(error, TableError) else None
 
 
 def _columns(samples: Samples | None, start: int, stop: int) -> Samples | None:

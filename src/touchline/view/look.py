@@ -75,15 +75,18 @@ class Look:
         return f"{self.name}: {points}; {pose_text(self.field_from_robot)} ({self.found})"
 
 
-def look_at_recording(path: Path, index: int | None = None, system: str = DEFAULT_SYSTEM) -> Look:
+def look_at_recording(
+    path: Path, index: int | None = None, system: str = DEFAULT_SYSTEM, follow_links: bool = False
+) -> Look:
     """Image `index` (from 0) of a recording, with the points and the pose that a system has when it comes to it.
 
     Without an index it is the first one that shows where the robot is, or else the first of all. An image that does
     not show it has no pose. Where the system cannot see through the camera, the true pose is taken, if it is known.
+    follow_links: as of `open_source`.
     Raises InputError if there is no such image or it cannot be read, and for an unknown system.
     """
     info = system_info(system)  # an unknown name is told before the recording is read
-    source = open_source(path)
+    source = open_source(path, follow_links)
     if not len(source):
         raise InputError(f"{path}: has no images")
     if not source.has_images:

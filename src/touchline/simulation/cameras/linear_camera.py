@@ -39,7 +39,7 @@ class LinearImageCamera:
     def open(cls, recording: Recording, index: int, rng: np.random.Generator | None = None) -> LinearImageCamera:
         """The camera of one image of a recording of 16-bit linear images. InputError if it can't be read."""
         sensor, scale = _sensor_of(recording)
-        file = recording.folder / recording.image_name(index)
+        file = recording.file(recording.image_name(index))
         decoded = decode_image(file)
         if decoded.pixels is None or decoded.pixels.dtype != np.uint16:
             raise InputError(f"{file}: is no 16-bit linear image{': ' + decoded.what if decoded.what else ''}")
