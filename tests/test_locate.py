@@ -15,9 +15,11 @@ from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import LocateSettings, Location, NotSignificantError, PoorFitError, locate, locate_points
+from touchline.localization.matching.kernels import grid_errors
+from touchline.localization.one_shot.coarse_search import CoarseSearch
 from touchline.localization.one_shot.permutation_test import PIECES, rearranged
 from touchline.localization.one_shot.points_file import read_points
-from touchline.localization.one_shot.whole_field import thinned, thinned_to
+from touchline.localization.one_shot.whole_field import PoseGrid, sampled, thinned, thinned_to
 from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")
@@ -226,6 +228,79 @@ def test_thinning_keeps_one_point_of_each_cell() -> None:
     few = thinned_to(many, 150)
     assert 75 <= len(few) <= 150
     assert np.ptp(few, axis=0) == pytest.approx([10, 10], abs=1.0)
+
+
+@pytest.mark.parametrize("heading", [None, 0.7])
+def test_the_coarse_search_judges_every_pose_as_one_by_one(heading: float | None) -> None:
+    """Sums over shifted blocks of the table are the means of look-ups at each pose, far beyond the map as well."""
+    grid = PoseGrid(FIELD.length, FIELD.width, 0.5, 1.0, 0.0873, heading, 0.6)
+    distance_map = FIELD.distance_map()
+    cells = distance_map.table._replace(values=np.ascontiguousarray(distance_map.values[::4, ::4]), resolution_m=0.1)
+    points = np.vstack((seen_from(TRUTH), [[30.0, 2.0], [-1e6, 4.0], [5.0, -1e300]]))
+    errors = CoarseSearch(distance_map, grid, 0.5).errors(points)
+    one_by_one = grid_errors(points, cells, grid.positions, grid.headings, 0.5)
+    assert np.mean(np.abs(errors - one_by_one) > 1e-6) < 1e-3  # a point on the border of two cells falls to either
+    np.testing.assert_allclose(errors, one_by_one, atol=0.05)
+
+
+def test_the_best_of_the_coarse_search_are_no_neighbours() -> None:
+    grid = PoseGrid(FIELD.length, FIELD.width, 0.5, 1.0, 0.0873)
+    search = CoarseSearch(FIELD.distance_map(), grid, 0.5)
+    best = search.best(seen_from(TRUTH), 40)
+    apart_m = np.abs(best[:, np.newaxis, :2] - best[:, :2]).max(axis=2)
+    apart_rad = np.abs(np.angle(np.exp(1j * (best[:, np.newaxis, 2] - best[:, 2]))))
+    assert np.all((apart_m >= 0.75) | (apart_rad >= 0.218) | np.eye(40, dtype=bool))
+    of_heading = np.argmin(np.abs(grid.headings - best[:, 2:]), axis=1)
+    of_position = np.argmin(np.hypot(*(grid.positions - best[:, np.newaxis, :2]).T), axis=0)
+    errors = search.errors(seen_from(TRUTH))
+    found = errors[of_heading, of_position]
+    assert found[0] == errors.min()
+    assert np.all(np.diff(found) >= 0)
+
+
+def dense(points: FloatArray, count: int) -> FloatArray:
+    rng = np.random.default_rng(3)
+    return points[rng.integers(0, len(points), count)] + rng.normal(0, 0.01, (count, 2))
+
+
+@pytest.mark.parametrize("heading", [None, 0.6])
+def test_a_sample_of_very_many_points_gives_the_same_answer(
+    monkeypatch: pytest.MonkeyPatch, heading: float | None
+) -> None:
+    """The same: found, within a standard deviation of the pose, with the same hypotheses."""
+    points = dense(seen_from(TRUTH, count=400, clutter=0.02), 30_000)
+    quick = LocateSettings(finalists=4)
+    some = locate_points(points, FIELD, heading, settings=quick)
+    monkeypatch.setattr("touchline.localization.one_shot.locate.MAX_POINTS", len(points))
+    all_of_them = locate_points(points, FIELD, heading, settings=quick)
+    assert some.points == all_of_them.points == 30_000
+    sigma_m, sigma_rad = np.sqrt(all_of_them.covariance[0, 0]), np.sqrt(all_of_them.covariance[2, 2])
+    one, other = ([found.pose, *(h.pose for h in found.hypotheses)] for found in (some, all_of_them))
+    assert len(one) == len(other)
+    assert all(any(apart(p, q)[0] < sigma_m and apart(p, q)[1] < sigma_rad for q in other) for p in one)
+    np.testing.assert_allclose(some.covariance, all_of_them.covariance, atol=0.1 * sigma_m**2)
+    assert some.mean_distance_m == pytest.approx(all_of_them.mean_distance_m, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["disc", "heaps", "streaks"])
+def test_very_many_scattered_points_are_refused_as_ever(kind: str) -> None:
+    with pytest.raises(NotSignificantError):
+        locate_points(dense(scatter(kind, 0), 30_000), FIELD, settings=LocateSettings(finalists=4))
+
+
+def test_a_sample_heeds_the_weights_and_the_order() -> None:
+    """Every tenth point has 81 times the weight of the others, and nine tenths of it together."""
+    points = np.column_stack((np.arange(1000.0), np.zeros(1000)))
+    weights = np.where(np.arange(1000) % 10 == 0, 0.009, 1e-3 / 9)
+    heavy = []
+    for seed in range(50):
+        kept, shares = sampled(points, weights, 100, seed)
+        assert shares.sum() == pytest.approx(1.0)
+        assert np.all(np.diff(kept[:, 0]) > 0)
+        assert np.diff(kept[:, 0]).max() <= 30
+        heavy.append(shares[kept[:, 0] % 10 == 0].sum())
+    assert np.mean(heavy) == pytest.approx(0.9, abs=0.02)
+    assert sampled(points[:100], weights[:100], 100, seed=0)[0].base is points
 
 
 def test_three_lines_of_python(tmp_path: Path) -> None:

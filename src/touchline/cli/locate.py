@@ -72,7 +72,8 @@ def locate(
 
     model = open_field(field if field is not None else _ASSUMED_FIELD)
     find = _from_points if camera is None else _from_image
-    found, picture = find(source, camera, model, heading, output)
+    with _searching():
+        found, picture = find(source, camera, model, heading, output)
     with _whole_output():
         if as_json:
             _print_json(found, model, field is None, picture)
@@ -83,6 +84,16 @@ def locate(
     if isinstance(found, NoFitError):
         assumed = f" (--field was not given: {model.name} was assumed)" if field is None else ""
         raise NoFitError(f"{source}: {found}{assumed}")
+
+
+@contextmanager
+def _searching() -> Iterator[None]:
+    """A terminal shows that something is going on: a million points take a second or two, the first start ten."""
+    from touchline.cli.console import errors_console, told_of_compiling
+
+    console = errors_console()
+    with console.status("searching the whole field"), told_of_compiling(console.print):
+        yield
 
 
 @contextmanager
@@ -226,10 +237,12 @@ def _field_picture(field: FieldModel, pose: Pose, points: FloatArray) -> ImageAr
     import numpy as np
 
     from touchline.field.drawing import draw_field, field_view
+    from touchline.localization.one_shot.whole_field import different
 
     canvas = draw_field(field)
     view = field_view(field)
-    for u, v in np.rint(view.picture_from_field(pose.transform(points))).astype(int):
+    pixels = np.rint(view.picture_from_field(pose.transform(points)))
+    for u, v in pixels[different(pixels)].astype(int):
         cv2.circle(canvas, (int(u), int(v)), 3, (255, 120, 0), -1, cv2.LINE_AA)
     ends = np.rint(view.picture_from_field(pose.transform(np.array([[0.0, 0.0], [0.6, 0.0]])))).astype(int)
     robot, ahead = ((int(u), int(v)) for u, v in ends)

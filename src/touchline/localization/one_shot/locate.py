@@ -17,14 +17,16 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
+from touchline.localization.one_shot.coarse_search import CoarseSearch
 from touchline.localization.one_shot.permutation_test import PermutationTest, permutation_test
 from touchline.localization.one_shot.points_file import points_and_weights
-from touchline.localization.one_shot.whole_field import PoseGrid, thinned_to
+from touchline.localization.one_shot.whole_field import PoseGrid, different, sampled, thinned_to
 from touchline.types import Hypothesis, LinePoints
 
 BEYOND_M = 1.0  # how far beyond the field the samples reach: as far as the paper's
 SAMPLE_C_M = 0.5  # width c of the error function for ranking the samples: as spacing_m
 SAMPLE_POINTS = 150  # points, evenly over the ground, that rank and refine the samples: more only take longer
+MAX_POINTS = 10_000  # points that are matched: more only take longer, their noise has long averaged out
 SAME_M = 0.15  # poses nearer to each other than this and SAME_RAD are one: less than two lines are apart
 SAME_RAD = 0.1  # poses with headings nearer than this and SAME_M are one: as SAME_M
 
@@ -157,7 +159,9 @@ def locate_points(
     """Best pose of line points (N, 2) in m, robot frame, with all others that explain the points as well.
 
     heading: from a compass (rad, field frame); None searches the whole circle. weights (N,): relative; None weighs by
-    the generic range noise. seed: of the test against chance.
+    the generic range noise. seed: of the test against chance, and of the sample: of more than MAX_POINTS points so many
+    are drawn in proportion to their weights, and pose, error, covariance and test are theirs. The pose then differs by
+    less than its own standard deviation; distances are those of all points.
     Raises NoFitError for too few points, PoorFitError (a NoFitError) if the lines miss most points at the best pose,
     NotSignificantError (a PoorFitError) for points that fit no pose better than chance, InputError for points that are
     no numbers and for a heading beyond a whole turn.
@@ -167,13 +171,15 @@ def locate_points(
     points, weights = _different_points(points, weights, s)
     matcher = Matcher(field.distance_map(), s.matching)
     grid = PoseGrid(field.length, field.width, s.spacing_m, BEYOND_M, s.spacing_rad, heading, s.heading_tolerance_rad)
-    matches = _matches(matcher, grid, points, weights, heading, s)
+    search = CoarseSearch(matcher.distance_map, grid, SAMPLE_C_M)
+    sample, weights = sampled(points, weights, MAX_POINTS, seed)
+    matches = _matches(matcher, search, sample, weights, heading, s)
     if not matches:
         raise NoFitError(
             f"no pose within {s.heading_tolerance_rad:.2f} rad of the heading {heading:.2f} fits the points"
         )
     best = matches[0]
-    chance = permutation_test(matcher, grid, points, SAMPLE_C_M, seed)
+    chance = permutation_test(matcher, search, sample, seed)
     distances = field.line_distances(best.pose.transform(points))
     mean_m, median_m = float(np.mean(distances)), float(np.median(distances))
     nearest = Hypothesis(best.pose, mean_m)
@@ -231,27 +237,31 @@ def _different_points(
         raise InputError(f"line points need two columns, x and y in metres; got an array of shape {table.shape}")
     if not np.all(np.isfinite(table)):
         raise InputError(f"line point {int(np.argmin(np.isfinite(table).all(axis=1)))} is not a pair of finite numbers")
-    _, first = np.unique(table, axis=0, return_index=True)
-    first = np.sort(first)
+    first = different(table)
     if len(first) < s.min_points:
         noun = "point is" if len(first) == 1 else "points are"
         raise NoFitError(f"{len(first)} different {noun} too few to tell a pose: at least {s.min_points} are needed")
-    different = np.ascontiguousarray(table[first])
+    kept = np.ascontiguousarray(table[first])
     if weights is None:
-        return different, range_weights(different, s.weights)
+        return kept, range_weights(kept, s.weights)
     given = np.asarray(weights, dtype=np.float64)
     if given.shape != (len(table),) or not np.all(np.isfinite(given)) or np.any(given < 0):
         raise InputError(f"weights need one number of at least 0 per point, got an array of shape {given.shape}")
-    return different, np.ascontiguousarray(normalized(given[first]))
+    return kept, np.ascontiguousarray(normalized(given[first]))
 
 
 def _matches(
-    matcher: Matcher, grid: PoseGrid, points: FloatArray, weights: FloatArray, heading: float | None, s: LocateSettings
+    matcher: Matcher,
+    search: CoarseSearch,
+    points: FloatArray,
+    weights: FloatArray,
+    heading: float | None,
+    s: LocateSettings,
 ) -> list[Match]:
     """Matches of all points at different poses, the better first."""
     few = thinned_to(points, SAMPLE_POINTS)
     alike = normalized(np.ones(len(few)))
-    starts = grid.best(matcher.distance_map, few, SAMPLE_C_M, s.candidates)
+    starts = search.best(few, s.candidates)
     refined = [matcher.descend(few, alike, start) for start in starts]
     poses = [Pose(*map(float, pose)) for pose, _, _ in sorted(refined, key=lambda found: found[1])]
     finalists = _different_poses(poses, s)[: s.finalists]

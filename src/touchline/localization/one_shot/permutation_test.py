@@ -9,7 +9,8 @@ import numpy as np
 from touchline.geometry import FloatArray
 from touchline.localization.matching.matcher import Matcher
 from touchline.localization.matching.weights import normalized
-from touchline.localization.one_shot.whole_field import PoseGrid, thinned, thinned_to
+from touchline.localization.one_shot.coarse_search import CoarseSearch
+from touchline.localization.one_shot.whole_field import thinned, thinned_to
 
 PIECES = 8  # pieces that the view is cut into: some 45° of a full circle, about as much as one line fills
 COPIES = 20  # rearranged copies of the points: enough for a mean and a deviation
@@ -30,9 +31,7 @@ class PermutationTest(NamedTuple):
         return (self.mean - self.error) / max(self.deviation, 1e-6)
 
 
-def permutation_test(
-    matcher: Matcher, grid: PoseGrid, points: FloatArray, sample_c_m: float, seed: int
-) -> PermutationTest:
+def permutation_test(matcher: Matcher, search: CoarseSearch, points: FloatArray, seed: int) -> PermutationTest:
     """How much better the points (N, 2) fit the field than the same pieces in another arrangement.
 
     Any cloud of points fits some pose somehow: the best of a hundred thousand poses, on a field full of lines, leaves
@@ -53,10 +52,8 @@ def permutation_test(
     """
     spread = thinned_to(thinned(points, matcher.settings.c_m), MAX_POINTS)
     generator = np.random.default_rng(seed)
-    errors = [
-        least_error(matcher, grid, rearranged(spread, PIECES, generator), sample_c_m, CANDIDATES) for _ in range(COPIES)
-    ]
-    error = least_error(matcher, grid, spread, sample_c_m, CANDIDATES)
+    errors = [least_error(matcher, search, rearranged(spread, PIECES, generator)) for _ in range(COPIES)]
+    error = least_error(matcher, search, spread)
     return PermutationTest(error, float(np.mean(errors)), float(np.std(errors, ddof=1)))
 
 
@@ -69,8 +66,8 @@ def rearranged(points: FloatArray, pieces: int, generator: np.random.Generator) 
     return np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings)))
 
 
-def least_error(matcher: Matcher, grid: PoseGrid, points: FloatArray, sample_c_m: float, candidates: int) -> float:
-    """Least mean error of the points (N, 2), all alike, over the refined best poses of the grid."""
+def least_error(matcher: Matcher, search: CoarseSearch, points: FloatArray) -> float:
+    """Least mean error of the points (N, 2), all alike, over the refined best poses of the search."""
     weights = normalized(np.ones(len(points)))
-    starts = grid.best(matcher.distance_map, points, sample_c_m, candidates)
+    starts = search.best(points, CANDIDATES)
     return min(matcher.descend(points, weights, start)[1] for start in starts)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
-from touchline.field.distance_map import DistanceMap
-from touchline.geometry import FloatArray, wrap_angles
+from touchline.geometry import FloatArray
 from touchline.localization.matching.global_search import sample_positions
-from touchline.localization.matching.kernels import grid_errors
-
-_COARSE_M = 0.1
 
 
 class PoseGrid:
-    """Sample poses over a field: positions (K, 2) in m, headings (H,) in rad."""
+    """Sample poses over a field: positions (K, 2) in m, headings (H,) in rad.
+
+    shape: rows, one for each x, and columns, one for each y, that the positions are in, row by row.
+    """
 
     def __init__(
         self,
@@ -31,6 +31,8 @@ class PoseGrid:
         self.spacing_m = spacing_m
         self.spacing_rad = spacing_rad
         self.positions = sample_positions(length_m, width_m, spacing_m, beyond_m)
+        columns = int(np.count_nonzero(self.positions[:, 0] == self.positions[0, 0]))
+        self.shape = (len(self.positions) // columns, columns)
         if heading is None:
             count = math.ceil(2 * math.pi / spacing_rad)
             self.headings = np.arange(count) * 2 * math.pi / count
@@ -38,38 +40,30 @@ class PoseGrid:
             each_side = math.ceil(tolerance_rad / spacing_rad)
             self.headings = heading + np.linspace(-tolerance_rad, tolerance_rad, 2 * each_side + 1)
 
-    def best(self, distance_map: DistanceMap, points: FloatArray, c_m: float, count: int) -> FloatArray:
-        """The best poses (up to count, 3), the better first, no two of them neighbours on the grid.
 
-        points (N, 2) robot frame; each pose is judged by its mean error (equation 2 of Xiong et al.) with width c_m.
-        """
-        # A tenth of a metre is fine enough for samples half a metre apart, and such a table stays in the cache.
-        stride = max(round(_COARSE_M / distance_map.resolution_m), 1)
-        coarse = distance_map.table._replace(
-            values=np.ascontiguousarray(distance_map.values[::stride, ::stride, :1]),
-            resolution_m=distance_map.resolution_m * stride,
-        )
-        errors = grid_errors(points, coarse, self.positions, self.headings, c_m).ravel()
-        likely = min(len(errors), 100 * count)  # the rest is never reached: each pick strikes out some 30 neighbours
-        order = np.argpartition(errors, likely - 1)[:likely]
-        order = order[np.argsort(errors[order])]
-        of_heading, of_position = np.divmod(order, len(self.positions))
-        positions, headings = self.positions[of_position], self.headings[of_heading]
-        free = np.ones(likely, dtype=bool)
-        picks: list[int] = []
-        while len(picks) < count and free.any():
-            pick = int(np.argmax(free))
-            picks.append(pick)
-            near = np.max(np.abs(positions - positions[pick]), axis=1) < 1.5 * self.spacing_m
-            near &= np.abs(wrap_angles(headings - headings[pick])) < 2.5 * self.spacing_rad
-            free &= ~near
-        return np.column_stack((positions[picks], headings[picks]))
+def different(rows: FloatArray) -> npt.NDArray[np.intp]:
+    """Indices of the rows of (N, 2), each the first of those that are equal, in their order."""
+    pairs = np.ascontiguousarray(rows).view(np.complex128).ravel()  # sorted five times faster than rows are
+    return np.sort(np.unique(pairs, return_index=True)[1])
+
+
+def sampled(points: FloatArray, weights: FloatArray, count: int, seed: int) -> tuple[FloatArray, FloatArray]:
+    """So many draws at most of points (N, 2), in proportion to their weights (N,), and the weights of those drawn.
+
+    Weighted means of the sample are on average those of all points. One draw is made from each of `count` equal shares
+    of the weight, in the points' order, so that a sample of points along lines holds every line. Weights sum to 1.
+    """
+    if len(points) <= count:
+        return points, weights
+    summed = np.cumsum(weights)
+    places = (np.arange(count) + np.random.default_rng(seed).random(count)) * (summed[-1] / count)
+    drawn, times = np.unique(np.minimum(np.searchsorted(summed, places, "right"), len(points) - 1), return_counts=True)
+    return np.ascontiguousarray(points[drawn]), times / count
 
 
 def thinned(points: FloatArray, cell_m: float) -> FloatArray:
     """One point (the first) of every square cell of this size that holds any: (M, 2) of (N, 2)."""
-    _, first = np.unique(np.floor(points / cell_m), axis=0, return_index=True)
-    return np.ascontiguousarray(points[np.sort(first)])
+    return np.ascontiguousarray(points[different(np.floor(points / cell_m))])
 
 
 def thinned_to(points: FloatArray, count: int) -> FloatArray:
