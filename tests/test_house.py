@@ -16,7 +16,7 @@ import typer
 import yaml
 
 from touchline.camera import open_camera
-from touchline.cli import app
+from touchline.cli.commands import app
 from touchline.cli.settings_page import settable, settings_page, unit_of
 from touchline.config import settings_rows
 from touchline.field import open_field

@@ -9,10 +9,10 @@ Everything here is imported when it is first used, so that `import touchline` co
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # the one of `typing`, whose import would be all that the command does before it takes a Ctrl-C
 if TYPE_CHECKING:
+    from typing import Any
+
     from touchline.api import run
     from touchline.camera import open_camera
     from touchline.evaluation import evaluate
@@ -61,6 +61,8 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("touchline")
+    from importlib import import_module
+
     if name not in _PLACES:
         raise AttributeError(f"module 'touchline' has no attribute {name!r}")
     module, attribute = _PLACES[name]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from touchline.config import Settings, load_settings
-from touchline.errors import InputError
+from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import RunFolder, new_folder, write_summary
@@ -92,12 +92,21 @@ class PreparedRun:
     ) -> tuple[Run, BaseException | None]:
         """Run to the end, to a failure, or until `stop` says so; the (new, empty) folder is finished in each case.
 
-        Returns the run, and the exception that ended it, if one did.
+        Returns the run, and the exception that ended it, if one did. Raises TouchlineError, with the file's name, for
+        what cannot be written; what was written before stays whole.
         """
         started = datetime.now(UTC).isoformat(timespec="seconds")
-        with RunFolder(folder) as rows:
+        description = self._description(started)
+        with RunFolder(folder, description) as rows:
+            rows.sync(RunTally().summary())
             tally = run_frames(self.source, self.system, rows, prior=self.prior, on_frame=on_frame, stop=stop)
-        summary = {**self._description(started), **tally.summary(), "errors": None}
+        try:
+            return self._finish(folder, description, tally), tally.failure
+        except TouchlineError as error:  # on a full disk the rows' own failure says what was lost
+            raise (tally.failure if isinstance(tally.failure, TouchlineError) else error) from None
+
+    def _finish(self, folder: Path, description: dict[str, Any], tally: RunTally) -> Run:
+        summary = {**description, **tally.summary(), "errors": None}
         summary["problems"] = _problems(self.source)
         write_summary(folder, summary)
         finished = Run(folder)
@@ -108,7 +117,7 @@ class PreparedRun:
         finished.summary = summary
         write_summary(folder, summary)
         _write_report(finished, self.source, tally)
-        return finished, tally.failure
+        return finished
 
     def _description(self, started: str) -> dict[str, Any]:
         pose = self.prior.pose

@@ -1,10 +1,12 @@
-"""New files: what is written never goes over an older file, and into folders that are made where they are missing."""
+"""New files: never over an older file, in folders that are made where they are missing, and whole or not at all."""
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
 from pathlib import Path
 
-from touchline.errors import InputError
+from touchline.errors import InputError, TouchlineError
 
 _LONGEST_NAME = 200  # bytes; file systems take 255, and something is put behind it
 
@@ -41,9 +43,32 @@ def write_new_file(path: Path, data: bytes) -> None:
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({path.parent}: {error.strerror})") from None
     try:
-        with path.open("xb") as file:
-            file.write(data)
+        path.open("xb").close()
     except FileExistsError:
         raise InputError(f"{path}: exists already and is not overwritten; choose another name") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    try:
+        replace_file(path, data)
+    except TouchlineError as error:
+        with suppress(OSError):
+            path.unlink()
+        raise InputError(str(error)) from None
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write a file of which there may be an older version: beside it, on the disk, and then in its place.
+
+    A crash or a full disk leaves the older version as it was. Raises TouchlineError, which names the file.
+    """
+    beside = path.with_name(f"{path.name}.part")
+    try:
+        with beside.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            beside.unlink()
+        raise TouchlineError(f"{path}: cannot be written ({error.strerror})") from None

@@ -1,65 +1,17 @@
-"""The `touchline` command: one file per command group. Nothing heavy is imported before a command needs it."""
+"""The `touchline` command. Its parts are imported in `main`, where a Ctrl-C ends them without a traceback."""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
-from typing import Annotated
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from types import FrameType
 
-import typer
-
-from touchline.cli import calibrate, check, evaluate, experiment, fields, locate, run, simulate, systems, view
-from touchline.cli.compile import compile_loops
-from touchline.cli.console import DEBUG_VARIABLE, complain
-from touchline.cli.run import INTERRUPTED
-from touchline.errors import TouchlineError
-
-app = typer.Typer(
-    help="Tells a soccer robot where it stands on the field, from the white lines it sees.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-app.command("demo")(run.demo)
-app.command("run")(run.run)
-app.command("locate")(locate.locate)
-app.command("evaluate")(evaluate.evaluate)
-app.command("check")(check.check)
-app.command("view")(view.view)
-app.command("simulate")(simulate.simulate)
-app.command("experiment")(experiment.experiment)
-app.command("systems")(systems.systems)
-app.command("compile")(compile_loops)
-app.add_typer(fields.fields_app, name="fields")
-app.add_typer(calibrate.calibrate_app, name="calibrate")
-
-# Click's errors, wherever this version of Typer keeps Click: beside it, or inside itself.
-_CLICK_EXCEPTION: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
-
-
-def _show_version(asked: bool) -> None:
-    if asked:
-        from importlib.metadata import version
-
-        typer.echo(f"touchline {version('touchline')}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    debug: Annotated[
-        bool, typer.Option("--debug", envvar=DEBUG_VARIABLE, help="Show the traceback of an unexpected error.")
-    ] = False,
-    version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
-    ] = False,
-) -> None:
-    if debug:
-        os.environ[DEBUG_VARIABLE] = "1"
+INTERRUPTED = 130  # what a shell expects after Ctrl-C
+_IMPORT = "<frozen importlib"  # begins the file name of the frames in which modules are imported
+_AGAIN_S = 0.02
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -67,15 +19,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     0: done. 1: the run failed. 2: bad arguments or input. 130: interrupted. Errors go to stderr in one message.
     """
-    given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    with _interruptions() as interrupted:
+        try:
+            return _run(list(sys.argv[1:] if arguments is None else arguments) or ["--help"], interrupted)
+        except KeyboardInterrupt:
+            return _complain("interrupted", INTERRUPTED)
+
+
+def _run(given: list[str], interrupted: Callable[[], bool]) -> int:
+    import typer
+
+    from touchline.cli.commands import CLICK_EXCEPTION, app
+    from touchline.cli.console import DEBUG_VARIABLE
+    from touchline.errors import TouchlineError
+
     try:
         status = typer.main.get_command(app).main(given, prog_name="touchline", standalone_mode=False)
         sys.stdout.flush()
     except TouchlineError as error:
         return _complain(str(error), error.exit_status)
-    except _CLICK_EXCEPTION as error:
+    except CLICK_EXCEPTION as error:
         return _complain(_usage_message(error), 2)
-    except (KeyboardInterrupt, typer.Abort):
+    except typer.Abort:
         return _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:  # the reader of a pipe has seen enough
         _drop_output()
@@ -88,11 +53,73 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise
+        if interrupted():  # a library made something else of it
+            return _complain("interrupted", INTERRUPTED)
         said = f"{type(error).__name__}: {error}"
         return _complain(f"unexpected {said} (touchline --debug {' '.join(given)} shows the traceback)", 1)
     if status == INTERRUPTED:  # Typer's word for a Ctrl-C
         return _complain("interrupted", INTERRUPTED)
     return status if isinstance(status, int) else 0
+
+
+@contextmanager
+def _interruptions() -> Iterator[Callable[[], bool]]:
+    """Lets Ctrl-C and SIGTERM raise KeyboardInterrupt, and end the process while a command's imports go on.
+
+    An exception in the middle of an import, or of a call back from LLVM, may be swallowed or shown with its traceback:
+    there it waits. Yields whether there was one. A signal that is ignored stays so.
+    """
+    asked = False
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+        if _starts_up(frame):
+            with suppress(OSError, ValueError, RuntimeError):
+                sys.stdout.flush()
+            with suppress(OSError):
+                os.write(2, b"error: interrupted\n")
+            os._exit(INTERRUPTED)
+        if any(_may_swallow(one) for one in _stack(frame)):
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+            return
+        raise KeyboardInterrupt
+
+    before = {}
+    with suppress(ValueError):  # in another thread than the main one
+        for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
+            if signal.getsignal(kind) is not signal.SIG_IGN:
+                before[kind] = signal.signal(kind, stop)
+    try:
+        yield lambda: asked
+    finally:
+        if asked:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+
+
+def _starts_up(frame: FrameType | None) -> bool:
+    """Whether an import goes on that no function of the library has begun, which may have something to clear up."""
+    importing = False
+    for one in _stack(frame):
+        name = str(one.f_globals.get("__name__", ""))
+        importing = importing or one.f_code.co_filename.startswith(_IMPORT)
+        works = name.startswith("touchline.") and not name.startswith("touchline.cli")
+        if importing and works and one.f_code.co_name != "<module>":
+            return False
+    return importing
+
+
+def _may_swallow(frame: FrameType) -> bool:
+    return frame.f_code.co_filename.startswith(_IMPORT) or str(frame.f_globals.get("__name__")).startswith("llvmlite")
+
+
+def _stack(frame: FrameType | None) -> Iterator[FrameType]:
+    """The frames of a call, from the innermost outwards."""
+    while frame is not None:
+        yield frame
+        frame = frame.f_back
 
 
 def _drop_output() -> None:
@@ -110,5 +137,7 @@ def _usage_message(error: Exception) -> str:
 
 
 def _complain(message: str, status: int) -> int:
+    from touchline.cli.console import complain
+
     complain(message)
     return status

@@ -22,7 +22,10 @@ def evaluate(
     follow_links: FollowLinks = False,
 ) -> None:
     """Print the error table: mean, median, standard deviation, maximum of x, y, position (cm) and heading (°)."""
-    from touchline.cli.console import output, print_errors
+    from touchline.cli.console import errors_console, output, print_errors
+    from touchline.evaluation import Run
     from touchline.evaluation import evaluate as errors_of
 
+    if run.is_dir() and (incomplete := Run(run).incomplete):
+        errors_console().print(f"warning: {run}: {incomplete}", style="yellow", markup=False)
     print_errors(output(), errors_of(run, truth, skip, follow_links))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from touchline.cli import INTERRUPTED
 from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors, told_of_compiling
 from touchline.cli.console import output as output_console
 from touchline.cli.options import FollowLinks
@@ -25,11 +26,10 @@ if TYPE_CHECKING:
     from touchline.geometry import Pose
 
 EXAMPLE = "omni_msl_track_short"
-INTERRUPTED = 130  # what a shell expects after Ctrl-C
 
 
 class InterruptedRun(TouchlineError):
-    """Ctrl-C, after the folder of the run has been finished."""
+    """Ctrl-C or SIGTERM, after the folder of the run has been finished."""
 
     exit_status = INTERRUPTED
 
@@ -159,19 +159,23 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Turns the first Ctrl-C into a wish to stop after the frame at hand; a second one interrupts at once."""
+    """Turns the first Ctrl-C or SIGTERM into a wish to stop after the frame at hand; a second interrupts at once."""
     asked = False
 
     def ask(number: int, frame: FrameType | None) -> None:
         nonlocal asked
         asked = True
-        signal.signal(signal.SIGINT, before)
+        restore()
 
-    before = signal.signal(signal.SIGINT, ask)
+    def restore() -> None:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+
+    before = {kind: signal.signal(kind, ask) for kind in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield lambda: asked
     finally:
-        signal.signal(signal.SIGINT, before)
+        restore()
 
 
 def print_run(finished: Run) -> None:

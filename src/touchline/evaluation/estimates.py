@@ -83,14 +83,15 @@ def csv_row(estimate: Estimate) -> str:
     return ",".join(fields) + "\n"
 
 
-def read_estimates(path: Path) -> EstimateTable:
+def read_estimates(path: Path, cut: bool = False) -> EstimateTable:
     """Read a whole estimates.csv (about 60 bytes of memory per row).
 
+    cut: the run may have been cut off within a row, so a last line without its end is left out.
     Raises InputError that names file and line.
     """
     stamps, numbers, statuses, modes = array("q"), array("d"), array("b"), array("b")
     details, points = array("f"), array("i")
-    for number, row in _rows(path):
+    for number, row in _rows(path, cut):
         try:
             stamps.append(stamp_from_text(row[0]))
             numbers.extend(float(text) for text in row[1:4])
@@ -122,10 +123,11 @@ def _as_numpy(values: array[Any]) -> npt.NDArray[Any]:
     return np.frombuffer(values, dtype=values.typecode) if len(values) else np.zeros(0, dtype=values.typecode)
 
 
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    reader = csv.reader(text_lines(path, newline=""))
+def _rows(path: Path, cut: bool) -> Iterator[tuple[int, list[str]]]:
+    lines = text_lines(path, newline="")
+    reader = csv.reader((line for line in lines if line.endswith("\n")) if cut else lines)
     try:
-        columns = tuple(next(reader, ()))
+        columns = tuple(next(reader, COLUMNS if cut else ()))
         if columns not in (COLUMNS, (*COLUMNS, "mode")):
             raise InputError(f"{path}, line 1: expected the header {HEADER}")
         for row in reader:

@@ -19,6 +19,7 @@ from touchline.evaluation.run_folder import REPORT
 from touchline.evaluation.tum import pose_text
 from touchline.geometry import Pose
 from touchline.messages import counted
+from touchline.new_files import replace_file
 from touchline.types import ImageArray
 
 _JPEG_QUALITY = 82
@@ -40,7 +41,10 @@ def write_report(
     errors: ErrorTable | None,
     pictures: Sequence[Picture] = (),
 ) -> Path:
-    """Write report.html into the folder of a run; summary is what summary.json holds. Returns its path."""
+    """Write report.html into the folder of a run; summary is what summary.json holds. Returns its path.
+
+    Raises TouchlineError if it cannot be written.
+    """
     sections = [
         _header(summary),
         _key_figures(summary, errors),
@@ -61,7 +65,7 @@ def write_report(
         + "\n</main>\n</body>\n</html>\n"
     )
     path = folder / REPORT
-    path.write_text(page, encoding="utf-8")
+    replace_file(path, page.encode(errors="replace"))  # a name may be no UTF-8
     return path
 
 

@@ -9,8 +9,9 @@ from typing import Any
 from touchline.errors import InputError
 from touchline.evaluation.estimates import EstimateTable, read_estimates
 from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
-from touchline.evaluation.run_folder import ESTIMATES, REPORT, SUMMARY, read_summary
+from touchline.evaluation.run_folder import ESTIMATES, REPORT, SUMMARY, UNFINISHED, read_summary
 from touchline.evaluation.tum import read_tum
+from touchline.messages import counted
 from touchline.sources import open_source
 from touchline.types import Samples, Status
 
@@ -34,7 +35,20 @@ class Run:
     @cached_property
     def estimates(self) -> EstimateTable:
         """All estimates, N rows."""
-        return read_estimates(self.folder / ESTIMATES)
+        return read_estimates(self.folder / ESTIMATES, cut=self._is_cut)
+
+    @property
+    def incomplete(self) -> str:
+        """Why the run does not hold every image of its recording; empty if it does."""
+        done = f"{counted(len(self.estimates), 'image')} done"
+        if self._is_cut:
+            return f"the run has not come to its end: it was cut off, or still goes on; {done}"
+        ended = self.summary.get("ended", "complete")
+        return "" if ended == "complete" else f"the run was {ended} before its end; {done}"
+
+    @property
+    def _is_cut(self) -> bool:
+        return bool(self.summary.get("ended") == UNFINISHED)
 
     @cached_property
     def truth(self) -> Samples | None:
@@ -73,7 +87,12 @@ class Run:
         return error_table(self.estimates.trajectory, truth, located=located, black_ns=self.black_ns(), skip=skip)
 
     def black_ns(self) -> list[tuple[int, int]]:
-        """First and last stamp of every stretch of black images. Raises InputError if summary.json is not a run's."""
+        """First and last stamp of every stretch of black images, as far as a run that was cut off has noted them.
+
+        Raises InputError if summary.json is not a run's.
+        """
+        if self._is_cut and "black_images" not in self.summary:
+            return []
         try:
             return [(int(first), int(last)) for first, last in self.summary["black_images"]["stretches_ns"]]
         except (KeyError, TypeError, ValueError):

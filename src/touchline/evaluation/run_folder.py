@@ -1,19 +1,25 @@
-"""The folder of one run: written row by row while the run goes on, never over an older one."""
+"""The folder of one run, never written over an older one.
+
+Each row is in the file as soon as it is known, and on the disk within a second; summary.json stands there from the
+beginning and is replaced as the run goes on. What a crash or a full disk leaves can be read and evaluated."""
 
 from __future__ import annotations
 
 import itertools
 import json
 import math
+import os
+import time
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self, cast
 
-from touchline.errors import InputError
+from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.estimates import csv_row, header
 from touchline.evaluation.tum import stamp_from_text, tum_line
-from touchline.new_files import file_name
-from touchline.opened_files import UnreadableError, read_text
+from touchline.new_files import file_name, replace_file
+from touchline.opened_files import UnreadableError, open_bytes, read_text
 from touchline.types import Estimate
 
 TRAJECTORY = "trajectory.tum"
@@ -22,6 +28,9 @@ SUMMARY = "summary.json"
 REPORT = "report.html"
 RUNS = Path("runs")
 _MOST_SUMMARY_BYTES = 20_000_000
+UNFINISHED = "unfinished"
+"""What summary.json says of a run that goes on, or was cut off: `ended`."""
+_BETWEEN_SYNCS_S = 0.9
 
 
 def new_folder(output: Path | None, name: str, parent: Path = RUNS) -> Path:
@@ -50,40 +59,58 @@ def new_folder(output: Path | None, name: str, parent: Path = RUNS) -> Path:
 
 
 class RunFolder:
-    """Writes trajectory.tum and estimates.csv as estimates come in, and summary.json at the end."""
+    """Writes trajectory.tum and estimates.csv as estimates come in, and keeps summary.json beside them.
 
-    def __init__(self, folder: Path) -> None:
+    description: what summary.json says of the run besides its progress. What cannot be written raises TouchlineError
+    with the file's name; the rows before it stay whole.
+    """
+
+    def __init__(self, folder: Path, description: Mapping[str, Any] | None = None) -> None:
         self.path = folder
-        self._trajectory = (folder / TRAJECTORY).open("x+", encoding="utf-8", newline="\n")
-        self._estimates = (folder / ESTIMATES).open("x+", encoding="utf-8", newline="\n")
+        self._description = dict(description or {})
+        self._trajectory = _Rows(folder / TRAJECTORY)
+        self._estimates = _Rows(folder / ESTIMATES)
         self._begun = False
+        self._synced_s = time.monotonic()
 
     def write(self, estimate: Estimate) -> None:
         """Add one line to each file: the estimate, or the prediction while the robot is lost."""
         row = csv_row(estimate)
         self._begin(estimate)
-        self._trajectory.write(tum_line(estimate.stamp_ns, estimate.pose))
-        self._estimates.write(row)
+        self._trajectory.add(tum_line(estimate.stamp_ns, estimate.pose))
+        self._estimates.add(row)
+
+    @property
+    def sync_is_due(self) -> bool:
+        """Whether `sync` is to be called: it has not been for almost a second."""
+        return time.monotonic() - self._synced_s >= _BETWEEN_SYNCS_S
+
+    def sync(self, progress: Mapping[str, Any]) -> None:
+        """Bring the rows to the disk, and to summary.json the description with how far the run is."""
+        self._trajectory.sync()
+        self._estimates.sync()
+        write_summary(self.path, {**self._description, **progress})
+        self._synced_s = time.monotonic()
 
     def forget_from(self, stamp_ns: int) -> None:
         """Remove all lines at a stamp or later: a clock was set back, and the run goes on from there."""
-        for file, separator in ((self._trajectory, " "), (self._estimates, ",")):
-            file.seek(0)
-            kept = [line for line in file if not _is_at_or_after(line.partition(separator)[0], stamp_ns)]
-            file.seek(0)
-            file.writelines(kept)
-            file.truncate()
+        self._trajectory.cut(" ", stamp_ns)
+        self._estimates.cut(",", stamp_ns)
 
     def close(self) -> None:
         """Bring all rows to the disk."""
-        self._begin(None)
-        self._trajectory.close()
-        self._estimates.close()
+        try:
+            self._begin(None)
+            self._trajectory.sync()
+            self._estimates.sync()
+        finally:
+            self._trajectory.close()
+            self._estimates.close()
 
     def _begin(self, estimate: Estimate | None) -> None:
         """The header: which columns there are depends on the first estimate."""
         if not self._begun:
-            self._estimates.write(header(estimate))
+            self._estimates.add(header(estimate))
             self._begun = True
 
     def __enter__(self) -> Self:
@@ -95,6 +122,49 @@ class RunFolder:
         self.close()
 
 
+class _Rows:
+    """A new text file of rows in the order of time, each in the file as soon as it is added, or not at all."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = cast(BinaryIO, path.open("xb+", buffering=0))
+        self._size = 0
+
+    def add(self, row: str) -> None:
+        data = row.encode()
+        try:
+            written = self._file.write(data)
+            while written < len(data):  # a disk about to be full takes a part, and then says why
+                written += self._file.write(data[written:])
+        except OSError as error:
+            self._file.seek(self._size)
+            self._file.truncate()
+            raise TouchlineError(
+                f"{self._path}: cannot be written ({error.strerror}); the rows before are whole"
+            ) from None
+        self._size += len(data)
+
+    def sync(self) -> None:
+        try:
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise TouchlineError(f"{self._path}: cannot be written ({error.strerror})") from None
+
+    def cut(self, separator: str, stamp_ns: int) -> None:
+        """Take away the rows at a stamp or later, which are the last ones."""
+        self._size = 0
+        with open_bytes(self._path) as file:
+            for line in file:
+                if _is_at_or_after(line.decode().partition(separator)[0], stamp_ns):
+                    break
+                self._size += len(line)
+        self._file.truncate(self._size)
+        self._file.seek(self._size)
+
+    def close(self) -> None:
+        self._file.close()
+
+
 def _is_at_or_after(seconds: str, stamp_ns: int) -> bool:
     """Whether a time as it is written is not before a stamp; a header has none and stays."""
     try:
@@ -104,14 +174,19 @@ def _is_at_or_after(seconds: str, stamp_ns: int) -> bool:
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write summary.json; what is not a finite number becomes null."""
+    """Write summary.json; what is not a finite number becomes null. Raises TouchlineError if it cannot be written."""
     text = json.dumps(_finite(summary), indent=2, ensure_ascii=False, allow_nan=False)
-    (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
+    replace_file(folder / SUMMARY, (text + "\n").encode(errors="backslashreplace"))  # a path may be no UTF-8
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """Read summary.json. Raises InputError if it is missing or not what `run` writes."""
+    """Read summary.json; where there are only rows, that the run is unfinished.
+
+    Raises InputError if it is missing or not what `run` writes.
+    """
     path = folder / SUMMARY
+    if not path.exists() and (folder / ESTIMATES).is_file():
+        return {"ended": UNFINISHED}
     try:
         loaded = json.loads(read_text(path, _MOST_SUMMARY_BYTES))
     except UnreadableError as error:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from touchline.evaluation.latency import LatencyHistogram
-from touchline.evaluation.run_folder import RunFolder
+from touchline.evaluation.run_folder import UNFINISHED, RunFolder
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import FrameOrder
 from touchline.perception.covered import is_covered
@@ -49,13 +49,13 @@ class KeptFrame:
 
 @dataclass(eq=False, slots=True)
 class RunTally:
-    """What is known of a run at its end. ended: complete, interrupted, or failed.
+    """What is known of a run until now. ended: complete, interrupted, failed, or unfinished while it goes on.
 
     either_side: located frames whose lines fit as well at the other end of the field; other_side: the last such pose.
     settled: time per frame without the first ten.
     """
 
-    ended: str = "complete"
+    ended: str = UNFINISHED
     failure: BaseException | None = None
     frames: int = 0
     first_ns: int | None = None
@@ -183,7 +183,7 @@ def run_frames(
     tally = RunTally(pictures=FramePicker(len(source)))
     start_s = time.perf_counter()
     try:
-        _step_through(source, OrderedSystem(system, prior), folder, tally, on_frame, stop)
+        tally.ended = _step_through(source, OrderedSystem(system, prior), folder, tally, on_frame, stop)
     except KeyboardInterrupt:
         tally.ended = "interrupted"
     except Exception as error:
@@ -199,7 +199,9 @@ def _step_through(
     tally: RunTally,
     on_frame: Sequence[OnFrame],
     stop: Callable[[], bool],
-) -> None:
+) -> str:
+    """Returns how the run ended: complete or interrupted."""
+    started_s = time.perf_counter()
     was_black = False
     for index, frame in enumerate(frames):
         estimate = system.step(frame)
@@ -219,9 +221,12 @@ def _step_through(
                 tally.pictures.consider(index, frame, estimate)
             for tell in on_frame:
                 tell(frame, estimate)
+        if folder.sync_is_due:
+            tally.wall_s = time.perf_counter() - started_s
+            folder.sync(tally.summary())
         if stop():
-            tally.ended = "interrupted"
-            return
+            return "interrupted"
+    return "complete"
 
 
 def fits_other_side(estimate: Estimate) -> bool:

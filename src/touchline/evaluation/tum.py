@@ -11,6 +11,7 @@ import numpy as np
 from touchline.errors import InputError
 from touchline.geometry import Pose
 from touchline.messages import counted
+from touchline.new_files import replace_file
 from touchline.opened_files import text_lines
 from touchline.sources.truth import heading_of
 from touchline.types import Samples
@@ -61,10 +62,9 @@ def stamp_from_text(text: str) -> int:
 
 
 def write_tum(path: Path, trajectory: Samples) -> None:
-    """Write stamps (N,) and poses (N, 3) of x, y, heading (m, m, rad)."""
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        for stamp_ns, (x, y, heading) in zip(trajectory.stamp_ns.tolist(), trajectory.values.tolist(), strict=True):
-            file.write(tum_line(stamp_ns, Pose(x, y, heading)))
+    """Write stamps (N,) and poses (N, 3) of x, y, heading (m, m, rad). Raises TouchlineError if that cannot be done."""
+    rows = zip(trajectory.stamp_ns.tolist(), trajectory.values.tolist(), strict=True)
+    replace_file(path, "".join(tum_line(stamp_ns, Pose(*pose)) for stamp_ns, pose in rows).encode())
 
 
 def read_tum(path: Path) -> Samples:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from touchline.errors import InputError
 from touchline.experiments.result import ExperimentResult
+from touchline.new_files import replace_file
 from touchline.opened_files import read_text
 
 PAGE = "results.md"
@@ -32,20 +34,19 @@ def check_writable(folder: Path) -> None:
 def write_result(result: ExperimentResult, folder: Path, order: Sequence[str] = ()) -> list[Path]:
     """Write NAME.md, its pictures (PNG) and the experiment's row of results.md into a folder; returns the files.
 
-    order: names in the order that the rows of the page shall have. Raises InputError if the folder can't be written.
+    order: names in the order that the rows of the page shall have. Raises TouchlineError for what can't be written.
     """
     check_writable(folder)
-    try:
-        pictures = [folder / f"{result.name}-{name}.png" for name, _ in result.pictures]
-        for path, (_, figure) in zip(pictures, result.pictures, strict=True):
-            figure.savefig(path, dpi=130, metadata={"Software": None})
-        page = folder / f"{result.name}.md"
-        page.write_text(result_page(result, [path.name for path in pictures]), encoding="utf-8")
-        summary = folder / PAGE
-        before = read_text(summary, _MOST_BYTES) if summary.exists() else ""
-        summary.write_text(with_row(before, result, order), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}); choose another with --output") from None
+    summary = folder / PAGE
+    before = read_text(summary, _MOST_BYTES) if summary.exists() else ""
+    pictures = [folder / f"{result.name}-{name}.png" for name, _ in result.pictures]
+    for path, (_, figure) in zip(pictures, result.pictures, strict=True):
+        drawn = io.BytesIO()
+        figure.savefig(drawn, dpi=130, format="png", metadata={"Software": None})
+        replace_file(path, drawn.getvalue())
+    page = folder / f"{result.name}.md"
+    replace_file(page, result_page(result, [path.name for path in pictures]).encode())
+    replace_file(summary, with_row(before, result, order).encode())
     return [page, *pictures, summary]
 
 

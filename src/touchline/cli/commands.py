@@ -1,0 +1,57 @@
+"""All commands, mounted: one file per command group. Nothing heavy is imported before a command needs it."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated
+
+import typer
+
+from touchline.cli import calibrate, check, evaluate, experiment, fields, locate, run, simulate, systems, view
+from touchline.cli.compile import compile_loops
+from touchline.cli.console import DEBUG_VARIABLE
+
+app = typer.Typer(
+    help="Tells a soccer robot where it stands on the field, from the white lines it sees.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("demo")(run.demo)
+app.command("run")(run.run)
+app.command("locate")(locate.locate)
+app.command("evaluate")(evaluate.evaluate)
+app.command("check")(check.check)
+app.command("view")(view.view)
+app.command("simulate")(simulate.simulate)
+app.command("experiment")(experiment.experiment)
+app.command("systems")(systems.systems)
+app.command("compile")(compile_loops)
+app.add_typer(fields.fields_app, name="fields")
+app.add_typer(calibrate.calibrate_app, name="calibrate")
+
+# Click's errors, wherever this version of Typer keeps Click: beside it, or inside itself.
+CLICK_EXCEPTION: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"touchline {version('touchline')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    debug: Annotated[
+        bool, typer.Option("--debug", envvar=DEBUG_VARIABLE, help="Show the traceback of an unexpected error.")
+    ] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    if debug:
+        os.environ[DEBUG_VARIABLE] = "1"
