@@ -125,7 +125,7 @@ class PreparedRun:
             "format": 1,
             "started": started,
             "recording": {
-                "path": str(self.source.folder.resolve()),
+                "path": str(self.source.path.resolve()),
                 "name": self.source.name,
                 "description": str(self.source.sequence.get("description", "")),
                 "field": self.source.field.name,

@@ -44,7 +44,7 @@ def calibrate_recording(recording: Recording, regions_file: Path | None = None) 
     chosen = np.unique(np.linspace(0, len(recording) - 1, _IMAGES).astype(int))
     images = [image for k in chosen if (image := recording.image(int(k))) is not None and not is_covered(image)]
     if not images:
-        raise InputError(f"{recording.folder}: none of its images shows anything; touchline check tells why")
+        raise InputError(f"{recording.path}: none of its images shows anything; touchline check tells why")
     width = recording.field.line_width
     return calibrate_unmarked(images, recording.camera, f"{len(images)} images of {recording.name}", width)
 

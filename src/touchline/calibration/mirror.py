@@ -81,7 +81,7 @@ def calibrate_mirror(recording: Recording, skip_unusable: bool = False) -> Mirro
     skip_unusable: leave out images that do not show the strip instead of refusing. Raises InputError naming the image
     for a strip that isn't found, edges out of order, a wrong bearing; and for too few directions.
     """
-    strip = read_strip(recording.sequence, recording.folder / "sequence.yaml")
+    strip = read_strip(recording.sequence, recording.path / "sequence.yaml")
     bearings = read_bearings(recording)
     start = rough_center(recording)
     found, unusable = _find_all(recording, bearings, start, strip)
@@ -92,7 +92,7 @@ def calibrate_mirror(recording: Recording, skip_unusable: bool = False) -> Mirro
     if unusable and not skip_unusable:
         more = f" (and {len(unusable) - 1} more images)" if unusable[1:] else ""
         raise InputError(f"{unusable[0]}{more}; {_ADVICE}")
-    check_directions(np.array([f.bearing_rad for f in found]), recording.folder)
+    check_directions(np.array([f.bearing_rad for f in found]), recording.path)
     _settle(found)
     sightings, bad = _measure_all(recording, found, strip, skip_unusable)
     sightings, turned, radii, wrong = _agreeing(sightings, strip, recording, skip_unusable)
@@ -123,15 +123,15 @@ def _agreeing(
     while True:
         angles = np.array([s.axis.angle_rad for s in sightings])
         given = np.array([s.bearing_rad for s in sightings])
-        check_directions(given, recording.folder)
-        handedness, mount_yaw = orientation(angles, given, recording.folder / "images.csv")
+        check_directions(given, recording.path)
+        handedness, mount_yaw = orientation(angles, given, recording.path / "images.csv")
         bearings, wrong = smooth_bearings(mount_yaw + handedness * angles, given)
         radii, mistakes = order_mistakes(angles, np.array([s.radii_px for s in sightings]), strip)
         wrong = mistakes | wrong
         if not wrong:
-            check_directions(bearings, recording.folder)
+            check_directions(bearings, recording.path)
             return sightings, _Turned(handedness, mount_yaw, bearings), radii, messages
-        told = [f"{recording.folder / sightings[k].name}: {wrong[k]}" for k in sorted(wrong)]
+        told = [f"{recording.path / sightings[k].name}: {wrong[k]}" for k in sorted(wrong)]
         if not skip_unusable:
             raise InputError(f"{told[0]}; {_ADVICE}")
         messages += told
@@ -177,7 +177,7 @@ def _check_ends(
     for k in np.flatnonzero(missing.mean(axis=0) > _MOST_MISSING):
         image, others = sightings[int(np.argmax(missing[:, k]))].name, missing[:, k].sum() - 1
         raise InputError(
-            f"{recording.folder / image}: {edge_name(strip, int(k))} is not found, nor in {others} other images: "
+            f"{recording.path / image}: {edge_name(strip, int(k))} is not found, nor in {others} other images: "
             "what lies beside it looks like the strip, or 'patch_edges_m' names an edge too many"
         )
 
@@ -201,13 +201,13 @@ def _find_all(
     for index, (name, bearing) in enumerate(bearings):
         image = recording.image(index)
         if image is None:
-            unusable.append(f"{recording.folder / name}: cannot be read as an image of {recording.name}")
+            unusable.append(f"{recording.path / name}: cannot be read as an image of {recording.name}")
             continue
         view = View.of(image, gamma)
         try:
             angle, radii = find_strip(view, center, strip)
         except InputError as error:
-            unusable.append(f"{recording.folder / name}: {error}")
+            unusable.append(f"{recording.path / name}: {error}")
             continue
         found.append(_Found(name, index, bearing, view, straight_axis(center, angle, radii), radii))
     if not found:
@@ -233,7 +233,7 @@ def _measure_all(
         try:
             radii = measure_edges(f.view, f.axis, f.radii_px, strip)
         except InputError as error:
-            message = f"{recording.folder / f.name}: {error}"
+            message = f"{recording.path / f.name}: {error}"
             if not skip_unusable:
                 raise InputError(f"{message}; {_ADVICE}") from None
             unusable.append(message)

@@ -42,7 +42,7 @@ def rough_center(recording: Recording) -> FloatArray:
     """The centre (2,) u, v that camera.yaml names; the image's middle where it names none."""
     tree = {} if recording.camera_file is None else read_yaml_mapping(recording.camera_file)
     if recording.camera_kind != "omni":
-        raise InputError(f"{recording.folder}: has a {recording.camera_kind} camera; a mirror is calibrated here")
+        raise InputError(f"{recording.path}: has a {recording.camera_kind} camera; a mirror is calibrated here")
     center = tree.get("center")
     if center is not None:
         numbers = [finite_number(value) for value in center] if isinstance(center, list) else []
@@ -52,7 +52,7 @@ def rough_center(recording: Recording) -> FloatArray:
     for index in range(len(recording)):
         if (image := recording.image(index)) is not None:
             return np.array([(image.shape[1] - 1) / 2.0, (image.shape[0] - 1) / 2.0])
-    raise InputError(f"{recording.folder}: none of its images can be read")
+    raise InputError(f"{recording.path}: none of its images can be read")
 
 
 def sensor_gamma(recording: Recording) -> float:

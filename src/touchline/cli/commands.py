@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from touchline.cli import calibrate, check, evaluate, experiment, fields, locate, run, simulate, systems, view
+from touchline.cli import calibrate, check, convert, evaluate, experiment, fields, locate, run, simulate, systems, view
 from touchline.cli.compile import compile_loops
 from touchline.cli.console import DEBUG_VARIABLE
 
@@ -26,6 +26,7 @@ app.command("evaluate")(evaluate.evaluate)
 app.command("check")(check.check)
 app.command("view")(view.view)
 app.command("simulate")(simulate.simulate)
+app.command("convert")(convert.convert)
 app.command("experiment")(experiment.experiment)
 app.command("systems")(systems.systems)
 app.command("compile")(compile_loops)

@@ -116,7 +116,7 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     from touchline.sources import ProblemKind
 
     for problem in prepared.source.problems:
-        if problem.kind is ProblemKind.SENSOR_FILE:
+        if problem.kind in (ProblemKind.SENSOR_FILE, ProblemKind.BAG):
             errors_console().print(f"warning: {problem}", style="yellow", markup=False)
     for notice in prepared.notices:
         errors_console().print(f"warning: {notice}", style="yellow", markup=False)
@@ -153,7 +153,7 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
         raise InterruptedRun(f"interrupted: {counted(frames, 'image')} done")
     if not finished.summary["status"]["tracking"]:
         raise TouchlineError(
-            f"none of {counted(frames, 'image')} was localised: `touchline check {prepared.source.folder}` may tell why"
+            f"none of {counted(frames, 'image')} was localised: `touchline check {prepared.source.path}` may tell why"
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from touchline.sources.bags.kinds import find_bag, require_bags
 from touchline.sources.folder import SENSOR_FILES, Recording
 from touchline.sources.problems import Problem, ProblemKind, ProblemLog
 from touchline.sources.source import Source, Truth
@@ -12,9 +13,15 @@ __all__ = ["SENSOR_FILES", "Problem", "ProblemKind", "ProblemLog", "Recording", 
 
 
 def open_source(path: str | Path, follow_links: bool = False) -> Recording:
-    """Open a recording folder (docs/how-to-recording.md, format 1).
+    """Open a recording: a folder (docs/how-to-recording.md, format 1), an MCAP file, a rosbag2 folder or a ROS 1 bag.
 
     follow_links: read what the recording names or links to outside of its folder, too.
     Raises InputError, naming file and line, when it can't be read at all. What can be survived is in `.problems`.
     """
-    return Recording(Path(path), follow_links)
+    files = find_bag(Path(path))
+    if files is None:
+        return Recording(Path(path), follow_links)
+    require_bags(Path(path))
+    from touchline.sources.bags.opening import open_bag
+
+    return open_bag(Path(path), files)

@@ -43,6 +43,11 @@ def decode_image(path: Path, expected: tuple[int, int] | None = None) -> Decoded
         data = read_image_bytes(path)
     except UnreadableError as error:
         return Decoded(None, ProblemKind.MISSING_IMAGE, "is missing" if error.missing else error.what)
+    return decode_bytes(data, expected)
+
+
+def decode_bytes(data: bytes, expected: tuple[int, int] | None = None) -> Decoded:
+    """As `decode_image`, of what a file holds."""
     if not data:
         return Decoded(None, ProblemKind.BROKEN_IMAGE, "is empty")
     if (damage := _damage(data)) is not None:

@@ -15,8 +15,9 @@ from touchline.errors import InputError
 from touchline.opened_files import OwnFolder, UnreadableError, open_bytes
 from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
-from touchline.sources.decoding import Decoded, decode_image, usable_image
+from touchline.sources.decoding import Decoded, usable_image
 from touchline.sources.description import NO_CAMERA, Description, read_description, wheel_directions_rad
+from touchline.sources.image_store import FolderImages, ImageStore
 from touchline.sources.images import ImageList, read_image_list
 from touchline.sources.observations import OBSERVATIONS, ObservationList, read_observation_list
 from touchline.sources.problems import ProblemKind, ProblemLog
@@ -56,17 +57,29 @@ class Recording:
     stamp]; the first one all samples up to its stamp. A sensor without a sample there is None. A frame whose image is
     missing or broken has image None and says why in `problem`.
 
+    path: what the user named, where the folder holds the tables of a bag. images: where its images are.
+    problems: of the way they came.
+
     Raises InputError when it can't be opened at all; what can be survived is in `problems`.
     """
 
-    def __init__(self, folder: Path, follow_links: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        follow_links: bool = False,
+        path: Path | None = None,
+        images: ImageStore | None = None,
+        problems: ProblemLog | None = None,
+    ) -> None:
         if not folder.exists():
             raise InputError(f"{folder}: there is no such recording")
         if not folder.is_dir():
             raise InputError(f"{folder}: is not a recording; expected a folder that holds sequence.yaml and images.csv")
         self.folder = folder
+        self.path = path or folder
         self._own = OwnFolder(folder, follow_links)
-        self._opening = ProblemLog()
+        self.image_store: ImageStore = images or FolderImages(self._own)
+        self._opening = ProblemLog() if problems is None else problems
         self._pass = ProblemLog()
         self._about: Description = read_description(self._own, self._opening)
         self._observations = self._open_observations()
@@ -313,6 +326,22 @@ class Recording:
             return None
         return self._load(index, self.image_name(index), ProblemLog())[0]
 
+    def stored_image(self, index: int) -> Decoded:
+        """The image of one frame as it was stored, 16-bit linear ones included, or why there is none."""
+        index = range(len(self))[index]
+        if self._images is None:
+            return Decoded(None, ProblemKind.MISSING_IMAGE, "is missing: the recording has no images")
+        return self._decoded(index, self.image_name(index))
+
+    def listed_images(self) -> Iterator[tuple[int, str]]:
+        """Row (from 0) and file of every image that images.csv lists, usable or not."""
+        if self._images is not None:
+            yield from self._images.listed()
+
+    def _decoded(self, index: int, name: str) -> Decoded:
+        assert self._images is not None
+        return self.image_store.decode(int(self._images.lines[index]) - 2, name, self._size)
+
     def image_name(self, index: int) -> str:
         """The file of one frame by its index, relative to the recording; empty where there are no images."""
         if self._images is None:
@@ -322,11 +351,7 @@ class Recording:
     def _load(self, index: int, name: str, log: ProblemLog) -> tuple[ImageArray | None, str | None]:
         """The image of one frame, or the problem that left none."""
         assert self._images is not None
-        try:
-            decoded = decode_image(self.file(name), self._size)
-        except UnreadableError as error:
-            decoded = Decoded(None, ProblemKind.MISSING_IMAGE, error.what)
-        image, outcome = usable_image(decoded, self._size)
+        image, outcome = usable_image(self._decoded(index, name), self._size)
         if image is None:
             kind = outcome.kind or ProblemKind.BROKEN_IMAGE
             line = int(self._images.lines[index])

@@ -53,6 +53,13 @@ class ImageList:
                 file.seek(offset)
                 yield _file_cell(self.table, file.readline(LONGEST_LINE).decode("utf-8", errors="replace"))
 
+    def listed(self) -> Iterator[tuple[int, str]]:
+        """Row (from 0, the line after the header) and file of every line that names one, usable or not."""
+        for lines in read_lines(self.table):
+            for line in lines:
+                if name := _file_cell(self.table, line.text):
+                    yield line.number - 2, name
+
 
 def read_image_list(path: Path, log: ProblemLog) -> ImageList:
     """Read images.csv once; bad rows go to the log, InputError if no row is usable."""

@@ -26,6 +26,7 @@ class ProblemKind(StrEnum):
     EMPTY_COLUMN = "empty column"
     TRUTH = "truth"
     SEQUENCE = "sequence"
+    BAG = "damaged bag"
 
 
 @dataclass(frozen=True, slots=True)

@@ -135,7 +135,7 @@ def _camera_pose(source: Recording, index: int) -> Pose3 | None:
 def _readable(source: Recording, index: int) -> ImageArray:
     image = source.image(index)
     if image is None:
-        raise InputError(f"{source.folder}: image {index} cannot be read; touchline check tells why")
+        raise InputError(f"{source.path}: image {index} cannot be read; touchline check tells why")
     return image
 
 

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.simulation.cameras.image_sensor import ImageSensor, check_exposure
-from touchline.sources.decoding import decode_image
 from touchline.sources.description import finite_number
 from touchline.sources.folder import Recording
 from touchline.types import ImageArray
@@ -39,8 +38,8 @@ class LinearImageCamera:
     def open(cls, recording: Recording, index: int, rng: np.random.Generator | None = None) -> LinearImageCamera:
         """The camera of one image of a recording of 16-bit linear images. InputError if it can't be read."""
         sensor, scale = _sensor_of(recording)
-        file = recording.file(recording.image_name(index))
-        decoded = decode_image(file)
+        file = recording.path / recording.image_name(index)
+        decoded = recording.stored_image(index)
         if decoded.pixels is None or decoded.pixels.dtype != np.uint16:
             raise InputError(f"{file}: is no 16-bit linear image{': ' + decoded.what if decoded.what else ''}")
         radiance = np.ascontiguousarray(decoded.pixels[..., ::-1], dtype=np.float32) * np.float32(scale / 65535.0)

@@ -1,0 +1,106 @@
+"""`touchline convert`: a recording from one kind into another."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from touchline.cli.console import errors_console
+from touchline.cli.console import output as output_console
+from touchline.cli.options import FollowLinks
+from touchline.errors import InputError, TouchlineError
+
+if TYPE_CHECKING:
+    from touchline.sources import Recording
+
+
+class Kind(StrEnum):
+    """What can be written."""
+
+    FOLDER = "folder"
+    MCAP = "mcap"
+    ROSBAG2 = "rosbag2"
+    ROSBAG2_MCAP = "rosbag2-mcap"
+
+
+def convert(
+    source: Annotated[
+        Path,
+        typer.Argument(metavar="SOURCE", help="A recording: a folder, an MCAP file, a rosbag2 folder, a ROS 1 bag."),
+    ],
+    target: Annotated[Path, typer.Argument(metavar="TARGET", help="A new folder or file.")],
+    to: Annotated[
+        Kind | None,
+        typer.Option(help="What to write (default: mcap for a TARGET that ends in .mcap, else folder)."),
+    ] = None,
+    follow_links: FollowLinks = False,
+) -> None:
+    """Write a recording as another kind, without loss: images are copied as they are, times to the nanosecond."""
+    kind = to or (Kind.MCAP if target.suffix.lower() == ".mcap" else Kind.FOLDER)
+    _check_target(target, kind)
+    from touchline.sources import open_source
+
+    recording = open_source(source, follow_links)
+    for problem in recording.problems:
+        errors_console().print(f"warning: {problem}", style="yellow", markup=False)
+    _write(recording, target, kind)
+    output_console().print(f"{target}: {_held(recording)}", markup=False)
+
+
+def _held(recording: Recording) -> str:
+    from touchline.messages import counted
+
+    what = [counted(len(recording), "image" if recording.has_images else "observation"), *recording.sensor_files]
+    return ", ".join([*what, "truth"] if recording.truth is not None else what)
+
+
+def _check_target(target: Path, kind: Kind) -> None:
+    if target.exists():
+        raise InputError(f"{target}: exists already and is not overwritten; choose another name")
+    if target.suffix.lower() in (".bag", ".db3", ".zip", ".tar", ".mp4"):
+        raise InputError(f"{target}: is not written; a recording is written as {', '.join(Kind)} (--to)")
+    if kind is Kind.MCAP and target.suffix.lower() != ".mcap":
+        raise InputError(f"{target}: an MCAP file's name has to end in .mcap")
+
+
+def _write(recording: Recording, target: Path, kind: Kind) -> None:
+    """Write it, with a progress bar; what cannot be finished is taken away again."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with Progress(*columns, console=errors_console()) as progress:
+            task = progress.add_task(recording.name, total=len(recording))
+            _write_kind(recording, target, kind, lambda: progress.advance(task))
+    except BaseException as error:
+        if target.is_dir():
+            shutil.rmtree(target, ignore_errors=True)
+        else:
+            target.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise TouchlineError(f"{error.filename or target}: cannot be written ({error.strerror})") from None
+        raise
+
+
+def _write_kind(recording: Recording, target: Path, kind: Kind, on_image: Callable[[], None]) -> None:
+    if kind is Kind.FOLDER:
+        from touchline.sources.to_folder import write_folder
+
+        write_folder(recording, target, on_image)
+        return
+    from touchline.sources.bags.kinds import require_bags
+
+    require_bags(target)
+    from touchline.sources.bags.mcap_writer import McapWriter
+    from touchline.sources.bags.with_rosbags import Codec, Rosbag2Writer
+    from touchline.sources.bags.writing import write_recording
+
+    codec = Codec()
+    writer = McapWriter(target, codec) if kind is Kind.MCAP else Rosbag2Writer(target, codec, kind is Kind.ROSBAG2_MCAP)
+    write_recording(recording, writer, codec, on_image)

@@ -1,0 +1,94 @@
+"""What kind of bag a path is: told by its content, with the standard library alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from enum import StrEnum
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+from touchline.errors import InputError
+from touchline.opened_files import UnreadableError, open_bytes
+from touchline.yaml_files import read_yaml_mapping
+
+METADATA = "metadata.yaml"
+_STARTS = {"mcap": b"\x89MCAP0\r\n", "db3": b"SQLite format 3\0", "bag": b"#ROSBAG V"}
+
+
+class BagKind(StrEnum):
+    """How a bag is kept."""
+
+    MCAP = "mcap"
+    ROSBAG2 = "rosbag2"
+    ROS1 = "bag"
+
+
+class BagFiles(NamedTuple):
+    """The files of a bag, in their order. paths: those that hold messages, or a whole rosbag2 folder."""
+
+    kind: BagKind
+    paths: tuple[Path, ...]
+
+
+def require_bags(path: Path) -> None:
+    """Raises InputError where the packages that read and write bags are not installed."""
+    missing = [name for name in ("rosbags", "mcap") if find_spec(name) is None]
+    if missing:
+        raise InputError(
+            f"{path}: is a bag, and {' and '.join(missing)} to read and write bags is not installed: "
+            "pip install 'touchline[bags]'"
+        )
+
+
+def find_bag(path: Path) -> BagFiles | None:
+    """The bag at a path; None if there is none."""
+    if path.is_dir():
+        return _in_folder(path)
+    if not path.is_file():
+        return None
+    start = _start(path)
+    if start.startswith(_STARTS["mcap"]):
+        return BagFiles(BagKind.MCAP, (path,))
+    if start.startswith(_STARTS["bag"]):
+        return BagFiles(BagKind.ROS1, (path,))
+    if start.startswith(_STARTS["db3"]):
+        return BagFiles(BagKind.ROSBAG2, (path,))
+    return None
+
+
+def _in_folder(folder: Path) -> BagFiles | None:
+    """A folder as `ros2 bag record` writes it; metadata.yaml comes last, and is missing where recording was cut off."""
+    files = sorted((file for file in folder.iterdir() if file.suffix in (".mcap", ".db3")), key=_numbered)
+    if (folder / METADATA).is_file():
+        order = _order(folder / METADATA)
+        known = [folder / name for name in order]
+        if known and all(file.suffix == ".mcap" and file.is_file() for file in known):
+            return BagFiles(BagKind.MCAP, tuple(known))
+        return BagFiles(BagKind.ROSBAG2, (folder,)) if order else None
+    kinds = {file.suffix for file in files}
+    if len(kinds) != 1:
+        return None
+    return BagFiles(BagKind.MCAP if kinds == {".mcap"} else BagKind.ROSBAG2, tuple(files))
+
+
+def _order(metadata: Path) -> Sequence[str]:
+    """Names of the files in the order in which they were written; empty if the file is no rosbag2's."""
+    about = read_yaml_mapping(metadata).get("rosbag2_bagfile_information")
+    names = about.get("relative_file_paths") if isinstance(about, dict) else None
+    return [Path(str(name)).name for name in names] if isinstance(names, list) else []
+
+
+def _numbered(path: Path) -> tuple[int, str]:
+    """Sort key of bag_0.mcap, bag_1.mcap, … bag_10.mcap."""
+    number = re.search(r"(\d+)$", path.stem)
+    return (int(number[1]) if number else -1, path.name)
+
+
+def _start(path: Path) -> bytes:
+    try:
+        with open_bytes(path) as file:
+            return file.read(16)
+    except (OSError, UnreadableError):
+        return b""

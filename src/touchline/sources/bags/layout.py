@@ -1,0 +1,33 @@
+"""Where the files of a recording go in a bag: what has no ROS message, and what has to come back to the last digit.
+
+Tables travel line by line, at their own times, so that a bag that was cut off holds all of them up to the cut.
+"""
+
+from __future__ import annotations
+
+STRING = "std_msgs/msg/String"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+IMAGES = "/camera/image/compressed"
+IMAGE_ROWS = "/touchline/images"
+SEQUENCE_TOPIC = "/touchline/sequence"
+WHOLE = {
+    "sequence.yaml": SEQUENCE_TOPIC,
+    "field.yaml": "/touchline/field",
+    "camera.yaml": "/touchline/camera",
+    "marks.csv": "/touchline/marks",
+    "regions.yaml": "/touchline/regions",
+}
+"""Files that are one latched message."""
+TABLES = {
+    "odometry.csv": "/touchline/odometry",
+    "wheels.csv": "/touchline/wheels",
+    "imu.csv": "/touchline/imu",
+    "camera_pose.csv": "/touchline/camera_pose",
+    "observations.csv": "/touchline/observations",
+    "ground_truth.tum": "/touchline/ground_truth",
+    "images.csv": IMAGE_ROWS,
+}
+"""Files of which each line is a message, its header the first one."""
+LATCHED_TOPICS = frozenset((*WHOLE.values(), "/tf_static", "/camera/camera_info"))
+EPOCH_KEY = "clock_starts_at_ns"
+"""In sequence.yaml: what the bag's clock showed at t = 0."""

@@ -1,0 +1,45 @@
+"""A bag opened as a recording."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from touchline.errors import InputError
+from touchline.sources.bags.bag_images import BagImages
+from touchline.sources.bags.extraction import extract_own
+from touchline.sources.bags.kinds import BagFiles, BagKind
+from touchline.sources.bags.layout import SEQUENCE_TOPIC
+from touchline.sources.bags.mcap_file import McapBag
+from touchline.sources.bags.messages import Bag
+from touchline.sources.bags.with_rosbags import Codec, RosbagsBag
+from touchline.sources.folder import Recording
+from touchline.sources.problems import ProblemLog
+
+
+def open_bag(path: Path, files: BagFiles) -> Recording:
+    """The recording in a bag. Its tables are copied into a temporary folder, which goes with it; its images stay.
+
+    Raises InputError if it cannot be read as a recording.
+    """
+    problems = ProblemLog()
+    bag = _open(files, problems)
+    if not bag.topics:
+        raise InputError(f"{path}: holds no message that can be read{_said(problems)}")
+    codec = Codec(bag.topics.values())
+    folder = tempfile.TemporaryDirectory(prefix="touchline-bag-")
+    if SEQUENCE_TOPIC not in bag.topics:
+        raise InputError(f"{path}: holds no recording of Touchline")
+    places = extract_own(bag, codec, Path(folder.name), problems)
+    images = BagImages(bag, codec, places, folder)
+    return Recording(Path(folder.name), path=path, images=images, problems=problems)
+
+
+def _open(files: BagFiles, problems: ProblemLog) -> Bag:
+    if files.kind is BagKind.MCAP:
+        return McapBag(files.paths, problems)
+    return RosbagsBag(files.paths, files.kind is BagKind.ROS1, problems)
+
+
+def _said(problems: ProblemLog) -> str:
+    return f" ({problems[0].message})" if problems.total else ""

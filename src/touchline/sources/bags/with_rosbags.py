@@ -1,0 +1,225 @@
+"""The one place that knows the rosbags package (0.11): its readers, its writer and its message types."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import (
+    Connection,
+    MessageDefinitionFormat,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1 import ReaderError as Ros1Error
+from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.rosbag2 import ReaderError as Ros2Error
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+
+from touchline.opened_files import UnreadableError
+from touchline.sources.bags.layout import LATCHED_TOPICS
+from touchline.sources.bags.messages import Definition, Message, Place, Topic
+from touchline.sources.problems import ProblemKind, ProblemLog
+
+_IDL_LINE = "=" * 80 + "\n"
+_LANGUAGES = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    QosTime(0, 0),
+    QosTime(0, 0),
+    QosLiveliness.SYSTEM_DEFAULT,
+    QosTime(0, 0),
+    False,
+)
+
+
+class BadMessageError(Exception):
+    """A message that cannot be decoded: why."""
+
+
+class Codec:
+    """Messages to and from bytes. Definitions that stand in the bag come before those of ROS 2 Humble."""
+
+    def __init__(self, topics: Collection[Topic] = ()) -> None:
+        self.standard = get_typestore(Stores.ROS2_HUMBLE)
+        self._own = {topic.name: self._types_of(topic) for topic in topics}
+
+    def _types_of(self, topic: Topic) -> Any:
+        if topic.definition is None:
+            return self.standard
+        try:
+            store = get_typestore(Stores.EMPTY)
+            store.register(_parsed(topic.definition, topic.type))
+        except (TypesysError, SyntaxError, ValueError, KeyError, AssertionError):
+            return self.standard
+        return store
+
+    def decode(self, topic: Topic, data: bytes | memoryview) -> Any:
+        """A message with its fields as attributes. Raises BadMessageError."""
+        types = self._own[topic.name]
+        try:
+            if topic.encoding == "ros1":
+                return types.deserialize_ros1(data, topic.type)
+            return types.deserialize_cdr(data, topic.type)
+        except (SerdeError, TypesysError, ValueError, KeyError, IndexError, AssertionError, OverflowError) as error:
+            raise BadMessageError(f"{type(error).__name__}: {error}") from None
+        except Exception as error:  # struct.error, and whatever a decoder made of the bag's own definition may raise
+            raise BadMessageError(f"{type(error).__name__}: {error}") from None
+
+    def make(self, kind: str, **fields: Any) -> Any:
+        """A message of a ROS 2 type, from all of its fields."""
+        return self.standard.types[kind](**fields)
+
+    def encode(self, kind: str, message: Any) -> bytes:
+        """A message as CDR."""
+        return bytes(self.standard.serialize_cdr(message, kind))
+
+    def definition(self, kind: str) -> str:
+        """The text of a type and of all that it is made of."""
+        return self.standard.generate_msgdef(kind, ros_version=2)[0]
+
+
+def _parsed(definition: Definition, name: str) -> dict[str, Any]:
+    if definition.language == "msg":
+        return get_types_from_msg(definition.text, name)
+    if not definition.text.startswith(f"{_IDL_LINE}IDL: "):
+        return get_types_from_idl(definition.text)
+    found: dict[str, Any] = {}
+    for part in definition.text.split(_IDL_LINE)[1:]:
+        found.update(get_types_from_idl(part.split("\n", 1)[1]))
+    return found
+
+
+class RosbagsBag:
+    """A rosbag2 folder, its .db3 files, or a ROS 1 bag, as far as rosbags reads it.
+
+    Raises UnreadableError, with the reason, for what it refuses.
+    """
+
+    def __init__(self, paths: Sequence[Path], ros1: bool, problems: ProblemLog) -> None:
+        self._paths = paths
+        self._problems = problems
+        self._encoding = "ros1" if ros1 else "cdr"
+        self._readers: list[Any] = []
+        self._following: dict[str, Iterator[Message]] = {}  # what comes behind the message fetched last
+        stack = ExitStack()
+        weakref.finalize(self, _close, stack, self._following)
+        for path in paths:
+            with _refusals(path):
+                self._readers.append(stack.enter_context(Ros1Reader(path) if ros1 else Ros2Reader(path)))
+
+    @property
+    def topics(self) -> Mapping[str, Topic]:
+        """By name."""
+        found: dict[str, Topic] = {}
+        for connection in self._connections(None):
+            language = _LANGUAGES.get(connection.msgdef.format)
+            definition = None if language is None else Definition(language, connection.msgdef.data)
+            name = connection.topic
+            count = connection.msgcount + (found[name].messages if name in found else 0)
+            found[name] = Topic(name, connection.msgtype, self._encoding, definition, count)
+        return found
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """Those of some topics, in the order in which they were received."""
+        return self._from(topics, None)
+
+    def fetch(self, topic: str, place: Place) -> bytes | memoryview:
+        """The data of one message. Raises UnreadableError if it is not there any more."""
+        following = self._following.pop(topic, None)
+        message = None if following is None else next(following, None)
+        if message is None or message.place != place:
+            following = self._from((topic,), place.first)
+            message = next((message for message in following if message.place >= place), None)
+        if message is None or following is None or message.place != place:
+            raise UnreadableError(self._paths[0], f"a message of {topic} is not where it was")
+        self._following[topic] = following
+        return message.data
+
+    def _connections(self, topics: Collection[str] | None) -> list[Connection]:
+        return [
+            connection
+            for reader in self._readers
+            for connection in reader.connections
+            if topics is None or connection.topic in topics
+        ]
+
+    def _from(self, topics: Collection[str], start_ns: int | None) -> Iterator[Message]:
+        """From a time on. The second number of a place counts the messages of a topic with the same time."""
+        last: dict[str, Place] = {}
+        for path, reader in zip(self._paths, self._readers, strict=True):
+            wanted = [connection for connection in reader.connections if connection.topic in topics]
+            if not wanted:
+                continue
+            try:
+                for connection, log_ns, data in reader.messages(wanted, start=start_ns):
+                    before = last.get(connection.topic)
+                    same = before is not None and before.first == log_ns
+                    place = last[connection.topic] = Place(log_ns, before.second + 1 if same and before else 0)
+                    yield Message(connection.topic, log_ns, data, place)
+            except Exception as error:  # rosbags lets those of its own libraries through: apsw, struct, zstd, lz4
+                what = f"is damaged ({error}); what stands before that is read"
+                if not self._problems.file_counts[ProblemKind.BAG, path.name]:
+                    self._problems.add(ProblemKind.BAG, path.name, what)
+
+
+def _close(stack: ExitStack, following: dict[str, Iterator[Message]]) -> None:
+    following.clear()  # sqlite closes no database that is being read
+    with suppress(Exception):
+        stack.close()
+
+
+class _refusals:
+    """Turns what rosbags raises at opening into UnreadableError."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, Ros1Error | Ros2Error):
+            raise UnreadableError(self._path, f"cannot be read as a bag ({error})") from None
+        if isinstance(error, Exception):
+            raise UnreadableError(self._path, f"cannot be read as a bag ({type(error).__name__}: {error})") from None
+
+
+class Rosbag2Writer:
+    """A new rosbag2 folder of version 8, which ROS 2 Humble reads, too.
+
+    in_mcap: messages in an MCAP file, else sqlite3.
+    Raises OSError where it cannot be made.
+    """
+
+    def __init__(self, folder: Path, codec: Codec, in_mcap: bool) -> None:
+        self._codec = codec
+        plugin = StoragePlugin.MCAP if in_mcap else StoragePlugin.SQLITE3
+        self._writer = Writer(folder, version=8, storage_plugin=plugin)
+        self._writer.open()
+        self._connections: dict[str, Connection] = {}
+
+    def write(self, topic: str, kind: str, log_ns: int, data: bytes) -> None:
+        """Add a message."""
+        if topic not in self._connections:
+            qos = (_LATCHED,) if topic in LATCHED_TOPICS else ()
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=self._codec.standard, offered_qos_profiles=qos
+            )
+        self._writer.write(self._connections[topic], log_ns, data)
+
+    def close(self) -> None:
+        """Write what comes last."""
+        self._writer.close()
