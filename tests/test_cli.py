@@ -361,7 +361,7 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
         (["run", "tiny", "--set", "fusion.beta=1"], "setting 'fusion.beta' belongs to iris-fusion, not to the chosen"),
         (
             ["run", "tiny", "--set", "particles.motion=1"],
-            "setting 'particles' belongs to nubot-mcl, nubot-mcl-alone and iris-fusion",
+            "setting 'particles' belongs to nubot-mcl, nubot-mcl-alone, iris-fusion and nimbro-lines",
         ),
         (["run", "tiny", "--set", "matching=1"], "'matching' is a group of settings, not a value: c_m, iterations"),
         (["run", "tiny", "--set", "fusion.betas=1"], "unknown setting 'fusion.betas': known in fusion: "),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from touchline.config import Settings, load_settings
+from touchline.config import Settings, load_settings, preset_values
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
@@ -149,19 +149,31 @@ def prepare(
     prior: Prior | None = None,
     config: str | Path | None = None,
     overrides: Sequence[str] = (),
+    preset: str | None = None,
     seed: int = 0,
 ) -> PreparedRun:
-    """Open everything a run needs and check it. Raises InputError for what is wrong."""
+    """Open everything a run needs and check it. Raises InputError for what is wrong.
+
+    preset: `paper` for the exact form of the system's paper; config and overrides win over it.
+    """
     info = system_info(system)
     others = {name: other.settings for name, other in SYSTEMS.items() if name != info.name}
     notices: list[str] = []
     file = None if config is None else Path(config)
-    settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices)
+    if preset is not None and not preset_values(info.settings, preset):
+        raise InputError(f"{info.name} has no preset '{preset}'{_with_preset(preset)}")
+    settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices, preset=preset)
     source = recording if isinstance(recording, Recording) else open_source(recording)
     built = open_system(system, robot_setup(source), settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
     return PreparedRun(source, built, info, settings, prior, seed, (*notices, *_notices(source, info)))
+
+
+def _with_preset(preset: str) -> str:
+    """Which systems have it, as the end of a sentence."""
+    names = [name for name, info in SYSTEMS.items() if preset_values(info.settings, preset)]
+    return f"; {', '.join(names)} {'has' if len(names) == 1 else 'have'} one" if names else "; the one there is: paper"
 
 
 def checked_prior(prior: Prior, field: FieldModel) -> Prior:

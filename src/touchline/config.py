@@ -127,17 +127,22 @@ def load_settings(
     section: str | None = None,
     elsewhere: Mapping[str, type[Settings]] | None = None,
     notices: list[str] | None = None,
+    preset: str | None = None,
 ) -> SettingsT:
-    """Settings from the defaults, then a YAML file (or one section of it), then `a.b=value` overrides.
+    """Settings from the defaults, then a preset, then a YAML file (or one section of it), then `a.b=value` overrides.
 
-    elsewhere: other settings by the name of what they belong to, for whoever mixes them up. notices: is appended a
-    sentence for each key that stands under an old name.
+    preset: a name under which fields hold another value (`json_schema_extra={"paper": value}`). elsewhere: other
+    settings by the name of what they belong to, for whoever mixes them up. notices: is appended a sentence for each key
+    that stands under an old name.
+
     Raises InputError with the nearest known key for an unknown one, and for a value that does not fit, each with its
     line in the file.
     """
     tree = read_yaml_mapping(file) if file is not None else {}
     if section is not None:
         tree = tree[section]
+    if preset is not None:
+        _fill_in(tree, preset_values(model, preset))
     changed = set()
     for item in overrides:
         key, separator, text = item.partition("=")
@@ -189,6 +194,30 @@ def settings_rows(model: type[Settings], prefix: str = "") -> Iterator[tuple[str
             yield from settings_rows(info.annotation, f"{key}.")
         else:
             yield key, info.get_default(call_default_factory=True), info.description or ""
+
+
+def preset_values(model: type[Settings], preset: str) -> dict[str, Any]:
+    """The tree of all values that stand under a preset's name; empty if there are none."""
+    tree: dict[str, Any] = {}
+    for name, info in model.model_fields.items():
+        extra = info.json_schema_extra
+        if isinstance(info.annotation, type) and issubclass(info.annotation, Settings):
+            if inside := preset_values(info.annotation, preset):
+                tree[name] = inside
+        elif isinstance(extra, dict) and preset in extra:
+            tree[name] = extra[preset]
+    return tree
+
+
+def _fill_in(tree: dict[str, Any], values: Mapping[str, Any]) -> None:
+    """Put values where a tree has none; the tree's own stay."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            inside = tree.setdefault(key, {})
+            if isinstance(inside, dict):
+                _fill_in(inside, value)
+        else:
+            tree.setdefault(key, value)
 
 
 def _put(tree: dict[str, Any], path: list[str], value: Any, item: str) -> None:

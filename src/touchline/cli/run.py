@@ -54,6 +54,10 @@ def run(
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting; may be repeated.")
     ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(metavar="paper", help="The system's exact form in its paper; file and --set win over it."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same trajectory.")] = 0,
     follow_links: FollowLinks = False,
 ) -> None:
@@ -66,11 +70,10 @@ def run(
     from touchline.types import Prior
 
     prior = Prior(parse_pose(start) if start is not None else None, own_half)
-    system_info(system or DEFAULT_SYSTEM)  # an unknown name is told before the recording is read
+    name = system or DEFAULT_SYSTEM
+    system_info(name)  # an unknown name is told before the recording is read
     source = open_source(recording, follow_links)
-    prepared = prepare(
-        source, system or DEFAULT_SYSTEM, prior=prior, config=config, overrides=settings or (), seed=seed
-    )
+    prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
     execute(prepared, output)
 
 

@@ -14,6 +14,7 @@ from touchline.messages import did_you_mean
 from touchline.motion import MotionHistory
 from touchline.perception import Detector
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
+from touchline.systems.nimbro_lines import NimbroLines, NimbroLinesSettings
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mcl_alone import NubotMclAlone, NubotMclAloneSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
@@ -98,6 +99,13 @@ SYSTEMS = {
                 "no motion is measured, poses come from the images alone",
             ),
         ),
+        SystemInfo(
+            "nimbro-lines",
+            "lines, crossings, posts of a walking robot's camera, augmented MCL (Schulz and Behnke 2012)",
+            NimbroLinesSettings,
+            NimbroLines,
+            cameras=("pinhole",),
+        ),
     )
 }
 
@@ -122,8 +130,9 @@ def open_system(
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
     if setup.camera is not None and setup.camera.model not in info.cameras:
+        seen = "an omnidirectional camera" if "omni" in info.cameras else "a perspective camera"
         raise InputError(
-            f"{name} finds line points in images of an omnidirectional camera; this camera is a {setup.camera.model}. "
+            f"{name} finds lines in images of {seen}; this camera is a {setup.camera.model}. "
             "What a detector of the robot's own has found needs no camera model: observations.csv in a recording, "
             "points or an observation in Python"
         )

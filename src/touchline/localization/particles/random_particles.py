@@ -41,10 +41,21 @@ class UniformPoses(NamedTuple):
         return poses
 
 
+class PoseSource(Protocol):
+    """Where particles start."""
+
+    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """So many poses (count, 3)."""
+        ...
+
+
 class RandomInjection(Protocol):
     """Which ratio of the particles starts anew at a drawing, and where."""
 
-    poses: UniformPoses
+    @property
+    def poses(self) -> PoseSource:
+        """Where."""
+        ...
 
     def observe(self, weights: FloatArray, log_likelihoods: FloatArray) -> None:
         """Particles of these weights (N,), before, have got these likelihoods (N,)."""
@@ -79,14 +90,17 @@ class AugmentedInjection:
 
     The ratio is max(min_ratio, 1 - w_fast / w_slow), with averages w of the mean likelihood that forget by the factors
     slow and fast (0 < slow < fast) in every cycle (Thrun, Burgard, Fox: Probabilistic Robotics, table 8.3). They are
-    kept as logarithms, since a product of likelihoods may be too small for any number.
+    kept as logarithms, since a product of likelihoods may be too small for any number. observations: that the
+    likelihood of now is the product of; its root, the likelihood of one, is what is averaged, so that a frame that
+    shows more is no worse. 1 is the table's form.
     """
 
-    poses: UniformPoses
+    poses: PoseSource
     slow: float = 0.05
     fast: float = 0.5
     min_ratio: float = 0.0
     max_ratio: float = 0.5
+    observations: int = 1
     _log_slow: float = -math.inf
     _log_fast: float = -math.inf
 
@@ -94,6 +108,7 @@ class AugmentedInjection:
         """Take the mean likelihood into both averages; the first one starts them."""
         greatest = float(log_likelihoods.max())
         log_mean = greatest + math.log(float(weights @ np.exp(log_likelihoods - greatest)))
+        log_mean /= self.observations
         if self._log_slow == -math.inf:
             self._log_slow = self._log_fast = log_mean
         else:

@@ -1,0 +1,240 @@
+"""The configuration of the particle filter on features (Schulz and Behnke 2012, section 5): augmented MCL.
+
+particles ─▶ motion (3) ─▶ crossings and landmarks (4, 5), lines (6, 7) ─▶ product (8) ─▶ weights ─▶ main mode
+    ▲                                                                         │
+    └── random particles, if certainty drops ◀── resampling, 250 to 1000 ◀────┘
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.field import FieldModel
+from touchline.field.association import FieldAssociations
+from touchline.geometry import FloatArray, Pose
+from touchline.localization.matching.global_search import Region
+from touchline.localization.matching.matcher import as_pose
+from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
+from touchline.localization.particles.motion_model import MotionModel, MotionNoise
+from touchline.localization.particles.particle_filter import ParticleFilter
+from touchline.localization.particles.particle_set import ParticleSet, mean_and_covariance
+from touchline.localization.particles.random_particles import AugmentedInjection, UniformPoses
+from touchline.localization.particles.resampling import EVERY_CYCLE, CertaintyNumber, Resampling
+from touchline.motion.odometry import Motion
+
+BEYOND_M = 1.0  # how far beyond the field particles start: the robot's margin
+UNCERTAIN_M = 1.0  # deviation of the position from which there are most particles
+MODE_M = 0.6  # radius of a mode of the particles ...
+MODE_RAD = 0.5  # ... and how far its headings reach
+CELL_M, CELL_RAD = 0.5, math.pi / 6.0  # of the histogram that finds modes
+START_PARTICLES = 4000  # at a start from nowhere, until they are drawn anew for the first time
+MAX_RANDOM_RATIO = 0.2  # of the particles; more would leave too few to a pose that is right
+
+
+class StepNoise(MotionNoise):
+    """The motion model's noise on top of the odometry's own: that of steps."""
+
+    translation_from_translation: float = Field(
+        0.1, ge=0, description="noise of the position per distance walked (m/m): steps slip"
+    )
+    rotation_from_rotation: float = Field(0.1, ge=0, description="noise of the heading per turn (rad/rad): steps slip")
+    rotation_from_translation_rad_per_m: float = Field(
+        0.05, ge=0, description="noise of the heading per distance walked (rad/m): steps bend"
+    )
+    translation_at_rest_m: float = Field(
+        0.01, ge=0, description="noise of the position per cycle, at rest, too (m): parts equal particles"
+    )
+    rotation_at_rest_rad: float = Field(
+        0.01, ge=0, description="noise of the heading per cycle, at rest, too (rad): as translation_at_rest_m"
+    )
+
+
+class NimbroParticlePaper(Settings):
+    """Switches to the paper's exact form."""
+
+    resample_always: bool = Field(
+        False,
+        json_schema_extra={"paper": True},
+        description="draw the particles anew in every cycle, as the paper does; off: once half of them are effective",
+    )
+    min_effective_ratio: float = Field(
+        0.05,
+        ge=0,
+        lt=1,
+        json_schema_extra={"paper": 0.0},
+        description="ratio of particles that an observation must leave effective: its likelihood is tempered, for "
+        "features of one frame err together; 0 is the paper's form",
+    )
+    per_observation: bool = Field(
+        True,
+        json_schema_extra={"paper": False},
+        description="random particles by the likelihood of one observation, so that frames that show more are no "
+        "worse; off by that of all, as in the paper",
+    )
+
+
+class NimbroParticleSettings(Settings):
+    """The paper gives 250 to 1000 particles and the models; nothing else."""
+
+    min_particles: int = Field(250, ge=10, description="particles while the pose is certain; the paper's 250")
+    max_particles: int = Field(1000, ge=10, description="particles while it is not; the paper's 1000")
+    random_ratio: float = Field(
+        0.01, ge=0, lt=1, description="ratio of random particles in every drawing: the paper's small amount"
+    )
+    slow: float = Field(0.02, gt=0, lt=1, description="forgetting of the long-term likelihood per cycle")
+    fast: float = Field(0.2, gt=0, lt=1, description="forgetting of the short-term likelihood per cycle")
+    motion: StepNoise = StepNoise()
+    paper: NimbroParticlePaper = NimbroParticlePaper()
+
+
+class Mode(NamedTuple):
+    """A cluster of particles: mean, covariance (3, 3) in (m, m, rad), field frame, and its share of all weight."""
+
+    pose: Pose
+    covariance: FloatArray
+    weight: float
+
+
+class SidedPoses(NamedTuple):
+    """Random poses on the side of the field where the robot is known to be: of a pose and its twin the one nearer to
+    `about`, so that random particles don't take a robot to the other end, which looks the same.
+    """
+
+    uniform: UniformPoses
+    about: Pose | None
+
+    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """So many poses (count, 3)."""
+        poses = self.uniform.draw(rng, count)
+        if self.about is not None:
+            poses[:, 2] += math.pi * rng.integers(0, 2, count)
+            far = np.cos(poses[:, 2] - self.about.heading) < 0.0
+            poses[far] = poses[far] * (-1.0, -1.0, 1.0) + (0.0, 0.0, math.pi)
+        return poses
+
+
+class NimbroParticles:
+    """Particles on one field. `filter`: the particle filter; `particles`: its set."""
+
+    def __init__(
+        self,
+        field: FieldModel,
+        associations: FieldAssociations,
+        rng: np.random.Generator,
+        settings: NimbroParticleSettings | None = None,
+        covariances: bool = True,
+    ) -> None:
+        """covariances: features by their covariances, else by equations (5) to (7)."""
+        self.settings = s = settings or NimbroParticleSettings()
+        self.rng = rng
+        self.symmetric = field.is_symmetric and not associations.tell_ends_apart
+        self._reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
+        self.sensor_model = FeatureModel(associations.tables, field_lines(field), polar=not covariances)
+        self.particles = ParticleSet(np.zeros((1, 3)))
+        number = CertaintyNumber(s.min_particles, max(s.min_particles, s.max_particles), UNCERTAIN_M)
+        self.injection = AugmentedInjection(
+            SidedPoses(UniformPoses(self._reach_m), None), s.slow, s.fast, s.random_ratio, MAX_RANDOM_RATIO
+        )
+        self.filter: ParticleFilter[FeatureView] = ParticleFilter(
+            self.particles,
+            MotionModel(s.motion),
+            self.sensor_model,
+            Resampling(EVERY_CYCLE if s.paper.resample_always else 0.5, number),
+            rng,
+            self.injection,
+            min_effective=s.paper.min_effective_ratio * s.max_particles,
+        )
+        self.restart()
+
+    def restart(self, region: Region | None = None) -> None:
+        """Spread the particles over the field or a region of it. Of twins on a symmetric field one half is enough."""
+        uniform = UniformPoses(self._reach_m, region or Region(), None, self.symmetric)
+        self._start(uniform.draw(self.rng, START_PARTICLES))
+
+    def start_at(self, pose: Pose, covariance: FloatArray) -> None:
+        """Start about a pose that is known with a covariance (3, 3)."""
+        drawn = self.rng.multivariate_normal(pose.as_array(), covariance, self.settings.max_particles, method="eigh")
+        self._start(np.ascontiguousarray(drawn))
+
+    def predict(self, motion: Motion) -> None:
+        """Equation (3): every particle moves by the odometry's motion, with noise of its own."""
+        self.filter.predict(motion)
+
+    def update(self, view: FeatureView, about: Pose | None = None) -> Mode:
+        """Equations (4) to (8) and resampling; returns the main mode. A view without features changes nothing.
+
+        about: the pose on whose side of a symmetric field random particles start; None: on both.
+        """
+        if view.size:
+            self.injection.poses = SidedPoses(UniformPoses(self._reach_m), about if self.symmetric else None)
+            self.injection.observations = view.size if self.settings.paper.per_observation else 1
+            self.filter.weigh(view)
+            self.filter.normalize()
+            self._mode = self.main_mode()
+            self.filter.resample_if_due()
+        else:
+            self._mode = self.main_mode()
+        return self._mode
+
+    def main_mode(self) -> Mode:
+        """The heaviest cluster of particles."""
+        poses, weights = self.particles.poses, self.particles.weights
+        inside = in_mode(poses, weights, self._reach_m[0], self._reach_m[1])
+        weight = float(inside.sum())
+        if weight <= 0.0:
+            found = self.particles.estimate()
+            return Mode(found.pose, found.covariance, 0.0)
+        mean, covariance = mean_and_covariance(poses, inside / weight)
+        return Mode(as_pose(mean), covariance, weight)
+
+    def _start(self, poses: FloatArray) -> None:
+        self.filter.start(poses)
+        poses_from, s = self.injection.poses, self.settings
+        self.injection = AugmentedInjection(poses_from, s.slow, s.fast, s.random_ratio, MAX_RANDOM_RATIO)
+        self.filter.injection = self.injection
+
+
+@numba.njit(cache=True)
+def in_mode(poses, weights, reach_x, reach_y):  # type: ignore[no-untyped-def]
+    """Weights (N,) of the particles in the heaviest mode, 0 elsewhere.
+
+    The heaviest cell of a histogram over poses (N, 3), within reach_x, reach_y (m) of the centre, is the start of a
+    mean shift with a window of MODE_M and MODE_RAD.
+    """
+    nx, ny = int(2.0 * reach_x / CELL_M) + 3, int(2.0 * reach_y / CELL_M) + 3
+    nt = int(2.0 * math.pi / CELL_RAD + 0.5)
+    cells = np.zeros((nx, ny, nt))
+    best, bx, by, bt = -1.0, 0, 0, 0
+    for j in range(poses.shape[0]):
+        ix = min(max(int((poses[j, 0] + reach_x) / CELL_M) + 1, 0), nx - 1)
+        iy = min(max(int((poses[j, 1] + reach_y) / CELL_M) + 1, 0), ny - 1)
+        it = math.floor(poses[j, 2] / CELL_RAD) % nt
+        cells[ix, iy, it] += weights[j]
+        if cells[ix, iy, it] > best:
+            best, bx, by, bt = cells[ix, iy, it], ix, iy, it
+    x, y = (bx - 0.5) * CELL_M - reach_x, (by - 0.5) * CELL_M - reach_y
+    heading = (bt + 0.5) * CELL_RAD
+    inside = np.zeros(poses.shape[0])
+    for _ in range(4):
+        total = sx = sy = st = 0.0
+        for j in range(poses.shape[0]):
+            dx, dy = poses[j, 0] - x, poses[j, 1] - y
+            turned = poses[j, 2] - heading
+            turned -= 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
+            near = dx * dx + dy * dy < MODE_M * MODE_M and abs(turned) < MODE_RAD
+            inside[j] = weights[j] if near else 0.0
+            if near:
+                total += weights[j]
+                sx += weights[j] * dx
+                sy += weights[j] * dy
+                st += weights[j] * turned
+        if total <= 0.0:
+            break
+        x, y, heading = x + sx / total, y + sy / total, heading + st / total
+    return inside

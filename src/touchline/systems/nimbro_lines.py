@@ -1,0 +1,122 @@
+"""nimbro-lines: lines, crossings, posts and poles of a perspective camera on a walking robot.
+
+H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient soccer robot localization, Advanced Robotics
+2012.
+
+    image ─▶ field boundary, line graph (3) ─▶ crossings, lines, posts, poles (4.1 to 4.3)
+                          IMU or kinematics ─▶ egocentric coordinates (4.4)
+                                                         │
+    odometry ─▶ augmented Monte Carlo localization (5) ◀─┘
+                          └─▶ main mode ─▶ least squares on its features (ours) ─▶ estimate
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from touchline.camera import PinholeCamera
+from touchline.config import Settings
+from touchline.field.association import FieldAssociations
+from touchline.geometry import Pose
+from touchline.localization.fusion.feature_filter import FeatureFilter, FeatureFilterSettings
+from touchline.localization.fusion.feature_tracker import BeliefSettings, FeatureTracker
+from touchline.localization.matching.global_search import OWN_HALF
+from touchline.localization.particles.feature_model import FeatureView, field_lines
+from touchline.localization.particles.features import Features, FeatureSettings
+from touchline.localization.particles.nimbro_particles import NimbroParticles, NimbroParticleSettings
+from touchline.motion import MotionHistory
+from touchline.perception import Detector, observe
+from touchline.systems.report import Stopwatch
+from touchline.systems.setup import RobotSetup
+from touchline.types import Estimate, Frame, Observation, Prior
+
+CAMERA_HEIGHT_M = 1.0  # where no camera.yaml tells: that of a robot between kid and adult size
+
+
+class NimbroPaper(Settings):
+    """Switches to the paper's exact form."""
+
+    refine: bool = Field(
+        True,
+        json_schema_extra={"paper": False},
+        description="the pose by least squares on the features about the particles' main mode; off: the mode's mean",
+    )
+
+
+class NimbroLinesSettings(Settings):
+    """Everything that the paper fixes, and everything that it leaves open."""
+
+    features: FeatureSettings = FeatureSettings()
+    particles: NimbroParticleSettings = NimbroParticleSettings()
+    refinement: FeatureFilterSettings = FeatureFilterSettings()
+    belief: BeliefSettings = BeliefSettings()
+    paper: NimbroPaper = NimbroPaper()
+
+
+class NimbroLines:
+    """The system as sources and sinks know it: `reset` and `step`."""
+
+    def __init__(self, setup: RobotSetup, settings: NimbroLinesSettings, rng: np.random.Generator) -> None:
+        """rng: all chance comes from it."""
+        field, camera, s = setup.field, setup.camera, settings
+        self.settings = settings
+        self.detector: Detector | None = None
+        self.history = MotionHistory()
+        height_m = CAMERA_HEIGHT_M
+        if isinstance(camera, PinholeCamera):
+            height_m = float(camera.base_from_camera.translation_m[2])
+        associations, lines = FieldAssociations(field), field_lines(field)
+        self.features = Features(associations, s.features, height_m)
+        self.particles = NimbroParticles(field, associations, rng, s.particles, s.features.paper.covariances)
+        feature_filter = FeatureFilter(associations.tables, lines, height_m, s.features.noise.lean_rad, s.refinement)
+        self.tracker = FeatureTracker(feature_filter, self.particles.symmetric, s.belief, s.paper.refine)
+        self.reset()
+
+    def reset(self, prior: Prior | None = None) -> None:
+        """Forget everything but the prior."""
+        prior = prior or Prior()
+        if self.detector is not None:
+            self.detector.reset()
+        self.history.clear()
+        self.tracker.reset(prior)
+        if prior.pose is not None:
+            self.particles.start_at(self.tracker.pose, self.tracker.covariance)
+        else:
+            self.particles.restart(OWN_HALF if prior.own_half else None)
+
+    def step(self, frame: Frame) -> Estimate:
+        """Take one frame, return where the robot stands at its time stamp."""
+        clock = Stopwatch()
+        motion = self.history.take(frame)
+        self.particles.predict(motion)  # motion model, equation (3)
+        self.tracker.predict(motion, self.particles.filter.motion_model.deviations(motion))
+        observation = clock.perception(observe, frame, self.detector)  # features, sections 3 and 4
+        view = self.features.of(observation)  # egocentric, with noise and confidence, sections 4.4 and 5.3
+        mode = self.particles.update(view, self._side())  # observation model, resampling, equations (4) to (8)
+        self.tracker.update(view, mode)  # ours: least squares about the main mode; whether it is believed
+        if self.tracker.is_lost:
+            self._search()  # augmented MCL, section 5: anywhere on the field
+        return self._report(observation, view, clock)
+
+    def _search(self) -> None:
+        self.tracker.lose()
+        self.particles.restart()
+
+    def _side(self) -> Pose | None:
+        return self.tracker.pose if self.tracker.side_known and self.tracker.has_pose else None
+
+    def _report(self, observation: Observation, view: FeatureView, clock: Stopwatch) -> Estimate:
+        tracker = self.tracker
+        return Estimate(
+            observation.stamp_ns,
+            tracker.pose,
+            tracker.covariance,
+            tracker.status,
+            tracker.residual_m,
+            view.size + len(observation.points),
+            tracker.hypotheses,
+            perception_ms=clock.perception_ms,
+            localization_ms=clock.localization_ms,
+            observation=observation,
+        )
