@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from touchline.checks.slips import find_slips
 from touchline.config import Settings, load_settings, preset_values
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.metrics import signed_errors
@@ -23,7 +24,7 @@ from touchline.evaluation.runner import OnFrame, RunTally, robot_setup, run_fram
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
-from touchline.sources import SENSOR_FILES, Recording, open_source
+from touchline.sources import SENSOR_FILES, ProblemKind, Recording, open_source
 from touchline.systems import (
     DEFAULT_SYSTEM,
     SYSTEMS,
@@ -39,6 +40,12 @@ if TYPE_CHECKING:
     from touchline.evaluation.report import Picture
 
 _START_MARGIN_M = 3.0  # a robot may well start beside the field
+_NO_IMAGE = (
+    ProblemKind.MISSING_IMAGE,
+    ProblemKind.BROKEN_IMAGE,
+    ProblemKind.IMAGE_SIZE,
+    ProblemKind.LINEAR_IMAGE,
+)
 _LIBRARIES = ("touchline", "numpy", "numba", "opencv-python-headless")
 
 
@@ -82,6 +89,8 @@ class PreparedRun:
     seed: int
     notices: tuple[str, ...] = ()
     """What the user should know before the run: complete sentences."""
+    slips: tuple[str, ...] = ()
+    """Those of them that spoil everything: numbers in other units, images without colour."""
 
     def execute(
         self,
@@ -108,6 +117,7 @@ class PreparedRun:
     def _finish(self, folder: Path, description: dict[str, Any], tally: RunTally) -> Run:
         summary = {**description, **tally.summary(), "errors": None}
         summary["problems"] = _problems(self.source)
+        summary["why_not_localised"] = None if tally.statuses[Status.TRACKING] else self._why_not_localised(tally)
         write_summary(folder, summary)
         finished = Run(folder)
         finished.truth = None if self.source.truth is None else self.source.truth.samples()
@@ -118,6 +128,18 @@ class PreparedRun:
         write_summary(folder, summary)
         _write_report(finished, self.source, tally)
         return finished
+
+    def _why_not_localised(self, tally: RunTally) -> str | None:
+        """The one cause for which no image was localised; None if none is known."""
+        if self.slips:
+            return " ".join(self.slips)
+        for problem in self.source.problems:
+            if problem.kind in _NO_IMAGE and 2 * self.source.problems.counts[problem.kind] > tally.frames:
+                return f"in {self.source.problems.counts[problem.kind]} of them there is none to look at. {problem}"
+        for why, count in tally.unseen.most_common(1):
+            if 2 * count > tally.frames:
+                return f"in {count} of them, {why}"
+        return None
 
     def _description(self, started: str) -> dict[str, Any]:
         pose = self.prior.pose
@@ -167,7 +189,9 @@ def prepare(
     built = open_system(system, robot_setup(source), settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
-    return PreparedRun(source, built, info, settings, prior, seed, (*notices, *_notices(source, info)))
+    slips = tuple(str(slip) for slip in find_slips(source))
+    notices += [*_notices(source, info), *slips]
+    return PreparedRun(source, built, info, settings, prior, seed, tuple(notices), slips)
 
 
 def _with_preset(preset: str) -> str:

@@ -22,6 +22,11 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
+def length_unit(number: float, longest_m: float) -> str:
+    """The unit in which a number that is too large for metres is a length of up to longest_m."""
+    return "centimetres" if number <= 100.0 * longest_m else "millimetres"
+
+
 def frames_in_words(frames: list[int], shown: int = 6) -> str:
     """`frame 3`, `frames 3, 4, 9 and 12 more`."""
     if len(frames) == 1:

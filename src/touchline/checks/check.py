@@ -22,12 +22,14 @@ from touchline.checks.lines import check_lines
 from touchline.checks.projection import check_projection, check_view
 from touchline.checks.sensors import check_gyro_bias, check_presence, check_rows, check_stuck, check_wheels
 from touchline.checks.setup import check_camera, check_field, check_handedness, check_mirror, check_truth
+from touchline.checks.slips import check_slips
 from touchline.checks.survey import Survey, take_survey
 from touchline.sources.folder import Recording
 
 Check = Callable[[Survey], Iterable[Finding]]
 
 CHECKS: list[Check] = [
+    check_slips,
     check_readable,
     check_observations,
     check_image_times,

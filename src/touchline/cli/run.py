@@ -155,9 +155,8 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     if finished.summary["ended"] == "interrupted":
         raise InterruptedRun(f"interrupted: {counted(frames, 'image')} done")
     if not finished.summary["status"]["tracking"]:
-        raise TouchlineError(
-            f"none of {counted(frames, 'image')} was localised: `touchline check {prepared.source.path}` may tell why"
-        )
+        why = finished.summary["why_not_localised"] or f"`touchline check {prepared.source.path}` may tell why"
+        raise TouchlineError(f"none of {counted(frames, 'image')} was localised: {why}")
 
 
 @contextmanager

@@ -51,6 +51,7 @@ class KeptFrame:
 class RunTally:
     """What is known of a run until now. ended: complete, interrupted, failed, or unfinished while it goes on.
 
+    unseen: why nothing was seen in images, and in how many.
     either_side: located frames whose lines fit as well at the other end of the field; other_side: the last such pose.
     settled: time per frame without the first ten.
     """
@@ -66,6 +67,7 @@ class RunTally:
     black_ns: list[tuple[int, int]] = field(default_factory=list)
     black: int = 0
     missing_images: int = 0
+    unseen: Counter[str] = field(default_factory=Counter)
     late_frames: int = 0
     unconfirmed_frames: int = 0
     clock_set_back: int = 0
@@ -91,6 +93,8 @@ class RunTally:
             self.black_ns.append((first_ns, frame.stamp_ns))
         if frame.image is None and frame.observation is None:
             self.missing_images += 1
+        if estimate.observation is not None and estimate.observation.problem is not None:
+            self.unseen[estimate.observation.problem] += frame.image is not None
         if fits_other_side(estimate):
             self.either_side, self.other_side = self.either_side + 1, estimate.pose.mirrored()
         self.perception.add(estimate.perception_ms)

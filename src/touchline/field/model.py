@@ -25,8 +25,11 @@ from touchline.field.distances import (
     segment_table,
 )
 from touchline.geometry import FloatArray
+from touchline.messages import length_unit
 from touchline.new_files import write_new_file
 
+LONGEST_M = 200.0  # of a field's sides: a football field for people has 120
+_WIDEST_LINE_M = 1.0
 _MOST_SAMPLES = 40_000_000
 _COLUMNS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
 _YAML_HEADER = """\
@@ -104,6 +107,10 @@ class FieldModel:
             value = float(getattr(self, key))
             if not math.isfinite(value) or value < 0.0 or (value == 0.0 and key != "border"):
                 raise InputError(f"{key}: expected a positive number of metres, found {getattr(self, key)!r}")
+            longest_m = _WIDEST_LINE_M if key == "line_width" else LONGEST_M
+            if value > longest_m:
+                unit = length_unit(value, 0.3 * longest_m)
+                raise InputError(f"{key}: {value:g} m is more than any field has; it looks like {unit}")
             object.__setattr__(self, key, value)
         for key, columns in _COLUMNS.items():
             object.__setattr__(self, key, _checked_rows(key, getattr(self, key), columns))

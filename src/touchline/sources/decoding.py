@@ -79,6 +79,8 @@ def usable_image(decoded: Decoded, size: tuple[int, int] | None) -> tuple[ImageA
 
 def _of_other_size(found: ImageSize, expected: tuple[int, int]) -> Decoded:
     what = f"is {found.width}×{found.height} pixels, expected {expected[0]}×{expected[1]}"
+    if found.width * expected[1] == found.height * expected[0]:
+        what += f": {found.width / expected[0]:.3g} times that size"
     return Decoded(None, ProblemKind.IMAGE_SIZE, what)
 
 

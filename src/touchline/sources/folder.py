@@ -229,6 +229,21 @@ class Recording:
         """The tables of sensors that can be read."""
         return tuple(self._tables)
 
+    def table(self, name: str) -> Table | None:
+        """One of the recording's tables of numbers by its file; None where there is none that can be used."""
+        frames: dict[str, ImageList | ObservationList | None] = {
+            IMAGE_LIST: self._images,
+            OBSERVATIONS: self._observations,
+        }
+        if (listed := frames.get(name)) is not None:
+            return listed.table
+        return self._tables.get(name)
+
+    @property
+    def stated_rate_hz(self) -> float | None:
+        """The image rate that sequence.yaml names; None where it names none."""
+        return self._about.rate_hz
+
     @property
     def rate_hz(self) -> float:
         """Nominal image rate; the median one where sequence.yaml names none (NaN for a single image)."""

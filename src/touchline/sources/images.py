@@ -26,6 +26,7 @@ from touchline.sources.tables import (
     to_number,
     to_stamps,
 )
+from touchline.sources.units import advice_on_times
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -80,7 +81,8 @@ def read_image_list(path: Path, log: ProblemLog) -> ImageList:
             numbers.append(line.number)
             offsets.append(line.offset)
     if not times:
-        raise InputError(f"{path}: names no image; every line after the header has to read t,file,exposure_ms,gain")
+        why = advice_on_times(table) or "; every line after the header has to read t,file,exposure_ms,gain"
+        raise InputError(f"{path}: names no image{why}")
     stamps, lines_read = to_stamps(np.array(times)), np.array(numbers, dtype=np.int64)
     keep = increasing_rows(stamps, np.iinfo(np.int64).min)
     for row_index in np.flatnonzero(~keep):

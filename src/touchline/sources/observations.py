@@ -30,6 +30,7 @@ from touchline.sources.tables import (
     to_number,
     to_stamps,
 )
+from touchline.sources.units import advice_on_times
 from touchline.types import (
     CrossingKind,
     Crossings,
@@ -145,7 +146,8 @@ def read_observation_list(path: Path, log: ProblemLog) -> ObservationList:
         offsets.append(line.offset)
         ends.append(end)
     if not times:
-        raise InputError(f"{path}: holds no observation; every line after the header has to read {HEADER}")
+        why = advice_on_times(table) or f"; every line after the header has to read {HEADER}"
+        raise InputError(f"{path}: holds no observation{why}")
     stamps, lines = to_stamps(np.array(times)), np.array(numbers, dtype=np.int64)
     keep = increasing_rows(stamps, np.iinfo(np.int64).min)
     for row_index in np.flatnonzero(~keep):

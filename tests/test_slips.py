@@ -1,0 +1,225 @@
+"""Users' slips: numbers in other units, images of another size or without colour, told by `run` and by `check`."""
+
+from __future__ import annotations
+
+import csv
+import math
+import shutil
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from touchline.api import prepare
+from touchline.checks.check import check_recording
+from touchline.checks.findings import Severity
+from touchline.checks.slips import find_slips
+from touchline.cli import main
+from touchline.cli.run import execute
+from touchline.errors import InputError, TouchlineError
+from touchline.field import FieldModel, load_field, open_field
+from touchline.messages import length_unit
+from touchline.sources import open_source
+from touchline.sources.observations import HEADER
+from touchline.sources.units import time_unit
+from touchline.types import ImageArray
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
+IMAGES = 6
+TABLES = ("images.csv", "odometry.csv", "imu.csv", "wheels.csv")
+DEGREES = 180.0 / math.pi
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """The first images of the example, to be spoiled."""
+    folder = tmp_path / "recording"
+    shutil.copytree(EXAMPLE, folder, ignore=lambda path, names: [n for n in names if Path(path).name == "images"])
+    rows = (folder / "images.csv").read_text().splitlines()[: IMAGES + 1]
+    (folder / "images.csv").write_text("\n".join(rows) + "\n")
+    for k in range(IMAGES):
+        shutil.copy(EXAMPLE / "images" / f"{k:06d}.jpg", folder / "images")
+    return folder
+
+
+def change(path: Path, columns: Iterable[str], to: Callable[[float], float]) -> None:
+    with path.open(newline="") as file:
+        header, *rows = csv.reader(file)
+    for row in rows:
+        for name in columns:
+            row[header.index(name)] = f"{to(float(row[header.index(name)])):.17g}"
+    path.write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
+
+
+def repaint(folder: Path, to: Callable[[ImageArray], ImageArray]) -> None:
+    for path in (folder / "images").iterdir():
+        image = cv2.imread(str(path))
+        assert image is not None
+        cv2.imwrite(str(path), to(image.astype(np.uint8)))
+
+
+def turn(folder: Path, rad_per_s: float, per_rad: float) -> None:
+    """Let compass and gyro see a robot that turns; the compass in a unit of its own."""
+    change(folder / "imu.csv", ["gz"], lambda _: rad_per_s)
+    times = iter(np.genfromtxt(folder / "imu.csv", delimiter=",", names=True)["t"].tolist())
+    change(folder / "imu.csv", ["yaw"], lambda _: per_rad * math.remainder(rad_per_s * next(times), 2.0 * math.pi))
+
+
+def words(folder: Path) -> list[str]:
+    return [str(slip) for slip in find_slips(open_source(folder))]
+
+
+def test_the_example_makes_no_slip(shared_data: Path) -> None:
+    for folder in [EXAMPLE, *(path.parent for path in shared_data.glob("*/sequence.yaml"))]:
+        assert words(folder) == []
+
+
+@pytest.mark.parametrize(("unit", "per_second"), [("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)])
+def test_times_in_other_units(recording: Path, unit: str, per_second: float) -> None:
+    change(recording / "odometry.csv", ["t"], lambda t: per_second * t)
+    assert words(recording) == [f"odometry.csv: the times look like {unit}. Column t is in seconds."]
+    for name in ("images.csv", "imu.csv"):
+        change(recording / name, ["t"], lambda t: per_second * t)
+    (told,) = words(recording)
+    assert told.startswith("images.csv, odometry.csv, imu.csv: ")
+    change(recording / "images.csv", ["t"], lambda t: per_second * 1.7e9 + t)  # counted from 1970
+    with pytest.raises(InputError, match=f"names no image: its times look like {unit}, t is in seconds"):
+        open_source(recording)
+
+
+def test_times_that_may_well_be_seconds() -> None:
+    assert time_unit(1.7e9 + np.arange(10) / 10, 0.01, 10.0) is None
+    assert time_unit([0.0, 5.0, 10.0], 0.01, 10.0) is None
+    assert time_unit([3.0], 0.01, 10.0) is None
+    assert time_unit([], 0.01, 10.0) is None
+    assert time_unit([1.7e12], 0.01, 10.0) == "milliseconds"
+    assert time_unit(np.arange(10) * 1e13, 0.01, 10.0) is None  # nothing that is known
+
+
+def test_a_compass_in_degrees(recording: Path) -> None:
+    turn(recording, 0.8, DEGREES)
+    (told,) = words(recording)
+    assert told.startswith("imu.csv: column 'yaw' reaches ")
+    assert told.endswith("It looks like degrees; angles are in radians.")
+    change(recording / "imu.csv", ["gz"], lambda rate: DEGREES * rate)
+    assert [told.partition("' reaches")[0] for told in words(recording)] == [
+        "imu.csv: column 'gz",
+        "imu.csv: column 'yaw",
+    ]
+
+
+def test_a_compass_in_degrees_while_the_robot_hardly_turns(recording: Path) -> None:
+    change(recording / "imu.csv", ["yaw"], lambda yaw: 90.0 + DEGREES * yaw)
+    assert ["column 'yaw'" in told for told in words(recording)] == [True]
+
+
+def test_turns_may_be_counted(recording: Path) -> None:
+    turn(recording, 4.0, 1.0)
+    assert words(recording) == []
+    times = iter(np.genfromtxt(recording / "imu.csv", delimiter=",", names=True)["t"].tolist())
+    change(recording / "imu.csv", ["yaw"], lambda _: 4.0 * next(times))  # 24 rad at the end
+    assert words(recording) == []
+
+
+def test_a_gyro_and_a_lean_in_degrees(recording: Path) -> None:
+    turn(recording, 0.8, 1.0)
+    change(recording / "imu.csv", ["gz"], lambda rate: DEGREES * rate)
+    change(recording / "imu.csv", ["roll"], lambda _: 5.0)
+    assert [told.partition("' reaches")[0] for told in words(recording)] == [
+        "imu.csv: column 'gz",
+        "imu.csv: column 'roll",
+    ]
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])
+def test_lengths_in_other_units(recording: Path, unit: str, per_metre: float) -> None:
+    change(recording / "odometry.csv", ["x", "y"], lambda way: per_metre * way)
+    (told,) = words(recording)
+    assert told.startswith("odometry.csv: ")
+    assert f"It looks like {unit}; metres are wanted." in told
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])
+def test_a_field_in_other_units(tmp_path: Path, unit: str, per_metre: float) -> None:
+    field = open_field("msl-18x12")
+    with pytest.raises(InputError, match=f"length: {per_metre * 18:g} m is more than any field has.*{unit}"):
+        FieldModel("lab", per_metre * 18.0, 12.0, 0.125, segments=field.segments)
+    with pytest.raises(InputError, match=r"line_width: 12\.5 m is more than any field has.*centimetres"):
+        FieldModel("lab", 18.0, 12.0, 12.5, segments=field.segments)
+    path = tmp_path / "field.yaml"
+    path.write_text(f"length: 18\nwidth: {12 * per_metre}\nline_width: 0.125\n")
+    with pytest.raises(InputError, match=rf"field\.yaml, line 2: width: .*{unit}"):
+        load_field(path)
+
+
+def test_the_unit_of_a_length() -> None:
+    assert [length_unit(number, 60.0) for number in (900.0, 1800.0, 9000.0, 18000.0)] == [
+        "centimetres",
+        "centimetres",
+        "millimetres",
+        "millimetres",
+    ]
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])
+def test_a_range_table_in_other_units(recording: Path, unit: str, per_metre: float) -> None:
+    tree = yaml.safe_load((recording / "camera.yaml").read_text())
+    tree["range_table"]["range_m"] = (per_metre * np.array(tree["range_table"]["range_m"])).tolist()
+    (recording / "camera.yaml").write_text(yaml.safe_dump(tree))
+    (told,) = words(recording)
+    assert told.startswith("camera.yaml: ")
+    assert unit in told
+
+
+def not_localised(folder: Path, tmp_path: Path) -> str:
+    """The error that ends `touchline run`; `touchline check` finds one, too."""
+    assert any(finding.severity is Severity.ERROR for finding in check_recording(folder))
+    with pytest.raises(TouchlineError, match=f"none of {IMAGES} images was localised") as raised:
+        execute(prepare(folder), tmp_path / "run")
+    return str(raised.value)
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("centimetres", 100.0), ("millimetres", 1000.0)])
+def test_observations_in_other_units(small_data: Path, tmp_path: Path, unit: str, per_metre: float) -> None:
+    """Were taken for points: 'tracking', 14.8 m off."""
+    folder = tmp_path / "recording"
+    folder.mkdir()
+    (folder / "sequence.yaml").write_text("format: 1\nfield: indoor-9x6\ncamera: none\nrate_hz: 10\n")
+    around = np.arange(0.0, 2.0 * math.pi, 0.05)
+    rows = [
+        f"{k / 10},point,{per_metre * 2.5 * math.cos(a):.6f},{per_metre * 2.5 * math.sin(a):.6f}" + "," * 11
+        for k in range(IMAGES)
+        for a in around
+    ]
+    (folder / "observations.csv").write_text("\n".join([HEADER, *rows]) + "\n")
+    why = not_localised(folder, tmp_path)
+    assert f"{IMAGES} images was localised: observations.csv: " in why
+    assert f"It looks like {unit}; x_m and y_m are in metres." in why
+
+
+@pytest.mark.parametrize(
+    ("repainted", "why"),
+    [
+        (lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), "images.csv: the images are grey"),
+        (lambda image: image[::2, ::2], "is 240×240 pixels, expected 480×480: 0.5 times that size"),
+        (lambda image: image[:, :400], "is 400×480 pixels, expected 480×480"),
+        (lambda image: image * 0 + 128, "in 6 of them, the image is black, or shows nothing at all"),
+    ],
+)
+def test_images_that_cannot_be_localised_in(
+    recording: Path, tmp_path: Path, repainted: Callable[[ImageArray], ImageArray], why: str
+) -> None:
+    repaint(recording, repainted)
+    assert why in not_localised(recording, tmp_path)
+
+
+def test_a_run_tells_of_slips_before_it_starts(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Though the lines may fit nevertheless."""
+    change(recording / "wheels.csv", ["a", "b"], lambda way: 1000.0 * way)
+    assert main(["run", str(recording), "-o", str(tmp_path / "run")]) == 0
+    assert "warning: wheels.csv: a way of" in capsys.readouterr().err
