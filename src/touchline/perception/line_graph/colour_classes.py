@@ -166,7 +166,12 @@ def _learn_paint(images: Sequence[ImageArray], around: npt.NDArray[np.bool_], mo
         white = ((colours - model.green) @ model.signal > HALF_WHITE) & (y > _PALEST * green_y)
         found.append(colours[white])
     pixels = np.concatenate(found)
-    return np.median(pixels, axis=0) if len(pixels) >= _FEWEST else None
+    if len(pixels) < _FEWEST:
+        return None
+    # the brighter half: edges of lines and threads of nets are white, too, but mixed with what is behind them
+    brightness = pixels.sum(axis=1)
+    paint: FloatArray = np.median(pixels[brightness >= np.median(brightness)], axis=0)
+    return paint
 
 
 @njit(cache=True)

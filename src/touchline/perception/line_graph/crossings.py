@@ -6,7 +6,6 @@ paint leave it, in these directions. On the ground, so that a circle in the imag
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import NamedTuple
 
@@ -14,13 +13,16 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray, wrap_angle
+from touchline.perception.line_graph.field_lines import cell_pixels
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
     ground_covariances,
+    grounds_from_pixels,
     pixel_from_ground,
     pixels_from_grounds,
 )
-from touchline.perception.line_graph.profiles import Pixels, signal_at
+from touchline.perception.line_graph.key_nodes import key_nodes
+from touchline.perception.line_graph.profiles import Pixels, is_carpet, signal_at
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure
 from touchline.types import Crossings, Lines, no_crossings
@@ -32,7 +34,12 @@ _STRAIGHT_RAD = math.radians(24.0)  # two arms that go straight on, or stand at 
 _RIGHT_RAD = math.radians(60.0)  # lines that meet at less are no candidates
 _SLACK_M = 0.25  # how far beyond a line's visible end it may meet another
 _SAME_WIDTHS = 4.0  # candidates closer than so many line widths are one crossing
-_CIRCLES = (3.0, 5.0)  # radii about a candidate, in line widths
+_WIDE, _NARROW = (3.0, 5.0), (2.0, 3.2)  # radii of both circles about a candidate, in line widths
+_TURNS = 4
+_FARTHEST_MOVE, _SETTLED = 5.0, 0.3  # line widths
+_STRAY_RAD = math.radians(30.0)  # an arm's directions on both circles differ by no more
+_NARROWEST, _WIDEST, _BLUR_PX = 0.55, 1.6, 2.0  # of an arc, in line widths and pixels: a post is wider
+_CARPET = 0.7  # least share of carpet in what is no paint
 
 
 class _Found(NamedTuple):
@@ -45,13 +52,16 @@ class _Found(NamedTuple):
 def find_crossings(
     structure: Structure, lines: Lines, pixels: Pixels, plane: ImagePlane, settings: LineGraphSettings
 ) -> Crossings:
-    """Crossings of an image: where lines meet and at key nodes, each verified."""
+    """Crossings of an image: candidates at key nodes and where lines meet, each verified, the nearest first."""
+    _, corners = key_nodes(structure.graph)
+    at_nodes = grounds_from_pixels(plane, cell_pixels(corners[:, :2]))
+    candidates = np.concatenate((_meetings(lines.ends_m, _SLACK_M), at_nodes))
     found: list[_Found] = []
-    for place in _meetings(lines.ends_m, settings.crossing_m):
-        crossing = _verified(place, pixels, plane)
-        if crossing is None:
+    for place in candidates[np.hypot(*candidates.T) <= settings.crossing_m]:
+        if _is_known(place, found, pixels):
             continue
-        if all(np.hypot(*(crossing.place - other.place)) > _SAME_WIDTHS * pixels.width_m for other in found):
+        crossing = verified(place, pixels, plane)
+        if crossing is not None and not _is_known(crossing.place, found, pixels):
             found.append(crossing)
     if not found:
         return no_crossings()
@@ -68,63 +78,118 @@ def find_crossings(
     )
 
 
-def _meetings(ends_m: FloatArray, farthest_m: float) -> list[FloatArray]:
-    """Ground points where two lines (L, 2, 2) that are roughly at right angles meet, or would if a little longer."""
-    places = []
-    for a, b in itertools.combinations(ends_m, 2):
-        da, db = a[1] - a[0], b[1] - b[0]
-        la, lb = float(np.hypot(*da)), float(np.hypot(*db))
-        cross = float(da[0] * db[1] - da[1] * db[0])
-        if abs(cross) < math.sin(_RIGHT_RAD) * la * lb:
-            continue
-        offset = b[0] - a[0]
-        along_a = float(offset[0] * db[1] - offset[1] * db[0]) / cross
-        along_b = float(offset[0] * da[1] - offset[1] * da[0]) / cross
-        slack_a, slack_b = _SLACK_M / la, _SLACK_M / lb
-        place = a[0] + along_a * da
-        if (
-            -slack_a <= along_a <= 1.0 + slack_a
-            and -slack_b <= along_b <= 1.0 + slack_b
-            and np.hypot(*place) <= farthest_m
-        ):
-            places.append(place)
-    return places
+def _is_known(place: FloatArray, found: list[_Found], pixels: Pixels) -> bool:
+    return any(np.hypot(*(place - other.place)) <= _SAME_WIDTHS * pixels.width_m for other in found)
 
 
-def _verified(place: FloatArray, pixels: Pixels, plane: ImagePlane) -> _Found | None:
-    """The crossing at a candidate, if circles about it all show the same one."""
-    judged = []
-    arms = np.empty((_MOST_ARMS, 3))
-    for radius in _CIRCLES:
-        count = walk_round(pixels, plane, place[0], place[1], radius * pixels.width_m, arms)
-        kind = judge_arms(arms[:count, 0]) if count > 0 else None
-        if kind is None:
-            return None
-        judged.append(kind)
-    if len({kind for kind, _ in judged}) > 1:
-        return None
-    return _Found(judged[0][0], place, judged[-1][1], 0.9)
+@njit(cache=True)
+def _meetings(ends_m: FloatArray, slack_m: float) -> FloatArray:
+    """Ground points (M, 2) where two lines (L, 2, 2) meet roughly at right angles, or would if a little longer."""
+    found = np.empty((len(ends_m) * len(ends_m), 2))
+    count = 0
+    for i in range(len(ends_m)):
+        for k in range(i):
+            ax, ay = ends_m[i, 1, 0] - ends_m[i, 0, 0], ends_m[i, 1, 1] - ends_m[i, 0, 1]
+            bx, by = ends_m[k, 1, 0] - ends_m[k, 0, 0], ends_m[k, 1, 1] - ends_m[k, 0, 1]
+            la, lb, cross = math.hypot(ax, ay), math.hypot(bx, by), ax * by - ay * bx
+            if abs(cross) <= math.sin(_RIGHT_RAD) * la * lb:
+                continue
+            ox, oy = ends_m[k, 0, 0] - ends_m[i, 0, 0], ends_m[k, 0, 1] - ends_m[i, 0, 1]
+            a, b = (ox * by - oy * bx) / cross, (ox * ay - oy * ax) / cross
+            if -slack_m <= a * la <= la + slack_m and -slack_m <= b * lb <= lb + slack_m:
+                found[count, 0], found[count, 1] = ends_m[i, 0, 0] + a * ax, ends_m[i, 0, 1] + a * ay
+                count += 1
+    return found[:count]
+
+
+def verified(place: FloatArray, pixels: Pixels, plane: ImagePlane) -> _Found | None:
+    """The crossing near a candidate's ground point (2,), if two circles about it show the same one.
+
+    The candidate is moved to where the arms meet, and looked at again. Beside a goal post only the smaller circles
+    show nothing else.
+    """
+    for radii, confidence in ((_WIDE, 0.9), (_NARROW, 0.7)):
+        x, y = float(place[0]), float(place[1])
+        inner, outer = np.empty((_MOST_ARMS, 3)), np.empty((_MOST_ARMS, 3))
+        for turn in range(_TURNS):
+            count = _both_circles(pixels, plane, x, y, radii, inner, outer)
+            if count < 2:
+                break
+            ax, ay = arms_meet(inner[:count], outer[:count])
+            moved, x, y = math.hypot(ax - x, ay - y), ax, ay
+            if not moved < _FARTHEST_MOVE * pixels.width_m:
+                break
+            if moved < _SETTLED * pixels.width_m or turn == _TURNS - 1:
+                one, other = judge_arms(inner[:count, 0]), judge_arms(outer[:count, 0])
+                if one is not None and other is not None and one[0] == other[0]:
+                    return _Found(one[0], np.array([x, y]), other[1], confidence)
+                break
+    return None
 
 
 @njit(cache=True, error_model="numpy")
-def walk_round(pixels: Pixels, plane: ImagePlane, x: float, y: float, radius_m: float, arms: FloatArray) -> int:
+def _both_circles(pixels, plane, x, y, radii, inner, outer):  # type: ignore[no-untyped-def]
+    """Arms on both circles, those of the outer one in the order of the inner; how many, 0 where they don't agree."""
+    count, wide = walk_round(pixels, plane, x, y, radii[0] * pixels.width_m, inner)
+    beyond, wider = walk_round(pixels, plane, x, y, radii[1] * pixels.width_m, outer)
+    # what is no line may hide an arm: then only a T is certain, as there is hardly an X beside a post
+    if count < 2 or beyond != count or ((wide or wider) and count != 3):
+        return 0
+    for k in range(count):
+        best, at = np.inf, k
+        for m in range(k, count):
+            off = outer[m, 0] - inner[k, 0]
+            off = abs(math.atan2(math.sin(off), math.cos(off)))
+            if off < best:
+                best, at = off, m
+        if best > _STRAY_RAD:
+            return 0
+        for column in range(3):
+            outer[k, column], outer[at, column] = outer[at, column], outer[k, column]
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def arms_meet(inner: FloatArray, outer: FloatArray) -> tuple[float, float]:
+    """Where the lines through each arm's places on both circles (K, 3: angle, x, y) meet, by least squares."""
+    a, b, c, p, q = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(inner)):
+        dx, dy = outer[k, 1] - inner[k, 1], outer[k, 2] - inner[k, 2]
+        length = math.hypot(dx, dy)
+        nx, ny = -dy / length, dx / length
+        off = nx * inner[k, 1] + ny * inner[k, 2]
+        a, b, c = a + nx * nx, b + nx * ny, c + ny * ny
+        p, q = p + nx * off, q + ny * off
+    det = a * c - b * b
+    return (c * p - b * q) / det, (a * q - b * p) / det
+
+
+@njit(cache=True, error_model="numpy")
+def walk_round(
+    pixels: Pixels, plane: ImagePlane, x: float, y: float, radius_m: float, arms: FloatArray
+) -> tuple[int, bool]:
     """Walk round a ground point; writes angle, x and y of the middle of each white arc into arms (MOST, 3).
 
-    Returns how many there are, or -1 where the circle leaves the image or shows something that is neither paint nor
-    carpet, or an arc is wider or narrower than a line.
+    Returns how many there are, -1 where the circle leaves the image or shows much that is neither paint nor carpet; and
+    whether there were arcs wider than a line, which are left out.
     """
     width, height = plane.size[0], plane.size[1]
-    values = np.empty(_SAMPLES)
+    values, places = np.empty(_SAMPLES), np.empty((_SAMPLES, 2))
+    plain, carpet = 0, 0
     for k in range(_SAMPLES):
         angle = 2.0 * math.pi * k / _SAMPLES
         u, v = pixel_from_ground(plane, x + radius_m * math.cos(angle), y + radius_m * math.sin(angle))
         if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
-            return -1
+            return -1, False
+        places[k, 0], places[k, 1] = u, v
         values[k] = signal_at(pixels, u, v)
+        if values[k] < _GREEN:
+            plain += 1
+            carpet += is_carpet(pixels, u, v)
     start = int(np.argmin(values))
-    if values[start] > _GREEN:
-        return -1
-    count, inside, begin = 0, False, 0.0
+    if values[start] > _GREEN or carpet < _CARPET * plain:
+        return -1, False
+    count, inside, begin, wide = 0, False, 0.0, False
     for k in range(1, _SAMPLES + 1):
         here, before = values[(start + k) % _SAMPLES], values[(start + k - 1) % _SAMPLES]
         if not inside and here > _WHITE:
@@ -133,16 +198,27 @@ def walk_round(pixels: Pixels, plane: ImagePlane, x: float, y: float, radius_m: 
         elif inside and here < _GREEN:
             inside = False
             end = k - 1 + (before - 0.5 * (_WHITE + _GREEN)) / max(before - here, 1e-6)
-            if count == _MOST_ARMS:
-                return -1
+            scale = _metres_per_pixel(places, start + int(begin), radius_m)
+            arc_m = (end - begin) * 2.0 * math.pi * radius_m / _SAMPLES
+            if arc_m > _WIDEST * pixels.width_m + _BLUR_PX * scale:
+                wide = True
+                continue
+            if arc_m < _NARROWEST * pixels.width_m - 0.5 * _BLUR_PX * scale:
+                return -1, wide
+            if count == len(arms):
+                return -1, wide
             angle = 2.0 * math.pi * (start + 0.5 * (begin + end)) / _SAMPLES
-            arc = (end - begin) * 2.0 * math.pi * radius_m / _SAMPLES
-            if arc > 2.6 * pixels.width_m:
-                return -1
             arms[count, 0] = angle
             arms[count, 1], arms[count, 2] = x + radius_m * math.cos(angle), y + radius_m * math.sin(angle)
             count += 1
-    return count
+    return count, wide
+
+
+@njit(cache=True, error_model="numpy")
+def _metres_per_pixel(places: FloatArray, k: int, radius_m: float) -> float:
+    """How long a pixel is along the circle at one of the places (N, 2) on it."""
+    a, b = places[k % len(places)], places[(k + 1) % len(places)]
+    return float(2.0 * math.pi * radius_m / len(places) / max(math.hypot(b[0] - a[0], b[1] - a[1]), 1e-6))
 
 
 def judge_arms(angles_rad: FloatArray) -> tuple[str, float] | None:

@@ -20,10 +20,11 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.detector import check_size
+from touchline.perception.line_graph.circle import Circle, circle_landmark, find_circle
 from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses, learn_classes
 from touchline.perception.line_graph.crossings import find_crossings
 from touchline.perception.line_graph.field_boundary import boundary_pixels
-from touchline.perception.line_graph.field_lines import find_lines
+from touchline.perception.line_graph.field_lines import cell_pixels, find_lines, lines_on_ground
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
     ground_covariances,
@@ -37,6 +38,7 @@ from touchline.perception.line_graph.structure import Structure, find_structure
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 _NEAR_M = 3.0  # ground up to here is expected to be mostly carpet
+_GREENISH = 0.35  # of the carpet's own excess of green: what is beside paint is paler
 _LOOSEST, _TIGHTEST = 1.7, 0.5  # how wide a line may look, against what is expected
 
 
@@ -52,6 +54,7 @@ class LineGraphDetector:
         corners = np.isfinite(self.lens.table[..., 0])
         rows, columns = camera.height // CELL_PX, camera.width // CELL_PX
         self._usable = (corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:])[:rows, :columns]
+        self._radius_m = float(field.circles[0, 2]) if len(field.circles) else 0.0
         self.classes: ColourClasses | None = None
         self.reset()
 
@@ -86,9 +89,12 @@ class LineGraphDetector:
             return Observation(stamp_ns, problem=str(error))
         structure = self._structure(image, classes, plane)
         pixels = self._pixels(image, classes, structure)
-        lines, points = find_lines(structure, pixels, plane, self.settings)
+        circle = self._circle(structure, plane)
+        found = find_lines(structure, pixels, plane, self.settings, circle, self._radius_m)
+        lines, points = lines_on_ground(found, plane, self.settings)
         crossings = find_crossings(structure, lines, pixels, plane, self.settings)
-        return Observation(stamp_ns, points, lines, crossings, boundary=self._boundary(structure, plane))
+        landmarks = circle_landmark(circle)
+        return Observation(stamp_ns, points, lines, crossings, landmarks, self._boundary(structure, plane))
 
     def _view(self, frame: Frame) -> GroundView:
         if frame.base_from_camera is not None:
@@ -104,7 +110,9 @@ class LineGraphDetector:
     def _pixels(self, image: ImageArray, classes: ColourClasses, structure: Structure) -> Pixels:
         model = classes.model
         signal = np.append(model.signal, -float(model.signal @ model.green))
-        return Pixels(image, signal, structure.light, self.field.line_width, _LOOSEST, _TIGHTEST)
+        blue, green, red = model.green
+        least = _GREENISH * float((green - 0.5 * (blue + red)) / model.green.sum())
+        return Pixels(image, least, signal, structure.light, self.field.line_width, _LOOSEST, _TIGHTEST)
 
     def _learned(self, image: ImageArray, view: GroundView) -> ColourClasses:
         """The colours, learned from the first images."""
@@ -130,6 +138,12 @@ class LineGraphDetector:
         around = away <= self.settings.farthest_m
         near = away <= max(_NEAR_M, float(np.quantile(away[around], 0.25)) if around.any() else _NEAR_M)
         return near, around
+
+    def _circle(self, structure: Structure, plane: ImagePlane) -> Circle | None:
+        if not self._radius_m:
+            return None
+        ground = grounds_from_pixels(plane, cell_pixels(structure.graph.places))
+        return find_circle(structure.graph, ground, self._radius_m, self.settings.crossing_m)
 
     def _boundary(self, structure: Structure, plane: ImagePlane) -> LinePoints:
         pixels = boundary_pixels(structure.ends, structure.smooth.shape[0])

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
+from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.perception.line_graph.circle import Circle
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
@@ -12,41 +17,73 @@ from touchline.perception.line_graph.image_plane import (
     grounds_from_pixels,
     pixel_from_plane,
     planes_from_pixels,
+    transformed,
 )
 from touchline.perception.line_graph.lines import split_and_merge
 from touchline.perception.line_graph.profiles import Pixels
-from touchline.perception.line_graph.refine import POINT_COLUMNS, refine_line
+from touchline.perception.line_graph.refine import POINT_COLUMNS, refine_line, sagitta
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure
-from touchline.types import LinePoints, Lines, no_lines
+from touchline.types import LinePoints, Lines
 
 _MOST_POINTS = 2000
+_COVERED_PX = 3.0  # a candidate whose ends lie this close to a line that is placed already is part of it
+_BENT = 0.6  # of the sagitta that a chord of the field's circle has: what bends so much is no line
+_LEAST_SAGITTA_PX = 0.7
+_LEAST_PAINT = 0.65  # least mean of contrast times width against the expected: a net's threads are fainter and thinner
+
+
+class LineLimits(NamedTuple):
+    """Which lines are kept. circle: (3,) x, y (m), radius of the circle that was found, 0 if none. radius_m: of the
+    field's circles, 0 if it has none. The others as in the settings.
+    """
+
+    circle: FloatArray
+    radius_m: float
+    min_m: float
+    min_px: float
+    farthest_m: float
+
+
+class FoundLines(NamedTuple):
+    """planes: (L, 4) x0, y0, x1, y1 in the image plane. confidences: (L,). points: (P, 5) of `refine_line`."""
+
+    planes: FloatArray
+    confidences: FloatArray
+    points: FloatArray
 
 
 def find_lines(
-    structure: Structure, pixels: Pixels, plane: ImagePlane, settings: LineGraphSettings
-) -> tuple[Lines, LinePoints]:
-    """The field lines, and points on them. Short and far ones are left out."""
+    structure: Structure,
+    pixels: Pixels,
+    plane: ImagePlane,
+    settings: LineGraphSettings,
+    circle: Circle | None = None,
+    radius_m: float = 0.0,
+) -> FoundLines:
+    """The field lines, longest first. Short and far ones are left out, as are the arcs of the circle."""
     nodes = planes_from_pixels(plane, cell_pixels(structure.graph.places))
-    focal = plane.lens.pinhole[0]
-    candidates = split_and_merge(nodes, structure.chains, settings.split_px / focal)
-    points, count = np.empty((_MOST_POINTS, POINT_COLUMNS)), 0
-    kept: list[FloatArray] = []
-    confidences: list[float] = []
-    for line in candidates:
-        confidence, total = refine_line(pixels, plane, line, len(kept), points, count)
-        if confidence > 0.0 and _is_long(line, plane, settings):
-            kept.append(line)
-            confidences.append(confidence)
-            count = total
-    if not kept:
-        return no_lines(), _points_on_lines(points[:0], plane, settings)
-    ends = np.array(kept).reshape(-1, 2)
-    uv = np.array([pixel_from_plane(plane.lens, x, y) for x, y in ends])
+    candidates = split_and_merge(nodes, structure.chains, settings.split_px / plane.lens.pinhole[0])
+    lengths = np.hypot(candidates[:, 2] - candidates[:, 0], candidates[:, 3] - candidates[:, 1])
+    candidates = candidates[np.argsort(-lengths, kind="stable")]
+    known = np.zeros(3) if circle is None else np.array([circle.x, circle.y, circle.radius_m])
+    limits = LineLimits(known, radius_m, settings.min_line_m, settings.min_line_px, settings.farthest_m)
+    points, confidences = np.empty((_MOST_POINTS, POINT_COLUMNS)), np.empty(len(candidates))
+    lines, total = _place_lines(pixels, plane, candidates, limits, confidences, points)
+    return FoundLines(candidates[:lines], confidences[:lines], points[:total])
+
+
+def lines_on_ground(found: FoundLines, plane: ImagePlane, settings: LineGraphSettings) -> tuple[Lines, LinePoints]:
+    """The lines and their points in the robot frame."""
+    ends = found.planes.reshape(-1, 2)
+    uv = np.array([pixel_from_plane(plane.lens, x, y) for x, y in ends]).reshape(-1, 2)
     covariances = ground_covariances(plane, uv, settings.noise_px, settings.noise_m).reshape(-1, 2, 2, 2)
     ground: FloatArray = grounds_from_pixels(plane, uv).reshape(-1, 2, 2)
-    lines = Lines(ground, covariances, np.array(confidences), uv.reshape(-1, 2, 2))
-    return lines, _points_on_lines(points[:count], plane, settings)
+    lines = Lines(ground, covariances, found.confidences, uv.reshape(-1, 2, 2))
+    at = np.ascontiguousarray(found.points[:, :2])
+    noise = ground_covariances(plane, at, settings.noise_px, settings.noise_m)
+    sure = np.clip(found.points[:, 3], 0.0, 1.0)
+    return lines, LinePoints(grounds_from_pixels(plane, at), noise, sure, at)
 
 
 def cell_pixels(places: FloatArray) -> FloatArray:
@@ -54,18 +91,80 @@ def cell_pixels(places: FloatArray) -> FloatArray:
     return CELL_PX * places + 0.5 * (CELL_PX - 1)
 
 
-def _is_long(line: FloatArray, plane: ImagePlane, settings: LineGraphSettings) -> bool:
-    uv = np.array([pixel_from_plane(plane.lens, x, y) for x, y in line.reshape(2, 2)])
-    ground = grounds_from_pixels(plane, uv)
-    length_m, length_px = np.hypot(*(ground[1] - ground[0])), np.hypot(*(uv[1] - uv[0]))
-    nearest_m = np.hypot(*ground.T).min()
-    return bool(
-        length_m >= settings.min_line_m and length_px >= settings.min_line_px and nearest_m <= settings.farthest_m
-    )
+@njit(cache=True, error_model="numpy")
+def _place_lines(pixels, plane, candidates, limits, confidences, points):  # type: ignore[no-untyped-def]
+    """Refine candidates (L, 4), in place, those that are kept first; how many lines and points there are then."""
+    kept, total = 0, 0
+    covered = _COVERED_PX / plane.lens.pinhole[0]
+    for k in range(len(candidates)):
+        line = candidates[k].copy()
+        if _is_covered(line, candidates[:kept], covered) or _is_arc(line, plane, limits):
+            continue
+        confidence, count = refine_line(pixels, plane, line, kept, points, total)
+        if confidence == 0.0 or _is_covered(line, candidates[:kept], covered):
+            continue
+        if np.mean(points[total:count, 3] * points[total:count, 4]) < _LEAST_PAINT or not _is_long(line, plane, limits):
+            continue
+        if _is_bent(points[total:count], line, plane, limits) or _is_arc(line, plane, limits):
+            continue
+        candidates[kept], confidences[kept] = line, confidence
+        kept, total = kept + 1, count
+    return kept, total
 
 
-def _points_on_lines(points: FloatArray, plane: ImagePlane, settings: LineGraphSettings) -> LinePoints:
-    uv = np.ascontiguousarray(points[:, :2])
-    ground = grounds_from_pixels(plane, uv)
-    covariances = ground_covariances(plane, uv, settings.noise_px, settings.noise_m)
-    return LinePoints(ground, covariances, np.clip(points[:, 3], 0.0, 1.0), uv)
+@njit(cache=True, error_model="numpy")
+def _is_covered(line: FloatArray, others: FloatArray, slack: float) -> bool:
+    """Whether both ends of a line (4,) lie on one of the others (K, 4), to within a slack."""
+    for k in range(len(others)):
+        other = others[k]
+        dx, dy = other[2] - other[0], other[3] - other[1]
+        length = math.hypot(dx, dy)
+        dx, dy = dx / length, dy / length
+        on = True
+        for end in range(2):
+            x, y = line[2 * end] - other[0], line[2 * end + 1] - other[1]
+            along = x * dx + y * dy
+            on = on and abs(x * dy - y * dx) < slack and -2.0 * slack < along < length + 2.0 * slack
+        if on:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _is_arc(line: FloatArray, plane: ImagePlane, limits: LineLimits) -> bool:
+    """Whether a line (4,) is a chord of the circle that was found: ends and middle lie on it."""
+    if limits.circle[2] == 0.0:
+        return False
+    for k in range(3):
+        x, y = line[0] + 0.5 * k * (line[2] - line[0]), line[1] + 0.5 * k * (line[3] - line[1])
+        gx, gy = transformed(plane.ground, x, y)
+        off = math.hypot(gx - limits.circle[0], gy - limits.circle[1]) - limits.circle[2]
+        if not abs(off) < 0.1 + 0.03 * math.hypot(gx, gy):
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _is_long(line: FloatArray, plane: ImagePlane, limits: LineLimits) -> bool:
+    """Whether a line (4,) is neither short nor far."""
+    ax, ay = transformed(plane.ground, line[0], line[1])
+    bx, by = transformed(plane.ground, line[2], line[3])
+    focal = plane.lens.pinhole[0]
+    long = math.hypot(bx - ax, by - ay) >= limits.min_m
+    long = long and focal * math.hypot(line[2] - line[0], line[3] - line[1]) >= limits.min_px
+    return bool(long and min(math.hypot(ax, ay), math.hypot(bx, by)) <= limits.farthest_m)
+
+
+@njit(cache=True, error_model="numpy")
+def _is_bent(points: FloatArray, line: FloatArray, plane: ImagePlane, limits: LineLimits) -> bool:
+    """Whether the points (P, 4) of a line (4,) bend as those of a chord of a circle of the field's radius do."""
+    if limits.radius_m == 0.0 or len(points) < 5:
+        return False
+    places = grounds_from_pixels(plane, points[:, :2].copy())
+    ax, ay = transformed(plane.ground, line[0], line[1])
+    bx, by = transformed(plane.ground, line[2], line[3])
+    chord = math.hypot(bx - ax, by - ay)
+    if chord > 2.0 * limits.radius_m:
+        return False
+    in_image = sagitta(points[:, :2].copy()) * plane.lens.pinhole[0] * math.hypot(line[2] - line[0], line[3] - line[1])
+    return bool(in_image > _LEAST_SAGITTA_PX and sagitta(places) > _BENT * chord / (8.0 * limits.radius_m))

@@ -75,11 +75,30 @@ def _split(nodes: FloatArray, chains: Chains, split: float, parts: IntArray) -> 
                     parts[count, 0], parts[count, 1] = first, last
                     count += 1
             elif depth + 2 <= _MOST_STACK:
-                at = min(max(at, first + 1), last - 1)
+                if at in (first, last):
+                    at = _farthest_from_chord(nodes, chains, first, last)
                 stack[depth, 0], stack[depth, 1] = first, at
                 stack[depth + 1, 0], stack[depth + 1, 1] = at, last
                 depth += 2
     return count
+
+
+@njit(cache=True)
+def _farthest_from_chord(nodes: FloatArray, chains: Chains, first: int, last: int) -> int:
+    """Where a component is split whose end is the node farthest from its line, as where a short arm leaves a long one.
+
+    The corner is the node farthest from the straight line between both ends.
+    """
+    a, b = chains.nodes[first], chains.nodes[last]
+    dx, dy = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1]
+    ring = dx * dx + dy * dy == 0.0
+    worst, at = -1.0, (first + last) // 2
+    for k in range(first + 1, last):
+        x, y = nodes[chains.nodes[k], 0] - nodes[a, 0], nodes[chains.nodes[k], 1] - nodes[a, 1]
+        off = math.hypot(x, y) if ring else abs(x * dy - y * dx)
+        if off > worst:
+            worst, at = off, k
+    return at
 
 
 @njit(cache=True)

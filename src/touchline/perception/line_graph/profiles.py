@@ -37,12 +37,14 @@ class Cut(NamedTuple):
 class Pixels(NamedTuple):
     """What profiles are read from.
 
-    image: (H, W, 3). signal: (4,) weights of B, G, R and a constant: 0 on carpet, 1 on paint in the light that was
-    learned. light: (rows, columns) of cells, how bright it is against that. width_m: of a line. loosest, tightest:
-    how much wider and narrower than expected a line may look.
+    image: (H, W, 3). least_green: excess of G from which on a
+    colour is green, as a share of B + G + R. signal: (4,) weights of B, G, R and a constant: 0 on carpet, 1 on
+    paint in the light that was learned. light: (rows, columns) of cells, how bright it is against that. width_m: of a
+    line. loosest, tightest: how much wider and narrower than expected a line may look.
     """
 
     image: ImageArray
+    least_green: float
     signal: FloatArray
     light: FloatArray
     width_m: float
@@ -68,6 +70,14 @@ def signal_at(pixels: Pixels, u: float, v: float) -> float:
     cell_row = min(int(v) // CELL_PX, pixels.light.shape[0] - 1)
     cell_column = min(int(u) // CELL_PX, pixels.light.shape[1] - 1)
     return float(total / pixels.light[max(cell_row, 0), max(cell_column, 0)])
+
+
+@njit(cache=True, error_model="numpy")
+def is_carpet(pixels: Pixels, u: float, v: float) -> bool:
+    """Whether the pixel nearest to a place of the image is greenish, however pale beside paint."""
+    column, row = int(u + 0.5), int(v + 0.5)
+    b, g, r = 1.0 * pixels.image[row, column, 0], 1.0 * pixels.image[row, column, 1], 1.0 * pixels.image[row, column, 2]
+    return bool(g - 0.5 * (b + r) > pixels.least_green * (b + g + r))
 
 
 @njit(cache=True, error_model="numpy")
@@ -113,6 +123,14 @@ def read_profile(pixels: Pixels, plane: ImagePlane, x: float, y: float, nx: floa
         return shown
     if paint > pixels.loosest * cut.width_px + 1.5 or paint < pixels.tightest * cut.width_px - 0.5:
         return NO_LINE
+    for side in (-1.0, 1.0):
+        green = False
+        for k in range(1, _FLANK_PX + 2):
+            t = middle - steps + side * (0.5 * paint + k)
+            u, v = cut.u + t * cut.du, cut.v + t * cut.dv
+            green = green or (0.0 <= u <= width - 1 and 0.0 <= v <= height - 1 and is_carpet(pixels, u, v))
+        if not green:
+            return NO_LINE
     found[0], found[1] = cut.u + (middle - steps) * cut.du, cut.v + (middle - steps) * cut.dv
     found[2], found[3], found[4] = paint, cut.width_px, top
     return LINE

@@ -1,0 +1,133 @@
+"""The centre circle among the graph's nodes: the middle of a circle of the field's radius through many of them.
+
+An addition of ours: its arcs are told from straight lines, and its middle is a landmark.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.graph import Graph
+from touchline.types import LandmarkKind, Landmarks, no_landmarks
+
+_SECTORS = 24
+_FEWEST_SECTORS = 5  # 75° of the circle
+_NEAR_M, _NEAR_RATIO = 0.06, 0.02  # how far a node may lie off the circle, and how much more per metre of range
+_TANGENT_COS = math.cos(math.radians(25.0))
+_ROUNDS = 4
+_LEAST_M = 0.02  # standard deviation of the best middle
+
+
+class Circle(NamedTuple):
+    """x, y: middle (m, robot frame). radius_m. sectors: how many of 24 show it. deviation_m: of the nodes on it."""
+
+    x: float
+    y: float
+    radius_m: float
+    sectors: int
+    deviation_m: float
+
+
+def circle_landmark(circle: Circle | None) -> Landmarks:
+    """The middle of the circle; none without one. Its error is that of a few independent nodes, not of all."""
+    if circle is None:
+        return no_landmarks()
+    deviation = _LEAST_M + circle.deviation_m / math.sqrt(circle.sectors / 4.0)
+    return Landmarks(
+        np.array([LandmarkKind.CIRCLE.value]),
+        np.array([[circle.x, circle.y]]),
+        deviation**2 * np.eye(2)[np.newaxis],
+        np.array([min(1.0, 2.0 * circle.sectors / _SECTORS)]),
+        ((),),
+        np.full((1, 2), np.nan),
+    )
+
+
+def find_circle(graph: Graph, ground: FloatArray, radius_m: float, farthest_m: float) -> Circle | None:
+    """The circle of a known radius that most nodes lie on; None where less than 75° of one is seen.
+
+    ground: (N, 2) ground points of the graph's nodes (m); NaN above the horizon.
+    """
+    tangents = _tangents(graph, ground, farthest_m)
+    found = np.empty(4)
+    if not _best_circle(ground, tangents, radius_m, found):
+        return None
+    return Circle(float(found[0]), float(found[1]), radius_m, int(found[2]), float(found[3]))
+
+
+@njit(cache=True, error_model="numpy")
+def _tangents(graph: Graph, ground: FloatArray, farthest_m: float) -> FloatArray:
+    """(N, 2) unit directions of the line at nodes of degree two within a range; NaN of the others."""
+    tangents = np.full((len(ground), 2), np.nan)
+    for node in range(len(ground)):
+        if graph.degrees[node] != 2 or not math.hypot(ground[node, 0], ground[node, 1]) <= farthest_m:
+            continue
+        a, b = graph.links[node, 0], graph.links[node, 1]
+        x, y = ground[b, 0] - ground[a, 0], ground[b, 1] - ground[a, 1]
+        length = math.hypot(x, y)
+        if length > 0.0:
+            tangents[node, 0], tangents[node, 1] = x / length, y / length
+    return tangents
+
+
+@njit(cache=True, error_model="numpy")
+def _members(
+    ground: FloatArray, tangents: FloatArray, radius_m: float, x: float, y: float, use: npt.NDArray[np.bool_]
+) -> int:
+    """Mark the nodes that lie on a circle and along it; returns in how many of 24 sectors there are some."""
+    sectors = np.zeros(_SECTORS, dtype=np.bool_)
+    for node in range(len(ground)):
+        use[node] = False
+        dx, dy = ground[node, 0] - x, ground[node, 1] - y
+        away = math.hypot(dx, dy)
+        slack = _NEAR_M + _NEAR_RATIO * math.hypot(ground[node, 0], ground[node, 1])
+        if not (abs(away - radius_m) < slack and away > 0.0):
+            continue
+        if not abs(dx * tangents[node, 1] - dy * tangents[node, 0]) > _TANGENT_COS * away:
+            continue
+        use[node] = True
+        sectors[int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * _SECTORS) % _SECTORS] = True
+    return int(sectors.sum())
+
+
+@njit(cache=True, error_model="numpy")
+def _best_circle(ground: FloatArray, tangents: FloatArray, radius_m: float, found: FloatArray) -> bool:
+    """The middle that most sectors speak for, then by least squares; x, y, sectors, deviation into found (4,)."""
+    use = np.zeros(len(ground), dtype=np.bool_)
+    best = 0
+    for node in range(len(ground)):
+        if math.isnan(tangents[node, 0]):
+            continue
+        for side in (-radius_m, radius_m):
+            x, y = ground[node, 0] - side * tangents[node, 1], ground[node, 1] + side * tangents[node, 0]
+            sectors = _members(ground, tangents, radius_m, x, y, use)
+            if sectors > best:
+                best = sectors
+                found[0], found[1] = x, y
+    if best < _FEWEST_SECTORS:
+        return False
+    for _ in range(_ROUNDS):
+        best = _members(ground, tangents, radius_m, found[0], found[1], use)
+        if best < _FEWEST_SECTORS:
+            return False
+        a, b, c, p, q, squares, count = 1e-9, 0.0, 1e-9, 0.0, 0.0, 0.0, 0
+        for node in range(len(ground)):
+            if not use[node]:
+                continue
+            dx, dy = found[0] - ground[node, 0], found[1] - ground[node, 1]
+            away = math.hypot(dx, dy)
+            dx, dy, off = dx / away, dy / away, radius_m - away
+            a, b, c, p, q = a + dx * dx, b + dx * dy, c + dy * dy, p + dx * off, q + dy * off
+            squares, count = squares + off * off, count + 1
+        det = a * c - b * b
+        found[0] += (c * p - b * q) / det
+        found[1] += (a * q - b * p) / det
+        found[3] = math.sqrt(squares / max(count - 2, 1))
+    found[2] = best
+    return True
