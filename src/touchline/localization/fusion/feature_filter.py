@@ -87,8 +87,11 @@ class FeatureFilter:
         self.covariance = by_pose @ self.covariance @ by_pose.T + (turn * deviations**2) @ turn.T
         self.lean_covariance = self.lean_covariance + np.eye(2) * MOUNT_DRIFT_RAD**2
 
-    def update(self, view: FeatureView) -> Explained:
-        """Fuse the features of a frame, each taken for what it most likely is from the prediction."""
+    def update(self, view: FeatureView, near: Pose | None = None) -> Explained:
+        """Fuse the features of a frame, each taken for what it most likely is from a pose near the prediction.
+
+        near: that pose, by default the prediction, which may be too far off to tell what is what.
+        """
         if view.size == 0:
             return Explained(0.0, 0.0, math.nan)
         prior = np.zeros((5, 5))
@@ -97,6 +100,8 @@ class FeatureFilter:
         prior[3:, 3:] = np.linalg.inv(lean_prior)
         before = np.array([*self.pose, *self.lean])
         state = before.copy()
+        if near is not None:
+            state[:3] = near.x, near.y, self.pose.heading + wrap_angle(near.heading - self.pose.heading)
         for _ in range(_ITERATIONS):
             normal, right, explained = self._sum(state, view)
             off = before - state
@@ -155,11 +160,11 @@ def add_points(state, points, tables, height, normal, right, found):  # type: ig
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     pose = (state[0], state[1], state[2], cosine, sine)
     for i in range(points.positions_m.shape[0]):
-        place, least = best_place(points, i, tables, False, pose)
+        place, least, total = best_place(points, i, tables, False, pose)
         if place < 0:
             continue
         likely = points.peaks[i] * math.exp(-least)
-        weight = likely / (likely + points.floors[i])
+        weight = likely / (points.peaks[i] * total + points.floors[i])  # less where it may be another one as well
         x, y = points.positions_m[i, 0], points.positions_m[i, 1]
         rx, ry, px, py = lean_moves(x, y, height)
         dx, dy = tables.places_m[place, 0] - state[0], tables.places_m[place, 1] - state[1]
@@ -175,7 +180,7 @@ def add_points(state, points, tables, height, normal, right, found):  # type: ig
         c = math.sqrt(max(w[1, 1] - b * b, 0.0))
         add_row(a * row_x + b * row_y, a * off_x + b * off_y, weight, normal, right)
         add_row(c * row_y, c * off_y, weight, normal, right)
-        found[0] += points.trust[i] * weight
+        found[0] += points.trust[i] * likely / (likely + points.floors[i])
         found[1] += weight * math.sqrt(off_x * off_x + off_y * off_y)
         found[2] += weight
 

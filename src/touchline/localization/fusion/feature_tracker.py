@@ -22,9 +22,12 @@ from touchline.types import Hypothesis, Prior, Status
 
 CONFIRMING_FEATURES = 20.0  # that a new pose must be judged by until it is believed: two or three images
 MEMORY_FEATURES = 40.0  # over which it is averaged how much a pose explains: some five images
-SURE_WEIGHT = 0.6  # share of the particles' weight in one mode from which there is a pose at all
+REFUTING_FEATURES = 15.0  # that another place has to explain as well as the pose: two images
+SURE_WEIGHT = 0.8  # share of the particles' weight in one mode from which there is a pose at all
 SURE_M = 0.5  # standard deviation of a position above which no pose is believed: right is within 0.5 m
 SURE_RAD = 0.3  # the same of the heading
+
+_NOTHING = Explained(0.0, 0.0, math.nan)
 
 
 class BeliefSettings(Settings):
@@ -103,12 +106,13 @@ class FeatureTracker:
         elif not self.refine:
             explained = self.filter.explained(view, mode.pose)
             self.filter.start(mode.pose, mode.covariance)
-            self._count(explained, explained)
+            self._count(explained, None)
         else:
-            elsewhere = self._elsewhere(mode)
+            elsewhere = self._is_elsewhere(mode)
             rival = self.filter.explained(view, mode.pose) if elsewhere else None
-            self._count(self.filter.update(view), rival)
-            if elsewhere and self._rival > self._own + self.settings.confirmed_ratio * 10.0:
+            near = None if elsewhere or mode.weight < SURE_WEIGHT else mode.pose
+            self._count(self.filter.update(view, near), rival)
+            if self._is_refuted():
                 self._take(mode)
         self._judge()
 
@@ -132,7 +136,12 @@ class FeatureTracker:
             self.has_pose = True
             self._start_counting(0.0)
 
-    def _elsewhere(self, mode: Mode) -> bool:
+    def _is_refuted(self) -> bool:
+        """Whether the particles, all of them elsewhere, explain for some time no less than the pose does."""
+        rival = self._rival
+        return rival.of >= REFUTING_FEATURES and rival.features >= min(self._own_beside, 0.9 * rival.of)
+
+    def _is_elsewhere(self, mode: Mode) -> bool:
         """Whether the particles' main mode is another place."""
         turned = abs(wrap_angle(mode.pose.heading - self.pose.heading))
         return mode.weight >= SURE_WEIGHT and (mode.pose.distance_to(self.pose) > MODE_M or turned > MODE_RAD)
@@ -156,13 +165,16 @@ class FeatureTracker:
     def _start_counting(self, features: float) -> None:
         """So many features have been seen and explained."""
         self._seen = self._own = features
-        self._rival = 0.0
+        self._rival, self._own_beside = _NOTHING, 0.0
 
     def _count(self, own: Explained, rival: Explained | None) -> None:
         """Averages over the last features."""
         keep = max(1.0 - own.of / MEMORY_FEATURES, 0.0)
         self._seen = keep * self._seen + own.of
         self._own = keep * self._own + own.features
-        # without a rival there is none: it explains what the pose does
-        self._rival = keep * self._rival + rival.features if rival is not None else self._own
+        if rival is None:
+            self._rival, self._own_beside = _NOTHING, 0.0
+        else:
+            self._rival = Explained(self._rival.features + rival.features, self._rival.of + rival.of, math.nan)
+            self._own_beside += own.features
         self.residual_m = own.residual_m

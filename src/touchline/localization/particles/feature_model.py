@@ -126,13 +126,14 @@ def point_exponent(points, i, polar, ahead, left):  # type: ignore[no-untyped-de
 
 @numba.njit(cache=True)
 def best_place(points, i, tables, polar, pose):  # type: ignore[no-untyped-def]
-    """The place (-1 for none) that point i is taken for, and its exponent; equation (4).
+    """The place (-1 for none) that point i is taken for, its exponent, and the sum of exp(-exponent) of all places
+    that were tried; equation (4).
 
     pose: x, y (m), heading (rad), its cosine and sine.
     """
     px, py, heading, cosine, sine = pose
     places = tables.places_m
-    best, least = -1, np.inf
+    best, least, total = -1, np.inf, 0.0
     table, sets, first, end = points.sets[i, 0], points.sets[i, 1], points.sets[i, 2], points.sets[i, 3]
     if table >= 0:
         x, y = points.positions_m[i, 0], points.positions_m[i, 1]
@@ -142,13 +143,15 @@ def best_place(points, i, tables, polar, pose):  # type: ignore[no-untyped-def]
         if best >= 0:
             dx, dy = places[best, 0] - px, places[best, 1] - py
             least = point_exponent(points, i, polar, cosine * dx + sine * dy, cosine * dy - sine * dx)
+            total = math.exp(-least)
     for k in range(first, end):
         place = points.candidates[k]
         dx, dy = places[place, 0] - px, places[place, 1] - py
         exponent = point_exponent(points, i, polar, cosine * dx + sine * dy, cosine * dy - sine * dx)
+        total += math.exp(-exponent)
         if exponent < least:
             best, least = place, exponent
-    return best, least
+    return best, least, total
 
 
 @numba.njit(cache=True)

@@ -29,6 +29,7 @@ from touchline.localization.particles.resampling import EVERY_CYCLE, CertaintyNu
 from touchline.motion.odometry import Motion
 
 BEYOND_M = 1.0  # how far beyond the field particles start: the robot's margin
+MIN_DEVIATIONS = np.array([0.02, 0.02, 0.01])  # smallest believed ones of a mode: few particles may be left in it
 UNCERTAIN_M = 1.0  # deviation of the position from which there are most particles
 MODE_M = 0.6  # radius of a mode of the particles ...
 MODE_RAD = 0.5  # ... and how far its headings reach
@@ -191,7 +192,8 @@ class NimbroParticles:
             found = self.particles.estimate()
             return Mode(found.pose, found.covariance, 0.0)
         mean, covariance = mean_and_covariance(poses, inside / weight)
-        return Mode(as_pose(mean), covariance, weight)
+        floor = np.maximum(MIN_DEVIATIONS**2 - np.diag(covariance), 0.0)
+        return Mode(as_pose(mean), covariance + np.diag(floor), weight)
 
     def _start(self, poses: FloatArray) -> None:
         self.filter.start(poses)
