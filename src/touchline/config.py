@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, fie
 from pydantic_core import ErrorDetails
 
 from touchline.errors import InputError
-from touchline.messages import listed
+from touchline.messages import listed, shown
 from touchline.yaml_files import YamlError, read_yaml_mapping, yaml_line, yaml_value
 
 
@@ -49,7 +49,7 @@ class Settings(BaseModel):
         """In YAML `yes`, `on` and `true` are truths; taken for the number 1 they would hide a mistake."""
         kinds = set(_kinds(cls.model_fields[str(info.field_name)].annotation))
         if _holds_bool(value) and kinds & {int, float} and bool not in kinds:
-            raise ValueError(f"a number is wanted, not true or false (got {value!r})")
+            raise ValueError(f"a number is wanted, not true or false (got {shown(value)})")
         return value
 
 
@@ -267,7 +267,7 @@ def _sentence(model: type[Settings], problem: ErrorDetails, elsewhere: Mapping[s
         inside = sorted({other[len(key) + 1 :].split(".")[0] for other in known if other.startswith(f"{key}.")})
         return f"'{key}' is a group of settings, not a value{': ' * bool(inside)}{', '.join(inside)}"
     hint = "; none is written null" if str(problem["input"]).lower() == "none" else ""
-    return f"setting '{key}': {problem['msg'].lower()} (got {problem['input']!r}){hint}"
+    return f"setting '{key}': {problem['msg'].lower()} (got {shown(problem['input'])}){hint}"
 
 
 def _has_key(model: type[Settings], key: str) -> bool:

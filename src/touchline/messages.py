@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Sequence
+
+_REPR = reprlib.Repr()
+_REPR.maxlevel, _REPR.maxstring, _REPR.maxlong, _REPR.maxother = 2, 60, 40, 60
 
 
 def did_you_mean(word: str, known: Sequence[str]) -> str:
     """A sentence that names the nearest known words, or all of them."""
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(word[:200], known, n=1, cutoff=0.5)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+
+
+def shown(value: object) -> str:
+    """A value of a file as a message quotes it: of a long one only the beginning."""
+    return _REPR.repr(value)
 
 
 def listed(words: Sequence[str]) -> str:

@@ -23,6 +23,10 @@ Colors = tuple[str, ...]
 """From the ground up; empty where not known."""
 
 
+MAX_OBSERVED_POINTS = 10_000_000
+"""The most line points of one observation."""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Samples:
     """Stamped measurements of one sensor, in the order of time.
@@ -71,7 +75,7 @@ class LinePoints:
     pixels: FloatArray
 
     def __post_init__(self) -> None:
-        n = len(self.positions_m)
+        n = check_point_count(len(self.positions_m))
         shapes = (self.positions_m.shape, self.covariances_m2.shape, self.confidences.shape, self.pixels.shape)
         if shapes != ((n, 2), (n, 2, 2), (n,), (n, 2)):
             raise ValueError(f"line points need (N, 2), (N, 2, 2), (N,), (N, 2), got {shapes}")
@@ -89,6 +93,13 @@ class LinePoints:
         if kept.all():
             return self
         return LinePoints(self.positions_m[kept], self.covariances_m2[kept], self.confidences[kept], self.pixels[kept])
+
+
+def check_point_count(count: int) -> int:
+    """The count. Raises InputError for more points than one observation can hold."""
+    if count > MAX_OBSERVED_POINTS:
+        raise InputError(f"{count} points: one observation holds {MAX_OBSERVED_POINTS} at most")
+    return count
 
 
 def empty_points() -> LinePoints:

@@ -11,7 +11,7 @@ import numpy as np
 
 from touchline.camera import Camera
 from touchline.errors import InputError, TouchlineError
-from touchline.messages import did_you_mean
+from touchline.messages import did_you_mean, shown
 from touchline.opened_files import OwnFolder
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import ColourModel
@@ -91,12 +91,12 @@ def read_regions(path: Path) -> list[Region]:
 
 def _region(row: Any, where: str) -> Region:
     if not isinstance(row, Mapping):
-        raise InputError(f"{where}: expected file, class and polygon (or box), found {row!r:.60}")
+        raise InputError(f"{where}: expected file, class and polygon (or box), found {shown(row)}")
     file, kind = row.get("file"), row.get("class")
     if not isinstance(file, str) or not file:
         raise InputError(f"{where}: 'file' must name an image")
     if kind not in CLASSES:
-        raise InputError(f"{where}: class {kind!r} is not known; {did_you_mean(str(kind), CLASSES)}")
+        raise InputError(f"{where}: class {shown(kind)} is not known; {did_you_mean(str(kind), CLASSES)}")
     unknown = [key for key in row if key not in ("file", "class", "polygon", "box")]
     if unknown or ("polygon" in row) == ("box" in row):
         raise InputError(f"{where}: needs either 'polygon' or 'box', and nothing else than file and class")

@@ -10,7 +10,7 @@ from touchline.camera.ground_view import GroundView, ground_view
 from touchline.camera.omni import OmniCamera, omni_from_mapping, require_omni
 from touchline.camera.pinhole import PinholeCamera, pinhole_from_mapping
 from touchline.errors import InputError
-from touchline.messages import did_you_mean
+from touchline.messages import did_you_mean, shown
 from touchline.yaml_files import read_yaml_mapping
 
 MODELS = ("omni", "pinhole")
@@ -31,7 +31,7 @@ def camera_from_mapping(tree: dict[str, Any], path: Path) -> Camera:
         return omni_from_mapping(tree, path)
     if model == "pinhole":
         return pinhole_from_mapping(tree, path)
-    raise InputError(f"{path}: unknown camera model {model!r}; {did_you_mean(str(model), MODELS)}")
+    raise InputError(f"{path}: unknown camera model {shown(model)}; {did_you_mean(str(model), MODELS)}")
 
 
 __all__ = [

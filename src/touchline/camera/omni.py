@@ -17,12 +17,25 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.camera.base import Camera, Mask, ground_jacobian, ground_of_rays, pixel_covariances
-from touchline.camera.reading import read_image_size, read_number, read_numbers, read_switch, require_keys
+from touchline.camera.reading import (
+    check_inner_keys,
+    check_keys,
+    naming_lines,
+    read_image_size,
+    read_number,
+    read_numbers,
+    read_pixels,
+    read_switch,
+)
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
+from touchline.messages import shown
 from touchline.yaml_files import read_yaml_mapping
 
 _KEYS = ("width", "height", "center", "inner_radius_px", "outer_radius_px", "handedness", "mount_yaw", "range_table")
+_OPTIONAL = ("viewpoint_height_m", "use_attitude")
+_TABLE_KEYS = ("radius_px", "range_m", "bearing_rad", "bearing_offset_rad")
+_MAX_TABLE_MB = 500
 _INVERSE_STEPS = 6
 _LARGEST_OFFSET_RAD = 0.2  # a mirror that leans by 5°
 _STEP_PX = 0.125  # spacing of the resampled table: fine enough that linear look-up adds < 0.1 mm below 8 m
@@ -170,13 +183,20 @@ def require_omni(camera: Camera, purpose: str) -> OmniCamera:
 
 def omni_from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
     """An OmniCamera from the content of a camera.yaml; `path` is named in errors."""
-    require_keys(tree, _KEYS, path, "an omni camera")
+    with naming_lines(path):
+        return _from_mapping(tree, path)
+
+
+def _from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
+    check_keys(tree, _KEYS, _OPTIONAL, path, "an omni camera")
     center = read_numbers(tree["center"], path, "center", 1)
     if center.shape != (2,):
         raise InputError(f"{path}: 'center' needs two numbers, u and v")
     if tree["handedness"] not in (1, -1):
-        raise InputError(f"{path}: 'handedness' must be 1 or -1, found {tree['handedness']!r}")
-    inner, outer = (read_number(tree[key], path, key) for key in ("inner_radius_px", "outer_radius_px"))
+        raise InputError(f"{path}: 'handedness' must be 1 or -1, found {shown(tree['handedness'])}")
+    for value in center:
+        read_pixels(float(value), path, "center")
+    inner, outer = (read_pixels(tree[key], path, key) for key in ("inner_radius_px", "outer_radius_px"))
     if not 0.0 <= inner < outer:
         raise InputError(f"{path}: 'inner_radius_px' ({inner:g}) must lie between 0 and 'outer_radius_px' ({outer:g})")
     width, height = read_image_size(tree, path)
@@ -209,7 +229,9 @@ def omni_from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
 def _range_table(table: Any, path: Path) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
     if not isinstance(table, dict) or "radius_px" not in table or "range_m" not in table:
         raise InputError(f"{path}: 'range_table' needs 'radius_px' and 'range_m' (and 'bearing_rad' if per direction)")
+    check_inner_keys(table, _TABLE_KEYS, path, "range_table")
     radii = read_numbers(table["radius_px"], path, "range_table.radius_px", 1)
+    read_pixels(float(np.abs(radii).max()), path, "range_table.radius_px")
     if "bearing_rad" in table:
         bearings = np.mod(read_numbers(table["bearing_rad"], path, "range_table.bearing_rad", 1), 2.0 * np.pi)
         ranges = read_numbers(table["range_m"], path, "range_table.range_m", 2)
@@ -235,6 +257,10 @@ def _range_table(table: Any, path: Path) -> tuple[FloatArray, FloatArray, FloatA
             raise InputError(f"{path}: 'range_table.{name}' must increase, but entry {column[0] + 2} does not")
     if radii[0] < 0.0 or ranges.min() < 0.0:
         raise InputError(f"{path}: 'range_table' holds a negative radius or range")
+    megabytes = 8e-6 * len(bearings) * (radii[-1] - radii[0]) / _STEP_PX * (1 if offsets is None else 2)
+    if megabytes > _MAX_TABLE_MB:
+        what = f"with {len(bearings)} bearings up to {radii[-1]:g} px it would have {megabytes:.3g} MB"
+        raise InputError(f"{path}: 'range_table' is too large: {what}, and {_MAX_TABLE_MB} MB are the most")
     return radii, bearings, ranges, offsets
 
 

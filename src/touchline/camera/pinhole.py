@@ -17,11 +17,20 @@ import numpy.typing as npt
 
 from touchline.camera.base import Mask, ground_jacobian, ground_of_rays, pixel_covariances
 from touchline.camera.imu_correction import ImuCorrection, correction_from_mapping, correction_mapping
-from touchline.camera.reading import read_image_size, read_number, read_numbers, read_switch, require_keys
+from touchline.camera.reading import (
+    check_inner_keys,
+    check_keys,
+    naming_lines,
+    read_image_size,
+    read_number,
+    read_numbers,
+    read_switch,
+)
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy", "mount")
+_OPTIONAL = ("distortion", "use_attitude")
 _MOUNT_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 _LEAST_DEPTH_M = 1e-6
 _WIDEST = 12.0  # tangent of the angle to the optical axis: 85°
@@ -185,13 +194,19 @@ class PinholeCamera:
 
 def pinhole_from_mapping(tree: Mapping[str, Any], path: Path) -> PinholeCamera:
     """A PinholeCamera from the content of a camera.yaml; `path` is named in errors."""
-    require_keys(tree, _KEYS, path, "a pinhole camera")
+    with naming_lines(path):
+        return _from_mapping(tree, path)
+
+
+def _from_mapping(tree: Mapping[str, Any], path: Path) -> PinholeCamera:
+    check_keys(tree, _KEYS, _OPTIONAL, path, "a pinhole camera")
     width, height = read_image_size(tree, path)
     fx, fy, cx, cy = (read_number(tree[key], path, key) for key in ("fx", "fy", "cx", "cy"))
     distortion = read_numbers(tree.get("distortion", [0.0] * 5), path, "distortion", 1)
     mount = tree["mount"]
     if not isinstance(mount, dict) or any(key not in mount for key in _MOUNT_KEYS):
         raise InputError(f"{path}: 'mount' needs {', '.join(_MOUNT_KEYS)} (m, rad): the camera's pose in the body")
+    check_inner_keys(mount, _MOUNT_KEYS, path, "mount")
     x, y, z, roll, pitch, yaw = (read_number(mount[key], path, f"mount: {key}") for key in _MOUNT_KEYS)
     use_attitude = read_switch(tree, "use_attitude", True, path)
     pose = Pose3.from_roll_pitch_yaw(roll, pitch, yaw, (x, y, z))

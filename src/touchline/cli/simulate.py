@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from touchline.errors import InputError
-from touchline.new_files import file_name
 
 if TYPE_CHECKING:
     from touchline.simulation.run import Simulation
@@ -60,7 +59,7 @@ def simulate(
     from touchline.simulation.scenario import open_scenario
 
     chosen = open_scenario(scenario, seed, seconds, changes or ())
-    folder = output if output is not None else Path(file_name(chosen.name))
+    folder = output if output is not None else Path(chosen.name)
     if folder.exists():
         raise InputError(f"{folder}: exists already and is not overwritten; choose another name with --output")
     try:

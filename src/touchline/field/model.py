@@ -30,7 +30,9 @@ from touchline.new_files import write_new_file
 
 LONGEST_M = 200.0  # of a field's sides: a football field for people has 120
 _WIDEST_LINE_M = 1.0
-_MOST_SAMPLES = 40_000_000
+MAX_LINES = 1_000  # of each kind: the crossings of all pairs are looked for
+MAX_MAP_MB = 500
+_SAMPLE_BYTES = 12
 _COLUMNS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}
 _YAML_HEADER = """\
 # A marked field. Origin at the centre mark, x along the length towards the opponent goal, y left; metres, radians.
@@ -110,12 +112,16 @@ class FieldModel:
             longest_m = _WIDEST_LINE_M if key == "line_width" else LONGEST_M
             if value > longest_m:
                 unit = length_unit(value, 0.3 * longest_m)
-                raise InputError(f"{key}: {value:g} m is more than any field has; it looks like {unit}")
+                raise InputError(
+                    f"{key}: {value:g} m is more than any field has ({longest_m:g} m at most); it looks like {unit}"
+                )
             object.__setattr__(self, key, value)
         for key, columns in _COLUMNS.items():
             object.__setattr__(self, key, _checked_rows(key, getattr(self, key), columns))
         object.__setattr__(self, "goals", tuple(self.goals))
         object.__setattr__(self, "poles", tuple(self.poles))
+        _check_places("goals", self.goals)
+        _check_places("poles", self.poles)
         if len(self.segments) + len(self.circles) + len(self.arcs) == 0:
             raise InputError("segments, circles, arcs: a field needs at least one line")
 
@@ -206,11 +212,13 @@ class FieldModel:
         if not (math.isfinite(margin_m) and margin_m >= 0.0):
             raise InputError(f"distance map: expected a margin of zero or more metres, found {margin_m}")
         half_x, half_y = 0.5 * self.length + margin_m, 0.5 * self.width + margin_m
-        steps_x, steps_y = (math.ceil(half / resolution_m - 1e-9) for half in (half_x, half_y))
-        if (2 * steps_x + 1) * (2 * steps_y + 1) > _MOST_SAMPLES:
+        megabytes = _SAMPLE_BYTES * 1e-6 * (2.0 * half_x / resolution_m + 3.0) * (2.0 * half_y / resolution_m + 3.0)
+        if megabytes > MAX_MAP_MB:
             raise InputError(
-                f"distance map: {resolution_m} m is too fine for a field of {self.length} x {self.width} m"
+                f"distance map: {resolution_m} m is too fine for a field of {self.length} x {self.width} m: the map "
+                f"would have {megabytes:.3g} MB, and {MAX_MAP_MB} MB are the most"
             )
+        steps_x, steps_y = (math.ceil(half / resolution_m - 1e-9) for half in (half_x, half_y))
         origin = np.array([-steps_x * resolution_m, -steps_y * resolution_m])
         values = np.empty((2 * steps_y + 1, 2 * steps_x + 1, 3), dtype=np.float32)
         sample_distances(self.line_tables, origin[0], origin[1], resolution_m, values)
@@ -233,6 +241,17 @@ def field_to_text(field: FieldModel) -> str:
     return _YAML_HEADER + yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
 
 
+def _check_places(key: str, posts: Sequence[Goal | Pole]) -> None:
+    """Raises InputError for a goal or pole that can't stand at a field."""
+    if len(posts) > MAX_LINES:
+        raise InputError(f"{key}: {len(posts)} rows are too many; {MAX_LINES} are the most")
+    for number, post in enumerate(posts, start=1):
+        for name, value in asdict(post).items():
+            metres = [value] if isinstance(value, int | float) else value if name == "y_posts" else []
+            if any(not abs(number_m) <= LONGEST_M for number_m in metres):
+                raise InputError(f"{key}, row {number}: {name} is too far; a field has {LONGEST_M:g} m at most")
+
+
 def _checked_rows(key: str, rows: npt.ArrayLike, columns: int) -> FloatArray:
     """The rows as float64 (N, columns); InputError names the row that is no line."""
     table = np.array(rows, dtype=np.float64)
@@ -240,9 +259,15 @@ def _checked_rows(key: str, rows: npt.ArrayLike, columns: int) -> FloatArray:
         table = np.zeros((0, columns))
     if table.ndim != 2 or table.shape[1] != columns:
         raise InputError(f"{key}: expected rows of {columns} numbers, found the shape {table.shape}")
+    if len(table) > MAX_LINES:
+        raise InputError(f"{key}: {len(table)} rows are too many; {MAX_LINES} are the most")
     for number, row in enumerate(table, start=1):
         if not np.all(np.isfinite(row)):
             raise InputError(f"{key}, row {number}: holds a value that is not finite")
+        metres = row[:3] if key == "arcs" else row
+        if np.abs(metres).max() > LONGEST_M:
+            what = f"{metres[np.abs(metres).argmax()]:g} m is too far; a field has {LONGEST_M:g} m at most"
+            raise InputError(f"{key}, row {number}: {what}")
         if key == "segments" and np.array_equal(row[:2], row[2:]):
             raise InputError(f"{key}, row {number}: both ends are the same point")
         if key != "segments" and row[2] <= 0.0:

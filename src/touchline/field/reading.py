@@ -8,7 +8,7 @@ from typing import Any
 
 from touchline.errors import InputError
 from touchline.field.model import FieldModel, Goal, Pole
-from touchline.messages import did_you_mean
+from touchline.messages import did_you_mean, shown
 from touchline.yaml_files import read_yaml_mapping, yaml_line
 
 _SIZES = ("length", "width", "line_width")
@@ -60,7 +60,7 @@ def _list(key: str, mapping: dict[str, Any]) -> list[Any]:
     if value is None:
         return []
     if not isinstance(value, list):
-        raise InputError(f"{key}: expected a list of rows, found {value!r}")
+        raise InputError(f"{key}: expected a list of rows, found {shown(value)}")
     return value
 
 
@@ -68,27 +68,27 @@ def _letters(value: Any) -> dict[str, float]:
     if value is None:
         return {}
     if not isinstance(value, dict):
-        raise InputError(f"letters: expected rulebook letters and metres, found {value!r}")
+        raise InputError(f"letters: expected rulebook letters and metres, found {shown(value)}")
     return {str(letter): _number("letters", metres) for letter, metres in value.items()}
 
 
 def _number(where: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{where}: expected a number, found {value!r}")
+        raise InputError(f"{where}: expected a number, found {shown(value)}")
     return float(value)
 
 
 def _positive(where: str, value: Any) -> float:
     number = _number(where, value)
     if number <= 0.0:
-        raise InputError(f"{where}: expected a positive number, found {value!r}")
+        raise InputError(f"{where}: expected a positive number, found {shown(value)}")
     return number
 
 
 def _number_rows(key: str, rows: list[Any], columns: int) -> Any:
     for number, row in enumerate(rows, start=1):
         if not isinstance(row, list) or len(row) != columns:
-            raise InputError(f"{key}, row {number}: expected {columns} numbers, found {row!r}")
+            raise InputError(f"{key}, row {number}: expected {columns} numbers, found {shown(row)}")
         for value in row:
             _number(f"{key}, row {number}", value)
     return rows
@@ -96,7 +96,7 @@ def _number_rows(key: str, rows: list[Any], columns: int) -> Any:
 
 def _entries(where: str, row: Any, known: tuple[str, ...]) -> dict[str, Any]:
     if not isinstance(row, dict):
-        raise InputError(f"{where}: expected the keys {', '.join(known)}, found {row!r}")
+        raise InputError(f"{where}: expected the keys {', '.join(known)}, found {shown(row)}")
     for key in row:
         if key not in known:
             raise InputError(f"{where}: has no key '{key}'; {did_you_mean(str(key), known)}")
@@ -110,9 +110,9 @@ def _goal(where: str, row: Any) -> Goal:
     entries = _entries(where, row, _GOAL)
     posts = entries["y_posts"]
     if not isinstance(posts, list) or not posts:
-        raise InputError(f"{where}: y_posts needs a list of numbers, found {posts!r}")
+        raise InputError(f"{where}: y_posts needs a list of numbers, found {shown(posts)}")
     if entries["post_shape"] not in ("round", "square"):
-        raise InputError(f"{where}: post_shape is round or square, found {entries['post_shape']!r}")
+        raise InputError(f"{where}: post_shape is round or square, found {shown(entries['post_shape'])}")
     return Goal(
         x=_number(f"{where}: x", entries["x"]),
         y_posts=tuple(_number(f"{where}: y_posts", y) for y in posts),
@@ -128,7 +128,7 @@ def _pole(where: str, row: Any) -> Pole:
     entries = _entries(where, row, _POLE)
     bands = entries["bands_from_ground"]
     if not isinstance(bands, list) or not bands:
-        raise InputError(f"{where}: bands_from_ground needs a list of colours, found {bands!r}")
+        raise InputError(f"{where}: bands_from_ground needs a list of colours, found {shown(bands)}")
     return Pole(
         x=_number(f"{where}: x", entries["x"]),
         y=_number(f"{where}: y", entries["y"]),

@@ -69,6 +69,7 @@ class HsvLinePaper(Settings):
     min_green: int = Field(
         1,
         ge=0,
+        le=1_000,
         description="least green samples within flank_px on each side of a run; 0 as in the paper, which takes every "
         "white run in the hull: goals, nets and robots, too",
     )
@@ -102,7 +103,7 @@ class HsvLineSettings(Settings):
     )
     fixed: FixedThresholds = FixedThresholds()
     automatic: AutomaticThresholds = AutomaticThresholds()
-    ray_step_deg: float = Field(2.5, gt=0, le=45, description="angle between rays (degrees); the paper's 2.5")
+    ray_step_deg: float = Field(2.5, ge=0.036, le=45, description="angle between rays (degrees); the paper's 2.5")
     paper: HsvLinePaper = HsvLinePaper()
     range_file: str | None = Field(
         None,

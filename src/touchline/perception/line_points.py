@@ -85,10 +85,13 @@ class LinePointSettings(Settings):
         **constants_now("touchline.perception.colour", "colour"),
     }
 
-    radial_scan_lines: int = Field(72, ge=8, description="rays from the robot outwards; both NuBot papers use 72")
+    radial_scan_lines: int = Field(
+        72, ge=8, le=10_000, description="rays from the robot outwards; both NuBot papers use 72"
+    )
     circles: int = Field(
         24,
         ge=0,
+        le=10_000,
         description="circles about the robot, for lines that point at it: 6 px apart, about as close as the rays are",
     )
     line_width_m: float | None = Field(None, gt=0, description="width of the paint (m); none: that of the field")

@@ -12,8 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.camera import OmniCamera
+from touchline.errors import InputError
 from touchline.geometry import FloatArray
 
+_MOST_SAMPLES = 10_000_000
 _CIRCLE_OVERLAP_PX = 60  # a circle goes on past its start so that a line lying there is seen whole
 
 
@@ -44,7 +46,14 @@ def build_scan_lines(
 ) -> ScanLines:
     """`radial` rays from `inner_px` to `outer_px`, as many short ones between them that start at `fill_from` of the
     outer radius, and `circles` circles at equal distances in the image. All stay two pixels inside the image.
+    Raises InputError for more than 10⁷ samples.
     """
+    count = 2.0 * radial * (outer_px - inner_px) + circles * (np.pi * (inner_px + outer_px) + _CIRCLE_OVERLAP_PX)
+    if count > _MOST_SAMPLES:
+        raise InputError(
+            f"{radial} radial scan lines and {circles} circles up to {outer_px:g} px have {count:.2g} samples; "
+            f"{_MOST_SAMPLES} are the most"
+        )
     u0, v0 = camera.center
     paths: list[FloatArray] = []
     closed: list[int] = []

@@ -33,6 +33,7 @@ class LearningSettings(Settings):
     frames: int = Field(
         5,
         ge=1,
+        le=1_000,
         description="first images that the colours are learned from: one serves at once, five average over places",
     )
     colour_file: str | None = Field(

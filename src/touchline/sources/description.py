@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from touchline.errors import InputError
-from touchline.messages import did_you_mean
+from touchline.messages import did_you_mean, shown
 from touchline.opened_files import OwnFolder
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.yaml_files import read_yaml_mapping
@@ -68,14 +68,14 @@ def _check_format(path: Path, number: object) -> None:
     if number is None:
         raise InputError(f"{path}: key 'format' is missing; write 'format: {FORMAT}'")
     if number != FORMAT or isinstance(number, bool):
-        raise InputError(f"{path}: format {number!r} is not known, this version reads format {FORMAT}")
+        raise InputError(f"{path}: format {shown(number)} is not known, this version reads format {FORMAT}")
 
 
 def _camera_kind(path: Path, kind: object, camera_file: Path, model: Mapping[str, Any] | None) -> str:
     if kind is None:
         raise InputError(f"{path}: key 'camera' is missing; one of {', '.join(CAMERA_KINDS)}")
     if kind not in CAMERA_KINDS:
-        raise InputError(f"{path}: camera '{kind}' is not known; {did_you_mean(str(kind), CAMERA_KINDS)}")
+        raise InputError(f"{path}: camera '{kind!s:.60}' is not known; {did_you_mean(str(kind), CAMERA_KINDS)}")
     found = None if model is None else model.get("model")
     if found in CAMERA_KINDS and found != kind:  # whoever needs the camera is told of the rest
         raise InputError(f"{camera_file}: describes a camera of model '{found}', but {path} says camera '{kind}'")
@@ -99,7 +99,7 @@ def _field_source(folder: OwnFolder, path: Path, name: object) -> str | Path:
         raise InputError(f"{path}: key 'field' is missing and there is no {FIELD}; one of {', '.join(known)}")
     if name not in known:
         raise InputError(
-            f"{path}: field '{name}' is not known and there is no {FIELD} that describes it; "
+            f"{path}: field '{name!s:.60}' is not known and there is no {FIELD} that describes it; "
             f"{did_you_mean(str(name), known)}"
         )
     return str(name)
@@ -129,7 +129,7 @@ def _rate(rate: object, log: ProblemLog) -> float | None:
     number = finite_number(rate)
     if number is not None and number > 0.0:
         return number
-    what = "key 'rate_hz' is missing" if rate is None else f"rate_hz {rate!r:.50} is not a positive number"
+    what = "key 'rate_hz' is missing" if rate is None else f"rate_hz {shown(rate)} is not a positive number"
     log.add(ProblemKind.SEQUENCE, SEQUENCE, f"{what}; the rate is taken from the image times")
     return None
 
@@ -138,7 +138,7 @@ def _events(events: object, log: ProblemLog) -> tuple[Mapping[str, Any], ...]:
     if events is None:
         return ()
     if not isinstance(events, list):
-        log.add(ProblemKind.SEQUENCE, SEQUENCE, f"events: expected a list, found {events!r:.50}; they are left out")
+        log.add(ProblemKind.SEQUENCE, SEQUENCE, f"events: expected a list, found {shown(events)}; they are left out")
         return ()
     good = []
     for number, event in enumerate(events, start=1):
@@ -146,6 +146,6 @@ def _events(events: object, log: ProblemLog) -> tuple[Mapping[str, Any], ...]:
         if finite_number(time_s) is not None and "kind" in event:
             good.append(event)
         else:
-            what = f"events: number {number} needs t (s) and kind, found {event!r:.50}; it is left out"
+            what = f"events: number {number} needs t (s) and kind, found {shown(event)}; it is left out"
             log.add(ProblemKind.SEQUENCE, SEQUENCE, what)
     return tuple(good)

@@ -77,6 +77,7 @@ class IrisFusionSettings(Settings):
     max_points: int = Field(
         100,
         ge=1,
+        le=10_000_000,
         description="line points that the particles are weighed by, evenly chosen of more: the time grows with it",
     )
     wheels: WheelSettings = WheelSettings()

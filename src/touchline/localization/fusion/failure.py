@@ -67,8 +67,12 @@ class FailureSettings(Settings):
         description="difference between heading and compass (rad) which, together with deviation_m, makes a frame bad; "
         "well above the usual compass error of up to 0.2",
     )
-    frames: int = Field(5, ge=1, description="bad frames in a row that mean failure: the five cycles of Lu et al. 2013")
-    min_points: int = Field(10, ge=1, description="points without which a frame is not usable: fewer fit anywhere")
+    frames: int = Field(
+        5, ge=1, le=1_000, description="bad frames in a row that mean failure: the five cycles of Lu et al. 2013"
+    )
+    min_points: int = Field(
+        10, ge=1, le=10_000_000, description="points without which a frame is not usable: fewer fit anywhere"
+    )
     paper: FailurePaper = FailurePaper()
 
 

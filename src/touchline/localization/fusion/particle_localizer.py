@@ -64,6 +64,7 @@ class ParticleSearchSettings(Settings):
     max_cycles: int = Field(
         15,
         ge=1,
+        le=10_000,
         description="cycles after which particles that have not converged start anew: they converge within 5",
     )
     paper: ParticleSearchPaper = ParticleSearchPaper()

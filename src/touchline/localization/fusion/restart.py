@@ -32,6 +32,7 @@ class RestartPaper(Settings):
     image_cycles: int = Field(
         2,
         ge=1,
+        le=10_000,
         description="cycles per image while searching, or with nothing known of the motion: halves the time to find "
         "the robot; 1 as in the paper",
     )

@@ -11,12 +11,14 @@ import numpy as np
 from pydantic import Field
 
 from touchline.config import Settings, constants_now
+from touchline.errors import InputError
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.matching.kernels import grid_errors
 from touchline.localization.matching.matcher import Match, Matcher, as_pose, checked_points
 
 BEYOND_M = 1.0  # how far beyond the field the samples reach; the paper's
+_MOST_POSITIONS = 10_000_000
 SHIFT_M = 0.35  # shift of all samples in x and in y from round to round; the paper's
 # width c of the error function that ranks the samples: the paper's C = 255 read in cm, its unit of length; the nearest
 # sample is up to 0.7 m away, where the 0.25 m of matching can't tell near from far
@@ -31,8 +33,10 @@ class GlobalSearchSettings(Settings):
     )
 
     spacing_m: float = Field(1.0, gt=0, description="distance of the samples (m); the paper's")
-    candidates: int = Field(5, ge=1, description="samples with the least error that are refined; the paper's")
-    rounds: int = Field(3, ge=1, description="searches before the best of all is taken; the paper's")
+    candidates: int = Field(
+        5, ge=1, le=100_000, description="samples with the least error that are refined; the paper's"
+    )
+    rounds: int = Field(3, ge=1, le=1_000, description="searches before the best of all is taken; the paper's")
     accepted_error: float = Field(
         0.1,
         gt=0,
@@ -43,6 +47,7 @@ class GlobalSearchSettings(Settings):
     confirmations: int = Field(
         3,
         ge=1,
+        le=10_000,
         description="frames in a row in which a pose that was not accepted must hold against the search before it is "
         "believed: real calibrations may leave more than accepted_error everywhere",
     )
@@ -183,7 +188,11 @@ def sample_positions(length_m: float, width_m: float, spacing_m: float, beyond_m
     """Positions (K, 2) spacing_m apart, from beyond_m outside the lines on, centred on the field.
 
     21 x 15 = 315 of them for 18 x 12 m, 1 m and 1 m; a field that the spacing doesn't divide is covered beyond its end.
+    Raises InputError for more than 10⁷ of them.
     """
+    count = (length_m + 2.0 * beyond_m + spacing_m) * (width_m + 2.0 * beyond_m + spacing_m) / spacing_m / spacing_m
+    if count > _MOST_POSITIONS:
+        raise InputError(f"the search: positions {spacing_m:g} m apart are {count:.1g}; {_MOST_POSITIONS} are the most")
     axes = []
     for size_m in (length_m, width_m):
         reach_m = size_m / 2 + beyond_m

@@ -49,6 +49,7 @@ class MatchingSettings(Settings):
     iterations: int = Field(
         25,
         ge=1,
+        le=10_000,
         description="RPROP steps: figure 9 converges after about 10; 25 also settle a start 0.3 m and 10° away",
     )
     uncertainty: UncertaintySettings = UncertaintySettings()

@@ -21,7 +21,7 @@ from touchline.localization.one_shot.coarse_search import CoarseSearch
 from touchline.localization.one_shot.permutation_test import PermutationTest, permutation_test
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.whole_field import PoseGrid, different, sampled, thinned_to
-from touchline.types import Hypothesis, LinePoints
+from touchline.types import Hypothesis, LinePoints, check_point_count
 
 BEYOND_M = 1.0  # how far beyond the field the samples reach: as far as the paper's
 SAMPLE_C_M = 0.5  # width c of the error function for ranking the samples: as spacing_m
@@ -47,7 +47,9 @@ class LocateSettings(Settings):
         **constants_now(__name__, "beyond_m", "sample_c_m", "sample_points", "same_m", "same_rad"),
     }
 
-    min_points: int = Field(8, ge=4, description="different points needed: a pose has three unknowns, and clutter")
+    min_points: int = Field(
+        8, ge=4, le=10_000_000, description="different points needed: a pose has three unknowns, and clutter"
+    )
     spacing_m: float = Field(
         0.5,
         gt=0,
@@ -57,10 +59,13 @@ class LocateSettings(Settings):
         0.0873, gt=0, description="distance of the sample headings (rad): 5°, half a metre at 6 m as spacing_m"
     )
     candidates: int = Field(
-        80, ge=1, description="samples that are refined, of some 86 000: without a heading many look alike"
+        80, ge=1, le=100_000, description="samples that are refined, of some 86 000: without a heading many look alike"
     )
     finalists: int = Field(
-        20, ge=1, description="refined poses that are matched again with all points; other hypotheses are among them"
+        20,
+        ge=1,
+        le=100_000,
+        description="refined poses that are matched again with all points; other hypotheses are among them",
     )
     heading_tolerance_rad: float = Field(
         0.6, gt=0, description="how far the heading may be from a given one (rad): twice the usual worst compass error"
@@ -235,6 +240,7 @@ def _different_points(
     table = np.asarray(points, dtype=np.float64)
     if table.ndim != 2 or table.shape[1] != 2:
         raise InputError(f"line points need two columns, x and y in metres; got an array of shape {table.shape}")
+    check_point_count(len(table))
     if not np.all(np.isfinite(table)):
         raise InputError(f"line point {int(np.argmin(np.isfinite(table).all(axis=1)))} is not a pair of finite numbers")
     first = different(table)

@@ -14,9 +14,8 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.localization.matching.weights import WeightSettings, precision_weights
 from touchline.opened_files import text_lines
-from touchline.types import LinePoints
+from touchline.types import MAX_OBSERVED_POINTS, LinePoints
 
-MAX_POINTS = 10_000_000
 _NAMES = {"x_m": "x", "x": "x", "y_m": "y", "y": "y", "weight": "weight"}
 
 
@@ -56,8 +55,8 @@ def read_points(path: Path) -> tuple[FloatArray, FloatArray | None]:
             if columns is None:
                 columns = _columns(path, reader.line_num, row)
                 continue
-            if len(lines) == MAX_POINTS:
-                raise InputError(f"{path}: holds more than {MAX_POINTS} points, the most of one observation")
+            if len(lines) == MAX_OBSERVED_POINTS:
+                raise InputError(f"{path}: holds more than {MAX_OBSERVED_POINTS} points, the most of one observation")
             numbers.extend(_numbers(path, reader.line_num, row, columns))
             lines.append(reader.line_num)
     except csv.Error as error:

@@ -106,10 +106,11 @@ class IrisParticleSettings(Settings):
         **constants_now("touchline.systems.iris_fusion", "known_heading_rad"),
     }
 
-    particles: int = Field(600, ge=1, description="particles; the paper's 600")
+    particles: int = Field(600, ge=1, le=10_000_000, description="particles; the paper's 600")
     particles_all_headings: int = Field(
         6000,
         ge=1,
+        le=10_000_000,
         description="particles at a start with headings all around: ten for each of 600 places; between this and "
         "`particles`, in proportion to how wide the headings are spread",
     )

@@ -83,8 +83,10 @@ class NimbroParticlePaper(Settings):
 class NimbroParticleSettings(Settings):
     """The paper gives 250 to 1000 particles and the models; nothing else."""
 
-    min_particles: int = Field(250, ge=10, description="particles while the pose is certain; the paper's 250")
-    max_particles: int = Field(1000, ge=10, description="particles while it is not; the paper's 1000")
+    min_particles: int = Field(
+        250, ge=10, le=10_000_000, description="particles while the pose is certain; the paper's 250"
+    )
+    max_particles: int = Field(1000, ge=10, le=10_000_000, description="particles while it is not; the paper's 1000")
     random_ratio: float = Field(
         0.01, ge=0, lt=1, description="ratio of random particles in every drawing: the paper's small amount"
     )

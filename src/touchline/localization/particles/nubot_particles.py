@@ -62,6 +62,7 @@ class NubotParticlePaper(Settings):
     refined_clusters: int = Field(
         5,
         ge=0,
+        le=1_000,
         description="best clusters whose best particle is moved to its match every cycle; 0 is the paper's form, in "
         "which the drawing alone must come near",
     )
@@ -101,10 +102,11 @@ class NubotParticleSettings(Settings):
         __name__, "beyond_m", "table_m", "converged_rad", "cluster_m", "heading_tolerance_rad"
     )
 
-    particles: int = Field(600, ge=1, description="particles; the paper's 600 on the 18 x 12 m field")
+    particles: int = Field(600, ge=1, le=10_000_000, description="particles; the paper's 600 on the 18 x 12 m field")
     particles_all_headings: int = Field(
         6000,
         ge=1,
+        le=10_000_000,
         description="particles while no compass tells the heading: ten headings for each of the paper's places",
     )
     compass_rad: float = Field(
