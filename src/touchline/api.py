@@ -148,6 +148,7 @@ class PreparedRun:
             "started": started,
             "recording": {
                 "path": str(self.source.path.resolve()),
+                **({"bag": self.source.options.to_dict()} if self.source.options.given() else {}),
                 "name": self.source.name,
                 "description": str(self.source.sequence.get("description", "")),
                 "field": self.source.field.name,

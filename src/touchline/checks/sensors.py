@@ -26,6 +26,7 @@ _NO_COMPASS = "A pose and the one at the other end of the field fit equally well
 _ROW_ADVICE = {
     ProblemKind.SENSOR_FILE: "Write it as docs/how-to-recording.md says; a run goes on without this sensor.",
     ProblemKind.BAG: "Let the recorder finish writing before it is switched off.",
+    ProblemKind.TOPIC: "Name what is meant: --topic, --camera, --base; a run goes on with what was chosen.",
     ProblemKind.EMPTY_COLUMN: "Find out why the sensor writes nothing.",
     ProblemKind.BROKEN_ROW: "Mend or delete the lines; they are left out.",
     ProblemKind.NOT_A_NUMBER: "Find out why the sensor writes this; the rows are left out.",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.options import FollowLinks
+from touchline.cli.options import BagBase, BagCamera, BagField, FollowLinks, Topics, bag_options
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -23,6 +23,10 @@ def check(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording folder.", show_default=False)],
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
     follow_links: FollowLinks = False,
+    topics: Topics = None,
+    field: BagField = None,
+    camera: BagCamera = None,
+    base: BagBase = None,
 ) -> None:
     """Read a whole recording and say what is odd about it, and what to do.
 
@@ -33,7 +37,7 @@ def check(
     from touchline.messages import counted
     from touchline.sources import open_source
 
-    source = open_source(recording, follow_links)
+    source = open_source(recording, follow_links, bag_options(topics, field, camera, base))
     findings = _check_with_progress(source)
     counts = {severity.value: sum(finding.severity is severity for finding in findings) for severity in Severity}
     worst_first = tuple(reversed(counts.items()))

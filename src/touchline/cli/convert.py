@@ -12,7 +12,7 @@ import typer
 
 from touchline.cli.console import errors_console
 from touchline.cli.console import output as output_console
-from touchline.cli.options import FollowLinks
+from touchline.cli.options import BagBase, BagCamera, BagField, FollowLinks, Topics, bag_options
 from touchline.errors import InputError, TouchlineError
 
 if TYPE_CHECKING:
@@ -39,13 +39,17 @@ def convert(
         typer.Option(help="What to write (default: mcap for a TARGET that ends in .mcap, else folder)."),
     ] = None,
     follow_links: FollowLinks = False,
+    topics: Topics = None,
+    field: BagField = None,
+    camera: BagCamera = None,
+    base: BagBase = None,
 ) -> None:
     """Write a recording as another kind, without loss: images are copied as they are, times to the nanosecond."""
     kind = to or (Kind.MCAP if target.suffix.lower() == ".mcap" else Kind.FOLDER)
     _check_target(target, kind)
     from touchline.sources import open_source
 
-    recording = open_source(source, follow_links)
+    recording = open_source(source, follow_links, bag_options(topics, field, camera, base))
     for problem in recording.problems:
         errors_console().print(f"warning: {problem}", style="yellow", markup=False)
     _write(recording, target, kind)

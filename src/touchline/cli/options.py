@@ -2,11 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from touchline.errors import InputError
+
+if TYPE_CHECKING:
+    from touchline.sources import BagOptions
 
 FollowLinks = Annotated[
     bool,
     typer.Option("--follow-links", help="Also read what the recording names or links to outside of its folder."),
 ]
+Topics = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic",
+        metavar="ROLE=/NAME",
+        help="Of a bag: image, camera_info, odometry, imu, compass, truth or points; may be repeated.",
+    ),
+]
+BagField = Annotated[
+    str | None, typer.Option("--field", metavar="NAME|FILE", help="Of a bag: the field, which no bag tells.")
+]
+BagCamera = Annotated[Path | None, typer.Option("--camera", help="Of a bag: a camera.yaml, before its CameraInfo.")]
+BagBase = Annotated[
+    str | None,
+    typer.Option("--base", metavar="FRAME", help="Of a bag: the robot's frame on the ground (base_footprint, …)."),
+]
+
+
+def bag_options(topics: list[str] | None, field: str | None, camera: Path | None, base: str | None) -> BagOptions:
+    """What a bag does not say of itself. Raises InputError for a topic that is not ROLE=/NAME."""
+    from touchline.sources.bags.roles import BagOptions
+
+    named = [text.partition("=") for text in topics or ()]
+    for role, equals, name in named:
+        if not (role and equals and name):
+            raise InputError(f"--topic {role}{equals}{name}: expected ROLE=/NAME, for example image=/front/image_raw")
+    return BagOptions({role: name for role, _, name in named}, field, camera, base)

@@ -15,7 +15,7 @@ import typer
 from touchline.cli import INTERRUPTED
 from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors, told_of_compiling
 from touchline.cli.console import output as output_console
-from touchline.cli.options import FollowLinks
+from touchline.cli.options import BagBase, BagCamera, BagField, FollowLinks, Topics, bag_options
 from touchline.errors import InputError, TouchlineError
 
 if TYPE_CHECKING:
@@ -60,6 +60,10 @@ def run(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same trajectory.")] = 0,
     follow_links: FollowLinks = False,
+    topics: Topics = None,
+    field: BagField = None,
+    camera: BagCamera = None,
+    base: BagBase = None,
 ) -> None:
     """Localise a recording: trajectory, estimates, summary and report in a new folder."""
     if start is not None and own_half:
@@ -72,7 +76,7 @@ def run(
     prior = Prior(parse_pose(start) if start is not None else None, own_half)
     name = system or DEFAULT_SYSTEM
     system_info(name)  # an unknown name is told before the recording is read
-    source = open_source(recording, follow_links)
+    source = open_source(recording, follow_links, bag_options(topics, field, camera, base))
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
     execute(prepared, output)
 
@@ -119,7 +123,7 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     from touchline.sources import ProblemKind
 
     for problem in prepared.source.problems:
-        if problem.kind in (ProblemKind.SENSOR_FILE, ProblemKind.BAG):
+        if problem.kind in (ProblemKind.SENSOR_FILE, ProblemKind.BAG, ProblemKind.TOPIC):
             errors_console().print(f"warning: {problem}", style="yellow", markup=False)
     for notice in prepared.notices:
         errors_console().print(f"warning: {notice}", style="yellow", markup=False)

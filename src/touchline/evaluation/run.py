@@ -12,7 +12,7 @@ from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, erro
 from touchline.evaluation.run_folder import ESTIMATES, REPORT, SUMMARY, UNFINISHED, read_summary
 from touchline.evaluation.tum import read_tum
 from touchline.messages import counted
-from touchline.sources import open_source
+from touchline.sources import BagOptions, open_source
 from touchline.types import Samples, Status
 
 
@@ -50,13 +50,16 @@ class Run:
     def _is_cut(self) -> bool:
         return bool(self.summary.get("ended") == UNFINISHED)
 
+    def _bag_options(self) -> BagOptions:
+        return BagOptions.from_dict(self._recording().get("bag"))
+
     @cached_property
     def truth(self) -> Samples | None:
         """The recording's true poses (M, 3): x, y, heading (m, m, rad); None if it holds none.
 
         Raises InputError if the recording is no longer where it was.
         """
-        truth = open_source(self._recording()["path"], self._follow_links).truth
+        truth = open_source(self._recording()["path"], self._follow_links, self._bag_options()).truth
         return None if truth is None else truth.samples()
 
     @property

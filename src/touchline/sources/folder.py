@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.opened_files import OwnFolder, UnreadableError, open_bytes
+from touchline.sources.bags.roles import BagOptions
 from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
 from touchline.sources.decoding import Decoded, usable_image
@@ -77,6 +78,8 @@ class Recording:
             raise InputError(f"{folder}: is not a recording; expected a folder that holds sequence.yaml and images.csv")
         self.folder = folder
         self.path = path or folder
+        self.options = BagOptions()
+        """What a bag did not say of itself."""
         self._own = OwnFolder(folder, follow_links)
         self.image_store: ImageStore = images or FolderImages(self._own)
         self._opening = ProblemLog() if problems is None else problems

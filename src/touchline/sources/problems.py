@@ -27,6 +27,7 @@ class ProblemKind(StrEnum):
     TRUTH = "truth"
     SEQUENCE = "sequence"
     BAG = "damaged bag"
+    TOPIC = "choice of topics"
 
 
 @dataclass(frozen=True, slots=True)

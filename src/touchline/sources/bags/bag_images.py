@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import Any
+
+import cv2
 
 from touchline.opened_files import UnreadableError
 from touchline.sources.bags.extraction import ImagePlaces
 from touchline.sources.bags.messages import Bag, Place
+from touchline.sources.bags.pixels import demosaiced, image_pixels, is_bayer
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.decoding import Decoded, decode_bytes
 from touchline.sources.problems import ProblemKind
 
 
 class BagImages:
-    """An image store (see `ImageStore`) of a bag's compressed images. folder: of the tables, kept as long as this."""
+    """An image store (see `ImageStore`) of the images of one topic. folder: of the tables, kept as long as this."""
 
     def __init__(self, bag: Bag, codec: Codec, images: ImagePlaces, folder: tempfile.TemporaryDirectory[str]) -> None:
         self._bag = bag
@@ -25,18 +29,33 @@ class BagImages:
     def decode(self, row: int, name: str, expected: tuple[int, int] | None) -> Decoded:
         """As `ImageStore` says."""
         try:
-            return decode_bytes(self.file_bytes(row, name), expected)
+            message = self._message(row, name)
         except UnreadableError as error:
             return Decoded(None, ProblemKind.MISSING_IMAGE, error.what)
+        if hasattr(message, "encoding"):
+            pixels = image_pixels(message)
+            return Decoded(None, ProblemKind.BROKEN_IMAGE, pixels) if isinstance(pixels, str) else Decoded(pixels)
+        decoded = decode_bytes(bytes(message.data), expected)
+        if decoded.pixels is None or not is_bayer(message.format):
+            return decoded
+        return Decoded(demosaiced(decoded.pixels, message.format))
 
     def file_bytes(self, row: int, name: str) -> bytes:
-        """As `ImageStore` says."""
+        """As `ImageStore` says: a compressed image as it is, pixels as a PNG file."""
+        message = self._message(row, name)
+        if not hasattr(message, "encoding") and not is_bayer(message.format):
+            return bytes(message.data)
+        decoded = self.decode(row, name, None)
+        if decoded.pixels is None:
+            raise UnreadableError(Path(name), decoded.what)
+        return cv2.imencode(".png", decoded.pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+
+    def _message(self, row: int, name: str) -> Any:
         if not 0 <= row < len(self._images.places) or self._images.places[row, 0] < 0:
             raise UnreadableError(Path(name), "is not in the bag", missing=True)
         place = Place(*self._images.places[row].tolist())
         topic = self._bag.topics[self._images.topic]
         try:
-            message = self._codec.decode(topic, self._bag.fetch(topic.name, place))
+            return self._codec.decode(topic, self._bag.fetch(topic.name, place))
         except BadMessageError as error:
             raise UnreadableError(Path(name), f"cannot be read ({error})") from None
-        return bytes(message.data)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from touchline.errors import InputError
 from touchline.opened_files import UnreadableError, open_bytes
+from touchline.sources.description import SEQUENCE
 from touchline.yaml_files import read_yaml_mapping
 
 METADATA = "metadata.yaml"
@@ -60,6 +61,8 @@ def find_bag(path: Path) -> BagFiles | None:
 
 def _in_folder(folder: Path) -> BagFiles | None:
     """A folder as `ros2 bag record` writes it; metadata.yaml comes last, and is missing where recording was cut off."""
+    if (folder / SEQUENCE).exists():
+        return None
     files = sorted((file for file in folder.iterdir() if file.suffix in (".mcap", ".db3")), key=_numbered)
     if (folder / METADATA).is_file():
         order = _order(folder / METADATA)

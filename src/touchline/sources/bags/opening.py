@@ -8,17 +8,20 @@ from pathlib import Path
 from touchline.errors import InputError
 from touchline.sources.bags.bag_images import BagImages
 from touchline.sources.bags.extraction import extract_own
+from touchline.sources.bags.foreign import Foreign
 from touchline.sources.bags.kinds import BagFiles, BagKind
 from touchline.sources.bags.layout import SEQUENCE_TOPIC
 from touchline.sources.bags.mcap_file import McapBag
 from touchline.sources.bags.messages import Bag
+from touchline.sources.bags.roles import BagOptions
 from touchline.sources.bags.with_rosbags import Codec, RosbagsBag
 from touchline.sources.folder import Recording
 from touchline.sources.problems import ProblemLog
 
 
-def open_bag(path: Path, files: BagFiles) -> Recording:
+def open_bag(path: Path, files: BagFiles, options: BagOptions) -> Recording:
     """The recording in a bag. Its tables are copied into a temporary folder, which goes with it; its images stay.
+    options: what a bag that Touchline did not write leaves open.
 
     Raises InputError if it cannot be read as a recording.
     """
@@ -29,10 +32,15 @@ def open_bag(path: Path, files: BagFiles) -> Recording:
     codec = Codec(bag.topics.values())
     folder = tempfile.TemporaryDirectory(prefix="touchline-bag-")
     if SEQUENCE_TOPIC not in bag.topics:
-        raise InputError(f"{path}: holds no recording of Touchline")
-    places = extract_own(bag, codec, Path(folder.name), problems)
+        places = Foreign(bag, codec, options, path, problems).extract(Path(folder.name))
+    elif options.given():
+        raise InputError(f"{path}: is a recording that Touchline wrote: its topics, field and camera are known")
+    else:
+        places = extract_own(bag, codec, Path(folder.name), problems)
     images = BagImages(bag, codec, places, folder)
-    return Recording(Path(folder.name), path=path, images=images, problems=problems)
+    recording = Recording(Path(folder.name), path=path, images=images, problems=problems)
+    recording.options = options
+    return recording
 
 
 def _open(files: BagFiles, problems: ProblemLog) -> Bag:

@@ -1,0 +1,195 @@
+"""A bag of somebody else's robot as the tables of a recording: its topics, its frames, its clock."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from touchline.errors import InputError
+from touchline.geometry import Pose3
+from touchline.messages import listed
+from touchline.sources.bags import roles
+from touchline.sources.bags.camera_file import camera_mapping
+from touchline.sources.bags.cdr_header import read_header
+from touchline.sources.bags.extraction import ImagePlaces
+from touchline.sources.bags.foreign_rows import ForeignTables
+from touchline.sources.bags.layout import EPOCH_KEY
+from touchline.sources.bags.messages import Bag, Message, Topic
+from touchline.sources.bags.roles import BagOptions, choose_topics
+from touchline.sources.bags.table_rows import decimal_seconds
+from touchline.sources.bags.transforms import FrameTree, camera_body
+from touchline.sources.bags.with_rosbags import BadMessageError, Codec
+from touchline.sources.problems import ProblemKind, ProblemLog
+from touchline.yaml_files import read_yaml_mapping
+
+if TYPE_CHECKING:
+    from touchline.field import FieldModel
+
+_SECOND_NS = 1_000_000_000
+_EARLIEST_EPOCH_S = 10_000_000  # clocks that show more did not start with the robot: times count from its first second
+
+
+class Foreign:
+    """A bag on its way into a folder. Raises InputError where it cannot become a recording."""
+
+    def __init__(self, bag: Bag, codec: Codec, options: BagOptions, path: Path, problems: ProblemLog) -> None:
+        self._bag, self._codec, self._options, self._path, self._problems = bag, codec, options, path, problems
+        self._topics = choose_topics(bag.topics, options.topics, problems)
+        self._roles: dict[str, list[str]] = {}
+        for role, topic in self._topics.items():
+            self._roles.setdefault(topic.name, []).append(role)
+        self._transforms = {each.name: each for each in bag.topics.values() if each.type in roles.TRANSFORM_TYPES}
+        if roles.IMAGE not in self._topics and roles.POINTS not in self._topics:
+            kinds = sorted({topic.type for topic in bag.topics.values()})
+            raise InputError(
+                f"{path}: holds neither images nor line points, only {listed(kinds)[:300]}; "
+                f"--topic image=/NAME or --topic points=/NAME tells where they are"
+            )
+        self._field = _named_field(path, options.field)
+        self._tree = FrameTree()
+        self._info: Any = None
+        self._frame = ""  # of the image
+        self._epoch_ns: int | None = None
+        self._stamps, self._places, self._names = array("q"), array("q"), array("b")
+
+    def extract(self, folder: Path) -> ImagePlaces:
+        """Write the tables, in constant memory but for 40 bytes an image."""
+        self._look_around()
+        with ForeignTables(folder, self._tree, self._options.base, self._problems) as tables:
+            tables.watch_camera(self._frame)
+            wanted = {*self._roles, *self._transforms} - {self._name(roles.CAMERA_INFO)}
+            for message in self._bag.messages(wanted):
+                self._take(message, tables)
+        order = np.argsort(np.array(self._stamps, dtype=np.int64), kind="stable")
+        self._write_images(folder, order)
+        self._write_description(folder)
+        places = np.array(self._places, dtype=np.int64).reshape(-1, 2)[order]
+        return ImagePlaces(self._name(roles.IMAGE), places)
+
+    def _name(self, role: str) -> str:
+        return self._topics[role].name if role in self._topics else ""
+
+    def _look_around(self) -> None:
+        """What has to be known before the first row: clock, camera and frames, as far as the bag tells of them."""
+        names: Collection[str] = {*self._roles, *self._transforms}
+        for message in self._bag.messages(names):
+            topic = self._bag.topics[message.topic]
+            if message.topic in self._transforms:
+                if (transforms := self._decoded(topic, message)) is not None:
+                    self._tree.update(transforms.transforms)
+                continue
+            header = read_header(message.data, topic.encoding)
+            if self._epoch_ns is None and header is not None:
+                second = (header.stamp_ns or message.log_ns) // _SECOND_NS
+                self._epoch_ns = second * _SECOND_NS if second >= _EARLIEST_EPOCH_S else 0
+            if message.topic == self._name(roles.CAMERA_INFO) and self._info is None:
+                self._info = self._decoded(topic, message)
+            if message.topic == self._name(roles.IMAGE) and header is not None:
+                self._frame = self._frame or header.frame
+            if self._knows_enough():
+                return
+
+    def _knows_enough(self) -> bool:
+        if roles.CAMERA_INFO in self._topics and self._info is None:
+            return False
+        if roles.IMAGE in self._topics and not self._frame:
+            return False
+        return not self._transforms or self._mount() is not None
+
+    def _mount(self) -> Pose3 | None:
+        """`base_from_camera` as far as it is known."""
+        base = self._tree.base(self._options.base)
+        pose = None if base is None or not self._frame else self._tree.pose(base, self._frame.lstrip("/"))
+        return None if pose is None else camera_body(pose, self._frame)
+
+    def _decoded(self, topic: Topic, message: Message) -> Any:
+        try:
+            return self._codec.decode(topic, message.data)
+        except BadMessageError as error:
+            self._problems.add(ProblemKind.BAG, topic.name, f"a message cannot be read ({error}); it is left out")
+            return None
+
+    def _take(self, message: Message, tables: ForeignTables) -> None:
+        topic = self._bag.topics[message.topic]
+        if message.topic in self._transforms:
+            if (transforms := self._decoded(topic, message)) is not None:
+                tables.place(transforms.transforms, self._epoch_ns or 0)
+            return
+        header = read_header(message.data, topic.encoding)
+        if header is None:
+            self._problems.add(ProblemKind.BAG, topic.name, "a message is too short; it is left out")
+            return
+        stamp_ns = (header.stamp_ns or message.log_ns) - (self._epoch_ns or 0)
+        taken = self._roles[message.topic]
+        if roles.IMAGE in taken:
+            self._stamps.append(stamp_ns)
+            self._places.extend(message.place)
+            png = topic.type == roles.RAW_IMAGE or "png" in header.text or "compressed bayer" in header.text
+            self._names.append(int(png))
+            return
+        if (decoded := self._decoded(topic, message)) is not None:
+            for role in taken:
+                tables.add(role, stamp_ns, decoded, together=roles.IMU in taken and roles.COMPASS in taken)
+
+    def _write_images(self, folder: Path, order: Any) -> None:
+        if roles.IMAGE not in self._topics:
+            return
+        with (folder / "images.csv").open("x", encoding="utf-8") as file:
+            file.write("t,file\n")
+            for number, index in enumerate(order.tolist()):
+                ending = "png" if self._names[index] else "jpg"
+                file.write(f"{decimal_seconds(self._stamps[index])},images/{number:06d}.{ending}\n")
+
+    def _write_description(self, folder: Path) -> None:
+        about: dict[str, Any] = {"format": 1, "name": self._path.stem, "field": self._field_name(folder)}
+        about["camera"] = self._camera(folder)
+        steps = np.diff(np.sort(np.array(self._stamps, dtype=np.int64)))
+        if len(steps) and np.median(steps) > 0:
+            about["rate_hz"] = round(1e9 / float(np.median(steps)), 3)
+        about["topics"] = {role: topic.name for role, topic in self._topics.items()}
+        about[EPOCH_KEY] = self._epoch_ns or 0
+        _write_yaml(folder / "sequence.yaml", about)
+
+    def _field_name(self, folder: Path) -> str:
+        from touchline.field import preset_names
+
+        if self._options.field in preset_names():
+            return str(self._options.field)
+        self._field.to_yaml(folder / "field.yaml")
+        return self._field.name
+
+    def _camera(self, folder: Path) -> str:
+        """Its kind; camera.yaml is written where the camera is known."""
+        if roles.IMAGE not in self._topics:
+            return "none"
+        if self._options.camera is not None:
+            tree = read_yaml_mapping(self._options.camera)
+            _write_yaml(folder / "camera.yaml", tree)
+            return str(tree.get("model"))
+        mapping = "it has no CameraInfo" if self._info is None else camera_mapping(self._info, self._mount())
+        if isinstance(mapping, str):
+            what = f"tells no camera: {mapping}; --camera FILE gives one"
+            self._problems.add(ProblemKind.TOPIC, self._path.name, what)
+        else:
+            _write_yaml(folder / "camera.yaml", mapping)
+        return "pinhole"
+
+
+def _named_field(path: Path, given: str | None) -> FieldModel:
+    """The field that the user names: asked for before a long bag is read."""
+    from touchline.field import open_field, preset_names
+
+    if given is None:
+        known = ", ".join(sorted(preset_names()))
+        raise InputError(f"{path}: a bag does not say which field it is from: --field NAME|FILE ({known})")
+    return open_field(given)
+
+
+def _write_yaml(path: Path, tree: dict[str, Any]) -> None:
+    with path.open("x", encoding="utf-8") as file:
+        yaml.safe_dump(tree, file, sort_keys=False, allow_unicode=True)

@@ -1,0 +1,140 @@
+"""Which topic of a foreign bag is what: found by type, chosen by name, and to be named by the user."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from touchline.errors import InputError
+from touchline.messages import did_you_mean, listed
+from touchline.sources.bags.messages import Topic
+from touchline.sources.problems import ProblemKind, ProblemLog
+
+IMAGE, CAMERA_INFO, ODOMETRY, IMU, COMPASS, TRUTH, POINTS = (
+    "image",
+    "camera_info",
+    "odometry",
+    "imu",
+    "compass",
+    "truth",
+    "points",
+)
+_POSES = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+)
+RAW_IMAGE, COMPRESSED_IMAGE, POINT_CLOUD = (
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/PointCloud2",
+)
+ROLES = {
+    IMAGE: (RAW_IMAGE, COMPRESSED_IMAGE),
+    CAMERA_INFO: ("sensor_msgs/msg/CameraInfo",),
+    ODOMETRY: _POSES,
+    IMU: ("sensor_msgs/msg/Imu",),
+    COMPASS: ("sensor_msgs/msg/Imu",),
+    TRUTH: _POSES,
+    POINTS: (POINT_CLOUD,),
+}
+"""What a topic can be, and the types that can be it."""
+TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_TRUTH_NAME = re.compile(r"truth|(?:^|[/_])gt(?:$|[/_])|mocap|vicon|optitrack|vrpn")
+_LINES_NAME = re.compile(r"line|marking|field")
+_NOT_THE_CAMERA = re.compile(r"depth|debug|mask|overlay|annotat|result|disparity|infra|compressedDepth|theora")
+# A compass has to be named: what most robots send as yaw is summed up from the gyro and starts anywhere.
+_NAMED_ONLY = (COMPASS,)
+
+
+@dataclass(frozen=True, slots=True)
+class BagOptions:
+    """What a bag does not say of itself. topics: role -> topic. field: a preset's name or a file. camera: a file.
+
+    base: the frame of the robot on the ground, x forward, y left.
+    """
+
+    topics: Mapping[str, str] = field(default_factory=dict)
+    field: str | None = None
+    camera: Path | None = None
+    base: str | None = None
+
+    def given(self) -> bool:
+        """Whether anything is."""
+        return self != BagOptions()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON knows it, files by their whole paths: a run notes how its recording was read."""
+        file = None if self.field is None or not Path(self.field).is_file() else str(Path(self.field).resolve())
+        camera = None if self.camera is None else str(self.camera.resolve())
+        return {"topics": dict(self.topics), "field": file or self.field, "camera": camera, "base": self.base}
+
+    @classmethod
+    def from_dict(cls, tree: Any) -> BagOptions:
+        """The inverse of `to_dict`; of anything else, nothing is given."""
+        if not isinstance(tree, dict) or not isinstance(topics := tree.get("topics", {}), dict):
+            return cls()
+        field, camera, base = (None if tree.get(key) is None else str(tree[key]) for key in ("field", "camera", "base"))
+        named = {str(role): str(name) for role, name in topics.items()}
+        return cls(named, field, None if camera is None else Path(camera), base)
+
+
+def choose_topics(topics: Mapping[str, Topic], named: Mapping[str, str], problems: ProblemLog) -> dict[str, Topic]:
+    """The topic of each role that the bag has one for. Where there was a choice, the log says so.
+
+    Raises InputError for a role, topic or type that does not fit.
+    """
+    chosen: dict[str, Topic] = {role: _named(topics, role, name) for role, name in named.items()}
+    for role in (IMAGE, CAMERA_INFO, ODOMETRY, IMU, TRUTH, POINTS):
+        if role in chosen:
+            continue
+        candidates = [topic for topic in topics.values() if topic.type in ROLES[role] and topic.messages]
+        fitting = _fitting(role, candidates, chosen)
+        if not fitting:
+            continue
+        chosen[role] = fitting[0]
+        if len(fitting) > 1 and role != CAMERA_INFO:
+            others = listed([topic.name for topic in fitting[1:]])
+            what = f"is read as {role}; there is also {others} (--topic {role}=/NAME chooses)"
+            problems.add(ProblemKind.TOPIC, fitting[0].name, what)
+    return chosen
+
+
+def _named(topics: Mapping[str, Topic], role: str, name: str) -> Topic:
+    if role not in ROLES:
+        raise InputError(f"--topic {role}={name}: {role} is not known; {did_you_mean(role, list(ROLES))}")
+    if name not in topics:
+        raise InputError(f"--topic {role}={name}: is not in the bag; {did_you_mean(name, list(topics))}")
+    if topics[name].type not in ROLES[role]:
+        raise InputError(f"--topic {role}={name}: is a {topics[name].type}, expected {listed(list(ROLES[role]))}")
+    return topics[name]
+
+
+def _fitting(role: str, candidates: Iterable[Topic], chosen: Mapping[str, Topic]) -> list[Topic]:
+    """Those that can be meant, the likeliest first."""
+    by_number = sorted(candidates, key=lambda topic: (-topic.messages, topic.name))
+    if role == IMAGE:
+        by_number.sort(key=lambda topic: (bool(_NOT_THE_CAMERA.search(topic.name)), topic.type != RAW_IMAGE))
+        return by_number
+    if role == CAMERA_INFO:
+        image = chosen.get(IMAGE)
+        beside = (
+            [] if image is None else [each for each in by_number if _camera_of(each.name) == _camera_of(image.name)]
+        )
+        return beside or (by_number if len(by_number) == 1 else [])
+    if role == TRUTH:
+        return [topic for topic in by_number if _TRUTH_NAME.search(topic.name.lower())]
+    if role == ODOMETRY:
+        rest = [each for each in by_number if each.type == _POSES[0] and not _TRUTH_NAME.search(each.name.lower())]
+        return sorted(rest, key=lambda topic: "odom" not in topic.name.lower())
+    if role == POINTS:
+        return [each for each in by_number if _LINES_NAME.search(each.name.lower()) or IMAGE not in chosen]
+    return by_number
+
+
+def _camera_of(name: str) -> str:
+    """/front/image_raw/compressed, /front/camera_info -> /front."""
+    return re.sub(r"/(?:image[^/]*|camera_info)(?:/.*)?$", "", name)

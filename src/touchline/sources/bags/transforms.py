@@ -1,0 +1,111 @@
+"""The tree of frames that /tf and /tf_static tell of, at the time of the newest message."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from touchline.geometry import FloatArray, Pose3
+
+_DEEPEST = 100  # frames from a leaf to the root: more is a loop
+_BASES = ("base_footprint", "base_link", "base")
+# The axes of a camera's optical frame (x right, y down, z ahead) from those of its body (x ahead, y left, z up).
+OPTICAL_FROM_BODY = Pose3(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.zeros(3))
+_UPWARD = 0.7
+
+
+class FrameTree:
+    """Each frame's place in its parent."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, Pose3]] = {}
+
+    def update(self, transforms: Iterable[Any]) -> list[tuple[str, int]]:
+        """Take in geometry_msgs/TransformStamped; the frames that were placed, with their stamps (ns)."""
+        placed = []
+        for each in transforms:
+            child, parent = plain(each.child_frame_id), plain(each.header.frame_id)
+            pose = pose3(each.transform.translation, each.transform.rotation)
+            if pose is None or child == parent:
+                continue
+            self._parents[child] = (parent, pose)
+            placed.append((child, each.header.stamp.sec * 1_000_000_000 + each.header.stamp.nanosec))
+        return placed
+
+    def base(self, wanted: str | None) -> str | None:
+        """The frame of the robot on the ground: as wanted, else by its usual names."""
+        if wanted is not None:
+            return plain(wanted)
+        frames = {*self._parents, *(parent for parent, _ in self._parents.values())}
+        return next((name for name in _BASES if name in frames), None)
+
+    def between(self, target: str, source: str) -> list[str] | None:
+        """The frames whose places matter to `target_from_source`; None where nothing joins the two."""
+        ups = self._up(target), self._up(source)
+        shared = [frame for frame in ups[0] if frame in ups[1]]
+        if not shared:
+            return None
+        return [frame for up in ups for frame in up[: up.index(shared[0])]]
+
+    def pose(self, target: str, source: str) -> Pose3 | None:
+        """`target_from_source`; None where nothing joins the two."""
+        ups = self._up(target), self._up(source)
+        meeting = next((frame for frame in ups[0] if frame in ups[1]), None)
+        if meeting is None:
+            return None
+        first, second = (self._from(up[: up.index(meeting)]) for up in ups)
+        return first.inverse().compose(second)
+
+    def _up(self, frame: str) -> list[str]:
+        """A frame and those above it."""
+        found = [frame]
+        while found[-1] in self._parents and len(found) < _DEEPEST:
+            found.append(self._parents[found[-1]][0])
+        return found
+
+    def _from(self, frames: list[str]) -> Pose3:
+        """The pose of the first of some frames, each the parent of the one before, in the parent of the last."""
+        pose = Pose3.identity()
+        for frame in frames:
+            pose = self._parents[frame][1].compose(pose)
+        return pose
+
+
+def plain(frame: str) -> str:
+    """The name of a frame; tf of ROS 1 began them with a slash."""
+    return frame.lstrip("/")
+
+
+def rotation(quaternion: Any) -> FloatArray | None:
+    """(3, 3) of a geometry_msgs/Quaternion; None if it is none."""
+    q = np.array([quaternion.x, quaternion.y, quaternion.z, quaternion.w], dtype=np.float64)
+    length = float(np.linalg.norm(q)) if np.isfinite(q).all() else 0.0
+    if length < 1e-3:
+        return None
+    x, y, z, w = q / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def pose3(place: Any, quaternion: Any) -> Pose3 | None:
+    """Of a vector and a quaternion of ROS; None if they are none."""
+    turn = rotation(quaternion)
+    origin = np.array([place.x, place.y, place.z], dtype=np.float64)
+    return None if turn is None or not np.isfinite(origin).all() else Pose3(turn, origin)
+
+
+def camera_body(base_from_frame: Pose3, frame: str) -> Pose3:
+    """`base_from_camera` of the frame that an image names: by custom the optical one (REP 103).
+
+    A frame whose name does not say so, and whose z axis points up, is that of the camera's body already.
+    """
+    if "optical" not in frame and base_from_frame.rotation[2, 2] > _UPWARD:
+        return base_from_frame
+    return base_from_frame.compose(OPTICAL_FROM_BODY)
