@@ -135,14 +135,20 @@ def test_frames_that_fit_the_other_end_of_the_field_as_well_are_counted(tmp_path
     assert run_into(tmp_path / "sure", FakeSource(10)).summary()["either_side"] == {"count": 0, "other_pose": None}
 
 
-def test_the_time_per_image_is_told_without_the_first_ten_too(tmp_path: Path) -> None:
+def test_every_latency_leaves_out_the_first_ten_images(tmp_path: Path) -> None:
     class Starting(FakeSystem):
         def step(self, frame: Frame) -> Estimate:
             return replace(super().step(frame), perception_ms=100.0 if len(self.seen) <= 10 else 1.0)
 
     latency = run_into(tmp_path / "run", FakeSource(30), Starting(np.random.default_rng(0))).summary()["latency_ms"]
-    assert latency["total"]["p99"] == pytest.approx(100.5, rel=0.01)
-    assert latency["total_after_10"]["max"] == pytest.approx(1.5)
+    assert latency["first_left_out"] == 10
+    assert latency["perception"]["max"] == pytest.approx(1.0)
+    assert latency["localization"]["max"] == pytest.approx(0.5)
+    assert latency["total"]["p99"] == pytest.approx(1.5, rel=0.01)
+    assert latency["start_max"] == pytest.approx(100.5)
+    few = run_into(tmp_path / "few", FakeSource(10), Starting(np.random.default_rng(0))).summary()["latency_ms"]
+    assert few["first_left_out"] == 0
+    assert few["total"]["max"] == few["start_max"] == pytest.approx(100.5)
 
 
 def test_a_failure_keeps_what_was_done(tmp_path: Path) -> None:

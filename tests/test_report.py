@@ -19,7 +19,7 @@ from touchline.evaluation.report import Picture, write_report
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import run_frames
 from touchline.field import open_field
-from touchline.types import Mode, Samples, Status
+from touchline.types import Estimate, Frame, Mode, Samples, Status
 
 MODE_NAMES = {Mode.OMNIVISION: "omnivision", Mode.BOTH: "both", Mode.ODOMETRY: "odometry"}
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -59,10 +59,15 @@ class Page(HTMLParser):
 
 
 def write(
-    folder: Path, frames: int = 30, truth: bool = True, searching: int = 1, **changes: Any
+    folder: Path,
+    frames: int = 30,
+    truth: bool = True,
+    searching: int = 1,
+    system: FakeSystem | None = None,
+    **changes: Any,
 ) -> tuple[str, ErrorTable | None]:
     folder.mkdir(exist_ok=True)
-    system = FakeSystem(np.random.default_rng(0), searching=tuple(range(searching)))
+    system = system or FakeSystem(np.random.default_rng(0), searching=tuple(range(searching)))
     with RunFolder(folder) as writer:
         tally = run_frames(FakeSource(frames, black=(9, 10)), system, writer)
     table = read_estimates(folder / "estimates.csv")
@@ -151,8 +156,19 @@ def test_the_figures_of_the_table_are_printed(tmp_path: Path) -> None:
     assert "27 frames counted; left out: 1 before the first estimate, 2 black images" in page
 
 
-def test_the_speed_leaves_the_start_out(page: str) -> None:
+def test_the_speed_leaves_the_start_out_and_the_page_tells_one_p99(tmp_path: Path) -> None:
+    class Starting(FakeSystem):
+        def step(self, frame: Frame) -> Estimate:
+            return replace(super().step(frame), perception_ms=642.0 if len(self.seen) <= 10 else 28.0)
+
+    page, _ = write(tmp_path, system=Starting(np.random.default_rng(0)))
+    assert "time per image, median, first 10 left out" in page
     assert "time per image, p99, first 10 left out" in page
+    tile, line = re.search(r"p99, first 10 left out</dt><dd>([\d.]+)<", page), re.search(r"p99 ([\d.]+) ms", page)
+    assert tile is not None
+    assert line is not None
+    assert tile[1] == line[1]
+    assert float(tile[1]) == pytest.approx(28.5, rel=0.01)
 
 
 def test_text_from_the_recording_is_escaped(page: str) -> None:

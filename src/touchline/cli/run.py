@@ -211,15 +211,15 @@ def _print_speed(console: Console, summary: dict[str, Any]) -> None:
     from touchline.evaluation.latency import milliseconds
     from touchline.messages import counted
 
-    total, settled = summary["latency_ms"]["total"], summary["latency_ms"]["total_after_10"]
+    latency = summary["latency_ms"]
+    total, left_out = latency["total"], latency["first_left_out"]
     if total["median"] is None:
         return
     console.print(f"{counted(summary['frames'], 'image')} at {summary['rate_fps']:.0f} images/s, reading included")
-    later = settled["median"] is not None
-    median, p99 = (milliseconds((settled if later else total)[name]) for name in ("median", "p99"))
-    most = milliseconds(total["max"])
-    words = f"{median} ms median, {p99} ms p99"
-    words += f" after the first 10; {most} ms at most" if later else f", {most} ms at most"
-    if total["max"] > (settled["max"] or 0.0):
+    most_ms = max(total["max"], latency["start_max"])
+    words = f"{milliseconds(total['median'])} ms median, {milliseconds(total['p99'])} ms p99"
+    words += f" after the first {left_out}; " if left_out else ", "
+    words += f"{milliseconds(most_ms)} ms at most"
+    if most_ms == latency["start_max"]:
         words += f" at the start (code is loaded{', colours are learned' if summary['learns_colours'] else ''})"
     console.print(f"time per image: {words}")

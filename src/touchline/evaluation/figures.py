@@ -18,7 +18,7 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from touchline.evaluation.estimates import EstimateTable
-from touchline.evaluation.latency import LatencyHistogram, milliseconds
+from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import Errors, within
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
@@ -271,18 +271,20 @@ def _stretches(status: npt.NDArray[np.int8]) -> list[tuple[int, int, int]]:
     return [(int(a), int(b), int(status[a])) for a, b in zip(starts, ends, strict=True)]
 
 
-def latency_figure(data: RunData) -> str:
-    """Histogram of the time spent per frame, perception and localization together (ms, logarithmic)."""
+def latency_figure(data: RunData, latency_ms: dict[str, Any]) -> str:
+    """Histogram of the time spent per frame, perception and localization together (ms, logarithmic).
+
+    latency_ms: as `FrameTimes.summary` has it; the first frames, which it leaves out, have a colour of their own.
+    """
     spent_ms = (data.table.perception_ms + data.table.localization_ms).astype(np.float64)
-    histogram = LatencyHistogram()
-    for value in spent_ms.tolist():
-        histogram.add(value)
-    median_ms, p99_ms = histogram.percentile_ms(50), histogram.percentile_ms(99)
+    shown_ms, left_out = np.maximum(spent_ms, 1e-3), latency_ms["first_left_out"]
+    total = latency_ms["total"]
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         low, high = max(1e-3, 0.8 * float(spent_ms.min())), 1.25 * float(spent_ms.max()) + 1e-3
-        axes.hist(np.maximum(spent_ms, 1e-3), bins=list(np.geomspace(low, high, 46)), color=BAR, linewidth=0)
+        stacked = [shown_ms[left_out:], shown_ms[:left_out]]
+        axes.hist(stacked, bins=list(np.geomspace(low, high, 46)), stacked=True, color=[BAR, SOFT], linewidth=0)
         axes.set_xscale("log")
         if high > 8.0 * low:
             ticks = [n * 10.0**k for k in range(-3, 6) for n in (1, 2, 5) if low <= n * 10.0**k <= high]
@@ -292,7 +294,8 @@ def latency_figure(data: RunData) -> str:
         axes.minorticks_off()
         axes.set(xlabel="time per frame (ms)", ylabel="frames", xlim=(low, high))
         top = axes.get_ylim()[1]
-        for value, name, side in ((median_ms, "median", "right"), (p99_ms, "p99", "left")):
+        for name, side in (("median", "right"), ("p99", "left")):
+            value = total[name]
             axes.axvline(value, color=INK, linewidth=1.0)
             axes.text(value, 1.04 * top, f" {name} {milliseconds(value)} ms ", ha=side, va="bottom", fontsize=9)
 

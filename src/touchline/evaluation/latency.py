@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from touchline.geometry import FloatArray
 FIRST_MS = 1e-3
 LAST_MS = 1e5
 BINS_PER_DECADE = 200
+START_FRAMES = 10  # in the first ones code is loaded and colours are learned: no measure of the speed
 
 
 class LatencyHistogram:
@@ -51,6 +53,42 @@ class LatencyHistogram:
             return {"median": None, "p99": None, "max": None}
         values = {"median": self.percentile_ms(50), "p99": self.percentile_ms(99), "max": self.max_ms}
         return {name: round(value, 4) for name, value in values.items()}
+
+
+class FrameTimes:
+    """Time per frame of perception, of localization and of both together, the first START_FRAMES apart from the rest.
+
+    Whatever tells a latency takes it from `summary`: there are no other medians and percentiles of a run.
+    """
+
+    def __init__(self) -> None:
+        self._start = _histograms()
+        self._later = _histograms()
+
+    def add(self, perception_ms: float, localization_ms: float) -> None:
+        """Count one frame."""
+        group = self._start if len(self._start["total"]) < START_FRAMES else self._later
+        for name, spent_ms in zip(
+            group, (perception_ms, localization_ms, perception_ms + localization_ms), strict=True
+        ):
+            group[name].add(spent_ms)
+
+    def summary(self) -> dict[str, Any]:
+        """For JSON: perception, localization and total, each of the frames after the first START_FRAMES.
+
+        first_left_out tells how many that left out: none where there are no others. start_max: total of the first ones.
+        """
+        has_later = len(self._later["total"]) > 0
+        group = self._later if has_later else self._start
+        return {
+            "first_left_out": START_FRAMES if has_later else 0,
+            **{name: histogram.summary() for name, histogram in group.items()},
+            "start_max": self._start["total"].summary()["max"],
+        }
+
+
+def _histograms() -> dict[str, LatencyHistogram]:
+    return {name: LatencyHistogram() for name in ("perception", "localization", "total")}
 
 
 def milliseconds(value_ms: float) -> str:

@@ -50,7 +50,7 @@ def write_report(
         _key_figures(summary, errors),
         _error_table(errors, summary),
         *_path_figures(data),
-        *_time_figures(data, summary["learns_colours"]),
+        *_time_figures(data, summary),
         _gallery(pictures),
         _problems(summary),
         _settings(summary),
@@ -114,11 +114,10 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None) -> str:
     frames = summary["frames"]
     if frames:
         tiles.append(("images tracked", f"{100 * summary['status']['tracking'] / frames:.1f}", "%"))
-    latency, which = summary["latency_ms"]["total_after_10"], ", first 10 left out"
-    if latency["median"] is None:
-        latency, which = summary["latency_ms"]["total"], ""
+    latency, left_out = summary["latency_ms"]["total"], summary["latency_ms"]["first_left_out"]
     if latency["median"] is not None:
-        tiles.append(("time per image, median", milliseconds(latency["median"]), "ms"))
+        which = f", first {left_out} left out" if left_out else ""
+        tiles.append((f"time per image, median{which}", milliseconds(latency["median"]), "ms"))
         tiles.append((f"time per image, p99{which}", milliseconds(latency["p99"]), "ms"))
     if summary["rate_fps"] is not None:
         tiles.append(("rate, reading included", f"{summary['rate_fps']:.0f}", "images/s"))
@@ -173,7 +172,7 @@ def _key(data: RunData) -> str:
     return f"<span class='keys'>{' '.join(names)}</span>"
 
 
-def _time_figures(data: RunData, learns_colours: bool) -> list[str]:
+def _time_figures(data: RunData, summary: dict[str, Any]) -> list[str]:
     if not len(data.table):
         return []
     return [
@@ -185,11 +184,18 @@ def _time_figures(data: RunData, learns_colours: bool) -> list[str]:
         ),
         _figure(
             "Latency",
-            latency_figure(data),
-            "Perception and localization together, without reading and decoding. The first images take longest: "
-            f"compiled code is loaded{' and the colours are learned' if learns_colours else ''}.",
+            latency_figure(data, summary["latency_ms"]),
+            "Perception and localization together, without reading and decoding. "
+            + _of_the_start(summary["latency_ms"]["first_left_out"], summary["learns_colours"]),
         ),
     ]
+
+
+def _of_the_start(left_out: int, learns_colours: bool) -> str:
+    why = f"compiled code is loaded{' and the colours are learned' if learns_colours else ''}"
+    if left_out:
+        return f"Median and p99 leave out the first {left_out} images (grey), in which {why}."
+    return f"The first images take longest: {why}."
 
 
 def _gallery(pictures: Sequence[Picture]) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from touchline.evaluation.latency import LatencyHistogram
+from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion import FrameOrder
@@ -21,7 +21,6 @@ from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Mode, Prior, Status, System
 
 _MOST_PICTURES = 6
-_START_IMAGES = 10  # in them code is loaded and colours are learned: no measure of the speed
 _SAME_PLACE_M, _SAME_HEADING_RAD = 0.5, 0.5
 
 OnFrame = Callable[[Frame, Estimate], None]
@@ -53,7 +52,6 @@ class RunTally:
 
     unseen: why nothing was seen in images, and in how many.
     either_side: located frames whose lines fit as well at the other end of the field; other_side: the last such pose.
-    settled: time per frame without the first ten.
     """
 
     ended: str = UNFINISHED
@@ -73,10 +71,7 @@ class RunTally:
     clock_set_back: int = 0
     either_side: int = 0
     other_side: Pose | None = None
-    perception: LatencyHistogram = field(default_factory=LatencyHistogram)
-    localization: LatencyHistogram = field(default_factory=LatencyHistogram)
-    total: LatencyHistogram = field(default_factory=LatencyHistogram)
-    settled: LatencyHistogram = field(default_factory=LatencyHistogram)
+    times: FrameTimes = field(default_factory=FrameTimes)
     pictures: FramePicker | None = None
 
     def add(self, frame: Frame, estimate: Estimate, was_black: bool) -> None:
@@ -97,11 +92,7 @@ class RunTally:
             self.unseen[estimate.observation.problem] += frame.image is not None
         if fits_other_side(estimate):
             self.either_side, self.other_side = self.either_side + 1, estimate.pose.mirrored()
-        self.perception.add(estimate.perception_ms)
-        self.localization.add(estimate.localization_ms)
-        self.total.add(estimate.perception_ms + estimate.localization_ms)
-        if self.frames > _START_IMAGES:
-            self.settled.add(estimate.perception_ms + estimate.localization_ms)
+        self.times.add(estimate.perception_ms, estimate.localization_ms)
 
     def summary(self) -> dict[str, Any]:
         """Counts, rates and latencies for summary.json."""
@@ -124,12 +115,7 @@ class RunTally:
                 "count": self.either_side,
                 "other_pose": None if self.other_side is None else list(self.other_side),
             },
-            "latency_ms": {
-                "perception": self.perception.summary(),
-                "localization": self.localization.summary(),
-                "total": self.total.summary(),
-                f"total_after_{_START_IMAGES}": self.settled.summary(),
-            },
+            "latency_ms": self.times.summary(),
         }
 
 
