@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+LOWEST := .venv-lowest
 
-.PHONY: demo test benchmark clean
+.PHONY: demo test test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -13,6 +14,21 @@ test: $(VENV)/installed
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal --cov --cov-report=term:skip-covered
+
+# The lowest versions that pyproject.toml allows, in an environment and with compiled loops of their own.
+test-lowest:
+	$(PYTHON) -m venv --clear $(LOWEST)
+	$(LOWEST)/bin/pip install --quiet uv
+	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST) --resolution lowest-direct --editable '.[dev]'
+	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba $(LOWEST)/bin/touchline demo --output $(LOWEST)/demo
+	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba $(LOWEST)/bin/pytest --every 10 --numprocesses auto --maxprocesses 4
+
+# Source and wheel as they would be published, and whether the index would take and show them.
+package: $(VENV)/installed
+	rm -rf dist
+	$(BIN)/pip install --quiet build twine
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
 
 benchmark: $(VENV)/installed
 	$(BIN)/pytest benchmarks --benchmark-only --benchmark-sort=name
@@ -24,4 +40,4 @@ $(VENV)/installed: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV)
+	rm -rf $(VENV) $(LOWEST)

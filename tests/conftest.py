@@ -33,6 +33,14 @@ def shared_data(request: pytest.FixtureRequest) -> Path:
     return Path(request.param)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--every", type=int, default=1, metavar="N", help="run every Nth test only")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    items[:] = items[:: config.getoption("--every")]
+
+
 def pytest_configure() -> None:
     if NAMED and MISSING:
         raise pytest.UsageError(

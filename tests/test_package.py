@@ -1,0 +1,73 @@
+"""What the package index is told: addresses, a README whose links and pictures work outside the repository."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+class Hook:
+    """What hatchling's own base class gives; it is there only while a package is built."""
+
+    def __init__(self, root: str, config: dict[str, Any]) -> None:
+        self.root = root
+
+
+@pytest.fixture(scope="module")
+def hook() -> ModuleType:
+    base: Any = ModuleType("hatchling.metadata.plugin.interface")
+    base.MetadataHookInterface = Hook
+    parents = ("hatchling", "hatchling.metadata", "hatchling.metadata.plugin")
+    with pytest.MonkeyPatch.context() as patch:
+        for name in parents:
+            patch.setitem(sys.modules, name, ModuleType(name))
+        patch.setitem(sys.modules, base.__name__, base)
+        return loaded(ROOT / "hatch_build.py")
+
+
+def loaded(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def metadata(hook: ModuleType) -> dict[str, Any]:
+    told: dict[str, Any] = {}
+    hook.Addresses(str(ROOT), {}).update(told)
+    return told
+
+
+def test_every_address_is_the_project_s(hook: ModuleType, metadata: dict[str, Any]) -> None:
+    assert {"Homepage", "Documentation", "Changelog", "Issues"} == set(metadata["urls"])
+    assert all(url.startswith(hook.ADDRESS) for url in metadata["urls"].values())
+
+
+def test_every_link_of_the_readme_is_whole_and_leads_to_a_file(hook: ModuleType, metadata: dict[str, Any]) -> None:
+    links = re.findall(r"\]\(([^)]+)\)", metadata["readme"]["text"])
+    inside = [link.removeprefix(hook.ADDRESS) for link in links if link.startswith(hook.ADDRESS)]
+    assert len(inside) > 10
+    assert all(link.startswith(("https://", "#")) for link in links)
+    for link in inside:
+        view, branch, path = link.removeprefix("/").split("/", 2)
+        assert (view, branch) == ("raw" if path.endswith((".jpg", ".png")) else "blob", "main")
+        assert (ROOT / path.partition("#")[0]).exists(), path
+
+
+def test_a_link_is_made_whole_once(hook: ModuleType) -> None:
+    text = "[a](docs/a.md#b) ![c](docs/c.jpg) [d](#d) [e](https://e.example/e)"
+    whole = hook.with_whole_links(text)
+    assert f"[a]({hook.ADDRESS}/blob/main/docs/a.md#b) ![c]({hook.ADDRESS}/raw/main/docs/c.jpg)" in whole
+    assert "[d](#d) [e](https://e.example/e)" in whole
+    assert hook.with_whole_links(whole) == whole
