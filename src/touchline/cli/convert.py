@@ -31,13 +31,24 @@ class Kind(StrEnum):
 def convert(
     source: Annotated[
         Path,
-        typer.Argument(metavar="SOURCE", help="A recording: a folder, an MCAP file, a rosbag2 folder, a ROS 1 bag."),
+        typer.Argument(metavar="SOURCE", help="A recording of any kind, a video, a folder of numbered images."),
     ],
     target: Annotated[Path, typer.Argument(metavar="TARGET", help="A new folder or file.")],
     to: Annotated[
         Kind | None,
         typer.Option(help="What to write (default: mcap for a TARGET that ends in .mcap, else folder)."),
     ] = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Of numbered images, or instead of a video's own times.")
+    ] = None,
+    odometry: Annotated[Path | None, typer.Option(metavar="CSV", help="Odometry beside a video or images.")] = None,
+    columns: Annotated[
+        str,
+        typer.Option(help="Of the CSV: the name or number (from 1) of each; also t_ns, t_ms, x_mm, theta_deg."),
+    ] = "t=t,x=x,y=y,theta=theta",
+    first_image_at: Annotated[
+        str, typer.Option(metavar="SECONDS", help="When the first image was taken, on the CSV's clock.")
+    ] = "0",
     follow_links: FollowLinks = False,
     topics: Topics = None,
     field: BagField = None,
@@ -48,12 +59,23 @@ def convert(
     kind = to or (Kind.MCAP if target.suffix.lower() == ".mcap" else Kind.FOLDER)
     _check_target(target, kind)
     from touchline.sources import open_source
+    from touchline.sources.loose import LooseOptions, is_loose, open_loose
 
-    recording = open_source(source, follow_links, bag_options(topics, field, camera, base))
+    described = bag_options(topics, field, camera, base)
+    if is_loose(source):
+        recording = open_loose(source, LooseOptions(rate, odometry, columns, first_image_at), described)
+    else:
+        _refuse_loose(source, rate, odometry)
+        recording = open_source(source, follow_links, described)
     for problem in recording.problems:
         errors_console().print(f"warning: {problem}", style="yellow", markup=False)
     _write(recording, target, kind)
     output_console().print(f"{target}: {_held(recording)}", markup=False)
+
+
+def _refuse_loose(source: Path, rate: float | None, odometry: Path | None) -> None:
+    if rate is not None or odometry is not None:
+        raise InputError(f"{source}: has its own times and odometry; --rate and --odometry are for videos and images")
 
 
 def _held(recording: Recording) -> str:

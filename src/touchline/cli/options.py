@@ -25,9 +25,9 @@ Topics = Annotated[
     ),
 ]
 BagField = Annotated[
-    str | None, typer.Option("--field", metavar="NAME|FILE", help="Of a bag: the field, which no bag tells.")
+    str | None, typer.Option("--field", metavar="NAME|FILE", help="Of a bag or video: the field, which none tells.")
 ]
-BagCamera = Annotated[Path | None, typer.Option("--camera", help="Of a bag: a camera.yaml, before its CameraInfo.")]
+BagCamera = Annotated[Path | None, typer.Option("--camera", help="Of a bag or video: its camera.yaml.")]
 BagBase = Annotated[
     str | None,
     typer.Option("--base", metavar="FRAME", help="Of a bag: the robot's frame on the ground (base_footprint, …)."),

@@ -78,6 +78,8 @@ class Recording:
             raise InputError(f"{folder}: is not a recording; expected a folder that holds sequence.yaml and images.csv")
         self.folder = folder
         self.path = path or folder
+        self.kept: object = None
+        """What has to live as long as the recording: a temporary folder."""
         self.options = BagOptions()
         """What a bag did not say of itself."""
         self._own = OwnFolder(folder, follow_links)

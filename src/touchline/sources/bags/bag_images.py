@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +17,12 @@ from touchline.sources.problems import ProblemKind
 
 
 class BagImages:
-    """An image store (see `ImageStore`) of the images of one topic. folder: of the tables, kept as long as this."""
+    """An image store (see `ImageStore`) of the images of one topic."""
 
-    def __init__(self, bag: Bag, codec: Codec, images: ImagePlaces, folder: tempfile.TemporaryDirectory[str]) -> None:
+    def __init__(self, bag: Bag, codec: Codec, images: ImagePlaces) -> None:
         self._bag = bag
         self._codec = codec
         self._images = images
-        self._folder = folder
 
     def decode(self, row: int, name: str, expected: tuple[int, int] | None) -> Decoded:
         """As `ImageStore` says."""

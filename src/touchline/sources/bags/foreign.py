@@ -5,10 +5,9 @@ from __future__ import annotations
 from array import array
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import yaml
 
 from touchline.errors import InputError
 from touchline.geometry import Pose3
@@ -24,11 +23,8 @@ from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.table_rows import decimal_seconds
 from touchline.sources.bags.transforms import FrameTree, camera_body
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
+from touchline.sources.new_description import copy_camera, named_field, write_field, write_yaml
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.yaml_files import read_yaml_mapping
-
-if TYPE_CHECKING:
-    from touchline.field import FieldModel
 
 _SECOND_NS = 1_000_000_000
 _EARLIEST_EPOCH_S = 10_000_000  # clocks that show more did not start with the robot: times count from its first second
@@ -50,7 +46,7 @@ class Foreign:
                 f"{path}: holds neither images nor line points, only {listed(kinds)[:300]}; "
                 f"--topic image=/NAME or --topic points=/NAME tells where they are"
             )
-        self._field = _named_field(path, options.field)
+        self._field = named_field(path, options.field)
         self._tree = FrameTree()
         self._info: Any = None
         self._frame = ""  # of the image
@@ -146,50 +142,29 @@ class Foreign:
                 file.write(f"{decimal_seconds(self._stamps[index])},images/{number:06d}.{ending}\n")
 
     def _write_description(self, folder: Path) -> None:
-        about: dict[str, Any] = {"format": 1, "name": self._path.stem, "field": self._field_name(folder)}
+        about: dict[str, Any] = {
+            "format": 1,
+            "name": self._path.stem,
+            "field": write_field(self._field, self._options.field, folder),
+        }
         about["camera"] = self._camera(folder)
         steps = np.diff(np.sort(np.array(self._stamps, dtype=np.int64)))
         if len(steps) and np.median(steps) > 0:
             about["rate_hz"] = round(1e9 / float(np.median(steps)), 3)
         about["topics"] = {role: topic.name for role, topic in self._topics.items()}
         about[EPOCH_KEY] = self._epoch_ns or 0
-        _write_yaml(folder / "sequence.yaml", about)
-
-    def _field_name(self, folder: Path) -> str:
-        from touchline.field import preset_names
-
-        if self._options.field in preset_names():
-            return str(self._options.field)
-        self._field.to_yaml(folder / "field.yaml")
-        return self._field.name
+        write_yaml(folder / "sequence.yaml", about)
 
     def _camera(self, folder: Path) -> str:
         """Its kind; camera.yaml is written where the camera is known."""
         if roles.IMAGE not in self._topics:
             return "none"
         if self._options.camera is not None:
-            tree = read_yaml_mapping(self._options.camera)
-            _write_yaml(folder / "camera.yaml", tree)
-            return str(tree.get("model"))
+            return copy_camera(self._options.camera, folder)
         mapping = "it has no CameraInfo" if self._info is None else camera_mapping(self._info, self._mount())
         if isinstance(mapping, str):
             what = f"tells no camera: {mapping}; --camera FILE gives one"
             self._problems.add(ProblemKind.TOPIC, self._path.name, what)
         else:
-            _write_yaml(folder / "camera.yaml", mapping)
+            write_yaml(folder / "camera.yaml", mapping)
         return "pinhole"
-
-
-def _named_field(path: Path, given: str | None) -> FieldModel:
-    """The field that the user names: asked for before a long bag is read."""
-    from touchline.field import open_field, preset_names
-
-    if given is None:
-        known = ", ".join(sorted(preset_names()))
-        raise InputError(f"{path}: a bag does not say which field it is from: --field NAME|FILE ({known})")
-    return open_field(given)
-
-
-def _write_yaml(path: Path, tree: dict[str, Any]) -> None:
-    with path.open("x", encoding="utf-8") as file:
-        yaml.safe_dump(tree, file, sort_keys=False, allow_unicode=True)

@@ -37,9 +37,9 @@ def open_bag(path: Path, files: BagFiles, options: BagOptions) -> Recording:
         raise InputError(f"{path}: is a recording that Touchline wrote: its topics, field and camera are known")
     else:
         places = extract_own(bag, codec, Path(folder.name), problems)
-    images = BagImages(bag, codec, places, folder)
+    images = BagImages(bag, codec, places)
     recording = Recording(Path(folder.name), path=path, images=images, problems=problems)
-    recording.options = options
+    recording.options, recording.kept = options, folder
     return recording
 
 
