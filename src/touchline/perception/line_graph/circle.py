@@ -21,6 +21,7 @@ _FEWEST_SECTORS = 5  # 75° of the circle
 _NEAR_M, _NEAR_RATIO = 0.06, 0.02  # how far a node may lie off the circle, and how much more per metre of range
 _TANGENT_COS = math.cos(math.radians(25.0))
 _ROUNDS = 4
+_EVERY = 3  # so many nodes apart are those that propose a middle
 _LEAST_M = 0.02  # standard deviation of the best middle
 
 
@@ -101,7 +102,7 @@ def _best_circle(ground: FloatArray, tangents: FloatArray, radius_m: float, foun
     """The middle that most sectors speak for, then by least squares; x, y, sectors, deviation into found (4,)."""
     use = np.zeros(len(ground), dtype=np.bool_)
     best = 0
-    for node in range(len(ground)):
+    for node in range(0, len(ground), _EVERY):
         if math.isnan(tangents[node, 0]):
             continue
         for side in (-radius_m, radius_m):

@@ -29,8 +29,6 @@ FIRST_WHITE = 16  # codes of the table from here on tell how white a colour is
 WHITE_STEPS = 100.0  # such codes between carpet and paint
 HALF_WHITE = 0.5  # a pixel that is half paint is white: edges lie at half height
 _LEAST_WHITE = 0.15  # colours less white than this are never white, whatever the light
-_BITS = 6
-_LEVELS = 1 << _BITS
 _EVERY = 4  # pixels between the samples that tell the light
 _LIGHT_REACH = 6  # cells to each side that the light is averaged over
 _PALEST = 1.25  # paint is brighter than the carpet beside it by at least this factor
@@ -54,7 +52,7 @@ CountArray = npt.NDArray[np.uint8]
 class ColourClasses(NamedTuple):
     """The learned classes.
 
-    table: uint8 (64 * 64 * 64,) by B, G, R, each shifted right by 2: a class, OTHER, or FIRST_WHITE and more. model:
+    table: uint8 (65536,) by the 5, 6 and 5 highest bits of B, G, R: a class, OTHER, or FIRST_WHITE and more. model:
     carpet and paint that it comes from. white_from: the code from which on a pixel is white in the light it was learned
     in. local: whether that goes with the light about each cell.
     """
@@ -98,7 +96,8 @@ def relative_table(model: ColourModel) -> npt.NDArray[np.uint8]:
     whiteness = (colours - model.green) @ model.signal
     pale = (table == OTHER) | (table == BLACK)
     table = np.where(pale & (whiteness > _LEAST_WHITE), _codes(whiteness), table)
-    return np.where(model.table.reshape(-1) == IS_GREEN, GREEN, table).astype(np.uint8)
+    is_green = model.classify(colours.astype(np.uint8)) == IS_GREEN
+    return np.where(is_green, GREEN, table).astype(np.uint8)
 
 
 def yuv_table(model: ColourModel, carpet: FloatArray) -> npt.NDArray[np.uint8]:
@@ -129,9 +128,9 @@ def _luminance_of_white(model: ColourModel) -> float:
 
 
 def _cell_colours() -> FloatArray:
-    """(64³, 3) B, G, R of the table's entries."""
-    levels = (np.arange(_LEVELS) + 0.5) * (256 // _LEVELS)
-    return np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
+    """(65536, 3) B, G, R of the table's entries."""
+    coarse, fine = 8.0 * np.arange(32) + 3.5, 4.0 * np.arange(64) + 1.5
+    return np.stack(np.meshgrid(coarse, fine, coarse, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _codes(whiteness: FloatArray) -> FloatArray:
@@ -193,11 +192,8 @@ def count_classes(
             least = white_from[row, column]
             for v in range(CELL_PX * row, CELL_PX * row + CELL_PX):
                 for u in range(CELL_PX * column, CELL_PX * column + CELL_PX):
-                    code = table[
-                        (np.int64(image[v, u, 0] >> 2) << 12)
-                        | (np.int64(image[v, u, 1] >> 2) << 6)
-                        | np.int64(image[v, u, 2] >> 2)
-                    ]
+                    b, g, r = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
+                    code = table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)]
                     total += packed[code] + (one if code >= least else nothing)
             for kind in range(CLASSES):
                 counts[kind, row, column] = (total >> np.uint64(8 * kind)) & np.uint64(255)
@@ -217,7 +213,7 @@ def carpet_light(image: ImageArray, table: npt.NDArray[np.uint8], carpet_sum: fl
             for v in range(CELL_PX * row + 1, CELL_PX * row + CELL_PX, _EVERY):
                 for u in range(CELL_PX * column + 1, CELL_PX * column + CELL_PX, _EVERY):
                     b, g, r = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
-                    if table[((b >> 2) << 12) | ((g >> 2) << 6) | (r >> 2)] == GREEN:
+                    if table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)] == GREEN:
                         brightness += b + g + r
                         count += 1
             # integral images: what is summed over any rectangle costs four look-ups

@@ -7,12 +7,11 @@ paint leave it, in these directions. On the ground, so that a circle in the imag
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from touchline.geometry import FloatArray, wrap_angle
+from touchline.geometry import FloatArray
 from touchline.perception.line_graph.field_lines import cell_pixels
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
@@ -22,12 +21,22 @@ from touchline.perception.line_graph.image_plane import (
     pixels_from_grounds,
 )
 from touchline.perception.line_graph.key_nodes import key_nodes
-from touchline.perception.line_graph.profiles import Pixels, is_carpet, signal_at
+from touchline.perception.line_graph.profiles import (
+    LINE,
+    NO_LINE,
+    OUTSIDE,
+    Pixels,
+    is_carpet,
+    read_profile,
+    signal_at,
+)
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure
 from touchline.types import Crossings, Lines, no_crossings
 
 _SAMPLES = 96
+_KINDS = {2: "L", 3: "T", 4: "X"}  # by the number of arms
+_MOST_CROSSINGS = 40
 _MOST_ARMS = 6
 _WHITE, _GREEN = 0.45, 0.35  # signal above which paint and below which carpet is seen
 _STRAIGHT_RAD = math.radians(24.0)  # two arms that go straight on, or stand at right angles, do so to within this
@@ -39,47 +48,52 @@ _TURNS = 4
 _FARTHEST_MOVE, _SETTLED = 5.0, 0.3  # line widths
 _STRAY_RAD = math.radians(30.0)  # an arm's directions on both circles differ by no more
 _NARROWEST, _WIDEST, _BLUR_PX = 0.55, 1.6, 2.0  # of an arc, in line widths and pixels: a post is wider
+_PATH_FIRST, _PATH_STEP, _PATH_STEPS = 2.0, 1.0, 9  # of profiles along an arm, in line widths
+_PATH_ENOUGH, _PATH_NEAR, _PATH_BARE = 4, 5, 2
 _CARPET = 0.7  # least share of carpet in what is no paint
-
-
-class _Found(NamedTuple):
-    kind: str
-    place: FloatArray
-    orientation_rad: float
-    confidence: float
 
 
 def find_crossings(
     structure: Structure, lines: Lines, pixels: Pixels, plane: ImagePlane, settings: LineGraphSettings
 ) -> Crossings:
-    """Crossings of an image: candidates at key nodes and where lines meet, each verified, the nearest first."""
+    """Crossings of an image: candidates where lines meet and at key nodes, each verified."""
     _, corners = key_nodes(structure.graph)
+    meetings = _meetings(lines.ends_m, _SLACK_M)
     at_nodes = grounds_from_pixels(plane, cell_pixels(corners[:, :2]))
-    candidates = np.concatenate((_meetings(lines.ends_m, _SLACK_M), at_nodes))
-    found: list[_Found] = []
-    for place in candidates[np.hypot(*candidates.T) <= settings.crossing_m]:
-        if _is_known(place, found, pixels):
-            continue
-        crossing = verified(place, pixels, plane)
-        if crossing is not None and not _is_known(crossing.place, found, pixels):
-            found.append(crossing)
-    if not found:
+    found = np.empty((_MOST_CROSSINGS, 5))
+    candidates = np.concatenate((meetings, at_nodes))
+    count = _verify(pixels, plane, candidates, len(meetings), lines.ends_m, settings.crossing_m, found)
+    if count == 0:
         return no_crossings()
-    places = np.stack([each.place for each in found])
+    places = np.ascontiguousarray(found[:count, 1:3])
     uv = pixels_from_grounds(plane, places)
     covariances = ground_covariances(plane, uv, settings.noise_px, settings.noise_m)
-    return Crossings(
-        np.array([each.kind for each in found], dtype="U1"),
-        places,
-        np.array([each.orientation_rad for each in found]),
-        covariances,
-        np.array([each.confidence for each in found]),
-        uv,
-    )
+    kinds = np.array([_KINDS[int(arms)] for arms in found[:count, 0]], dtype="U1")
+    return Crossings(kinds, places, found[:count, 3].copy(), covariances, found[:count, 4].copy(), uv)
 
 
-def _is_known(place: FloatArray, found: list[_Found], pixels: Pixels) -> bool:
-    return any(np.hypot(*(place - other.place)) <= _SAME_WIDTHS * pixels.width_m for other in found)
+@njit(cache=True, error_model="numpy")
+def _verify(pixels, plane, candidates, meetings, ends_m, farthest_m, found):  # type: ignore[no-untyped-def]
+    """Verify candidates (C, 2), of which the first so many are meetings of lines; see `verified` for a row of found."""
+    count = 0
+    for k in range(len(candidates)):
+        x, y = candidates[k]
+        if not math.hypot(x, y) <= farthest_m or count == len(found) or _is_known(x, y, found[:count], pixels):
+            continue
+        sure = verified(pixels, plane, x, y, found[count])
+        if not sure and k < meetings:
+            sure = _along_lines(pixels, plane, x, y, ends_m, found[count])
+        if sure and not _is_known(found[count, 1], found[count, 2], found[:count], pixels):
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _is_known(x: float, y: float, found: FloatArray, pixels: Pixels) -> bool:
+    known = False
+    for row in found:
+        known = known or math.hypot(x - row[1], y - row[2]) <= _SAME_WIDTHS * pixels.width_m
+    return known
 
 
 @njit(cache=True)
@@ -102,29 +116,81 @@ def _meetings(ends_m: FloatArray, slack_m: float) -> FloatArray:
     return found[:count]
 
 
-def verified(place: FloatArray, pixels: Pixels, plane: ImagePlane) -> _Found | None:
-    """The crossing near a candidate's ground point (2,), if two circles about it show the same one.
+@njit(cache=True, error_model="numpy")
+def verified(pixels: Pixels, plane: ImagePlane, x: float, y: float, found: FloatArray) -> bool:
+    """Whether two circles about a candidate's ground point show the same crossing.
 
     The candidate is moved to where the arms meet, and looked at again. Beside a goal post only the smaller circles
-    show nothing else.
+    show nothing else. Writes number of arms, x, y, orientation and confidence into found (5,).
     """
+    inner, outer = np.empty((_MOST_ARMS, 3)), np.empty((_MOST_ARMS, 3))
     for radii, confidence in ((_WIDE, 0.9), (_NARROW, 0.7)):
-        x, y = float(place[0]), float(place[1])
-        inner, outer = np.empty((_MOST_ARMS, 3)), np.empty((_MOST_ARMS, 3))
+        cx, cy = x, y
         for turn in range(_TURNS):
-            count = _both_circles(pixels, plane, x, y, radii, inner, outer)
+            count = _both_circles(pixels, plane, cx, cy, radii, inner, outer)
             if count < 2:
                 break
             ax, ay = arms_meet(inner[:count], outer[:count])
-            moved, x, y = math.hypot(ax - x, ay - y), ax, ay
+            moved, cx, cy = math.hypot(ax - cx, ay - cy), ax, ay
             if not moved < _FARTHEST_MOVE * pixels.width_m:
                 break
             if moved < _SETTLED * pixels.width_m or turn == _TURNS - 1:
-                one, other = judge_arms(inner[:count, 0]), judge_arms(outer[:count, 0])
-                if one is not None and other is not None and one[0] == other[0]:
-                    return _Found(one[0], np.array([x, y]), other[1], confidence)
+                one, _ = judge_arms(inner[:count, 0])
+                other, orientation = judge_arms(outer[:count, 0])
+                if one > 0 and one == other:
+                    found[0], found[1], found[2], found[3], found[4] = one, cx, cy, orientation, confidence
+                    return True
                 break
-    return None
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _along_lines(pixels: Pixels, plane: ImagePlane, x: float, y: float, ends_m: FloatArray, found: FloatArray) -> bool:
+    """Whether a T is where two lines (L, 2, 2) meet beside something that no circle gets round: white paths along both.
+
+    An arm is there where profiles show a line, and not where there is carpet; without a word on each there is none.
+    """
+    away = np.empty(len(ends_m))
+    for k in range(len(ends_m)):
+        dx, dy = ends_m[k, 1, 0] - ends_m[k, 0, 0], ends_m[k, 1, 1] - ends_m[k, 0, 1]
+        away[k] = abs((x - ends_m[k, 0, 0]) * dy - (y - ends_m[k, 0, 1]) * dx) / math.hypot(dx, dy)
+    angles, count = np.empty(4), 0
+    for k in np.argsort(away)[:2]:
+        heading = math.atan2(ends_m[k, 1, 1] - ends_m[k, 0, 1], ends_m[k, 1, 0] - ends_m[k, 0, 0])
+        for angle in (heading, heading + math.pi):
+            shown = read_arm(pixels, plane, x, y, angle)
+            if shown == OUTSIDE:
+                return False
+            if shown == LINE:
+                angles[count] = angle
+                count += 1
+    arms, orientation = judge_arms(angles[:count])
+    found[0], found[1], found[2], found[3], found[4] = arms, x, y, orientation, 0.7
+    return bool(arms == 3)
+
+
+@njit(cache=True, error_model="numpy")
+def read_arm(pixels: Pixels, plane: ImagePlane, x: float, y: float, angle: float) -> int:
+    """Whether an arm of paint leaves a ground point at an angle: LINE, NO_LINE (carpet), or OUTSIDE where unknown."""
+    found = np.empty(5)
+    c, s = math.cos(angle), math.sin(angle)
+    painted, near, bare = 0, 0, 0
+    width, height = plane.size[0], plane.size[1]
+    for k in range(_PATH_STEPS):
+        away = (_PATH_FIRST + k * _PATH_STEP) * pixels.width_m
+        px, py = x + away * c, y + away * s
+        if read_profile(pixels, plane, px, py, -s, c, found) == LINE:
+            painted += 1
+            near += k < _PATH_NEAR
+            continue
+        u, v = pixel_from_ground(plane, px, py)
+        if 0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0:
+            bare += signal_at(pixels, u, v) < _GREEN and is_carpet(pixels, u, v)
+    if painted >= _PATH_ENOUGH and bare == 0:
+        return LINE
+    if bare >= _PATH_BARE and near == 0:
+        return NO_LINE
+    return OUTSIDE
 
 
 @njit(cache=True, error_model="numpy")
@@ -221,22 +287,28 @@ def _metres_per_pixel(places: FloatArray, k: int, radius_m: float) -> float:
     return float(2.0 * math.pi * radius_m / len(places) / max(math.hypot(b[0] - a[0], b[1] - a[1]), 1e-6))
 
 
-def judge_arms(angles_rad: FloatArray) -> tuple[str, float] | None:
-    """Kind and orientation (rad) of the crossing that such arms make; None where it is none.
+@njit(cache=True, error_model="numpy")
+def judge_arms(angles_rad: FloatArray) -> tuple[int, float]:
+    """How many arms (2: L, 3: T, 4: X) the crossing has that leave at these angles, and its orientation (rad).
 
-    Orientation as `Crossings` has it: of L the bisector, of T the stem, of X an arm modulo pi/2.
+    No arms where it is none. Orientation as `Crossings` has it: of L the bisector, of T the stem, of X an arm modulo
+    pi/2.
     """
-    angles = sorted(wrap_angle(float(a)) for a in angles_rad)
-    gaps = [wrap_angle(b - a) % (2.0 * math.pi) for a, b in zip(angles, angles[1:] + angles[:1], strict=True)]
-    quarter, half = 0.5 * math.pi, math.pi
-    if len(angles) == 2 and abs(min(gaps) - quarter) < _STRAIGHT_RAD:
-        first = angles[gaps.index(min(gaps))]
-        return "L", wrap_angle(first + 0.5 * min(gaps))
-    if len(angles) == 3 and abs(max(gaps) - half) < _STRAIGHT_RAD and min(gaps) > quarter - _STRAIGHT_RAD:
-        # the stem is the arm between the two small gaps
-        at = gaps.index(max(gaps))
-        return "T", angles[(at + 2) % 3]
-    if len(angles) == 4 and all(abs(gap - quarter) < _STRAIGHT_RAD for gap in gaps):
-        mean = math.atan2(sum(math.sin(4.0 * a) for a in angles), sum(math.cos(4.0 * a) for a in angles)) / 4.0
-        return "X", mean % quarter
-    return None
+    n = len(angles_rad)
+    if n < 2 or n > 4:
+        return 0, np.nan
+    angles = np.sort(np.arctan2(np.sin(angles_rad), np.cos(angles_rad)))
+    gaps = np.empty(n)
+    for k in range(n):
+        gaps[k] = angles[(k + 1) % n] - angles[k] + (2.0 * math.pi if k == n - 1 else 0.0)
+    quarter = 0.5 * math.pi
+    smallest, largest = gaps.argmin(), gaps.argmax()
+    if n == 2 and abs(gaps[smallest] - quarter) < _STRAIGHT_RAD:
+        bisector = angles[smallest] + 0.5 * gaps[smallest]
+        return 2, math.atan2(math.sin(bisector), math.cos(bisector))
+    if n == 3 and abs(gaps[largest] - math.pi) < _STRAIGHT_RAD and gaps[smallest] > quarter - _STRAIGHT_RAD:
+        return 3, angles[(largest + 2) % 3]  # the stem is the arm between the two small gaps
+    if n == 4 and abs(gaps[smallest] - quarter) < _STRAIGHT_RAD and abs(gaps[largest] - quarter) < _STRAIGHT_RAD:
+        mean = math.atan2(np.sin(4.0 * angles).sum(), np.cos(4.0 * angles).sum()) / 4.0
+        return 4, mean % quarter
+    return 0, np.nan

@@ -89,8 +89,9 @@ def scan_columns(
         last, zeros, begun = rows, 0, paper
         highest = 0 if paper else max(0, int(horizon[column]))
         for row in range(rows - 1, highest - 1, -1):
-            if field[row, column]:
-                last, zeros, begun = row, 0, True
+            begun = begun or counts[GREEN, row, column] >= _CARPET * FULL
+            if field[row, column] and begun:
+                last, zeros = row, 0
             elif begun:
                 zeros += 1
                 if zeros == _GAP:

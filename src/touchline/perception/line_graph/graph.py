@@ -22,6 +22,7 @@ MOST_DEGREE = 4  # more lines never meet
 _RANKS = 3
 _REACH = 6.0  # cells that a candidate connection may bridge
 _TURN = math.radians(40.0)  # by how much a line may turn where a connection continues it
+_MOST_CANDIDATES = 4096
 _PALEST = 0.25  # least whiteness along a candidate connection, as a share of its nodes'
 
 IntArray = npt.NDArray[np.int64]
@@ -271,25 +272,36 @@ def _cost(smooth: FloatArray, graph: Graph, end: int, other: int) -> float:
 
 
 @njit(cache=True)
+def _may_bridge(graph: Graph, end: int, other: int) -> bool:
+    """Whether a candidate connection is to be judged at all: degrees, and no triangle (simplicity)."""
+    if end == other or graph.degrees[end] > 1 or graph.degrees[other] >= MOST_DEGREE:
+        return False
+    return graph.degrees[end] == 0 or not connected(graph, graph.links[end, 0], other)
+
+
+@njit(cache=True)
 def bridge_gaps(smooth: FloatArray, graph: Graph, count: int) -> None:
-    """Give each end node the candidate connection that fits best, the ends with the best ones first."""
-    for _ in range(count):
-        best, best_end, best_other = np.inf, -1, -1
-        for end in range(count):
-            if graph.degrees[end] > 1:
+    """Make the candidate connections of end nodes that fit, those that fit best first."""
+    costs, pairs = np.empty(_MOST_CANDIDATES), np.empty((_MOST_CANDIDATES, 2), dtype=np.int64)
+    found = 0
+    for end in range(count):
+        if graph.degrees[end] > 1:
+            continue
+        x, y = graph.places[end, 0], graph.places[end, 1]
+        for other in range(count):
+            if abs(graph.places[other, 0] - x) > _REACH or abs(graph.places[other, 1] - y) > _REACH:
                 continue
-            for other in range(count):
-                near = abs(graph.places[other, 0] - graph.places[end, 0]) <= _REACH
-                if other == end or not near or graph.degrees[other] >= MOST_DEGREE:
-                    continue
-                if graph.degrees[end] == 1 and connected(graph, graph.links[end, 0], other):
-                    continue  # simplicity: no triangles
-                cost = _cost(smooth, graph, end, other)
-                if cost < best:
-                    best, best_end, best_other = cost, end, other
-        if best_end < 0:
-            break
-        connect(graph, best_end, best_other)
+            if found == _MOST_CANDIDATES or not _may_bridge(graph, end, other):
+                continue
+            cost = _cost(smooth, graph, end, other)
+            if cost < np.inf:
+                costs[found], pairs[found, 0], pairs[found, 1] = cost, end, other
+                found += 1
+    for k in np.argsort(costs[:found]):
+        end, other = pairs[k, 0], pairs[k, 1]
+        # what has been connected meanwhile may rule it out
+        if _may_bridge(graph, end, other) and _cost(smooth, graph, end, other) < np.inf:
+            connect(graph, end, other)
 
 
 @njit(cache=True)

@@ -61,9 +61,11 @@ def rank_cells(smooth: FloatArray, ranks: npt.NDArray[np.uint8]) -> None:
             if here < _LEAST_WHITE:
                 continue
             count = 0
-            for r in range(max(row - 1, 0), min(row + 2, rows)):
-                for c in range(max(column - 1, 0), min(column + 2, columns)):
-                    if (r != row or c != column) and smooth[r, c] >= here:
+            for r in range(row - 1, row + 2):
+                for c in range(column - 1, column + 2):
+                    # beyond the image's edge its outermost cells go on, as lines do
+                    beyond = smooth[min(max(r, 0), rows - 1), min(max(c, 0), columns - 1)]
+                    if (r != row or c != column) and beyond >= here:
                         count += 1
             if count < _MOST_EQUAL:
                 ranks[row, column] = count

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph.chains import Chains, find_chains
@@ -101,6 +102,7 @@ def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings
     return ends
 
 
+@njit(cache=True, error_model="numpy")
 def _passes(plane: ImagePlane, rows: int, line_width_m: float) -> npt.NDArray[np.int64]:
     """(rows,) of the low-pass: as many as a line that runs away from the camera is wide, in cells."""
     passes = np.ones(rows, dtype=np.int64)
@@ -108,8 +110,8 @@ def _passes(plane: ImagePlane, rows: int, line_width_m: float) -> npt.NDArray[np
     for row in range(rows):
         v = CELL_PX * row + 0.5 * (CELL_PX - 1)
         x, y = ground_from_pixel(plane, middle, v)
-        beside = ground_from_pixel(plane, middle + 1.0, v)
-        per_px = math.hypot(beside[0] - x, beside[1] - y)
+        ax, ay = ground_from_pixel(plane, middle + 1.0, v)
+        per_px = math.hypot(ax - x, ay - y)
         if per_px > 0.0:
-            passes[row] = min(max(1, round(line_width_m / per_px / CELL_PX)), _MOST_PASSES)
+            passes[row] = min(max(1, int(line_width_m / per_px / CELL_PX + 0.5)), _MOST_PASSES)
     return passes
