@@ -70,6 +70,9 @@ def test_a_summary_in_a_pipe_and_an_image_in_one_are_told(tmp_path: Path) -> Non
     with pytest.raises(InputError, match=r"summary\.json: .* named pipe"):
         read_summary(tmp_path)
     assert "named pipe" in decode_image(tmp_path / "summary.json").what
+    os.mkfifo(tmp_path / "field.yaml")
+    with pytest.raises(InputError, match=r"field\.yaml: .* named pipe"):
+        open_field(tmp_path)
 
 
 def test_no_more_than_fits_is_read(tmp_path: Path) -> None:

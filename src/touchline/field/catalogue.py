@@ -27,7 +27,7 @@ def open_field(name_or_path: str | Path) -> FieldModel:
     path = Path(name_or_path)
     if path.is_dir():
         path = path / "field.yaml"
-    if path.is_file():
+    if path.exists():
         return _load_file(name_or_path, path)
     if path.suffix in (".yaml", ".yml"):
         raise InputError(f"{path}: no such field file; presets: {', '.join(preset_names())}")
