@@ -316,6 +316,7 @@ def test_points_and_field_may_come_in_any_usual_form(tmp_path: Path) -> None:
     expected = touchline.locate(points, "msl-18x12", heading=0.5)
     assert touchline.locate([tuple(point) for point in points.tolist()], FIELD, heading=0.5).pose == expected.pose
     assert touchline.locate(points, str(tmp_path / "field.yaml"), heading=0.5).pose == expected.pose
+    assert touchline.locate(points, Path("msl-18x12"), heading=0.5).pose == expected.pose
     assert touchline.locate(points, FIELD, heading=0.5, seed=1).chance != expected.chance
     with pytest.raises(NoFitError, match="at least 101 are needed"):
         touchline.locate(points, FIELD, settings=LocateSettings(min_points=101))
