@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 LOWEST := .venv-lowest
 
-.PHONY: demo test test-lowest package benchmark clean
+.PHONY: demo test fuzz test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -29,6 +29,12 @@ package: $(VENV)/installed
 	$(BIN)/pip install --quiet build twine
 	$(BIN)/python -m build
 	$(BIN)/twine check --strict dist/*
+
+# Any number of hostile files through every reader: make fuzz N=100000 SEED=7
+fuzz: N ?= 20000
+fuzz: SEED ?= 0
+fuzz: $(VENV)/installed
+	$(BIN)/python tests/fuzzing.py $(N) --seed $(SEED) 2>/dev/null
 
 benchmark: $(VENV)/installed
 	$(BIN)/pytest benchmarks --benchmark-only --benchmark-sort=name

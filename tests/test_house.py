@@ -31,7 +31,6 @@ DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").
 ROOMS = (
     "errors",
     "messages",
-    "given",
     "new_files",
     "opened_files",
     "yaml_files",
@@ -59,6 +58,10 @@ ROOMS = (
     "api",
     "localizer",
     "cli",
+)
+UNTRUSTED_MODULES = (
+    *("pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "code", "runpy"),
+    *("socket", "ssl", "urllib", "http", "ftplib", "smtplib", "requests", "httpx", "aiohttp", "asyncio", "subprocess"),
 )
 MAX_FUNCTION_LINES, MAX_PARAMETERS = 60, 8
 STRANGERS = (("sources", "systems"), ("checks", "experiments"))  # rooms that don't know each other
@@ -389,3 +392,44 @@ def test_the_recording_of_the_how_to_can_be_opened(tmp_path: Path) -> None:
     source = open_source(tmp_path, follow_links=True)
     assert (source.name, source.field.name, len(source)) == ("friday-3", "msl-18x12", 1)
     assert next(iter(source)).problem is None
+
+
+def untrusted(text: str) -> Iterator[str]:
+    """What a module imports or calls that would run what a file says, or reach the network."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            named = [one.name for one in node.names] if isinstance(node, ast.Import) else [node.module or ""]
+            yield from (name for name in named if name.partition(".")[0] in UNTRUSTED_MODULES)
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            arguments = {word.arg: ast.unparse(word.value) for word in node.keywords}
+            if called in ("eval", "exec", "compile", "__import__", "os.system", "os.popen", "yaml.unsafe_load"):
+                yield called
+            if called == "yaml.load" and arguments.get("Loader") not in ("_Loader", "yaml.SafeLoader"):
+                yield called
+            if arguments.get("allow_pickle", "False") != "False":
+                yield called
+
+
+def test_nothing_unpickles_evaluates_or_reaches_the_network() -> None:
+    found = {
+        str(path.relative_to(PACKAGE)): names
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if (names := list(untrusted(path.read_text(encoding="utf-8"))))
+    }
+    assert found == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import pickle",
+        "from urllib.request import urlopen",
+        "import http.client",
+        "eval(text)",
+        "yaml.load(text, Loader=yaml.Loader)",
+        "np.load(path, allow_pickle=True)",
+    ],
+)
+def test_what_would_run_a_file_is_noticed(text: str) -> None:
+    assert len(list(untrusted(text))) == 1

@@ -168,7 +168,12 @@ def _webp(data: bytes) -> ImageSize | None:
 
 def _pnm(data: bytes) -> ImageSize | None:
     found = _PNM_HEADER.match(data[:4096])
-    return None if found is None else ImageSize(int(found[1]), int(found[2]))
+    if found is None:
+        return None
+    size = ImageSize(int(found[1]), int(found[2]))
+    per_byte = 8 if data.startswith(b"P4") else 1
+    whole = len(data) * per_byte >= size.width * size.height  # nothing is compressed: a short file has no such size
+    return size if whole else None
 
 
 _HEADERS: tuple[tuple[tuple[bytes, ...], Callable[[bytes], ImageSize | None]], ...] = (

@@ -54,12 +54,15 @@ def read_yaml(path: Path) -> Any:
 def yaml_value(text: str) -> Any:
     """What a YAML text says, within the bounds of `read_yaml`. Raises YamlError."""
     try:
+        text.encode()  # an argument of the command may hold bytes that are no text
         _check_bounds(text)
         return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         what = f"is not valid YAML ({getattr(error, 'problem', None) or str(error).splitlines()[0]})"
         raise YamlError(what, None if mark is None else mark.line + 1) from None
+    except UnicodeEncodeError:
+        raise YamlError("is not a text") from None
 
 
 def yaml_line(path: Path, keys: Sequence[str | int]) -> int | None:

@@ -20,6 +20,7 @@ from touchline.yaml_files import read_yaml_mapping
 
 MARKS = "marks.csv"
 _COLUMNS = ("u", "v", "x_m", "y_m")
+_NEAREST_M, _FARTHEST_M = 1e-3, 1e3  # of what may be marked
 _WRONG_BEARING_RAD = math.radians(8.0)  # of most marks: handedness or mounting angle is another
 
 
@@ -89,7 +90,8 @@ def marked_pairs(file: Path, camera_file: Path) -> RangePairs:
     """From marks.csv: `file,name,u,v,x_m,y_m`. Marks of unknown place (empty x_m, y_m) are left out.
 
     camera_file: of the camera that saw them; its range table isn't read and may be missing. Raises InputError with
-    file and line for a row that can't be read, for marks outside of the image, and if their bearings contradict it.
+    file and line for a row that can't be read, for marks outside of the image or at no distance, and if their
+    bearings contradict it.
     """
     table = open_table(file, ["file", "name", *_COLUMNS])
     rows, places = [], []
@@ -112,6 +114,9 @@ def marked_pairs(file: Path, camera_file: Path) -> RangePairs:
     inner = finite_number(tree.get("inner_radius_px")) or 0.0
     optics = Optics(width, height, center, handedness, yaw, inner)
     radius, range_m = np.hypot(u - center[0], v - center[1]), np.hypot(x_m, y_m)
+    for place, far_m in zip(places, range_m, strict=True):
+        if not _NEAREST_M < far_m < _FARTHEST_M:
+            raise InputError(f"{place}: {far_m:g} m from the robot's centre is no distance of a mark")
     return RangePairs(radius, range_m, angles, tuple(places), f"{len(rows)} marks of {file.name}", optics)
 
 

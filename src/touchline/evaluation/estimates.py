@@ -102,6 +102,8 @@ def read_estimates(path: Path, cut: bool = False) -> EstimateTable:
             modes.append(_MODES.index(Mode(row[15])) if len(row) > 15 else _NO_MODE)
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}, line {number}: {error}") from None
+        except OverflowError:
+            raise InputError(f"{path}, line {number}: a number of points this large cannot be") from None
         if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
             raise InputError(f"{path}, line {number}: the time does not increase")
     more = _as_numpy(details).reshape(-1, 6)

@@ -13,10 +13,12 @@ from touchline.geometry import Pose
 from touchline.messages import counted
 from touchline.new_files import replace_file
 from touchline.opened_files import text_lines
+from touchline.sources.tables import LATEST_TIME_S
 from touchline.sources.truth import heading_of
 from touchline.types import Samples
 
 NS_PER_S = 1_000_000_000
+_MOST_DIGITS = 30  # of whole seconds, leading zeros among them
 
 
 def tum_line(stamp_ns: int, field_from_robot: Pose) -> str:
@@ -48,16 +50,17 @@ def pose_text(field_from_robot: Pose) -> str:
 def stamp_from_text(text: str) -> int:
     """Nanoseconds from seconds in decimal notation, without the rounding of a float where it can be avoided.
 
-    Raises ValueError for what is not a finite number.
+    Raises ValueError for what is not a number of seconds that fits into 64 bits of nanoseconds.
     """
     whole, _, decimals = text.strip().partition(".")
     digits = whole.lstrip("+-")
-    if digits.isdecimal() and (decimals == "" or decimals.isdecimal()):
+    plain = digits.isdecimal() and (decimals == "" or decimals.isdecimal())
+    if plain and len(digits) <= _MOST_DIGITS and int(digits) < LATEST_TIME_S:
         stamp_ns = int(digits) * NS_PER_S + int(f"{decimals[:9]:0<9}")
         return -stamp_ns if whole.startswith("-") else stamp_ns
     value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text} is not a time")
+    if not abs(value) < LATEST_TIME_S:
+        raise ValueError(f"{text[:30]} s is not a time")
     return round(value * NS_PER_S)
 
 

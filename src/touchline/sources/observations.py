@@ -127,7 +127,7 @@ def read_observation_list(path: Path, log: ProblemLog) -> ObservationList:
     """
     table = open_table(path, ["t", "kind", "x_m", "y_m"])
     times, numbers, offsets, ends = array("d"), array("q"), array("q"), array("q")
-    last = ""
+    last: str | None = None
     for line in _lines(table):
         cell = _time_cell(table, line.text)
         end = line.offset + len(line.text)
@@ -137,7 +137,7 @@ def read_observation_list(path: Path, log: ProblemLog) -> ObservationList:
         row = parse_row(table, line, ["t"], log)
         if row is None:
             continue
-        last = cell or ""
+        last = cell
         if times and row[0] == times[-1]:
             ends[-1] = end
             continue

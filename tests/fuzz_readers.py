@@ -1,0 +1,374 @@
+"""Every reader of files that the package has, with files to begin from."""
+
+from __future__ import annotations
+
+import io
+import random
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+import small_recordings
+import yaml
+from fakes import CAMERA_YAML, FakeSource, FakeSystem, true_samples
+from fuzz_mutations import mutated, mutated_archive
+
+from touchline.api import prepare
+from touchline.calibration.colour import calibrate_marked
+from touchline.calibration.range_pairs import marked_pairs
+from touchline.calibration.range_regression import fit_range
+from touchline.calibration.strip_recording import read_bearings, rough_center, sensor_gamma
+from touchline.camera import open_camera
+from touchline.checks.check import check_recording
+from touchline.cli.fields import _parse_letters
+from touchline.cli.run import parse_pose
+from touchline.config import Settings, load_settings
+from touchline.evaluation import evaluate, read_tum, write_tum
+from touchline.evaluation.estimates import read_estimates
+from touchline.evaluation.run_folder import RunFolder, write_summary
+from touchline.evaluation.runner import robot_setup, run_frames
+from touchline.field import field_from_letters, open_field
+from touchline.image_files import read_image
+from touchline.localization.one_shot.points_file import read_points
+from touchline.perception.colour_file import load_colours, save_colours
+from touchline.simulation.cameras.linear_camera import LinearImageCamera
+from touchline.simulation.scenario import SCENARIO_FOLDER, open_scenario
+from touchline.sources import Recording, open_source
+from touchline.systems import SYSTEMS, open_system
+from touchline.view.look import observe_image
+
+DATA = Path(__file__).parent / "data"
+OBSERVATIONS = """t,kind,x_m,y_m,x2_m,y2_m,orientation_rad,cov_xx,cov_xy,cov_yy,cov2_xx,cov2_xy,cov2_yy,color,confidence
+0.1,point,1.0,0.5,,,,0.01,0.001,0.02,,,,,0.9
+0.1,line,1.0,0.5,2.0,0.6,,0.01,0.001,0.02,0.01,0,0.02,,
+0.2,L,1.5,-0.5,,,0.7,,,,,,,,0.5
+0.2,goal,4.0,0.0,,,,,,,,,,white,
+0.3,pole,1.0,3.0,,,,,,,,,,yellow-blue-yellow,1
+0.4,none,,,,,,,,,,,,,
+0.5,boundary,2.0,2.0,,,,,,,,,,,
+"""
+SEQUENCE = """format: 1
+name: small
+description: a small recording
+field: msl-18x12
+camera: omni
+rate_hz: 10.0
+events: [{t: 0.3, kind: slip}, {t: 0.4, kind: occluded, frames: 2}]
+imu: {tilt_and_yaw_lag_s: 0.02}
+wheels: {a_dir_rad: 0.785, b_dir_rad: 2.356}
+sensor: {gamma: 2.2, k: 1.0, full_well_electrons: 10000, read_noise_electrons: 10, white_balance_rgb: [1, 1, 1]}
+patch_edges_m: [0.5, 1.0, 1.5]
+patch_colors: [white, black]
+patch_half_width_m: 0.2
+"""
+POSES = "t,x,y,z,roll,pitch,yaw\n" + "".join(f"{k / 10},0.1,0.0,0.5,0.0,0.4,{k / 20}\n" for k in range(12))
+MARKS = "file,name,u,v,x_m,y_m\n" + "".join(
+    f"images/000000.jpg,m{k},{47.5 + 4 * k},47.5,0.0,{-0.2 * k:.3f}\n" for k in range(2, 11)
+)
+REGIONS = """- {file: 000000.jpg, class: green, polygon: [[2, 2], [40, 2], [40, 20]]}
+- {file: 000000.jpg, class: white, box: [5, 22, 30, 30]}
+"""
+POINTS = "x_m,y_m,weight\n" + "".join(f"{0.1 * k},{1.0 + 0.05 * k},1.0\n" for k in range(40))
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """seeds: contents of files that it takes. read: is given the path of a hostile one, which stands at `file`.
+
+    share: how often it is asked, among the others; slow ones are asked less.
+    """
+
+    name: str
+    file: Path
+    seeds: Sequence[bytes]
+    read: Callable[[Path], object]
+    share: float = 1.0
+    mutate: Callable[[Sequence[bytes], random.Random], bytes] = field(default=mutated)
+
+    def try_one(self, data: bytes) -> None:
+        """Read a hostile file; whatever the reader raises is raised on."""
+        self.file.write_bytes(data)
+        self.read(self.file)
+
+
+def all_readers(workplace: Path) -> list[Reader]:
+    """Every reader, with a folder of its own in a workplace."""
+    return [
+        *_recordings(workplace),
+        *_settings(workplace),
+        *_runs(workplace),
+        *_single_files(workplace),
+        *_images(workplace),
+        *_texts(workplace),
+        *_whole_ways(workplace),
+    ]
+
+
+def _new(workplace: Path, name: str) -> Path:
+    folder = workplace / name.replace("/", "-")
+    folder.mkdir()
+    return folder
+
+
+def _small_recording(folder: Path) -> Path:
+    """Every kind of file that a recording may have."""
+    shutil.rmtree(folder)
+    small_recordings.write_recording(folder, frames=3)
+    (folder / "sequence.yaml").write_text(SEQUENCE)
+    (folder / "camera.yaml").write_text(CAMERA_YAML.replace("width: 96\nheight: 96", "width: 48\nheight: 32"))
+    (folder / "observations.csv").write_text(OBSERVATIONS)
+    (folder / "camera_pose.csv").write_text(POSES)
+    return folder
+
+
+def _read_recording(source: Recording) -> None:
+    for frame in source:
+        assert frame.stamp_ns is not None
+    _ = (source.name, source.events, source.rate_hz, source.wheel_directions_rad, source.linear, source.sensor_files)
+    _ = [str(problem) for problem in source.problems]
+    if source.truth is not None:
+        source.truth.nearest(0)
+    _ = source.field.crossings
+    _ = source.camera.image_from_ground(np.array([[1.0, 0.5]]))
+
+
+def _recordings(workplace: Path) -> list[Reader]:
+    names = ("sequence.yaml", "camera.yaml", "images.csv", "odometry.csv", "wheels.csv", "imu.csv")
+    readers = []
+    for name in (*names, "camera_pose.csv", "ground_truth.tum", "observations.csv", "images/000001.jpg"):
+        folder = _small_recording(_new(workplace, f"recording-{name}"))
+        seeds = [(folder / name).read_bytes()]
+        readers.append(Reader(name, folder / name, seeds, lambda _, f=folder: _read_recording(open_source(f))))  # type: ignore[misc]
+    folder = _small_recording(_new(workplace, "recording-field"))
+    (folder / "sequence.yaml").write_text(SEQUENCE.replace("msl-18x12", "field.yaml"))
+    seeds = [(DATA / "omni_9x6_points" / "field.yaml").read_bytes()]
+    readers.append(
+        Reader("field.yaml of a recording", folder / "field.yaml", seeds, lambda _: open_source(folder).field)
+    )
+    strip = _small_recording(_new(workplace, "recording-strip"))
+    rows = (strip / "images.csv").read_text().splitlines()
+    rows = [rows[0] + ",bearing_rad", *(f"{row},{k}" for k, row in enumerate(rows[1:]))]
+    (strip / "images.csv").write_text("\n".join(rows))
+    for name in ("images.csv", "sequence.yaml", "camera.yaml"):
+        copy = workplace / f"strip-{name}"
+        shutil.copytree(strip, copy)
+        readers.append(Reader(f"strip, {name}", copy / name, [(copy / name).read_bytes()], _read_strip))
+    return readers
+
+
+def _read_strip(path: Path) -> None:
+    source = open_source(path.parent)
+    read_bearings(source)
+    rough_center(source)
+    sensor_gamma(source)
+
+
+def _settings(workplace: Path) -> list[Reader]:
+    readers = []
+    for name, info in SYSTEMS.items():
+        file = _new(workplace, f"config-{name}") / "config.yaml"
+        tree = yaml.safe_dump(info.settings().model_dump(mode="json")).encode()
+
+        def read(path: Path, model: type[Settings] = info.settings) -> None:
+            load_settings(model, path)
+
+        readers.append(Reader(f"settings of {name}", file, [tree], read, 0.5))
+    folder = _new(workplace, "scenario")
+    scenarios = [path.read_bytes() for path in sorted(SCENARIO_FOLDER.glob("*.yaml"))]
+    readers.append(Reader("scenario", folder / "scenario.yaml", scenarios, lambda path: open_scenario(path)))
+    return readers
+
+
+def _runs(workplace: Path) -> list[Reader]:
+    folder = _new(workplace, "run")
+    with RunFolder(folder) as rows:
+        tally = run_frames(FakeSource(6, black=(3,)), FakeSystem(np.random.default_rng(0)), rows)
+    write_summary(folder, {"recording": {"path": str(folder / "gone")}, **tally.summary()})
+    truth = folder / "truth.tum"
+    write_tum(truth, true_samples(6))
+    seeds = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with_mode = (
+        seeds["estimates.csv"]
+        .replace(b"localization_ms\n", b"localization_ms,mode\n")
+        .replace(b"0.5000\n", b"0.5000,omnivision\n")
+    )
+    readers = [
+        Reader("trajectory.tum", folder / "hostile.tum", [seeds["truth.tum"]], read_tum),
+        Reader("true poses", folder / "hostile_truth.tum", [seeds["truth.tum"]], lambda path: evaluate(folder, path)),
+        Reader("estimates.csv", folder / "hostile.csv", [seeds["estimates.csv"], with_mode], read_estimates),
+    ]
+    for name in ("estimates.csv", "summary.json"):
+        copy = workplace / f"run-{name}"
+        shutil.copytree(folder, copy)
+        readers.append(Reader(f"run, {name}", copy / name, [seeds[name]], lambda path: evaluate(path.parent, truth)))
+    return readers
+
+
+def _single_files(workplace: Path) -> list[Reader]:
+    folder = _new(workplace, "single")
+    fields = [path.read_bytes() for path in sorted(DATA.glob("*/field.yaml"))]
+    omni = [CAMERA_YAML.encode(), (DATA / "omni_exposure" / "camera.yaml").read_bytes()]
+    omni.append(
+        CAMERA_YAML.replace("range_table: {", "viewpoint_height_m: 0.5\nrange_table: {bearing_rad: [0.0, 1.0],")
+        .replace(
+            "range_m: [0.0, 0.6, 1.6, 3.6, 9.0]", "range_m: [[0.0, 0.6, 1.6, 3.6, 9.0], [0.0, 0.6, 1.6, 3.6, 9.0]]"
+        )
+        .encode()
+    )
+    pinhole = [(DATA / "humanoid_9x6_walk" / "camera.yaml").read_bytes()]
+    (folder / "000000.jpg").write_bytes(_jpeg())
+    (folder / "camera.yaml").write_text(CAMERA_YAML)
+
+    def ranges(path: Path) -> None:
+        fit_range(marked_pairs(path, folder / "camera.yaml")).camera()
+
+    def camera(path: Path) -> None:
+        opened = open_camera(path)
+        opened.ground_from_image(np.array([[1.0, 2.0], [40.0, 20.0]]))
+        opened.image_from_ground(np.array([[1.0, 2.0], [3.0, -1.0]]))
+
+    def a_field(path: Path) -> None:
+        opened = open_field(path)
+        _ = (opened.crossings, opened.posts, opened.is_symmetric, list(opened.polylines(0.1)))
+        opened.line_distances(np.array([[0.0, 0.0]]))
+
+    return [
+        Reader("field.yaml", folder / "field.yaml", fields, a_field, 2.0),
+        Reader("camera.yaml, omni", folder / "omni.yaml", omni, camera, 2.0),
+        Reader("camera.yaml, pinhole", folder / "pinhole.yaml", pinhole, camera, 2.0),
+        Reader("marks.csv", folder / "marks.csv", [MARKS.encode()], ranges),
+        Reader("regions.yaml", folder / "regions.yaml", [REGIONS.encode()], lambda p: calibrate_marked(folder, p), 0.4),
+        Reader(
+            "points",
+            folder / "points.csv",
+            [POINTS.encode(), POINTS.replace("x_m,y_m,weight", "x,y,z").encode()],
+            read_points,
+        ),
+        Reader("colours", folder / "colours.npz", _colours(folder), load_colours, 2.0, mutated_archive),
+    ]
+
+
+def _jpeg() -> bytes:
+    image = np.full((32, 48, 3), (40, 140, 40), dtype=np.uint8)
+    image[21:31] = 240
+    return bytes(cv2.imencode(".jpg", image)[1].tobytes())
+
+
+def _colours(folder: Path) -> list[bytes]:
+    regions = folder / "regions_seed.yaml"
+    regions.write_text(REGIONS)
+    save_colours(calibrate_marked(folder, regions).colours, folder / "seed.npz")
+    packed = (folder / "seed.npz").read_bytes()
+    plain = io.BytesIO()
+    with np.load(folder / "seed.npz") as arrays:
+        np.savez(plain, **{name: arrays[name] for name in arrays.files})
+    return [packed, plain.getvalue()]
+
+
+def _images(workplace: Path) -> list[Reader]:
+    image = np.random.default_rng(3).integers(0, 255, (24, 32, 3), dtype=np.uint8)
+    made = {
+        ending: bytes(cv2.imencode(ending, image)[1].tobytes())
+        for ending in (".png", ".jpg", ".ppm", ".bmp", ".webp", ".tiff")
+    }
+    made[".pgm"] = bytes(cv2.imencode(".pgm", image[:, :, 0])[1].tobytes())
+    deep = bytes(cv2.imencode(".png", image.astype(np.uint16) * 257)[1].tobytes())
+    progressive = bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes())
+    folder = _new(workplace, "images")
+    readers = [
+        Reader(f"image {ending}", folder / f"image{ending}", [data, deep, progressive], read_image)
+        for ending, data in made.items()
+    ]
+    linear = _small_recording(_new(workplace, "linear"))
+    told = SEQUENCE.replace(
+        "gamma: 2.2", "gamma: 2.2, linear_png: true, linear_radiance_at_65535: 4.0, optics_blur_sigma_px: 0.5"
+    )
+    (linear / "sequence.yaml").write_text(told)
+    (linear / "images/000000.jpg").write_bytes(deep)
+    for name in ("sequence.yaml", "images/000000.jpg"):
+        copy = workplace / f"linear-{Path(name).name}"
+        shutil.copytree(linear, copy)
+        readers.append(
+            Reader(
+                f"linear image, {name}",
+                copy / name,
+                [(copy / name).read_bytes()],
+                lambda _, f=copy: LinearImageCamera.open(open_source(f), 0),
+                0.5,
+            )  # type: ignore[misc]
+        )
+    return readers
+
+
+def _texts(workplace: Path) -> list[Reader]:
+    """Arguments of commands, a line of a file each: they are read as text, not as paths."""
+    folder = _new(workplace, "texts")
+    model = SYSTEMS["nubot-mti"].settings
+
+    def words(path: Path) -> list[str]:
+        return path.read_text(encoding="utf-8", errors="surrogateescape").splitlines()[:20]
+
+    def letters(path: Path) -> None:
+        field_from_letters("mine", _parse_letters(words(path)), "msl-22x14", "edge")
+
+    return [
+        Reader(
+            "--set",
+            folder / "set.txt",
+            [b"matching.c_m=0.3\nlearning={frames: 3}"],
+            lambda p: load_settings(model, None, words(p)),
+        ),
+        Reader("--start", folder / "start.txt", [b"-3,1.5,0.2"], lambda p: parse_pose("".join(words(p)))),
+        Reader("letters", folder / "letters.txt", [b"A=18\nB=12\nC=6.5\nK=0.125"], letters, 0.5),
+    ]
+
+
+def _whole_ways(workplace: Path) -> list[Reader]:
+    """From a hostile file through everything behind its reader: few of them, for they take their time."""
+    ways = []
+    for name in (
+        "sequence.yaml",
+        "camera.yaml",
+        "observations.csv",
+        "odometry.csv",
+        "imu.csv",
+        "images.csv",
+        "images/000001.jpg",
+    ):
+        folder = _small_recording(_new(workplace, f"check-{name}"))
+        seed = (folder / name).read_bytes()
+        ways.append(
+            Reader(f"check, {name}", folder / name, [seed], lambda _, f=folder: check_recording(open_source(f)), 0.04)
+        )  # type: ignore[misc]
+    for name in ("camera.yaml", "field.yaml"):
+        folder = _small_recording(_new(workplace, f"system-{name}"))
+        (folder / "sequence.yaml").write_text(SEQUENCE.replace("msl-18x12", "field.yaml"))
+        (folder / "field.yaml").write_bytes((DATA / "omni_9x6_points" / "field.yaml").read_bytes())
+
+        def system(_: Path, folder: Path = folder) -> None:
+            open_system("nubot-mti", robot_setup(open_source(folder)))
+
+        ways.append(Reader(f"system, {name}", folder / name, [(folder / name).read_bytes()], system, 0.06))
+    for name in ("observations.csv", "odometry.csv", "wheels.csv", "imu.csv"):
+        folder = _small_recording(_new(workplace, f"steps-{name}"))
+        (folder / "sequence.yaml").write_text(SEQUENCE.replace("camera: omni", "camera: none"))
+
+        def steps(_: Path, folder: Path = folder) -> None:
+            for chosen in SYSTEMS:
+                prepared = prepare(folder, chosen)
+                for frame in prepared.source:
+                    prepared.system.step(frame)
+
+        ways.append(Reader(f"steps, {name}", folder / name, [(folder / name).read_bytes()], steps, 0.02))
+    folder = _new(workplace, "look")
+    (folder / "camera.yaml").write_text(CAMERA_YAML)
+    image = cv2.resize(cv2.imdecode(np.frombuffer(_jpeg(), np.uint8), 1), (96, 96))
+    seed = bytes(cv2.imencode(".png", image)[1].tobytes())
+    camera, field_model = open_camera(folder / "camera.yaml"), open_field("msl-18x12")
+    ways.append(
+        Reader("look at an image", folder / "image.png", [seed], lambda p: observe_image(p, camera, field_model), 0.04)
+    )
+    return ways
