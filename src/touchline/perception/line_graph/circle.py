@@ -14,13 +14,14 @@ from numba import njit
 
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph.graph import Graph
-from touchline.types import LandmarkKind, Landmarks, no_landmarks
+from touchline.types import LandmarkKind, Landmarks, Lines, no_landmarks
 
 _SECTORS = 24
-_FEWEST_SECTORS = 5  # 75° of the circle
-_NEAR_M, _NEAR_RATIO = 0.06, 0.02  # how far a node may lie off the circle, and how much more per metre of range
-_TANGENT_COS = math.cos(math.radians(25.0))
+_FEWEST_SECTORS = 7  # 105° of the circle
+_NEAR_M, _NEAR_RATIO = 0.05, 0.012  # how far a node may lie off the circle, and how much more per metre of range
+_TANGENT_COS = math.cos(math.radians(16.0))
 _ROUNDS = 4
+_LONG = 1.4  # of a line, in radii
 _EVERY = 3  # so many nodes apart are those that propose a middle
 _LEAST_M = 0.02  # standard deviation of the best middle
 
@@ -33,6 +34,11 @@ class Circle(NamedTuple):
     radius_m: float
     sectors: int
     deviation_m: float
+
+    def holds(self, points: FloatArray) -> bool:
+        """Whether all points (N, 2) lie about on the circle."""
+        off = np.abs(np.hypot(points[:, 0] - self.x, points[:, 1] - self.y) - self.radius_m)
+        return bool((off < 2.0 * _NEAR_M + 2.0 * _NEAR_RATIO * np.hypot(*points.T)).all())
 
 
 def circle_landmark(circle: Circle | None) -> Landmarks:
@@ -50,12 +56,25 @@ def circle_landmark(circle: Circle | None) -> Landmarks:
     )
 
 
-def find_circle(graph: Graph, ground: FloatArray, radius_m: float, farthest_m: float) -> Circle | None:
-    """The circle of a known radius that most nodes lie on; None where less than 75° of one is seen.
+def without_arcs(lines: Lines, circle: Circle) -> Lines:
+    """The lines that are no chords of a circle."""
+    middles = lines.ends_m.mean(axis=1)
+    kept = np.array(
+        [not circle.holds(np.vstack((ends, middle))) for ends, middle in zip(lines.ends_m, middles, strict=True)],
+        dtype=np.bool_,
+    )
+    return Lines(lines.ends_m[kept], lines.covariances_m2[kept], lines.confidences[kept], lines.pixels[kept])
 
-    ground: (N, 2) ground points of the graph's nodes (m); NaN above the horizon.
+
+def find_circle(
+    graph: Graph, ground: FloatArray, lines_m: FloatArray, radius_m: float, farthest_m: float
+) -> Circle | None:
+    """The circle of a known radius that most nodes lie on which no long line passes; None where less than 105° is seen.
+
+    ground: (N, 2) ground points of the graph's nodes (m); NaN above the horizon. lines_m: (L, 2, 2) ends of the lines.
     """
     tangents = _tangents(graph, ground, farthest_m)
+    _leave_out(ground, lines_m, _LONG * radius_m, tangents)
     found = np.empty(4)
     if not _best_circle(ground, tangents, radius_m, found):
         return None
@@ -75,6 +94,22 @@ def _tangents(graph: Graph, ground: FloatArray, farthest_m: float) -> FloatArray
         if length > 0.0:
             tangents[node, 0], tangents[node, 1] = x / length, y / length
     return tangents
+
+
+@njit(cache=True, error_model="numpy")
+def _leave_out(ground: FloatArray, lines_m: FloatArray, long_m: float, tangents: FloatArray) -> None:
+    """Forget the tangents (N, 2) of nodes that lie on a line longer than any chord that looks straight."""
+    for k in range(len(lines_m)):
+        x, y = lines_m[k, 0]
+        dx, dy = lines_m[k, 1, 0] - x, lines_m[k, 1, 1] - y
+        length = math.hypot(dx, dy)
+        if length < long_m:
+            continue
+        for node in range(len(ground)):
+            px, py = ground[node, 0] - x, ground[node, 1] - y
+            along, slack = (px * dx + py * dy) / length, _NEAR_M + _NEAR_RATIO * math.hypot(px + x, py + y)
+            if abs(px * dy - py * dx) < slack * length and -slack < along < length + slack:
+                tangents[node] = np.nan
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,7 +20,7 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.detector import check_size
-from touchline.perception.line_graph.circle import Circle, circle_landmark, find_circle
+from touchline.perception.line_graph.circle import Circle, circle_landmark, find_circle, without_arcs
 from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses, learn_classes
 from touchline.perception.line_graph.crossings import find_crossings
 from touchline.perception.line_graph.field_boundary import boundary_pixels
@@ -32,6 +32,7 @@ from touchline.perception.line_graph.image_plane import (
     image_plane,
     make_lens,
 )
+from touchline.perception.line_graph.landmarks import find_landmarks, joined
 from touchline.perception.line_graph.profiles import Pixels
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure, find_structure
@@ -89,11 +90,14 @@ class LineGraphDetector:
             return Observation(stamp_ns, problem=str(error))
         structure = self._structure(image, classes, plane)
         pixels = self._pixels(image, classes, structure)
-        circle = self._circle(structure, plane)
-        found = find_lines(structure, pixels, plane, self.settings, circle, self._radius_m)
+        found = find_lines(structure, pixels, plane, self.settings, self._radius_m)
         lines, points = lines_on_ground(found, plane, self.settings)
+        circle = self._circle(structure, plane, lines.ends_m)
+        if circle is not None:
+            lines = without_arcs(lines, circle)
         crossings = find_crossings(structure, lines, pixels, plane, self.settings)
-        landmarks = circle_landmark(circle)
+        upright = find_landmarks(structure.counts, structure.ends, plane, self.field, self.settings)
+        landmarks = joined(upright, circle_landmark(circle))
         return Observation(stamp_ns, points, lines, crossings, landmarks, self._boundary(structure, plane))
 
     def _view(self, frame: Frame) -> GroundView:
@@ -139,11 +143,11 @@ class LineGraphDetector:
         near = away <= max(_NEAR_M, float(np.quantile(away[around], 0.25)) if around.any() else _NEAR_M)
         return near, around
 
-    def _circle(self, structure: Structure, plane: ImagePlane) -> Circle | None:
+    def _circle(self, structure: Structure, plane: ImagePlane, ends_m: FloatArray) -> Circle | None:
         if not self._radius_m:
             return None
         ground = grounds_from_pixels(plane, cell_pixels(structure.graph.places))
-        return find_circle(structure.graph, ground, self._radius_m, self.settings.crossing_m)
+        return find_circle(structure.graph, ground, ends_m, self._radius_m, self.settings.crossing_m)
 
     def _boundary(self, structure: Structure, plane: ImagePlane) -> LinePoints:
         pixels = boundary_pixels(structure.ends, structure.smooth.shape[0])

@@ -9,7 +9,6 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.perception.line_graph.circle import Circle
 from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
@@ -34,11 +33,8 @@ _LEAST_PAINT = 0.65  # least mean of contrast times width against the expected: 
 
 
 class LineLimits(NamedTuple):
-    """Which lines are kept. circle: (3,) x, y (m), radius of the circle that was found, 0 if none. radius_m: of the
-    field's circles, 0 if it has none. The others as in the settings.
-    """
+    """Which lines are kept. radius_m: of the field's circles, 0 if it has none. The others as in the settings."""
 
-    circle: FloatArray
     radius_m: float
     min_m: float
     min_px: float
@@ -58,16 +54,17 @@ def find_lines(
     pixels: Pixels,
     plane: ImagePlane,
     settings: LineGraphSettings,
-    circle: Circle | None = None,
     radius_m: float = 0.0,
 ) -> FoundLines:
-    """The field lines, longest first. Short and far ones are left out, as are the arcs of the circle."""
+    """The field lines, longest first. Short and far ones are left out, and bent ones.
+
+    radius_m: of the field's circles; 0 if it has none.
+    """
     nodes = planes_from_pixels(plane, cell_pixels(structure.graph.places))
     candidates = split_and_merge(nodes, structure.chains, settings.split_px / plane.lens.pinhole[0])
     lengths = np.hypot(candidates[:, 2] - candidates[:, 0], candidates[:, 3] - candidates[:, 1])
     candidates = candidates[np.argsort(-lengths, kind="stable")]
-    known = np.zeros(3) if circle is None else np.array([circle.x, circle.y, circle.radius_m])
-    limits = LineLimits(known, radius_m, settings.min_line_m, settings.min_line_px, settings.farthest_m)
+    limits = LineLimits(radius_m, settings.min_line_m, settings.min_line_px, settings.farthest_m)
     points, confidences = np.empty((_MOST_POINTS, POINT_COLUMNS)), np.empty(len(candidates))
     lines, total = _place_lines(pixels, plane, candidates, limits, confidences, points)
     return FoundLines(candidates[:lines], confidences[:lines], points[:total])
@@ -98,14 +95,14 @@ def _place_lines(pixels, plane, candidates, limits, confidences, points):  # typ
     covered = _COVERED_PX / plane.lens.pinhole[0]
     for k in range(len(candidates)):
         line = candidates[k].copy()
-        if _is_covered(line, candidates[:kept], covered) or _is_arc(line, plane, limits):
+        if _is_covered(line, candidates[:kept], covered):
             continue
         confidence, count = refine_line(pixels, plane, line, kept, points, total)
         if confidence == 0.0 or _is_covered(line, candidates[:kept], covered):
             continue
         if np.mean(points[total:count, 3] * points[total:count, 4]) < _LEAST_PAINT or not _is_long(line, plane, limits):
             continue
-        if _is_bent(points[total:count], line, plane, limits) or _is_arc(line, plane, limits):
+        if _is_bent(points[total:count], line, plane, limits):
             continue
         candidates[kept], confidences[kept] = line, confidence
         kept, total = kept + 1, count
@@ -128,20 +125,6 @@ def _is_covered(line: FloatArray, others: FloatArray, slack: float) -> bool:
         if on:
             return True
     return False
-
-
-@njit(cache=True, error_model="numpy")
-def _is_arc(line: FloatArray, plane: ImagePlane, limits: LineLimits) -> bool:
-    """Whether a line (4,) is a chord of the circle that was found: ends and middle lie on it."""
-    if limits.circle[2] == 0.0:
-        return False
-    for k in range(3):
-        x, y = line[0] + 0.5 * k * (line[2] - line[0]), line[1] + 0.5 * k * (line[3] - line[1])
-        gx, gy = transformed(plane.ground, x, y)
-        off = math.hypot(gx - limits.circle[0], gy - limits.circle[1]) - limits.circle[2]
-        if not abs(off) < 0.1 + 0.03 * math.hypot(gx, gy):
-            return False
-    return True
 
 
 @njit(cache=True, error_model="numpy")

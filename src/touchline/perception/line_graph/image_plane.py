@@ -31,12 +31,14 @@ class Lens(NamedTuple):
 class ImagePlane(NamedTuple):
     """lens: of the camera. ground: (3, 3) ground from plane, homogeneous, the last row positive below the horizon.
     plane: (3, 3) its inverse. size: (2,) width and height of the image (px).
+    foot: (2,) the ground point below the camera (m).
     """
 
     lens: Lens
     ground: FloatArray
     plane: FloatArray
     size: FloatArray
+    foot: FloatArray
 
 
 def make_lens(camera: PinholeCamera) -> Lens:
@@ -64,7 +66,8 @@ def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
         affine[:2, 0], affine[:2, 1], affine[:2, 2] = levelled[1] - levelled[0], levelled[2] - levelled[0], levelled[0]
         ground = ground @ affine
     size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
-    return ImagePlane(lens, np.ascontiguousarray(ground), np.linalg.inv(ground), size)
+    foot = np.ascontiguousarray(at[:2], dtype=np.float64)
+    return ImagePlane(lens, np.ascontiguousarray(ground), np.linalg.inv(ground), size, foot)
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,0 +1,218 @@
+"""Goal posts, goals and poles (section 4.3): sums of their colours along the directions in which they appear.
+
+What stands upright lies at one azimuth of the camera's rays, whatever the lens and the lean: every cell contributes to
+the sum of its azimuth. Maxima are looked at more closely: where they stand, how high and wide they are, in which order
+their colours come.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations, groupby
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.colour_classes import BLUE, CELL_PX, FULL, YELLOW, CountArray
+from touchline.perception.line_graph.graph import IntArray
+from touchline.perception.line_graph.image_plane import ImagePlane, ground_covariances, plane_from_pixel, transformed
+from touchline.perception.line_graph.settings import LineGraphSettings
+from touchline.types import Colors, LandmarkKind, Landmarks, no_landmarks
+
+_COLOURS = {"yellow": YELLOW, "blue": BLUE}
+_BIN_PX = 6.0
+_FILLED = 0.25  # share of colour from which on a cell counts
+_FEWEST_CELLS = 3
+_GAP_CELLS = 1
+_LEAST_HEIGHT, _MOST_WIDTH = 0.5, 2.2  # of what is expected
+_EQUAL_BANDS = 2.0
+_SAME_M = 0.4  # two uprights closer than this are one
+_GOAL_M = 0.35  # how far the distance between two posts of a goal may be off, and more with the range
+_FOOT_PX = 3.0  # standard deviation of a foot
+
+
+class Upright(NamedTuple):
+    """Something upright: where it stands (m, robot frame), the pixel of its foot, its colours from the ground up.
+
+    cut: whether it leaves the image at the top.
+    """
+
+    place: FloatArray
+    pixel: FloatArray
+    colors: Colors
+    cut: bool
+
+
+def find_landmarks(
+    counts: CountArray, ends: FloatArray, plane: ImagePlane, field: FieldModel, settings: LineGraphSettings
+) -> Landmarks:
+    """Posts, goals and poles in colour. ends: (columns,) height of the field's boundary, within which they stand."""
+    wanted = {color for post in field.posts for color in post.colors_from_ground} & set(_COLOURS)
+    if not wanted:
+        return no_landmarks()
+    rows: list[tuple[str, Upright, float]] = []
+    for upright in _uprights(counts, ends, plane, field, settings):
+        kind = _kind(upright, field)
+        if kind is not None:
+            rows.append((kind[0], upright._replace(colors=kind[1]), 0.8))
+    rows += _goals([upright for kind, upright, _ in rows if kind == LandmarkKind.POST], field)
+    if not rows:
+        return no_landmarks()
+    places, pixels = np.stack([r[1].place for r in rows]), np.stack([r[1].pixel for r in rows])
+    noise = ground_covariances(plane, np.stack([np.nan_to_num(p) for p in pixels]), _FOOT_PX, 0.03)
+    for k, row in enumerate(rows):
+        if row[0] == LandmarkKind.GOAL:
+            noise[k] = (0.05 + 0.03 * np.hypot(*row[1].place)) ** 2 * np.eye(2)
+    return Landmarks(
+        np.array([str(r[0]) for r in rows]),
+        places,
+        noise,
+        np.array([r[2] for r in rows]),
+        tuple(r[1].colors for r in rows),
+        pixels,
+    )
+
+
+def joined(one: Landmarks, other: Landmarks) -> Landmarks:
+    """All landmarks of both."""
+    if not len(one) or not len(other):
+        return other if not len(one) else one
+    return Landmarks(
+        np.concatenate((one.kinds, other.kinds)),
+        np.concatenate((one.positions_m, other.positions_m)),
+        np.concatenate((one.covariances_m2, other.covariances_m2)),
+        np.concatenate((one.confidences, other.confidences)),
+        one.colors + other.colors,
+        np.concatenate((one.pixels, other.pixels)),
+    )
+
+
+def _uprights(
+    counts: CountArray, ends: FloatArray, plane: ImagePlane, field: FieldModel, settings: LineGraphSettings
+) -> list[Upright]:
+    """Everything upright in the colours of posts and poles."""
+    coloured = counts[YELLOW].astype(np.int64) + counts[BLUE]
+    if not (coloured > _FILLED * FULL).any():
+        return []
+    bins, azimuths = azimuth_bins(plane, coloured.shape[0], coloured.shape[1], _BIN_PX / plane.lens.pinhole[0])
+    sums = np.bincount(bins.ravel(), weights=coloured.ravel(), minlength=len(azimuths)) / FULL
+    strong = sums > max(_FEWEST_CELLS, 0.3 * sums.max())
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], strong, [False])).astype(np.int8)))
+    found: list[Upright] = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        cells = (bins >= first) & (bins < last) & (coloured > _FILLED * FULL)
+        upright = _look_closer(cells, counts, ends, plane, field)
+        if upright is None or np.hypot(*upright.place) > settings.farthest_m:
+            continue
+        if all(np.hypot(*(upright.place - other.place)) > _SAME_M for other in found):
+            found.append(upright)
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def azimuth_bins(plane: ImagePlane, rows: int, columns: int, step: float) -> tuple[IntArray, FloatArray]:
+    """Which bin (rows, columns) of azimuth each cell lies in, and the azimuth (B,) of each bin, robot frame."""
+    azimuths = np.empty((rows, columns))
+    h, foot = plane.ground, plane.foot
+    middle = math.atan2(h[1, 2] - foot[1] * h[2, 2], h[0, 2] - foot[0] * h[2, 2])
+    for row in range(rows):
+        for column in range(columns):
+            centre = 0.5 * (CELL_PX - 1)
+            x, y = plane_from_pixel(plane.lens, CELL_PX * column + centre, CELL_PX * row + centre)
+            w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
+            ahead = h[0, 0] * x + h[0, 1] * y + h[0, 2] - foot[0] * w
+            aside = h[1, 0] * x + h[1, 1] * y + h[1, 2] - foot[1] * w
+            off = math.atan2(aside, ahead) - middle
+            azimuths[row, column] = math.atan2(math.sin(off), math.cos(off))
+    least = np.nanmin(azimuths)
+    bins = np.zeros((rows, columns), dtype=np.int64)
+    count = int((np.nanmax(azimuths) - least) / step) + 1
+    for row in range(rows):
+        for column in range(columns):
+            if not math.isnan(azimuths[row, column]):
+                bins[row, column] = int((azimuths[row, column] - least) / step)
+    return bins, middle + least + step * (np.arange(count) + 0.5)
+
+
+def _look_closer(
+    cells: np.ndarray, counts: CountArray, ends: FloatArray, plane: ImagePlane, field: FieldModel
+) -> Upright | None:
+    """The upright thing that coloured cells (rows, columns) of neighbouring azimuths show, from its foot upwards."""
+    rows = cells.shape[0]
+    lines = np.flatnonzero(cells.any(axis=1))[::-1]
+    if not len(lines):
+        return None
+    gaps = np.flatnonzero(np.diff(lines) < -1 - _GAP_CELLS)
+    lines = lines[: gaps[0] + 1] if len(gaps) else lines
+    bottom = lines[0]
+    coloured = (counts[YELLOW].astype(np.int64) + counts[BLUE]) * cells
+    low = coloured[lines[: min(3, len(lines))]]
+    column = float((low.sum(axis=0) * np.arange(cells.shape[1])).sum() / max(low.sum(), 1))
+    share = coloured[bottom].sum() / max(coloured[lines[min(1, len(lines) - 1)]].sum(), 1)
+    pixel = np.array([CELL_PX * column + 0.5 * (CELL_PX - 1), CELL_PX * (bottom + min(1.0, float(share))) - 0.5])
+    x, y = plane_from_pixel(plane.lens, float(pixel[0]), float(pixel[1]))
+    place = np.array(transformed(plane.ground, x, y))
+    away = float(np.hypot(*(place - plane.foot)))
+    if not np.isfinite(away) or rows - bottom > ends[round(column)] + 1.0 or bottom >= rows - 1:
+        return None  # above the horizon, or it stands beyond the field, or its foot is below the image
+    focal_cells = plane.lens.pinhole[0] / CELL_PX
+    posts = field.posts
+    cut = bool(lines[-1] == 0)
+    expected = min(post.height for post in posts) * focal_cells / away
+    widest = max(post.diameter for post in posts) * focal_cells / away
+    width = float(cells[lines].sum() / len(lines))
+    if width > _MOST_WIDTH * widest + 2.0 or (len(lines) < _LEAST_HEIGHT * expected and not cut):
+        return None
+    if len(lines) < max(_FEWEST_CELLS, 1.5 * width):
+        return None
+    place = place * (1.0 + 0.5 * min(post.diameter for post in posts) / max(np.hypot(*place), 0.1))
+    return Upright(place, pixel, _bands(counts, cells, lines), cut)
+
+
+def _bands(counts: CountArray, cells: np.ndarray, lines: IntArray) -> Colors:
+    """The colours from the ground up, empty where they are of unequal heights."""
+    named = []
+    for line in lines:
+        yellow, blue = counts[YELLOW, line][cells[line]].sum(), counts[BLUE, line][cells[line]].sum()
+        named.append("yellow" if yellow >= blue else "blue")
+    least = 1 if len(lines) < 9 else 2
+    bands: list[str] = []
+    sizes: list[int] = []
+    for name, group in groupby(named):
+        size = len(list(group))
+        if size >= least and (not bands or bands[-1] != name):
+            bands.append(name)
+            sizes.append(size)
+        elif bands and bands[-1] == name:
+            sizes[-1] += size
+    if len(sizes) > 1 and max(sizes) > _EQUAL_BANDS * min(sizes) + 1:
+        return ()  # a poster behind a post, say: the bands of a pole are of one height
+    return tuple(bands)
+
+
+def _kind(upright: Upright, field: FieldModel) -> tuple[LandmarkKind, Colors] | None:
+    """What of the field this is: the colours in their order tell; None where they tell nothing."""
+    seen = upright.colors
+    poles = {pole.bands_from_ground for pole in field.poles if pole.bands_from_ground[: len(seen)] == seen}
+    if len(seen) > 1:
+        complete = [bands for bands in poles if len(bands) == len(seen) or upright.cut]
+        return (LandmarkKind.POLE, complete[0]) if len(complete) == 1 else None
+    if seen and any(goal.color == seen[0] for goal in field.goals) and not (poles and upright.cut):
+        return LandmarkKind.POST, seen
+    return None
+
+
+def _goals(posts: list[Upright], field: FieldModel) -> list[tuple[str, Upright, float]]:
+    """Middles of goals of which both posts are seen, as far apart as they should be."""
+    found: list[tuple[str, Upright, float]] = []
+    for a, b in combinations(posts, 2):
+        apart = float(np.hypot(*(a.place - b.place)))
+        slack = _GOAL_M + 0.05 * max(np.hypot(*a.place), np.hypot(*b.place))
+        wide = [abs(goal.y_posts[0] - goal.y_posts[-1]) for goal in field.goals if (goal.color,) == a.colors]
+        if a.colors == b.colors and wide and abs(apart - wide[0]) < slack:
+            middle = Upright(0.5 * (a.place + b.place), np.full(2, np.nan), a.colors, False)
+            found.append((LandmarkKind.GOAL, middle, 0.8))
+    return found
