@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import filecmp
+import tracemalloc
 from pathlib import Path
 
+import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from small_recordings import borrow
+from small_recordings import write_recording as write_small
 
 from touchline.api import prepare
 from touchline.cli import main
-from touchline.sources import open_source
+from touchline.errors import InputError
+from touchline.evaluation import Run
+from touchline.geometry import Pose
+from touchline.sources import BagOptions, open_source
+from touchline.sources.bags.mcap_writer import McapWriter
+from touchline.sources.bags.with_rosbags import Codec
+from touchline.sources.bags.writing import write_recording
 from touchline.types import Frame, Samples
 
 KINDS = {"mcap": "bag.mcap", "rosbag2": "bag", "rosbag2-mcap": "bag"}
@@ -95,3 +106,121 @@ def test_a_cut_mcap_gives_the_frames_before_the_cut(walk: Path, tmp_path: Path) 
     assert str(cut.problems[0]).startswith(f"cut.mcap: ends early, at byte {len(data) // 2}: ")
     expected = [contents(frame) for frame in open_source(whole)][: len(cut)]
     assert [contents(frame) for frame in cut] == expected
+
+
+def test_other_programs_find_what_ros_has_messages_for(walk: Path, tmp_path: Path) -> None:
+    bag = convert(walk, tmp_path / "bag.mcap")
+    with AnyReader([bag]) as reader:
+        counts = {name: (info.msgtype, info.msgcount) for name, info in reader.topics.items()}
+        images = [c for c in reader.connections if c.topic == "/camera/image/compressed"]
+        first = next(reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(images))
+    rows = (walk / "odometry.csv").read_text().count("\n") - 1
+    assert counts["/odom"] == ("nav_msgs/msg/Odometry", rows)
+    assert counts["/imu/data"][0] == "sensor_msgs/msg/Imu"
+    assert counts["/tf"][0] == "tf2_msgs/msg/TFMessage"
+    assert counts["/camera/camera_info"] == ("sensor_msgs/msg/CameraInfo", 1)
+    assert counts["/ground_truth/pose"] == ("geometry_msgs/msg/PoseStamped", 10)
+    assert (first.format, first.header.frame_id) == ("jpeg", "camera_optical_frame")
+
+
+def test_what_ros_is_told_is_what_the_recording_says(walk: Path, tmp_path: Path) -> None:
+    """The bag without Touchline's own topics is a foreign one, and says the same."""
+    source = open_source(walk)
+    bare = tmp_path / "bare.mcap"
+    codec = Codec()
+    writer = McapWriter(bare, codec)
+
+    class Bare:
+        def write(self, topic: str, kind: str, log_ns: int, data: bytes) -> None:
+            if not topic.startswith("/touchline/"):
+                writer.write(topic, kind, log_ns, data)
+
+        def close(self) -> None:
+            writer.close()
+
+    write_recording(source, Bare(), codec)
+    read = open_source(bare, options=BagOptions(field="spl-9x6"))
+    assert read.truth is not None
+    assert source.truth is not None
+    assert np.allclose(read.truth.poses, source.truth.poses, atol=1e-9)
+    for found, expected in zip(read, source, strict=True):
+        assert found.image is not None
+        assert np.array_equal(found.image, expected.image)
+        assert found.odometry is not None
+        assert expected.odometry is not None
+        assert np.allclose(found.odometry.values, expected.odometry.values, atol=1e-9)
+        assert found.base_from_camera is not None
+        assert expected.base_from_camera is not None
+        assert np.allclose(found.base_from_camera.rotation, expected.base_from_camera.rotation, atol=1e-9)
+
+
+def test_results_are_written_with_map_to_odom(match: Path, tmp_path: Path) -> None:
+    bag = convert(match, tmp_path / "match.mcap")
+    assert main(["run", str(bag), "--output", str(tmp_path / "run")]) == 0
+    results = convert(tmp_path / "run", tmp_path / "results.mcap")
+    estimates, found = Run(tmp_path / "run").estimates, 0
+    with AnyReader([results]) as reader:
+        messages = [(c.topic, reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages()]
+    poses_told = [message for topic, message in messages if topic == "/touchline/pose"]
+    moves = [message.transforms[0] for topic, message in messages if topic == "/tf"]
+    assert len(poses_told) == len(moves) == len(estimates)
+    for frame, pose, move in zip(open_source(match), poses_told, moves, strict=True):
+        at = pose.pose.pose
+        told = Pose(at.position.x, at.position.y, 2 * np.arctan2(at.orientation.z, at.orientation.w))
+        assert (move.header.frame_id, move.child_frame_id) == ("map", "odom")
+        place, turn = move.transform.translation, move.transform.rotation
+        map_from_odom = Pose(place.x, place.y, 2 * np.arctan2(turn.z, turn.w))
+        if frame.odometry is not None and frame.odometry.stamp_ns[-1] == frame.stamp_ns:
+            assert told.distance_to(map_from_odom.compose(Pose(*frame.odometry.values[-1]))) < 1e-9
+            found += 1
+    assert found
+    levels = {message.status[0].message for topic, message in messages if topic == "/diagnostics"}
+    assert "tracking" in levels
+
+
+@pytest.mark.parametrize("name", ["bag.mcap", "bag"])
+def test_damage_is_told_or_refused_and_never_a_crash(name: str, walk: Path, tmp_path: Path) -> None:
+    whole = convert(walk, tmp_path / name, *(["--to", "rosbag2"] if name == "bag" else []))
+    file = whole if whole.is_file() else next(whole.glob("*.db3"))
+    data, rng = file.read_bytes(), np.random.default_rng(3)
+    for trial in range(25):
+        broken = bytearray(data)
+        for at in rng.integers(0, len(data), 1 + 20 * (trial % 3)):
+            broken[at] = int(rng.integers(256))
+        file.write_bytes(bytes(broken[: len(data) if trial % 2 else int(rng.integers(len(data)))]))
+        with contextlib.suppress(InputError):
+            for frame in open_source(whole):
+                assert frame.image is None or frame.image.shape == (480, 752, 3)
+
+
+def test_a_damaged_chunk_is_left_out(walk: Path, tmp_path: Path) -> None:
+    data = bytearray(convert(walk, tmp_path / "whole.mcap").read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 40] = bytes(40)
+    (tmp_path / "damaged.mcap").write_bytes(data)
+    damaged = open_source(tmp_path / "damaged.mcap")
+    assert 0 < len(damaged) < 10
+    assert "is left out" in str(damaged.problems[0])
+
+
+def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
+    def peak(frames: int) -> int:
+        folder = write_small(tmp_path / f"folder{frames}", frames=frames)
+        (folder / "ground_truth.tum").unlink()
+        bag = convert(folder, tmp_path / f"bag{frames}.mcap")
+        tracemalloc.start()
+        for _ in open_source(bag):
+            pass
+        held = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return held
+
+    peak(20)  # what is set up once
+    short, long = peak(200), peak(600)
+    assert long < short + 400 * 150 + 50_000  # 150 bytes an image: its time, exposure, line and place
+
+
+def test_without_the_extra_it_is_named(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = convert(walk, tmp_path / "bag.mcap")
+    monkeypatch.setattr("touchline.sources.bags.kinds.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'touchline\[bags\]'"):
+        open_source(bag)

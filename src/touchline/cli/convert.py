@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +18,8 @@ from touchline.errors import InputError, TouchlineError
 
 if TYPE_CHECKING:
     from touchline.sources import Recording
+    from touchline.sources.bags.with_rosbags import Codec
+    from touchline.sources.bags.writing import BagWriter
 
 
 class Kind(StrEnum):
@@ -61,6 +64,9 @@ def convert(
     from touchline.sources import open_source
     from touchline.sources.loose import LooseOptions, is_loose, open_loose
 
+    if (source / "summary.json").is_file():
+        _write_results(source, target, kind, follow_links)
+        return
     described = bag_options(topics, field, camera, base)
     if is_loose(source):
         recording = open_loose(source, LooseOptions(rate, odometry, columns, first_image_at), described)
@@ -99,11 +105,17 @@ def _write(recording: Recording, target: Path, kind: Kind) -> None:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with _kept_whole(target), Progress(*columns, console=errors_console()) as progress:
+        task = progress.add_task(recording.name, total=len(recording))
+        _write_kind(recording, target, kind, lambda: progress.advance(task))
+
+
+@contextmanager
+def _kept_whole(target: Path) -> Iterator[None]:
+    """Makes the folder around the target, and takes away what is not finished."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with Progress(*columns, console=errors_console()) as progress:
-            task = progress.add_task(recording.name, total=len(recording))
-            _write_kind(recording, target, kind, lambda: progress.advance(task))
+        yield
     except BaseException as error:
         if target.is_dir():
             shutil.rmtree(target, ignore_errors=True)
@@ -114,19 +126,41 @@ def _write(recording: Recording, target: Path, kind: Kind) -> None:
         raise
 
 
+def _write_results(run: Path, target: Path, kind: Kind, follow_links: bool) -> None:
+    """The results of a run as a bag."""
+    if kind is Kind.FOLDER:
+        raise InputError(f"{run}: is the folder of a run; its results are written as a bag: {target}.mcap")
+    from touchline.evaluation.run import Run
+
+    finished = Run(run, follow_links)
+    with _kept_whole(target):
+        writer, codec = _bag_writer(target, kind)
+        from touchline.evaluation.ros_results import write_results
+
+        write_results(finished, writer, codec)
+    output_console().print(f"{target}: {len(finished.estimates)} poses", markup=False)
+
+
 def _write_kind(recording: Recording, target: Path, kind: Kind, on_image: Callable[[], None]) -> None:
     if kind is Kind.FOLDER:
         from touchline.sources.to_folder import write_folder
 
         write_folder(recording, target, on_image)
         return
+    writer, codec = _bag_writer(target, kind)
+    from touchline.sources.bags.writing import write_recording
+
+    write_recording(recording, writer, codec, on_image)
+
+
+def _bag_writer(target: Path, kind: Kind) -> tuple[BagWriter, Codec]:
     from touchline.sources.bags.kinds import require_bags
 
     require_bags(target)
     from touchline.sources.bags.mcap_writer import McapWriter
     from touchline.sources.bags.with_rosbags import Codec, Rosbag2Writer
-    from touchline.sources.bags.writing import write_recording
 
     codec = Codec()
-    writer = McapWriter(target, codec) if kind is Kind.MCAP else Rosbag2Writer(target, codec, kind is Kind.ROSBAG2_MCAP)
-    write_recording(recording, writer, codec, on_image)
+    if kind is Kind.MCAP:
+        return McapWriter(target, codec), codec
+    return Rosbag2Writer(target, codec, kind is Kind.ROSBAG2_MCAP), codec

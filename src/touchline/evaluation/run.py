@@ -12,7 +12,7 @@ from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, erro
 from touchline.evaluation.run_folder import ESTIMATES, REPORT, SUMMARY, UNFINISHED, read_summary
 from touchline.evaluation.tum import read_tum
 from touchline.messages import counted
-from touchline.sources import BagOptions, open_source
+from touchline.sources import BagOptions, Recording, open_source
 from touchline.types import Samples, Status
 
 
@@ -50,8 +50,10 @@ class Run:
     def _is_cut(self) -> bool:
         return bool(self.summary.get("ended") == UNFINISHED)
 
-    def _bag_options(self) -> BagOptions:
-        return BagOptions.from_dict(self._recording().get("bag"))
+    def recording(self) -> Recording:
+        """The recording that was run. Raises InputError if it is no longer where it was."""
+        recording = self._recording()
+        return open_source(recording["path"], self._follow_links, BagOptions.from_dict(recording.get("bag")))
 
     @cached_property
     def truth(self) -> Samples | None:
@@ -59,7 +61,7 @@ class Run:
 
         Raises InputError if the recording is no longer where it was.
         """
-        truth = open_source(self._recording()["path"], self._follow_links, self._bag_options()).truth
+        truth = self.recording().truth
         return None if truth is None else truth.samples()
 
     @property

@@ -17,7 +17,7 @@ from touchline.sources.source import Truth
 from touchline.sources.tables import LARGEST, LATEST_TIME_S, StampArray, to_number, to_stamps
 
 TRUTH = "ground_truth.tum"
-_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 def read_truth(path: Path, image_stamps: StampArray, log: ProblemLog) -> Truth | None:
@@ -57,12 +57,12 @@ def _pose_row(file: str, number: int, text: str, log: ProblemLog) -> tuple[float
     if not text.strip() or text.startswith("#"):
         return None
     cells = text.split()
-    if len(cells) != len(_COLUMNS):
-        what = f"has {len(cells)} values, expected 8 ({' '.join(_COLUMNS)}); the pose is left out"
+    if len(cells) != len(TUM_COLUMNS):
+        what = f"has {len(cells)} values, expected 8 ({' '.join(TUM_COLUMNS)}); the pose is left out"
         log.add(ProblemKind.BROKEN_ROW, file, what, line=number)
         return None
     values = []
-    for name, cell in zip(_COLUMNS, cells, strict=True):
+    for name, cell in zip(TUM_COLUMNS, cells, strict=True):
         value = to_number(cell)
         if value is None:
             log.add(ProblemKind.BROKEN_ROW, file, f"{name} reads {cell[:30]!r}; the pose is left out", line=number)

@@ -1,4 +1,4 @@
-"""The header with which most messages begin, read without decoding the rest: images are large."""
+"""Texts, and the header with which most messages begin, read without a decoder: quick, also of large images."""
 
 from __future__ import annotations
 
@@ -29,6 +29,15 @@ def read_header(data: bytes | memoryview, encoding: str) -> Header | None:
         except (struct.error, ValueError):
             text = ""
         return Header(seconds * 1_000_000_000 + rest, frame, text)
+    except (struct.error, IndexError, ValueError):
+        return None
+
+
+def read_text(data: bytes | memoryview) -> str | None:
+    """What a std_msgs/String in CDR says; None if it is none."""
+    try:
+        (length,) = struct.unpack_from("<I" if data[1] & 1 else ">I", data, 4)
+        return None if length > len(data) - 8 or not length else str(data[8 : 7 + length], "utf-8")
     except (struct.error, IndexError, ValueError):
         return None
 

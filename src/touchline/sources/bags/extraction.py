@@ -11,9 +11,9 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from touchline.sources.bags.cdr_header import read_text
 from touchline.sources.bags.layout import IMAGE_ROWS, IMAGES, TABLES, WHOLE
 from touchline.sources.bags.messages import Bag
-from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.problems import ProblemKind, ProblemLog
 
 
@@ -27,7 +27,7 @@ class ImagePlaces(NamedTuple):
     places: npt.NDArray[np.int64]
 
 
-def extract_own(bag: Bag, codec: Codec, folder: Path, problems: ProblemLog) -> ImagePlaces:
+def extract_own(bag: Bag, folder: Path, problems: ProblemLog) -> ImagePlaces:
     """Write the files that a bag of Touchline holds, in one pass over it, in constant memory but for 32 bytes an image.
 
     A row of an image whose own message is lost, at the end of a bag that was cut off, is left out.
@@ -41,10 +41,9 @@ def extract_own(bag: Bag, codec: Codec, folder: Path, problems: ProblemLog) -> I
                 image_times.append(message.log_ns)
                 places.extend(message.place)
                 continue
-            try:
-                text = str(codec.decode(topics[message.topic], message.data).data)
-            except BadMessageError as error:
-                problems.add(ProblemKind.BAG, message.topic, f"a message cannot be read ({error}); it is left out")
+            text = read_text(message.data)
+            if text is None:
+                problems.add(ProblemKind.BAG, message.topic, "a message cannot be read as text; it is left out")
                 continue
             count = files.write(message.topic, text)
             if message.topic == IMAGE_ROWS and count > 1:

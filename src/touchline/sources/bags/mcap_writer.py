@@ -9,6 +9,7 @@ from mcap.writer import CompressionType, Writer
 from touchline.sources.bags.layout import LATCHED_TOPICS
 from touchline.sources.bags.with_rosbags import Codec
 
+_CHUNK_BYTES = 256_000  # what a cut, or damage, can cost
 _LATCHED = (
     "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
     "  deadline: {sec: 0, nsec: 0}\n  lifespan: {sec: 0, nsec: 0}\n  liveliness: 0\n"
@@ -22,7 +23,7 @@ class McapWriter:
     def __init__(self, path: Path, codec: Codec) -> None:
         self._codec = codec
         self._file = path.open("xb")
-        self._writer = Writer(self._file, compression=CompressionType.LZ4)
+        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)
         self._writer.start(profile="ros2", library="touchline")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}

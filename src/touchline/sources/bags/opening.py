@@ -29,16 +29,19 @@ def open_bag(path: Path, files: BagFiles, options: BagOptions) -> Recording:
     bag = _open(files, problems)
     if not bag.topics:
         raise InputError(f"{path}: holds no message that can be read{_said(problems)}")
-    codec = Codec(bag.topics.values())
+    codec = Codec()
     folder = tempfile.TemporaryDirectory(prefix="touchline-bag-")
     if SEQUENCE_TOPIC not in bag.topics:
         places = Foreign(bag, codec, options, path, problems).extract(Path(folder.name))
     elif options.given():
         raise InputError(f"{path}: is a recording that Touchline wrote: its topics, field and camera are known")
     else:
-        places = extract_own(bag, codec, Path(folder.name), problems)
+        places = extract_own(bag, Path(folder.name), problems)
     images = BagImages(bag, codec, places)
-    recording = Recording(Path(folder.name), path=path, images=images, problems=problems)
+    try:
+        recording = Recording(Path(folder.name), path=path, images=images, problems=problems)
+    except InputError as error:  # the user knows the bag, not the folder
+        raise InputError(f"{str(error).replace(folder.name, str(path))}{_said(problems)}") from None
     recording.options, recording.kept = options, folder
     return recording
 

@@ -53,9 +53,9 @@ class BadMessageError(Exception):
 class Codec:
     """Messages to and from bytes. Definitions that stand in the bag come before those of ROS 2 Humble."""
 
-    def __init__(self, topics: Collection[Topic] = ()) -> None:
+    def __init__(self) -> None:
         self.standard = get_typestore(Stores.ROS2_HUMBLE)
-        self._own = {topic.name: self._types_of(topic) for topic in topics}
+        self._own: dict[str, Any] = {}
 
     def _types_of(self, topic: Topic) -> Any:
         if topic.definition is None:
@@ -69,7 +69,9 @@ class Codec:
 
     def decode(self, topic: Topic, data: bytes | memoryview) -> Any:
         """A message with its fields as attributes. Raises BadMessageError."""
-        types = self._own[topic.name]
+        types = self._own.get(topic.name)
+        if types is None:
+            types = self._own[topic.name] = self._types_of(topic)
         try:
             if topic.encoding == "ros1":
                 return types.deserialize_ros1(data, topic.type)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from touchline.errors import InputError
+from touchline.geometry import Pose3
 from touchline.opened_files import UnreadableError, read_text
 from touchline.sources.bags.layout import (
     COMPRESSED_IMAGE,
@@ -20,12 +23,18 @@ from touchline.sources.bags.layout import (
     TABLES,
     WHOLE,
 )
+from touchline.sources.bags.standard import BASE, BODY_FROM_OPTICAL, OPTICAL, StandardMessages
 from touchline.sources.bags.table_rows import LATEST_NS, Rows, read_rows
 from touchline.sources.bags.with_rosbags import Codec
+from touchline.sources.camera_poses import CAMERA_POSES
+from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
 from touchline.sources.folder import Recording
+from touchline.sources.tables import to_number
+from touchline.sources.truth import TUM_COLUMNS, heading_of
+from touchline.yaml_files import read_yaml_mapping
 
+_TF = "tf2_msgs/msg/TFMessage"
 _MOST_BYTES = 8_000_000  # of a file that becomes one message
-_OPTICAL_FRAME = "camera_optical"
 
 
 class Outgoing(NamedTuple):
@@ -69,6 +78,7 @@ class _Outgoing:
     def __init__(self, recording: Recording, codec: Codec) -> None:
         self._recording = recording
         self._codec = codec
+        self._standard = StandardMessages(codec)
         self._epoch_ns = epoch_ns(recording)
         folder = recording.folder
         self._tables = {recording.file(name): topic for name, topic in TABLES.items() if (folder / name).exists()}
@@ -81,6 +91,7 @@ class _Outgoing:
             path = self._recording.folder / name
             if path.exists():
                 yield self._string(topic, self._start_ns, read_text(self._recording.file(name), _MOST_BYTES))
+        yield from self._camera()
         streams = [
             self._images(path) if topic == IMAGE_ROWS else self._table(path, topic)
             for path, topic in self._tables.items()
@@ -96,9 +107,57 @@ class _Outgoing:
 
     def _table(self, path: Path, topic: str) -> Iterator[Outgoing]:
         last = self._start_ns
+        names: Sequence[str] = TUM_COLUMNS
         for rows in read_rows(path):
+            names = rows.cells if rows.header else names
             last = last if rows.header else max(last, self._log_ns(rows.stamp_ns))
+            standard = None if rows.header else self._beside(path.name, names, rows)
             yield self._string(topic, last, rows.text)
+            if standard is not None:
+                where, kind, message = standard
+                yield Outgoing(last, where, kind, self._codec.encode(kind, message))
+
+    def _beside(self, name: str, columns: Sequence[str], rows: Rows) -> tuple[str, str, Any] | None:
+        """Topic, type and message of what ROS has a message for; None for a row that cannot be used."""
+        cells = {column: to_number(cell) for column, cell in zip(columns, rows.cells, strict=False)}
+        stamp_ns, make = rows.stamp_ns + self._epoch_ns, self._standard
+
+        def numbers(*names: str) -> list[float]:
+            found = (cells.get(name) for name in names)
+            return [math.nan if value is None else value for value in found]
+
+        if name == "odometry.csv" and np.isfinite(pose := numbers("x", "y", "theta")).all():
+            return "/odom", "nav_msgs/msg/Odometry", make.odometry(stamp_ns, *pose)
+        if name == "imu.csv":
+            imu = make.imu(stamp_ns, numbers("roll", "pitch", "yaw"), numbers("gx", "gy", "gz"))
+            return "/imu/data", "sensor_msgs/msg/Imu", imu
+        if name == "camera_pose.csv" and np.isfinite(row := numbers(*CAMERA_POSE_COLUMNS)).all():
+            body = Pose3.from_roll_pitch_yaw(row[3], row[4], row[5], row[:3])
+            return "/tf", _TF, make.transform(stamp_ns, BASE, OPTICAL, body.compose(BODY_FROM_OPTICAL))
+        if name == "ground_truth.tum" and np.isfinite(row := numbers(*TUM_COLUMNS[1:])).all():
+            return (
+                "/ground_truth/pose",
+                "geometry_msgs/msg/PoseStamped",
+                make.pose(stamp_ns, row[0], row[1], heading_of(*row[3:])),
+            )
+        return None
+
+    def _camera(self) -> Iterator[Outgoing]:
+        """What ROS knows of a pinhole camera."""
+        recording = self._recording
+        if recording.camera_kind != "pinhole" or recording.camera_file is None:
+            return
+        try:
+            camera = recording.camera
+            info = self._standard.camera_info(self._start_ns, read_yaml_mapping(recording.camera_file))
+        except (InputError, KeyError, TypeError, ValueError):
+            return  # a camera that is none is copied as it is
+        kind = "sensor_msgs/msg/CameraInfo"
+        yield Outgoing(self._start_ns, "/camera/camera_info", kind, self._codec.encode(kind, info))
+        if not (recording.folder / CAMERA_POSES).exists():
+            base_from_optical = camera.base_from_camera.compose(BODY_FROM_OPTICAL)
+            placed = self._standard.transform(self._start_ns, BASE, OPTICAL, base_from_optical)
+            yield Outgoing(self._start_ns, "/tf_static", _TF, self._codec.encode(_TF, placed))
 
     def _images(self, path: Path) -> Iterator[Outgoing]:
         """Every image, and then its row, both logged at a time that no other image has."""
@@ -124,18 +183,11 @@ class _Outgoing:
         ending = Path(name).suffix.lower().lstrip(".")
         message = self._codec.make(
             COMPRESSED_IMAGE,
-            header=self._header(rows.stamp_ns, _OPTICAL_FRAME),
+            header=self._standard.header(rows.stamp_ns + self._epoch_ns, OPTICAL),
             format={"jpg": "jpeg"}.get(ending, ending),
             data=np.frombuffer(data, dtype=np.uint8),
         )
         yield Outgoing(log_ns, IMAGES, COMPRESSED_IMAGE, self._codec.encode(COMPRESSED_IMAGE, message))
-
-    def _header(self, stamp_ns: int, frame: str) -> object:
-        seconds, rest = divmod(stamp_ns + self._epoch_ns, 1_000_000_000)
-        stamp = self._codec.make(
-            "builtin_interfaces/msg/Time", sec=min(max(seconds, -(2**31)), 2**31 - 1), nanosec=rest
-        )
-        return self._codec.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
 def epoch_ns(recording: Recording) -> int:
