@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.calibrate_lines import calibrate_lines
 from touchline.cli.calibrate_range import calibrate_range
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.cli.options import FollowLinks
@@ -58,6 +59,7 @@ def mirror(
     print_lines(_mirror_words(calibration, source.name), output, picture)
 
 
+calibrate_app.command("lines")(calibrate_lines)
 calibrate_app.command("range")(calibrate_range)
 
 

@@ -1,0 +1,167 @@
+"""`touchline calibrate lines`: from line points, or images, and the field's name to a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from touchline.calibration.lines.candidates import Candidate, find_candidates
+from touchline.calibration.lines.certainty import Certainty, certainty_of
+from touchline.calibration.lines.equations import Lines, Seen
+from touchline.calibration.lines.joint import KNOTS, JointFit, expected_mirror, fit_in_steps, with_spline
+from touchline.calibration.lines.mirror_shape import MirrorShape
+from touchline.calibration.lines.search import CENTER_PX, WIDTHS
+from touchline.errors import NoFitError
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose
+
+MIN_POINTS = 25
+MIN_ON_LINES = 0.6  # share of the points that must lie on lines
+MIN_LEAD = 0.05  # by which the best mirror's error must be below another's
+MAX_CENTER_PX, MAX_RANGE_RATIO = 2.0, 0.03  # largest standard deviations of what is written
+CURVATURES = (0.01, 0.03, 0.1)  # of the spline, one after the other as long as the lines ask for it
+WORTH = 18.0  # by how much the sum of squares must fall for a looser spline; what errs together counts once
+_SPOT_M = 0.02  # poses of a robot that turned on the spot agree to this
+_FARTHEST_ORIGIN_M = 0.15
+_MAP_M, _BEYOND_M = 0.05, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class LineCalibration:
+    """A calibrated mirror: its shape, how sure it is, and for each image the pose, the points (N, 2) u, v and a fit.
+
+    first_px, last_px: radii between which points lie on lines; lead: by how much the next different mirror is worse.
+    spot_m: how far the poses differ from a turn on the spot, or None. tangent: the fit before the spline.
+    """
+
+    shape: MirrorShape
+    certainty: Certainty
+    poses: tuple[Pose, ...]
+    pixels: tuple[FloatArray, ...]
+    first_px: float
+    last_px: float
+    lead: float
+    spot_m: float | None
+    tangent: JointFit
+
+
+def calibrate_points(
+    pixels: Sequence[FloatArray],
+    center: FloatArray,
+    radius_px: float,
+    field: FieldModel,
+    handedness: int = 1,
+    seed: int = 0,
+) -> LineCalibration:
+    """Calibrate from line points: pixels (N, 2) u, v of each image, N >= 1; center (2,), radius_px: about the mirror's.
+
+    Raises NoFitError where the points don't tell, with the reason.
+    """
+    count = sum(len(one) for one in pixels)
+    if count < MIN_POINTS:
+        raise NoFitError(f"{count} line points are too few for a calibration; {MIN_POINTS} are needed, better 200")
+    rng = np.random.default_rng(seed)
+    seen = [Seen(np.ascontiguousarray(one), float(handedness), radius_px / KNOTS) for one in pixels]
+    search = Lines(False, field.distance_map(_MAP_M, _BEYOND_M).table, field.line_tables)
+    candidates = find_candidates(seen, center, field, search, rng)
+    lead = candidates[1].error - candidates[0].error if len(candidates) > 1 else 1.0
+    return refined(candidates[0], lead, seen, center, radius_px, search._replace(exact=True))
+
+
+def refined_again(
+    calibration: LineCalibration,
+    pixels: Sequence[FloatArray],
+    center: FloatArray,
+    radius_px: float,
+    field: FieldModel,
+) -> LineCalibration:
+    """The calibration with other line points of the same images, found with its own camera."""
+    hand, knot_px = float(calibration.shape.handedness), calibration.shape.knot_px
+    seen = [Seen(np.ascontiguousarray(one), hand, knot_px) for one in pixels]
+    tangent = calibration.tangent
+    start = Candidate(tangent.mirror, tangent.poses, tangent.error)
+    lines = Lines(True, field.distance_map(_MAP_M, _BEYOND_M).table, field.line_tables)
+    return refined(start, calibration.lead, seen, center, radius_px, lines)
+
+
+def refined(
+    start: Candidate, lead: float, seen: Sequence[Seen], center: FloatArray, radius_px: float, lines: Lines
+) -> LineCalibration:
+    """The calibration that a candidate becomes with all points, bend and spline. Raises NoFitError as above."""
+    expected = expected_mirror(center, CENTER_PX * radius_px, bends=False)
+    fit = fit_in_steps(seen, start.mirror, start.poses, expected, lines)
+    if len(seen) > 1:  # from one place a lean can't be told from a field that is not quite as the rules say
+        expected = expected_mirror(center, CENTER_PX * radius_px, bends=True)
+        fit = fit_in_steps(seen, fit.mirror, fit.poses, expected, lines)
+    points = sum(len(one.pixels) for one in seen)
+    tangent, worth = fit, WORTH * certainty_of(fit, seen, lines).agreement
+    for curvature in CURVATURES:
+        wide, wide_expected = with_spline(tangent.mirror, expected, curvature)
+        if len(fit.mirror) == len(wide):
+            wide = fit.mirror
+        looser = fit_in_steps(seen, wide, fit.poses, wide_expected, lines)
+        if (fit.error - looser.error) * points * WIDTHS[-1] ** 2 < worth:
+            break
+        fit = looser
+    certainty = certainty_of(fit, seen, lines)
+    origin, spot_m = turning_axis(fit.poses)
+    shape = MirrorShape(fit.mirror, int(seen[0].handedness), seen[0].knot_px, origin)
+    good = certainty.residuals < WIDTHS[-1]
+    radii = np.concatenate([np.hypot(*(one.pixels - shape.center).T) for one in seen])[good]
+    first, last = np.percentile(radii, [1.0, 99.0]) if len(radii) else (0.0, 0.0)
+    poses = tuple(_moved(pose, origin) for pose in fit.poses)
+    pixels = tuple(one.pixels for one in seen)
+    return LineCalibration(shape, certainty, poses, pixels, float(first), float(last), lead, spot_m, tangent)
+
+
+def check(calibration: LineCalibration) -> None:
+    """Raises NoFitError with the reason where a calibration is none."""
+    on_lines, lead = calibration.certainty.on_lines, calibration.lead
+    if on_lines < MIN_ON_LINES:
+        raise NoFitError(
+            f"no mirror puts the points on this field's lines: {100 * on_lines:.0f} % lie on them with the best one, "
+            f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field? Are most of the points line points?"
+        )
+    if lead < MIN_LEAD:
+        raise NoFitError(
+            "two different mirrors explain the points about as well: more lines must be in view. Take several images, "
+            "best while the robot turns on the spot where it sees the centre circle or a penalty area"
+        )
+    center = float(np.max(calibration.certainty.center_px))
+    if center > MAX_CENTER_PX:
+        raise NoFitError(
+            f"the lines leave the mirror's centre uncertain by ± {center:.1f} px: take several images, best while the "
+            "robot turns on the spot"
+        )
+    radii = np.linspace(calibration.first_px, calibration.last_px, 5)[1:4]
+    ratio = float(calibration.certainty.range_ratio(calibration.shape, radii).max())
+    if ratio > MAX_RANGE_RATIO:
+        raise NoFitError(f"the lines leave ranges uncertain by ± {100 * ratio:.0f} %: more lines must be in view")
+
+
+def turning_axis(poses: FloatArray) -> tuple[FloatArray, float | None]:
+    """Where the axis lies from the mirror's origin (2,), in its frame, about which a robot turned on the spot, from
+
+    poses (M, 3), and how far they differ from that (m); zeros and None for a robot that did not.
+    """
+    if len(poses) < 3:
+        return np.zeros(2), None
+    rows, values = [], []
+    for x, y, heading in poses:
+        c, s = np.cos(heading), np.sin(heading)
+        rows += [[1.0, 0.0, -c, s], [0.0, 1.0, -s, -c]]
+        values += [x, y]
+    matrix, vector = np.array(rows), np.array(values)
+    solution, _, rank, singular = np.linalg.lstsq(matrix, vector, rcond=None)
+    off = float(np.sqrt(np.mean((matrix @ solution - vector) ** 2)))
+    told = rank == 4 and singular[-1] > 0.5 and off < _SPOT_M and np.hypot(*solution[2:]) < _FARTHEST_ORIGIN_M
+    return (solution[2:], off) if told else (np.zeros(2), None)
+
+
+def _moved(pose: FloatArray, origin: FloatArray) -> Pose:
+    """The robot's pose, from that of the mirror's origin (3,)."""
+    x, y, heading = (float(value) for value in pose)
+    c, s = np.cos(heading), np.sin(heading)
+    return Pose(x + c * origin[0] - s * origin[1], y + s * origin[0] + c * origin[1], heading)

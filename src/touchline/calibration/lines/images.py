@@ -1,0 +1,68 @@
+"""From images: line points through a generic mirror, a first calibration, and points and calibration again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from touchline.calibration.lines.calibration import LineCalibration, calibrate_points, refined_again
+from touchline.calibration.lines.image_points import Circle, generic_camera, mirror_circle, points_through
+from touchline.camera import OmniCamera
+from touchline.errors import NoFitError
+from touchline.field import FieldModel
+from touchline.perception.colour import NoCarpetError
+from touchline.types import ImageArray
+
+_FARTHER = 2.0  # how far beyond the last point the mirror is continued, as a ratio of ranges
+_MIN_POINTS = 8  # of an image that takes part: its pose has three unknowns
+_INNER = 0.14  # of the circle's radius: where the robot's body ends on most robots
+
+
+@dataclass(frozen=True, eq=False)
+class ImageCalibration:
+    """A calibration from images: the mirror's circle, the generic camera it began with, the camera that it gives, and
+    which of the images show enough points to take part.
+    """
+
+    circle: Circle
+    before: OmniCamera
+    camera: OmniCamera
+    lines: LineCalibration
+    used: tuple[int, ...]
+
+
+def calibrate_images(
+    images: Sequence[ImageArray], field: FieldModel, handedness: int = 1, mount_yaw_rad: float = 0.0, seed: int = 0
+) -> ImageCalibration:
+    """Calibrate from images (H, W, 3), B, G, R, all of one size, of one robot.
+
+    Raises NoFitError where they don't tell, with the reason.
+    """
+    circle = mirror_circle(images)
+    size = (images[0].shape[1], images[0].shape[0])
+    before = generic_camera(circle, size)
+    try:
+        found = points_through(before, images, field.line_width)
+        used = tuple(k for k, one in enumerate(found) if len(one) >= _MIN_POINTS)
+        pixels = [found[k] for k in used]
+        lines = calibrate_points(pixels, circle.center, circle.radius_px, field, handedness, seed)
+        rough = camera_of(lines, size, _INNER * circle.radius_px, circle.radius_px)
+        again = points_through(rough, [images[k] for k in used], field.line_width)
+    except NoCarpetError as error:
+        raise NoFitError(f"no line points can be found: {error}") from None
+    pixels = [new if len(new) >= _MIN_POINTS else old for new, old in zip(again, pixels, strict=True)]
+    lines = refined_again(lines, pixels, circle.center, circle.radius_px, field)
+    camera = camera_of(lines, size, _INNER * circle.radius_px, circle.radius_px, mount_yaw_rad)
+    return ImageCalibration(circle, before, camera, lines, used)
+
+
+def camera_of(
+    lines: LineCalibration, size: tuple[int, int], inner_px: float, rim_px: float, mount_yaw_rad: float = 0.0
+) -> OmniCamera:
+    """The camera of a calibration, continued from the last point to twice its range, or to the mirror's rim."""
+    radii = np.arange(lines.last_px, max(rim_px, lines.last_px) + 0.5, 0.5)
+    ranges = lines.shape.range_m(radii)
+    outer = float(radii[ranges <= _FARTHER * ranges[0]][-1])
+    return lines.shape.camera(size, inner_px, outer, mount_yaw_rad)

@@ -1,0 +1,110 @@
+"""A mirror that was fitted to lines, as ground points of pixels and as a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.calibration.lines.equations import (
+    BEND_X,
+    CENTER_U,
+    HEIGHT_M,
+    LOG_SCALE,
+    PER_PX,
+    SHAPE,
+    STEEPEST_RAD,
+    spline_weights,
+)
+from touchline.camera import OmniCamera
+from touchline.geometry import FloatArray, wrap_angles
+
+_DIRECTIONS = 72
+_STEP_PX = 2.0
+_LARGEST_OFFSET_RAD = 0.15  # a camera.yaml holds 0.2 at most
+_LEAST_RISE_M = 1e-4  # of the range from radius to radius
+
+
+@dataclass(frozen=True, eq=False)
+class MirrorShape:
+    """Parameters (Q,) of `equations`, the image's handedness and the spacing of the spline's knots (px).
+
+    origin_m: (2,) where the robot's origin lies from the mirror's, in the mirror's frame (x along u): the axis about
+    which the robot turned, or zero.
+    """
+
+    parameters: FloatArray
+    handedness: int
+    knot_px: float
+    origin_m: FloatArray
+
+    @property
+    def center(self) -> FloatArray:
+        """The mirror's centre (2,) u, v."""
+        return self.parameters[CENTER_U : CENTER_U + 2]
+
+    @property
+    def bend_per_m(self) -> FloatArray:
+        """The bend (2,) of a mirror that leans, 1/m; see `equations`."""
+        return self.parameters[BEND_X : BEND_X + 2]
+
+    def range_m(self, radius_px: FloatArray) -> FloatArray:
+        """Ranges (N,) at radii (N,) without the bend; those beyond the horizon's steepest angle stay at it."""
+        turn = np.minimum(self.parameters[PER_PX] * radius_px, STEEPEST_RAD)
+        logs = self.parameters[LOG_SCALE] + np.log(np.tan(np.maximum(turn, 1e-9)))
+        spline, weights = self.parameters[SHAPE:], np.zeros(4)
+        if len(spline):
+            for i, radius in enumerate(radius_px):
+                first = spline_weights(float(radius), self.knot_px, len(spline), weights)
+                logs[i] += weights @ spline[first : first + 4]
+        ranges: FloatArray = np.exp(logs)
+        return ranges
+
+    def ground(self, pixels: FloatArray) -> FloatArray:
+        """Ground points (N, 2) in the robot frame, x along the image's u, of pixels (N, 2)."""
+        offset = pixels - self.center
+        radius = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
+        away = offset * np.array([1.0, self.handedness]) / radius[:, np.newaxis]
+        upright = away * self.range_m(radius)[:, np.newaxis]
+        bend = (1.0 + upright @ self.bend_per_m)[:, np.newaxis]
+        ground: FloatArray = upright * bend + HEIGHT_M**2 * self.bend_per_m - self.origin_m
+        return ground
+
+    def camera(self, size: tuple[int, int], inner_px: float, outer_px: float, mount_yaw_rad: float = 0.0) -> OmniCamera:
+        """The camera of images of a size (width, height) whose robot ends at inner_px and whose ground at outer_px."""
+        radii = np.arange(np.floor(0.8 * inner_px), np.ceil(outer_px) + _STEP_PX, _STEP_PX)
+        level = not np.any(self.bend_per_m) and not np.any(self.origin_m)
+        bearings = np.zeros(1) if level else 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+        around = self.handedness * bearings
+        away = np.column_stack((np.cos(around), np.sin(around)))
+        pixels = self.center + radii[np.newaxis, :, np.newaxis] * away[:, np.newaxis]
+        ground = self.ground(pixels.reshape(-1, 2)).reshape(len(bearings), len(radii), 2)
+        ranges = np.hypot(ground[..., 0], ground[..., 1])
+        offsets = wrap_angles(np.arctan2(ground[..., 1], ground[..., 0]) - bearings[:, np.newaxis])
+        fine = (np.abs(offsets) < _LARGEST_OFFSET_RAD).all(axis=0)
+        fine &= np.concatenate(([True], (np.diff(ranges, axis=1) > _LEAST_RISE_M).all(axis=0)))
+        first, last = _longest_run(fine)
+        kept = slice(first, last)
+        rows = np.mod(bearings + mount_yaw_rad, 2.0 * np.pi)
+        order = np.argsort(rows)
+        return OmniCamera(
+            *size,
+            (float(self.center[0]), float(self.center[1])),
+            float(inner_px),
+            float(min(outer_px, radii[last - 1])),
+            self.handedness,
+            mount_yaw_rad,
+            radii[kept],
+            rows[order],
+            ranges[order, kept],
+            None if level else offsets[order, kept],
+        )
+
+
+def _longest_run(fine: npt.NDArray[np.bool_]) -> tuple[int, int]:
+    """First and end of the longest run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], fine, [False])).astype(np.int8)))
+    starts, ends = edges[::2], edges[1::2]
+    k = int(np.argmax(ends - starts))
+    return int(starts[k]), int(ends[k])

@@ -1,0 +1,64 @@
+"""Line points in pixels, from a file: `u_px,v_px`, one row for each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from touchline.calibration.lines.image_points import Circle
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+
+_COLUMNS = ("u_px", "v_px")
+
+
+def read_pixels(path: Path) -> FloatArray:
+    """Different pixels (N, 2) u, v of a CSV file with the columns u_px and v_px. Raises InputError naming the line."""
+    try:
+        rows = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'it is no text'})") from None
+    header = [name.strip() for name in rows[0].split(",")] if rows else []
+    if any(name not in header for name in _COLUMNS):
+        raise InputError(f"{path}: needs the columns {' and '.join(_COLUMNS)}, found {','.join(header)!r}")
+    columns = [header.index(name) for name in _COLUMNS]
+    pixels = []
+    for number, row in enumerate(rows[1:], start=2):
+        if not row.strip():
+            continue
+        try:
+            pair = [float(row.split(",")[column]) for column in columns]
+        except (ValueError, IndexError):
+            pair = [np.nan]
+        if not np.all(np.isfinite(pair)):
+            raise InputError(f"{path}, line {number}: expected two numbers, u_px and v_px, found {row!r}")
+        pixels.append(pair)
+    if not pixels:
+        raise InputError(f"{path}: holds no points")
+    different: FloatArray = np.unique(np.array(pixels), axis=0)
+    return different
+
+
+def image_size(text: str | None, pixels: Sequence[FloatArray]) -> tuple[int, int]:
+    """Width and height from `640x480`; without it the smallest that hold the points, as whole multiples of 16."""
+    farthest = np.concatenate(list(pixels)).max(axis=0)
+    if text is None:
+        width, height = (16 * int(np.ceil((float(value) + 17.0) / 16.0)) for value in farthest)
+        return width, height
+    match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
+    if match is None:
+        raise InputError(f"--size: expected WIDTHxHEIGHT, 640x480 for instance, found {text!r}")
+    width, height = int(match[1]), int(match[2])
+    if farthest[0] > width - 0.5 or farthest[1] > height - 0.5:
+        raise InputError(f"--size: points reach to {farthest[0]:g}, {farthest[1]:g}, outside an image of {text}")
+    return width, height
+
+
+def rough_circle(pixels: Sequence[FloatArray]) -> Circle:
+    """The middle between the outermost points, and the radius that holds all."""
+    points = np.concatenate(list(pixels))
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return Circle(center, float(np.hypot(*(points - center).T).max()))

@@ -1,0 +1,153 @@
+"""`touchline calibrate lines`: a mirror camera from the field's own lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
+from touchline.errors import InputError, NoFitError
+from touchline.new_files import write_new_file
+
+if TYPE_CHECKING:
+    from touchline.calibration.lines.calibration import LineCalibration
+    from touchline.camera import OmniCamera
+    from touchline.field import FieldModel
+    from touchline.types import ImageArray
+
+_HANDEDNESS = (
+    "1: the image shows the field as a map does; -1: mirrored. Lines can't tell; without it 1 is taken, and said."
+)
+
+
+def calibrate_lines(
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="IMAGE...|PIXELS.csv...",
+            help="Images of one robot on the field, or line points (u_px,v_px), a file for each place.",
+            show_default=False,
+        ),
+    ],
+    field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.", show_default=False)],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The camera.yaml to write.", show_default=False)
+    ],
+    handedness: Annotated[int | None, typer.Option(metavar="1|-1", help=_HANDEDNESS, show_default=False)] = None,
+    mount_yaw: Annotated[
+        float, typer.Option(metavar="RAD", help="mount_yaw of the camera.yaml: lines can't tell where the front is.")
+    ] = 0.0,
+    size: Annotated[
+        str | None,
+        typer.Option(metavar="WxH", help="[PIXELS.csv] Size of the images, 640x480 for instance.", show_default=False),
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A picture of it (default: the output's name with .png).")
+    ] = None,
+) -> None:
+    """Write a camera.yaml found from the field's lines in one or more images, with no camera.yaml to begin with."""
+    if handedness not in (None, 1, -1):
+        raise InputError(f"--handedness: 1 or -1 is expected, found {handedness}")
+    picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
+    from touchline.calibration.strip_recording import camera_yaml
+    from touchline.field import open_field
+    from touchline.view.picture_files import save_picture
+
+    model = open_field(field)
+    from_points = [path.suffix.lower() == ".csv" for path in inputs]
+    if any(from_points) and not all(from_points):
+        raise InputError("images and files of line points can't be calibrated together: give the one or the other")
+    if size is not None and not all(from_points):
+        raise InputError("--size is for files of line points: images have their own")
+    hand = handedness or 1
+    try:
+        if all(from_points):
+            camera, lines, drawn = _from_points(inputs, model, hand, mount_yaw, size)
+        else:
+            camera, lines, drawn = _from_images(inputs, model, hand, mount_yaw)
+    except NoFitError as error:
+        raise NoFitError(f"{inputs[0]}{' ...' if len(inputs) > 1 else ''}: not calibrated: {error}") from None
+    words = _words(lines, camera, model, handedness)
+    write_new_file(output, camera_yaml(camera, words).encode())
+    save_picture(picture, drawn)
+    print_lines(words, output, picture)
+
+
+def _from_points(
+    paths: list[Path], field: FieldModel, handedness: int, mount_yaw: float, size: str | None
+) -> tuple[OmniCamera, LineCalibration, ImageArray]:
+    from touchline.calibration.lines.calibration import calibrate_points, check
+    from touchline.calibration.lines.images import camera_of
+    from touchline.calibration.lines.pixels_file import image_size, read_pixels, rough_circle
+    from touchline.view.line_calibration import points_picture
+
+    pixels = [read_pixels(path) for path in paths]
+    width_height = image_size(size, pixels)
+    circle = rough_circle(pixels)
+    lines = calibrate_points(pixels, circle.center, circle.radius_px, field, handedness)
+    check(lines)
+    camera = camera_of(lines, width_height, min(lines.first_px, 0.2 * lines.last_px), circle.radius_px, mount_yaw)
+    return camera, lines, points_picture(lines, field)
+
+
+def _from_images(
+    paths: list[Path], field: FieldModel, handedness: int, mount_yaw: float
+) -> tuple[OmniCamera, LineCalibration, ImageArray]:
+    from touchline.calibration.lines.calibration import check
+    from touchline.calibration.lines.images import calibrate_images
+    from touchline.cli.console import errors_console
+    from touchline.view.line_calibration import image_picture
+    from touchline.view.look import read_image
+
+    images = [read_image(path) for path in paths]
+    for path, image in zip(paths, images, strict=True):
+        if image.shape != images[0].shape:
+            raise InputError(f"{path}: is of another size than {paths[0]}; all images must be of one camera")
+    found = calibrate_images(images, field, handedness, mount_yaw)
+    check(found.lines)
+    for k in set(range(len(paths))) - set(found.used):
+        errors_console().print(f"left out: {paths[k]}: hardly any line points", style="yellow", markup=False)
+    return found.camera, found.lines, image_picture(found, images[found.used[0]], field)
+
+
+def _words(lines: LineCalibration, camera: OmniCamera, field: FieldModel, handedness: int | None) -> str:
+    """What was found, how sure it is, and what lines can't tell."""
+    import numpy as np
+
+    from touchline.geometry import wrap_angle
+
+    sure, shape = lines.certainty, lines.shape
+    points = sum(len(one) for one in lines.pixels)
+    images = f"{len(lines.pixels)} images" if len(lines.pixels) > 1 else "one image"
+    first, last = shape.range_m(np.array([lines.first_px, lines.last_px]))
+    radii = np.linspace(lines.first_px, lines.last_px, 9)[1:8]
+    near = sure.distances_m[sure.residuals < 2.5]
+    bend = float(np.degrees(np.hypot(*shape.bend_per_m) * 0.75 / 2.0))
+    text = (
+        f"Mirror calibrated from {points} line points of {images} on {field.name}: {100 * sure.on_lines:.0f} % lie on "
+        f"lines, {100 * float(np.median(near)):.1f} cm from their middle (median).\n"
+        f"Centre {shape.center[0]:.2f}, {shape.center[1]:.2f} px (± {sure.center_px[0]:.2f}, {sure.center_px[1]:.2f}); "
+        f"ranges ± {100 * float(sure.range_ratio(shape, radii).max()):.1f} % "
+        f"between {first:.1f} and {last:.1f} m; continued from {camera.range_m[:, 0].min():.2f} to "
+        f"{camera.range_m[:, -1].max():.1f} m.\n"
+    )
+    if len(lines.pixels) > 1:
+        text += f"The mirror leans by about {bend:.2f}°. "
+        text += (
+            "The robot turned on the spot: its axis is the origin.\n"
+            if lines.spot_m is not None
+            else "The origin is the point below the mirror: the robot did not turn on the spot.\n"
+        )
+    else:
+        text += "One image can't tell how the mirror leans: take it for upright, or give several images.\n"
+    for k, pose in enumerate(lines.poses, start=1):
+        degrees = np.degrees(wrap_angle(pose.heading - camera.mount_yaw_rad))
+        text += f"Pose {k}: {pose.x:.2f}, {pose.y:.2f} m, {degrees:.1f}°, or its twin across the field.\n"
+    if handedness is None:
+        text += (
+            "handedness: 1 is taken; lines can't tell. If the field appears mirrored in the image (turn the robot to "
+            "the left: a mirrored picture turns the other way), run again with --handedness -1.\n"
+        )
+    return text + f"mount_yaw {camera.mount_yaw_rad:g}: correct it if the robot's front is elsewhere in the image."

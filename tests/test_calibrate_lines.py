@@ -1,0 +1,169 @@
+"""A mirror calibrated from the field's own lines: points of known mirrors, and what can't be told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from touchline.calibration.lines.calibration import MIN_LEAD, LineCalibration, calibrate_points, check, turning_axis
+from touchline.calibration.lines.equations import SHAPE, Lines, Noise, residual
+from touchline.calibration.lines.images import camera_of
+from touchline.calibration.lines.mirror_shape import MirrorShape
+from touchline.calibration.lines.pixels_file import image_size, read_pixels
+from touchline.camera import open_camera
+from touchline.cli import app
+from touchline.errors import InputError, NoFitError
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose
+
+CENTER, SCALE_M, PER_PX = np.array([238.0, 243.0]), 1.6, 0.0070
+
+
+@pytest.fixture(scope="module")
+def field() -> FieldModel:
+    return open_field("msl-18x12")
+
+
+def seen_pixels(
+    field: FieldModel,
+    pose: Pose,
+    rng: np.random.Generator,
+    handedness: int = 1,
+    reach_m: float = 8.0,
+    step_m: float = 0.2,
+) -> FloatArray:
+    """Pixels (N, 2) of the field's lines within reach, through an upright mirror; a third of a pixel of noise."""
+    ground = pose.inverse().transform(np.concatenate(field.polylines(step_m)))
+    ground = ground[(np.hypot(*ground.T) < reach_m) & (np.hypot(*ground.T) > 0.6)]
+    radius = np.arctan(np.hypot(*ground.T) / SCALE_M) / PER_PX
+    bearing = np.arctan2(ground[:, 1], ground[:, 0])
+    pixels = CENTER + radius[:, np.newaxis] * np.column_stack((np.cos(bearing), handedness * np.sin(bearing)))
+    return np.asarray(pixels + rng.normal(0.0, 0.33, pixels.shape))
+
+
+def calibrated(pixels: list[FloatArray], field: FieldModel, handedness: int = 1) -> LineCalibration:
+    return calibrate_points(pixels, np.array([240.0, 240.0]), 220.0, field, handedness)
+
+
+def range_errors(shape: MirrorShape, first_m: float = 2.0) -> FloatArray:
+    ranges = np.linspace(first_m, 6.0, 20)
+    return np.asarray(shape.range_m(np.arctan(ranges / SCALE_M) / PER_PX) / ranges - 1.0)
+
+
+@pytest.mark.parametrize("handedness", [1, -1])
+def test_a_mirror_is_found_from_nothing_with_a_fifth_of_clutter(field: FieldModel, handedness: int) -> None:
+    rng = np.random.default_rng(3)
+    pixels = seen_pixels(field, Pose(3.0, -1.5, 0.7), rng, handedness)
+    strays = CENTER + 190.0 * rng.uniform(-1.0, 1.0, (len(pixels) // 5, 2))
+    found = calibrated([np.concatenate((pixels, strays))], field, handedness)
+    check(found)
+    assert np.abs(found.shape.center - CENTER).max() < 0.3
+    assert np.abs(range_errors(found.shape)).max() < 0.01
+    pose = found.poses[0]
+    assert np.hypot(abs(pose.x) - 3.0, abs(pose.y) - 1.5) < 0.03
+
+
+def test_few_points_in_each_of_four_images_tell_together_what_none_tells_alone(field: FieldModel) -> None:
+    rng = np.random.default_rng(1)
+    images = [seen_pixels(field, Pose(2.0, 1.0, h), rng)[rng.permutation(200)[:30]] for h in (0.0, 1.5, 3.0, 4.5)]
+    found = calibrated(images, field)
+    check(found)
+    assert np.abs(range_errors(found.shape)).max() < 0.03
+
+
+def test_one_line_is_refused(field: FieldModel) -> None:
+    rng = np.random.default_rng(0)
+    pixels = seen_pixels(field, Pose(5.0, 4.5, 0.3), rng, reach_m=2.0, step_m=0.02)
+    with pytest.raises(NoFitError):
+        check(calibrated([pixels], field))
+
+
+def test_noise_is_refused(field: FieldModel) -> None:
+    rng = np.random.default_rng(0)
+    with pytest.raises(NoFitError):
+        check(calibrated([CENTER + 200.0 * rng.uniform(-1.0, 1.0, (150, 2))], field))
+
+
+def test_the_wrong_field_is_refused(field: FieldModel) -> None:
+    pixels = seen_pixels(field, Pose(3.0, -1.5, 0.7), np.random.default_rng(3))
+    with pytest.raises(NoFitError):
+        check(calibrated([pixels], open_field("spl-9x6")))
+
+
+def test_too_few_points_are_refused(field: FieldModel) -> None:
+    with pytest.raises(NoFitError, match="too few"):
+        calibrated([np.full((5, 2), 200.0)], field)
+
+
+def test_the_axis_of_a_turn_is_found() -> None:
+    headings = np.array([0.0, 1.2, 2.5, 4.0])
+    axis = np.array([0.03, -0.02])
+    at = [np.array([2.0, 1.0]) - np.array([[np.cos(h), -np.sin(h)], [np.sin(h), np.cos(h)]]) @ axis for h in headings]
+    found, off = turning_axis(np.column_stack((np.array(at), headings)))
+    assert found == pytest.approx(axis, abs=1e-9)
+    assert off == pytest.approx(0.0, abs=1e-9)
+    assert turning_axis(np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 1.0], [1.0, 4.0, 2.0]]))[1] is None
+
+
+def test_derivatives_are_those_of_the_distance(field: FieldModel) -> None:
+    rng = np.random.default_rng(2)
+    lines = Lines(True, field.distance_map(0.05, 3.0).table, field.line_tables)
+    spline = rng.normal(0.0, 0.02, 19)
+    state = np.array([238.0, 243.0, 0.47, 0.007, 0.01, -0.02, *spline, 3.0, -1.5, 0.7])
+    work = np.zeros(SHAPE + 19 + 3), np.zeros(4), np.zeros(4)
+    for pixel in seen_pixels(field, Pose(3.0, -1.5, 0.7), rng)[::40]:
+        residual(pixel, -1.0, 14.0, state, lines, Noise(0.01, 2.5), work)
+        own, steps = work[0].copy(), 1e-6 * np.eye(len(state))
+        others = [
+            [residual(pixel, -1.0, 14.0, state + side * step, lines, Noise(0.01, 2.5), work)[0] for side in (1, -1)]
+            for step in steps
+        ]
+        numeric = np.array([(high - low) / 2e-6 for high, low in others])
+        assert own == pytest.approx(numeric, abs=1e-5 * np.abs(own).max())
+
+
+def test_the_camera_puts_pixels_where_the_shape_does() -> None:
+    parameters = np.array([238.0, 243.0, np.log(1.6), 0.007, 0.012, -0.008])
+    shape = MirrorShape(parameters, -1, 14.0, np.array([0.02, -0.01]))
+    camera = shape.camera((480, 480), 40.0, 200.0, 0.5)
+    rng = np.random.default_rng(0)
+    angle, radius = rng.uniform(0.0, 2.0 * np.pi, 50), rng.uniform(60.0, 190.0, 50)
+    pixels = CENTER + radius[:, np.newaxis] * np.column_stack((np.cos(angle), np.sin(angle)))
+    turn = np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]])
+    expected = shape.ground(pixels) @ turn
+    assert np.hypot(*(camera.ground_from_image(pixels) - expected).T).max() < 0.01
+
+
+def test_the_command_writes_a_camera_and_a_picture(field: FieldModel, tmp_path: Path) -> None:
+    pixels = seen_pixels(field, Pose(3.0, -1.5, 0.7), np.random.default_rng(3))
+    points, out = tmp_path / "points.csv", tmp_path / "camera.yaml"
+    points.write_text("u_px,v_px\n" + "\n".join(f"{u:.2f},{v:.2f}" for u, v in pixels))
+    command = ["calibrate", "lines", str(points), "--field", "msl-18x12", "--size", "480x480", "-o", str(out)]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    assert "handedness: 1 is taken" in done.output
+    assert (tmp_path / "camera.png").exists()
+    camera = open_camera(out)
+    assert np.abs(np.array(camera.center) - CENTER).max() < 0.3  # type: ignore[attr-defined]
+
+
+def test_files_of_pixels(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("v_px,u_px\n2,1\n2,1\n4,3\n")
+    assert read_pixels(file).tolist() == [[1.0, 2.0], [3.0, 4.0]]
+    assert image_size("640x480", [read_pixels(file)]) == (640, 480)
+    file.write_text("u_px,v_px\n1,2\nx,3\n")
+    with pytest.raises(InputError, match="line 3"):
+        read_pixels(file)
+    with pytest.raises(InputError, match="--size"):
+        image_size("large", [np.ones((1, 2))])
+
+
+def test_the_camera_reaches_twice_the_last_range(field: FieldModel) -> None:
+    found = calibrated([seen_pixels(field, Pose(3.0, -1.5, 0.7), np.random.default_rng(3), reach_m=5.0)], field)
+    camera = camera_of(found, (480, 480), 30.0, 230.0)
+    assert 9.0 < camera.range_m[0, -1] < 10.5
+    assert found.lead > MIN_LEAD
