@@ -14,7 +14,7 @@ from touchline.calibration.lines.images import camera_of
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.pixels_file import image_size, read_pixels
 from touchline.camera import open_camera
-from touchline.cli import app
+from touchline.cli.commands import app
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose

@@ -98,8 +98,8 @@ def _from_images(
     from touchline.calibration.lines.calibration import check
     from touchline.calibration.lines.images import calibrate_images
     from touchline.cli.console import errors_console
+    from touchline.image_files import read_image
     from touchline.view.line_calibration import image_picture
-    from touchline.view.look import read_image
 
     images = [read_image(path) for path in paths]
     for path, image in zip(paths, images, strict=True):

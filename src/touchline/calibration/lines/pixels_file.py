@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +12,16 @@ import numpy as np
 from touchline.calibration.lines.image_points import Circle
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
+from touchline.opened_files import text_lines
+from touchline.types import MAX_OBSERVED_POINTS
 
+_LARGEST_PX = 20_000.0
 _COLUMNS = ("u_px", "v_px")
 
 
 def read_pixels(path: Path) -> FloatArray:
     """Different pixels (N, 2) u, v of a CSV file with the columns u_px and v_px. Raises InputError naming the line."""
-    try:
-        rows = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'it is no text'})") from None
+    rows = [line.rstrip("\r\n") for line in islice(text_lines(path), MAX_OBSERVED_POINTS + 2)]
     header = [name.strip() for name in rows[0].split(",")] if rows else []
     if any(name not in header for name in _COLUMNS):
         raise InputError(f"{path}: needs the columns {' and '.join(_COLUMNS)}, found {','.join(header)!r}")
@@ -33,9 +34,11 @@ def read_pixels(path: Path) -> FloatArray:
             pair = [float(row.split(",")[column]) for column in columns]
         except (ValueError, IndexError):
             pair = [np.nan]
-        if not np.all(np.isfinite(pair)):
+        if not (np.all(np.isfinite(pair)) and max(map(abs, pair)) < _LARGEST_PX):
             raise InputError(f"{path}, line {number}: expected two numbers, u_px and v_px, found {row!r}")
         pixels.append(pair)
+    if len(pixels) > MAX_OBSERVED_POINTS:
+        raise InputError(f"{path}: holds more than {MAX_OBSERVED_POINTS} points, the most of one file")
     if not pixels:
         raise InputError(f"{path}: holds no points")
     different: FloatArray = np.unique(np.array(pixels), axis=0)
