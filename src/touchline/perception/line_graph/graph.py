@@ -297,11 +297,16 @@ def bridge_gaps(smooth: FloatArray, graph: Graph, count: int) -> None:
             if cost < np.inf:
                 costs[found], pairs[found, 0], pairs[found, 1] = cost, end, other
                 found += 1
-    for k in np.argsort(costs[:found]):
-        end, other = pairs[k, 0], pairs[k, 1]
-        # what has been connected meanwhile may rule it out
+    order = np.argsort(costs[:found])
+    k = 0
+    while k < found:
+        end, other = pairs[order[k], 0], pairs[order[k], 1]
+        # what has been connected meanwhile may rule it out, or be what it continues: then all are judged again
         if _may_bridge(graph, end, other) and _cost(smooth, graph, end, other) < np.inf:
             connect(graph, end, other)
+            k = 0
+        else:
+            k += 1
 
 
 @njit(cache=True)
