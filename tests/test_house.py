@@ -31,6 +31,7 @@ DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").
 ROOMS = (
     "errors",
     "messages",
+    "given",
     "new_files",
     "opened_files",
     "yaml_files",

@@ -191,8 +191,11 @@ def test_a_path_that_is_no_recording_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no such recording"):
         open_source(tmp_path / "nowhere")
     (tmp_path / "match.bag").write_bytes(b"#ROSBAG")
-    with pytest.raises(InputError, match=r"match\.bag: is not a recording; expected a folder"):
+    with pytest.raises(InputError, match=r"match\.bag: ends like a bag but is none"):
         open_source(tmp_path / "match.bag")
+    (tmp_path / "notes").write_bytes(b"Friday")
+    with pytest.raises(InputError, match=r"notes: is not a recording; expected a folder"):
+        open_source(tmp_path / "notes")
 
 
 def test_a_broken_field_file_is_refused_by_name(folder: Path) -> None:

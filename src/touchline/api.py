@@ -24,6 +24,7 @@ from touchline.evaluation.runner import OnFrame, RunTally, robot_setup, run_fram
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
+from touchline.given import given_numbers, given_path, given_seed, given_switch, refused
 from touchline.sources import SENSOR_FILES, ProblemKind, Recording, open_source
 from touchline.systems import (
     DEFAULT_SYSTEM,
@@ -54,7 +55,7 @@ def run(
     system: str = DEFAULT_SYSTEM,
     *,
     output: str | Path | None = None,
-    start: tuple[float, float, float] | None = None,
+    start: Sequence[float] | None = None,
     own_half: bool = False,
     config: str | Path | None = None,
     overrides: Sequence[str] = (),
@@ -68,9 +69,11 @@ def run(
 
     Raises InputError for bad input; what the system raises is raised on, after the folder has been finished.
     """
-    prior = Prior(None if start is None else Pose(*start), own_half)
+    pose = None if start is None else Pose(*given_numbers("start", "x, y (m), heading (rad)", start, 3))
+    prior = Prior(pose, given_switch("own_half", own_half))
+    folder_path = None if output is None else given_path("output", "the path of a new folder", output)
     prepared = prepare(recording, system, prior=prior, config=config, overrides=overrides, seed=seed)
-    folder = new_folder(None if output is None else Path(output), prepared.source.name)
+    folder = new_folder(folder_path, prepared.source.name)
     finished, failure = prepared.execute(folder)
     if failure is not None:
         raise failure
@@ -182,11 +185,14 @@ def prepare(
     info = system_info(system)
     others = {name: other.settings for name, other in SYSTEMS.items() if name != info.name}
     notices: list[str] = []
-    file = None if config is None else Path(config)
+    file = None if config is None else given_path("config", "the path of a YAML file of settings", config)
+    if not isinstance(overrides, list | tuple) or not all(isinstance(each, str) for each in overrides):
+        raise refused("overrides", "a list of texts 'key=value'", overrides)
+    seed = given_seed(seed)
     if preset is not None and not preset_values(info.settings, preset):
         raise InputError(f"{info.name} has no preset '{preset}'{_with_preset(preset)}")
     settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices, preset=preset)
-    source = recording if isinstance(recording, Recording) else open_source(recording)
+    source = open_source(recording)
     built = open_system(system, robot_setup(source), settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)

@@ -20,13 +20,14 @@ from typing import Any
 import numpy as np
 
 from touchline.camera import Camera, open_camera
-from touchline.config import Settings, settings_from_mapping
+from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
+from touchline.given import given_seed
 from touchline.localization.fusion.pose_filter import PoseFilter
 from touchline.motion import FrameOrder, MotionHistory
-from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system, system_info
+from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, ImageArray, LinePoints, Observation, Prior, Samples, Status, points_at
 
@@ -68,14 +69,11 @@ class Localizer:
 
         Raises InputError for whatever of these is wrong.
         """
-        info = system_info(system)
-        _check_kinds(field, camera, seed)
-        chosen = settings_from_mapping(info.settings, settings) if isinstance(settings, Mapping) else settings
-        self.field = field if isinstance(field, FieldModel) else open_field(field)
-        self.camera = open_camera(camera) if isinstance(camera, str | Path) else camera
-        setup = RobotSetup(self.field, self.camera, _directions(wheels))
+        self.field = open_field(field)
+        self.camera = None if camera is None else open_camera(camera)
+        setup = RobotSetup(self.field, self.camera, wheels)
         self._max_range_m = setup.max_range_m
-        made = open_system(system, setup, chosen, np.random.default_rng(seed))
+        made = open_system(system, setup, settings, given_seed(seed))
         made.reset()
         self._system = OrderedSystem(made)
         self._history = made.history
@@ -402,29 +400,6 @@ def _pairs(points: FloatArray | Sequence[Sequence[float]] | None) -> FloatArray:
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(f"points need the shape (N, 2), got {array.shape}")
     return array
-
-
-def _check_kinds(field: object, camera: object, seed: object) -> None:
-    """Raises InputError for a field, camera or seed of a kind that can't be one."""
-    if not isinstance(field, str | Path | FieldModel):
-        raise InputError(f"field: expected a name, the path of a field.yaml or a FieldModel, got {field!r:.60}")
-    if not (camera is None or isinstance(camera, str | Path) or hasattr(camera, "ground_from_image")):
-        raise InputError(f"camera: expected the path of a camera.yaml, a camera or None, got {camera!r:.60}")
-    if not isinstance(seed, int) or seed < 0:
-        raise InputError(f"seed: expected a whole number from 0 on, got {seed!r:.60}")
-
-
-def _directions(wheels: tuple[float, float] | None) -> tuple[float, float] | None:
-    """Raises InputError unless they are two angles."""
-    if wheels is None:
-        return None
-    try:
-        a_dir_rad, b_dir_rad = map(float, wheels)
-    except (TypeError, ValueError):
-        a_dir_rad = b_dir_rad = math.nan
-    if not (math.isfinite(a_dir_rad) and math.isfinite(b_dir_rad)):
-        raise InputError(f"wheels: expected the two rolling directions (rad) as (a, b), got {wheels!r}")
-    return a_dir_rad, b_dir_rad
 
 
 def _prior(

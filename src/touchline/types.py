@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose, Pose3
+from touchline.given import given_numbers, refused
 
 ImageArray = npt.NDArray[np.uint8]
 KindArray = npt.NDArray[np.str_]
@@ -75,6 +76,13 @@ class LinePoints:
     pixels: FloatArray
 
     def __post_init__(self) -> None:
+        for name in ("positions_m", "covariances_m2", "confidences", "pixels"):
+            given = getattr(self, name)
+            if not isinstance(given, np.ndarray):
+                try:
+                    object.__setattr__(self, name, np.array(given, dtype=np.float64, ndmin=1))
+                except (TypeError, ValueError):
+                    raise refused(name, "an array of numbers", given) from None
         n = check_point_count(len(self.positions_m))
         shapes = (self.positions_m.shape, self.covariances_m2.shape, self.confidences.shape, self.pixels.shape)
         if shapes != ((n, 2), (n, 2, 2), (n,), (n, 2)):
@@ -100,6 +108,17 @@ def check_point_count(count: int) -> int:
     if count > MAX_OBSERVED_POINTS:
         raise InputError(f"{count} points: one observation holds {MAX_OBSERVED_POINTS} at most")
     return count
+
+
+def _positions(what: str, given: object) -> FloatArray:
+    """(N, 2) positions. Raises InputError for what is none."""
+    try:
+        positions_m = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        positions_m = np.zeros(0)
+    if positions_m.ndim != 2 or positions_m.shape[1] != 2:
+        raise refused(what, "LinePoints or positions (N, 2) in m", given)
+    return positions_m
 
 
 def empty_points() -> LinePoints:
@@ -253,7 +272,11 @@ def no_landmarks() -> Landmarks:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Observation:
-    """What was seen in one frame, in the robot frame. problem: why nothing could be seen, if so."""
+    """What was seen in one frame, in the robot frame. problem: why nothing could be seen, if so.
+
+    points, boundary: LinePoints, or positions (N, 2) of which nobody says how precise they are.
+    Raises InputError for what is neither.
+    """
 
     stamp_ns: int
     points: LinePoints = field(default_factory=empty_points)
@@ -262,6 +285,12 @@ class Observation:
     landmarks: Landmarks = field(default_factory=no_landmarks)
     boundary: LinePoints = field(default_factory=empty_points)
     problem: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("points", "boundary"):
+            given = getattr(self, name)
+            if not isinstance(given, LinePoints):
+                object.__setattr__(self, name, points_at(_positions(name, given)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -413,6 +442,18 @@ class Prior:
             raise InputError("give a start pose or the own half, not both")
         if self.covariance is not None:
             _check_covariance(self.pose, self.covariance)
+
+
+def as_prior(prior: object) -> Prior:
+    """What is told to a system at its start: a Prior, None for nothing, or a pose as x, y, heading (m, m, rad).
+
+    Raises InputError for anything else.
+    """
+    if prior is None:
+        return Prior()
+    if isinstance(prior, Prior):
+        return prior
+    return Prior(Pose(*given_numbers("start pose", "x, y (m), heading (rad), a Prior or None", prior, 3)))
 
 
 def _check_covariance(pose: Pose | None, covariance: FloatArray) -> None:

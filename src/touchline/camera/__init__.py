@@ -10,15 +10,21 @@ from touchline.camera.ground_view import GroundView, ground_view
 from touchline.camera.omni import OmniCamera, omni_from_mapping, require_omni
 from touchline.camera.pinhole import PinholeCamera, pinhole_from_mapping
 from touchline.errors import InputError
+from touchline.given import given_path
 from touchline.messages import did_you_mean, shown
 from touchline.yaml_files import read_yaml_mapping
 
 MODELS = ("omni", "pinhole")
 
 
-def open_camera(path: str | Path) -> Camera:
-    """The camera that a camera.yaml describes. Raises InputError for an unknown model or a broken file."""
-    path = Path(path)
+def open_camera(path: str | Path | Camera) -> Camera:
+    """The camera that a camera.yaml describes; a camera is returned as it is.
+
+    Raises InputError for an unknown model or a broken file.
+    """
+    if not isinstance(path, str | Path) and hasattr(path, "ground_from_image"):
+        return path
+    path = given_path("camera", "the path of a camera.yaml or a camera", path)
     return camera_from_mapping(read_yaml_mapping(path), path)
 
 

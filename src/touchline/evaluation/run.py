@@ -11,6 +11,7 @@ from touchline.evaluation.estimates import EstimateTable, read_estimates
 from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
 from touchline.evaluation.run_folder import ESTIMATES, REPORT, SUMMARY, UNFINISHED, read_summary
 from touchline.evaluation.tum import read_tum
+from touchline.given import given_path
 from touchline.messages import counted
 from touchline.sources import BagOptions, Recording, open_source
 from touchline.types import Samples, Status
@@ -113,14 +114,17 @@ class Run:
         return f"Run({str(self.folder)!r})"
 
 
-def evaluate(run: str | Path, truth: str | Path | None = None, skip: int = 0, follow_links: bool = False) -> ErrorTable:
+def evaluate(
+    run: str | Path | Run, truth: str | Path | None = None, skip: int = 0, follow_links: bool = False
+) -> ErrorTable:
     """Errors of a run folder or of a trajectory in TUM format, as `touchline evaluate` prints them.
 
     truth: a TUM file; without it, a run folder's recording is asked. A trajectory file has no statuses and no black
     images, so all its frames count. follow_links: as of `open_source`.
     Raises InputError if there is nothing to compare with.
     """
-    run, truth = Path(run), None if truth is None else Path(truth)
+    run = run.folder if isinstance(run, Run) else given_path("run", "the folder of a run or a trajectory.tum", run)
+    truth = None if truth is None else given_path("truth", "the path of a TUM file", truth)
     if not run.exists():
         raise InputError(f"{run}: there is no such run; expected the folder of a run or a trajectory.tum")
     if not run.is_dir():

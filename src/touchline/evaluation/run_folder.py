@@ -55,6 +55,8 @@ def new_folder(output: Path | None, name: str, parent: Path = RUNS) -> Path:
         raise InputError(f"{output or parent}: exists already; nothing is overwritten, choose another folder") from None
     except OSError as error:
         raise InputError(f"{error.filename}: the folder cannot be made ({error.strerror}); see --output") from None
+    except ValueError as error:  # a character that no path has
+        raise InputError(f"output: {str(output)!r} is no path ({error})") from None
     raise AssertionError("unreachable: itertools.count does not end")
 
 

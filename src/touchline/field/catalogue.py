@@ -7,6 +7,7 @@ from pathlib import Path
 from touchline.errors import InputError
 from touchline.field.model import FieldModel
 from touchline.field.reading import load_field
+from touchline.given import given_path
 from touchline.messages import did_you_mean
 
 _PRESETS = Path(__file__).parent / "presets"
@@ -17,14 +18,16 @@ def preset_names() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in _PRESETS.glob("*.yaml")))
 
 
-def open_field(name_or_path: str | Path) -> FieldModel:
+def open_field(name_or_path: str | Path | FieldModel) -> FieldModel:
     """A field by preset name, by the path of a field.yaml, or of a folder (a recording) that holds one.
 
-    Raises InputError for an unknown name and for a file that is no field.
+    A FieldModel is returned as it is. Raises InputError for an unknown name and for a file that is no field.
     """
+    if isinstance(name_or_path, FieldModel):
+        return name_or_path
+    path = given_path("field", "a preset's name, the path of a field.yaml or a FieldModel", name_or_path)
     if str(name_or_path) in preset_names():
         return load_field(_PRESETS / f"{name_or_path}.yaml")
-    path = Path(name_or_path)
     if path.is_dir():
         path = path / "field.yaml"
     if path.exists():

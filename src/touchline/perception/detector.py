@@ -49,6 +49,8 @@ def observe(frame: Frame, detector: Detector | None, max_range_m: float = math.i
     Points that are no measurements, and those farther away than max_range_m, are left out. detector: None without a
     camera. An image that can't be used is this frame's problem: nothing is seen, and no other frame is concerned.
     """
+    if frame.observation is not None and not isinstance(frame.observation, Observation):
+        return Observation(frame.stamp_ns, problem=f"the observation is {_kind(frame.observation)}, not an Observation")
     if frame.observation is not None:
         # whatever clock the robot's own detector has, the observation belongs to this frame
         return _with_usable_points(replace(frame.observation, stamp_ns=frame.stamp_ns), max_range_m)

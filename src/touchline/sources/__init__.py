@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from touchline.errors import InputError
+from touchline.given import given_path
 from touchline.sources.bags.kinds import find_bag, require_bags
 from touchline.sources.bags.roles import BagOptions
 from touchline.sources.folder import SENSOR_FILES, Recording
+from touchline.sources.other_files import refuse_other_files
 from touchline.sources.problems import Problem, ProblemKind, ProblemLog
 from touchline.sources.source import Source, Truth
 
@@ -24,20 +26,26 @@ __all__ = [
 ]
 
 
-def open_source(path: str | Path, follow_links: bool = False, options: BagOptions | None = None) -> Recording:
+def open_source(
+    path: str | Path | Recording, follow_links: bool = False, options: BagOptions | None = None
+) -> Recording:
     """Open a recording: a folder (docs/how-to-recording.md, format 1), an MCAP file, a rosbag2 folder or a ROS 1 bag.
 
-    follow_links: read what the recording names or links to outside of its folder, too. options: what a bag that another
-    program wrote does not say of itself.
+    A recording that is open already is returned as it is. follow_links: read what the recording names or links to
+    outside of its folder, too. options: what a bag that another program wrote does not say of itself.
     Raises InputError, naming file and line, when it can't be read at all. What can be survived is in `.problems`.
     """
-    files = find_bag(Path(path))
+    if isinstance(path, Recording):
+        return path
+    path = given_path("recording", "the path of a recording", path)
+    files = find_bag(path)
     options = options or BagOptions()
     if files is None and options.given():
         raise InputError(f"{path}: --topic, --field, --camera and --base are for bags; this is none")
     if files is None:
-        return Recording(Path(path), follow_links)
-    require_bags(Path(path))
+        refuse_other_files(path)
+        return Recording(path, follow_links)
+    require_bags(path)
     from touchline.sources.bags.opening import open_bag
 
-    return open_bag(Path(path), files, options)
+    return open_bag(path, files, options)

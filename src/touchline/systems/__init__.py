@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from touchline.config import Settings
+from touchline.config import Settings, settings_from_mapping
 from touchline.errors import InputError
+from touchline.given import given_name, given_seed, refused
 from touchline.messages import did_you_mean
 from touchline.motion import MotionHistory
 from touchline.perception import Detector
@@ -112,21 +113,28 @@ SYSTEMS = {
 
 def system_info(name: str) -> SystemInfo:
     """The named system. Raises InputError with the nearest known name."""
+    given_name("system", f"a name: {', '.join(SYSTEMS)}", name)
     if name not in SYSTEMS:
         raise InputError(f"unknown system '{name}': {did_you_mean(name, list(SYSTEMS))}")
     return SYSTEMS[name]
 
 
 def open_system(
-    name: str, setup: RobotSetup, settings: Settings | None = None, rng: np.random.Generator | None = None
+    name: str,
+    setup: RobotSetup,
+    settings: Settings | Mapping[str, Any] | None = None,
+    rng: np.random.Generator | int | None = None,
 ) -> LocalizationSystem:
     """A system that is ready for its first frame.
 
-    settings: its own, by default the paper's values. rng: where all its chance comes from, by default of seed 0.
+    settings: its own, by default the paper's values, or only what differs, as {"matching.c_m": 0.3}. rng: where all its
+    chance comes from, or a seed; by default of seed 0.
     Raises InputError for an unknown name, for settings of another system and for a camera that the system cannot use.
     """
     info = system_info(name)
-    chosen = info.settings() if settings is None else settings
+    if not isinstance(setup, RobotSetup):
+        raise refused("setup", "a RobotSetup(field, camera, wheel_directions_rad)", setup)
+    chosen = settings_from_mapping(info.settings, settings or {}) if isinstance(settings, Mapping | None) else settings
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
     if setup.camera is not None and setup.camera.model not in info.cameras:
@@ -136,7 +144,9 @@ def open_system(
             "What a detector of the robot's own has found needs no camera model: observations.csv in a recording, "
             "points or an observation in Python"
         )
-    return info.factory(setup, chosen, np.random.default_rng(0) if rng is None else rng)
+    if not isinstance(rng, np.random.Generator):
+        rng = np.random.default_rng(0 if rng is None else given_seed(rng))
+    return info.factory(setup, chosen, rng)
 
 
 __all__ = [

@@ -48,6 +48,7 @@ from touchline.types import (
     Observation,
     Prior,
     Status,
+    as_prior,
 )
 
 _STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
@@ -118,7 +119,7 @@ class IrisFusion:
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
-        s, prior = self.settings, prior or Prior()
+        s, prior = self.settings, as_prior(prior)
         self.region = replace(OWN_HALF, max_x=OWN_HALF.max_x + OWN_HALF_M) if prior.own_half else None
         self.moved = Pose(0.0, 0.0, 0.0)  # since the robot stood in the start region
         self.history.clear()

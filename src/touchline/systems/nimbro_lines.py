@@ -29,7 +29,7 @@ from touchline.motion import MotionHistory
 from touchline.perception import Detector, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Observation, Prior
+from touchline.types import Estimate, Frame, Observation, Prior, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where no camera.yaml tells: that of a robot between kid and adult size
 
@@ -75,7 +75,7 @@ class NimbroLines:
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
-        prior = prior or Prior()
+        prior = as_prior(prior)
         if self.detector is not None:
             self.detector.reset()
         self.history.clear()

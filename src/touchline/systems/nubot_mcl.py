@@ -33,7 +33,7 @@ from touchline.perception import SelfLearningDetector, observe
 from touchline.systems.nubot_settings import NubotSettings
 from touchline.systems.report import Stopwatch, report
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Prior, Status
+from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 
 class NubotMclSettings(ParticleSearchSettings, NubotSettings):
@@ -74,6 +74,7 @@ class NubotMcl:
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
+        prior = as_prior(prior)
         if self.detector is not None:
             self.detector.reset()
         self.history.clear()

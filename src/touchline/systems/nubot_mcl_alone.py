@@ -32,7 +32,7 @@ from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettin
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.report import Stopwatch, report
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Prior, Status
+from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 
 class NubotMclAloneSettings(ParticleSearchSettings):
@@ -74,7 +74,7 @@ class NubotMclAlone:
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
-        prior = prior or Prior()
+        prior = as_prior(prior)
         if self.detector is not None:
             self.detector.reset()
         self.history.clear()

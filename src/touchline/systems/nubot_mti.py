@@ -30,7 +30,7 @@ from touchline.perception import SelfLearningDetector, observe
 from touchline.systems.nubot_settings import NubotSettings
 from touchline.systems.report import Stopwatch, report
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Hypothesis, Prior, Status
+from touchline.types import Estimate, Frame, Hypothesis, Prior, Status, as_prior
 
 
 class NubotMtiSettings(NubotSettings):
@@ -64,6 +64,7 @@ class NubotMti:
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
+        prior = as_prior(prior)
         if self.detector is not None:
             self.detector.reset()
         self.history.clear()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from touchline.camera import Camera, OmniCamera
-from touchline.field import FieldModel
+from touchline.camera import Camera, OmniCamera, open_camera
+from touchline.field import FieldModel, open_field
+from touchline.given import given_numbers, refused
 
 _MARGIN_M = 3.0  # a robot stands beside the field, a mirror leans, ranges are rough far away
 
@@ -15,13 +16,24 @@ _MARGIN_M = 3.0  # a robot stands beside the field, a mirror leans, ranges are r
 class RobotSetup:
     """The field a robot plays on, and how its sensors are mounted. A system takes what it uses and leaves the rest.
 
+    Names and paths are opened: a field's, as `open_field` takes them, and that of a camera.yaml.
     camera: None if the frames bring their line points. wheel_directions_rad: rolling directions of two measuring wheels
-    a and b in the robot frame; None where there are none, or nobody knows.
+    a and b in the robot frame; None where there are none, or nobody knows. Raises InputError for anything else.
     """
 
     field: FieldModel
     camera: Camera | None = None
     wheel_directions_rad: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "field", open_field(self.field))
+        object.__setattr__(self, "camera", None if self.camera is None else open_camera(self.camera))
+        if self.wheel_directions_rad is not None:
+            what, expected = "wheels", "the two rolling directions (rad) as (a, b)"
+            directions = given_numbers(what, expected, self.wheel_directions_rad, 2)
+            if not all(map(math.isfinite, directions)):
+                raise refused(what, expected, self.wheel_directions_rad)
+            object.__setattr__(self, "wheel_directions_rad", directions)
 
     @property
     def max_range_m(self) -> float:

@@ -16,13 +16,14 @@ from touchline.config import Settings, constants_now
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
+from touchline.given import given_numbers
 from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
 from touchline.localization.one_shot.coarse_search import CoarseSearch
 from touchline.localization.one_shot.permutation_test import PermutationTest, permutation_test
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.whole_field import PoseGrid, different, sampled, thinned_to
-from touchline.types import Hypothesis, LinePoints, check_point_count
+from touchline.types import Hypothesis, LinePoints, Observation, check_point_count
 
 BEYOND_M = 1.0  # how far beyond the field the samples reach: as far as the paper's
 SAMPLE_C_M = 0.5  # width c of the error function for ranking the samples: as spacing_m
@@ -135,7 +136,7 @@ class NotSignificantError(PoorFitError):
 
 
 def locate(
-    points: str | Path | FloatArray | Sequence[Sequence[float]] | LinePoints,
+    points: str | Path | FloatArray | Sequence[Sequence[float]] | LinePoints | Observation,
     field: str | Path | FieldModel,
     heading: float | None = None,
     settings: LocateSettings | None = None,
@@ -144,18 +145,19 @@ def locate(
     """The pose of a robot from one set of line points.
 
     points: the path of a CSV file (header x_m,y_m, perhaps weight), an array or a sequence of pairs (N, 2) in m, robot
-    frame, or LinePoints, which are weighed by their precision. field: a preset's name, the path of a field.yaml or a
-    FieldModel. heading: from a compass (rad, field frame), or None to search the whole circle. settings, seed: as of
-    `locate_points`.
+    frame, or LinePoints (or an Observation's), which are weighed by their precision. field: a preset's name, the path
+    of a field.yaml or a FieldModel. heading: from a compass (rad, field frame), or None to search the whole circle.
+    settings, seed: as of `locate_points`.
     Raises InputError for points or a field that can't be read, NoFitError for points that fit no pose.
     """
     model = field if isinstance(field, FieldModel) else _opened(field)
+    heading = None if heading is None else given_numbers("heading", "an angle (rad) or None", [heading], 1)[0]
     positions_m, weights = points_and_weights(points)
     return locate_points(positions_m, model, heading, weights, settings, seed)
 
 
 def _opened(field: str | Path) -> FieldModel:
-    return _preset(field) if field in preset_names() and isinstance(field, str) else open_field(field)
+    return _preset(field) if isinstance(field, str) and field in preset_names() else open_field(field)
 
 
 @functools.cache

@@ -12,15 +12,16 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
+from touchline.given import given_path
 from touchline.localization.matching.weights import WeightSettings, precision_weights
 from touchline.opened_files import text_lines
-from touchline.types import MAX_OBSERVED_POINTS, LinePoints
+from touchline.types import MAX_OBSERVED_POINTS, LinePoints, Observation
 
 _NAMES = {"x_m": "x", "x": "x", "y_m": "y", "y": "y", "weight": "weight"}
 
 
 def points_and_weights(
-    points: str | Path | FloatArray | Sequence[Sequence[float]] | LinePoints,
+    points: str | Path | FloatArray | Sequence[Sequence[float]] | LinePoints | Observation,
 ) -> tuple[FloatArray, FloatArray | None]:
     """Points (N, 2) in m, robot frame, and weights (N,) or None, from a file, pairs of numbers or detected points.
 
@@ -29,8 +30,10 @@ def points_and_weights(
     if isinstance(points, LinePoints):
         known = points.usable()
         return known.positions_m, precision_weights(known, WeightSettings())
+    if isinstance(points, Observation):
+        return points_and_weights(points.points)
     if isinstance(points, str | Path):
-        return read_points(Path(points))
+        return read_points(given_path("points", "the path of a CSV file", points))
     try:
         return np.asarray(points, dtype=np.float64), None
     except (TypeError, ValueError):
