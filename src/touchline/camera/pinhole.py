@@ -34,6 +34,7 @@ _OPTIONAL = ("distortion", "use_attitude")
 _MOUNT_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 _LEAST_DEPTH_M = 1e-6
 _WIDEST = 12.0  # tangent of the angle to the optical axis: 85°
+_NO_DISTORTION, _MOST_DISTORTION = 1e-12, 1e6
 _BEYOND_CORNERS = 1.05  # lines are drawn until they have left the image
 _NEWTON_STEPS = 20  # 5 do for usual lenses
 _CONVERGED = 1e-10
@@ -183,7 +184,8 @@ class PinholeCamera:
     def _trusted_radius(self) -> float:
         k1, k2, _, _, k3 = self.distortion
         # the distorted radius r (1 + k1 r² + k2 r⁴ + k3 r⁶) stops growing at its derivative's first root
-        squares = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+        factors = np.array([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+        squares = np.roots(np.where(np.abs(factors) < _NO_DISTORTION, 0.0, factors))
         turns = [float(s.real) for s in squares if abs(s.imag) < 1e-9 and s.real > 0.0]
         radius = np.linspace(0.0, min([_WIDEST, *np.sqrt(turns)]), 4001)
         distorted = radius * (1.0 + k1 * radius**2 + k2 * radius**4 + k3 * radius**6)
@@ -203,6 +205,8 @@ def _from_mapping(tree: Mapping[str, Any], path: Path) -> PinholeCamera:
     width, height = read_image_size(tree, path)
     fx, fy, cx, cy = (read_number(tree[key], path, key) for key in ("fx", "fy", "cx", "cy"))
     distortion = read_numbers(tree.get("distortion", [0.0] * 5), path, "distortion", 1)
+    if not np.all(np.abs(distortion) < _MOST_DISTORTION):
+        raise InputError(f"{path}: 'distortion' holds a number beyond ±{_MOST_DISTORTION:g}; no lens has that")
     mount = tree["mount"]
     if not isinstance(mount, dict) or any(key not in mount for key in _MOUNT_KEYS):
         raise InputError(f"{path}: 'mount' needs {', '.join(_MOUNT_KEYS)} (m, rad): the camera's pose in the body")

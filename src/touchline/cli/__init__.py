@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -19,6 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     0: done. 1: the run failed. 2: bad arguments or input. 130: interrupted. Errors go to stderr in one message.
     """
+    _open_output()
     with _interruptions() as interrupted:
         try:
             return _run(list(sys.argv[1:] if arguments is None else arguments) or ["--help"], interrupted)
@@ -60,6 +62,16 @@ def _run(given: list[str], interrupted: Callable[[], bool]) -> int:
     if status == INTERRUPTED:  # Typer's word for a Ctrl-C
         return _complain("interrupted", INTERRUPTED)
     return status if isinstance(status, int) else 0
+
+
+def _open_output() -> None:
+    """Where stdout or stderr were closed, nowhere; what their encoding lacks is written as \\xe4 instead of failing."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # its number must not become that of the next file that is opened
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8"))
+        elif isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
 
 
 @contextmanager

@@ -8,6 +8,8 @@ import typer
 
 from touchline.errors import InputError
 
+_WIDE, _WIDTH_OF_MEANINGS = 400, 20  # characters
+
 
 def systems(
     name: Annotated[
@@ -51,6 +53,8 @@ def systems(
         table.add_row(key, _short(default), description)
     console = output()
     console.print(f"{info.name}: {info.description}")
+    least = console.measure(table, options=console.options.update(width=_WIDE)).minimum + _WIDTH_OF_MEANINGS
+    console.width = max(console.width, least)  # a setting's name is for typing: rather let the terminal break a line
     console.print(table, soft_wrap=False)
     console.print("touchline run --set KEY=VALUE changes one; none is written null", style="dim", markup=False)
 
