@@ -59,6 +59,7 @@ EXPERIMENTS = {
             "iris-disturbances", "covered camera, slip, drifting gyro", "iris_disturbances", "iris_disturbances"
         ),
         Experiment("iris-timing", "section III.C: time of one update", "iris_timing", "iris_timing"),
+        Experiment("schulz-accuracy", "figure 5: five minutes of walking", "schulz_accuracy", "schulz_accuracy"),
     )
 }
 

@@ -25,7 +25,12 @@ def told_to(listener: Listener | None) -> Iterator[None]:
 def follow(items: Sequence[Item], what: str) -> Iterator[Item]:
     """The items one by one; before each the listener is told which of how many it is."""
     for number, item in enumerate(items, start=1):
-        listener = _LISTENER.get()
-        if listener is not None:
-            listener(f"{what}, {number} of {len(items)}")
+        tell(f"{what}, {number} of {len(items)}")
         yield item
+
+
+def tell(progress: str) -> None:
+    """Say how far it has come, if anybody listens."""
+    listener = _LISTENER.get()
+    if listener is not None:
+        listener(progress)

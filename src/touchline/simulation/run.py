@@ -16,7 +16,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.simulation.cameras.factory import SimulatedCamera, base_motion, open_simulated_camera, project_ground
-from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures
+from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures, turned
 from touchline.simulation.observation.observed_lines import ObservedLines, leaning_view
 from touchline.simulation.observation.point_errors import ObservationNoise
 from touchline.simulation.robot.motions import make_track
@@ -37,7 +37,7 @@ _PERSON_SIZES = np.array([*PERSON_PARTS, (0.0, 0.0)])
 _PINHOLE_REACH_M = 6.5
 _LEAN_DEG = 0.25  # what the IMU tells of a walking body less the truth: `benchmarks/fit_features.py`
 _PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=math.radians(_LEAN_DEG), height_m=1.1)
-_PINHOLE_FEATURES = FeatureNoise(lean_deg=_LEAN_DEG, height_m=1.1)
+PINHOLE_FEATURES = FeatureNoise(lean_deg=_LEAN_DEG, height_m=1.1)
 
 
 class Simulation:
@@ -52,10 +52,17 @@ class Simulation:
     level: `images` renders, `points` gives line points as perception would, at a hundredth of the time.
     """
 
-    def __init__(self, scenario: Scenario, level: str = "images", noise: ObservationNoise | None = None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        level: str = "images",
+        noise: ObservationNoise | None = None,
+        feature_noise: FeatureNoise | None = None,
+    ) -> None:
         """Raises InputError, in one message, for whatever is wrong with the scenario.
 
-        noise: of the observation level; none: as fitted to the detector.
+        noise: of the observation level's points, feature_noise: of a pinhole camera's features there; none: as fitted
+        to the detector.
         """
         if level not in LEVELS:
             raise InputError(f"level '{level}' is unknown; known: {', '.join(LEVELS)}")
@@ -74,7 +81,7 @@ class Simulation:
         self._stamps: npt.NDArray[np.int64] = np.rint(self.image_times_s * 1e9).astype(np.int64)
         self._arrivals = self._arrival_stamps(streams["delays"])
         self._black_rad = np.radians(np.array(scenario.camera.black_sectors_deg, dtype=np.float64).reshape(-1, 2))
-        self._noise = noise
+        self._noise, self._feature_noise = noise, feature_noise
         self._index = 0
         self._grabs = 0
         self.exposure_ms, self.gain = scenario.camera.exposure_ms, scenario.camera.gain
@@ -239,19 +246,24 @@ class Simulation:
         pose = Pose(*self._poses[index].tolist())
         return self._observed.observe(pose, rng, self._bodies(time_s), self._black_rad)
 
-    def features(self, index: int) -> Observation:
-        """Lines, crossings, posts and poles of one frame at the observation level, without its line points."""
+    def features(self, index: int, pan_rad: float = 0.0) -> Observation:
+        """Lines, crossings, posts and poles of one frame at the observation level, without its line points.
+
+        pan_rad: by which the head is turned, to the left; what is seen is in the robot frame nevertheless.
+        """
         time_s = float(self.image_times_s[index])
         if self.track.covered_at(time_s):
             return Observation(int(self._stamps[index]))
         rng = np.random.default_rng([self.scenario.seed, 9, index])
         pose, stamp_ns = Pose(*self._poses[index].tolist()), int(self._stamps[index])
-        return self._features.observe(pose, rng, self._bodies(time_s), self._black_rad, stamp_ns)
+        looking = Pose(pose.x, pose.y, pose.heading + pan_rad)
+        seen = self._features.observe(looking, rng, self._bodies(time_s), self._black_rad, stamp_ns)
+        return turned(seen, pan_rad) if pan_rad else seen
 
     @cached_property
     def _features(self) -> ObservedFeatures:
         lines = self._observed
-        leaning = None if self.camera_kind == "omni" else _PINHOLE_FEATURES
+        leaning = None if self.camera_kind == "omni" else self._feature_noise or PINHOLE_FEATURES
         return ObservedFeatures(lines.camera, self.field, leaning, lines.view_rad)
 
     def _bodies(self, time_s: float) -> FloatArray:

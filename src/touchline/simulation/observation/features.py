@@ -17,7 +17,7 @@ from pydantic import Field
 from touchline.camera import OmniCamera
 from touchline.config import Settings
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.simulation.observation.crossings import hidden
 from touchline.simulation.observation.observed_lines import occluders
 from touchline.types import CrossingKind, Crossings, LandmarkKind, Landmarks, Lines, Observation
@@ -84,7 +84,7 @@ class ObservedFeatures:
         if self.noise.lean_deg == 0.0:
             return seen
         roll, pitch = math.radians(self.noise.lean_deg) * rng.standard_normal(2)
-        return _leaning(seen, float(roll), float(pitch), self.noise)
+        return leaning(seen, float(roll), float(pitch), self.noise.height_m, self.noise.lean_deg)
 
     def _crossings(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> Crossings:
         kinds, orientations = [], []
@@ -194,11 +194,12 @@ class ObservedFeatures:
         return np.sinh(self.noise.tail * chance) / self.noise.tail
 
 
-def _leaning(seen: Observation, roll: float, pitch: float, noise: FeatureNoise) -> Observation:
-    """Features as a view at a height sees them that leans by an unknown roll and pitch (rad), with that in their
-    covariances.
+def leaning(seen: Observation, roll: float, pitch: float, height: float, known_deg: float = 0.0) -> Observation:
+    """Features as a view at a height (m) sees them that leans by an unknown roll and pitch (rad).
+
+    known_deg: size of such errors that the features' covariances tell of.
     """
-    lean_rad, height = math.radians(noise.lean_deg), noise.height_m
+    lean_rad = math.radians(known_deg)
 
     def moved(ground: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
         x, y = ground[..., 0], ground[..., 1]
@@ -216,6 +217,35 @@ def _leaning(seen: Observation, roll: float, pitch: float, noise: FeatureNoise) 
         lines=replace(lines, ends_m=ends, covariances_m2=end_covariances),
         crossings=replace(crossings, positions_m=corners, covariances_m2=corner_covariances),
         landmarks=replace(landmarks, positions_m=feet, covariances_m2=foot_covariances),
+    )
+
+
+def turned(seen: Observation, angle_rad: float) -> Observation:
+    """Lines, crossings and landmarks in a frame in which what saw them stands turned by an angle to the left."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    matrix = np.array([[c, -s], [s, c]])
+    lines, crossings, landmarks = seen.lines, seen.crossings, seen.landmarks
+
+    def spread(covariances: FloatArray) -> FloatArray:
+        rotated: FloatArray = matrix @ covariances @ matrix.T
+        return rotated
+
+    x_lines, orientations = crossings.kinds == CrossingKind.X.value, crossings.orientations_rad + angle_rad
+    orientations = np.where(x_lines, orientations % (0.5 * math.pi), wrap_angles(orientations))
+    return replace(
+        seen,
+        lines=replace(lines, ends_m=lines.ends_m @ matrix.T, covariances_m2=spread(lines.covariances_m2)),
+        crossings=replace(
+            crossings,
+            positions_m=crossings.positions_m @ matrix.T,
+            orientations_rad=orientations,
+            covariances_m2=spread(crossings.covariances_m2),
+        ),
+        landmarks=replace(
+            landmarks,
+            positions_m=landmarks.positions_m @ matrix.T,
+            covariances_m2=spread(landmarks.covariances_m2),
+        ),
     )
 
 

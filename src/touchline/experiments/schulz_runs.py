@@ -1,0 +1,225 @@
+"""What the experiments of nimbro-lines share: walks of a humanoid at the observation level, and tracks of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.config import load_settings
+from touchline.experiments.progress import tell
+from touchline.experiments.scenes import random_place
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.motion import MotionHistory
+from touchline.simulation.observation.features import leaning
+from touchline.simulation.run import PINHOLE_FEATURES, Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.sources import Source
+from touchline.systems import RobotSetup
+from touchline.systems.nimbro_lines import NimbroLines, NimbroLinesSettings
+from touchline.types import Crossings, Frame, Observation, Prior, Status, generic_covariances
+
+SCENARIO = "humanoid-walk"
+FIELDS = {"indoor-9x6": "coloured goals, poles", "humanoid-kid-9x6": "white goals, no poles"}
+NEAR_M = 0.4  # the paper counts how many poses are within it
+RIGHT_M, RIGHT_RAD = 0.5, math.radians(20.0)
+_START_M, _START_RAD = 0.3, math.radians(10.0)
+_NODS = 0.125  # of the head, from side to side and back, per second
+
+WITHOUT_LINES = ("features.use.lines=false", "features.use.crossings=false")
+ONLY_LINES = tuple(f"features.use.{kind}=false" for kind in ("posts", "poles", "marks"))
+
+
+class Robot(NamedTuple):
+    """How well a robot is built, and what is about it.
+
+    lean_deg: by how much the camera's roll and pitch err in each image; None: as the simulator has it. askew_deg: by
+    how much they err all the time, which no covariance tells. worn: share of the lines and crossings that are not
+    found. away_s: so long it looks at the field and so long away from it, by turns. pan_deg: by how much its head turns
+    to either side. changes: of the scenario.
+    """
+
+    name: str
+    lean_deg: float | None = None
+    askew_deg: float = 0.0
+    worn: float = 0.0
+    away_s: float = 0.0
+    pan_deg: float = 0.0
+    changes: tuple[str, ...] = ()
+
+
+_CLOSE_BY = ("others.robots=4", "others.moving=true", "others.near_m=1.5", "others.speed_m_s=0.5")
+AS_BUILT = Robot("as built", 0.7, 0.7, 0.25, 2.0, changes=_CLOSE_BY)
+AS_SIMULATED = Robot("as simulated")
+PANNING = Robot("head panning ± 60°", pan_deg=60.0)
+IDEAL = Robot("ideal", 0.0, changes=("others.robots=0", "others.balls=0"))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Walk:
+    """What a robot saw and measured. truth (N, 3): x, y (m), heading (rad) at the frames. setup: told to a system."""
+
+    setup: RobotSetup
+    frames: tuple[Frame, ...]
+    truth: FloatArray
+
+    @property
+    def field(self) -> FieldModel:
+        """Where it walked."""
+        return self.setup.field
+
+    @property
+    def times_s(self) -> FloatArray:
+        """(N,) of the frames."""
+        return np.array([frame.stamp_ns for frame in self.frames]) / 1e9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Track:
+    """Where a system said that the robot was. poses, truth (N, 3); tracking (N,): whether it believed it."""
+
+    times_s: FloatArray
+    poses: FloatArray
+    truth: FloatArray
+    tracking: npt.NDArray[np.bool_]
+
+    @property
+    def distances_m(self) -> FloatArray:
+        """(N,) from the truth."""
+        distances: FloatArray = np.hypot(*(self.poses - self.truth)[:, :2].T)
+        return distances
+
+    @property
+    def turns_rad(self) -> FloatArray:
+        """(N,) absolute errors of the heading."""
+        return np.abs(wrap_angles(self.poses[:, 2] - self.truth[:, 2]))
+
+    @property
+    def right(self) -> npt.NDArray[np.bool_]:
+        """(N,) within 0.5 m and 20°."""
+        return np.asarray((self.distances_m <= RIGHT_M) & (self.turns_rad <= RIGHT_RAD))
+
+
+def walk(field_name: str, robot: Robot, seed: int, seconds: float, changes: Sequence[str] = ()) -> Walk:
+    """A humanoid walks from target area to target area; its frames hold features at the observation level."""
+    changed = (f"field={field_name}", *robot.changes, *changes)
+    noise = PINHOLE_FEATURES.model_copy(
+        update={
+            "lean_deg": PINHOLE_FEATURES.lean_deg if robot.lean_deg is None else robot.lean_deg,
+            "found_ratio": PINHOLE_FEATURES.found_ratio * (1.0 - robot.worn),
+            "line_ratio": PINHOLE_FEATURES.line_ratio * (1.0 - robot.worn),
+        }
+    )
+    simulation = Simulation(open_scenario(SCENARIO, seed, seconds, changed), "points", feature_noise=noise)
+    frames = tuple(_seen(simulation, robot, index) for index in range(len(simulation)))
+    return Walk(RobotSetup(simulation.field), frames, np.asarray(simulation.truth.poses))
+
+
+def _seen(simulation: Simulation, robot: Robot, index: int) -> Frame:
+    frame = simulation.frame(index)
+    time_s = frame.stamp_ns / 1e9
+    if robot.away_s and time_s % (2.0 * robot.away_s) >= robot.away_s:
+        return replace(frame, observation=Observation(frame.stamp_ns))
+    pan_rad = math.radians(robot.pan_deg) * math.sin(2.0 * math.pi * _NODS * time_s)
+    roll, pitch = np.radians(robot.askew_deg) * np.random.default_rng([simulation.scenario.seed, 25]).standard_normal(2)
+    seen = leaning(simulation.features(index, pan_rad), float(roll), float(pitch), PINHOLE_FEATURES.height_m)
+    return replace(frame, observation=seen)
+
+
+def settings(preset: str | None = None, *changes: str) -> NimbroLinesSettings:
+    """Those of the system, or of the paper's own form (`paper`), with changes as `features.use.lines=false`."""
+    return load_settings(NimbroLinesSettings, None, changes, preset=preset)
+
+
+def seen_in_images(setup: RobotSetup, frames: Sequence[Frame] | Source, what: str) -> tuple[Frame, ...]:
+    """Frames with what the system's detector finds in their images, once for all tracks."""
+    system = NimbroLines(setup, settings(), np.random.default_rng(0))
+    seen = []
+    for frame in frames:
+        seen.append(replace(frame, image=None, observation=system.step(frame).observation))
+        tell(f"images of {what}, {len(seen)}")
+    return tuple(seen)
+
+
+def start_about(truth: Pose, seed: int) -> Pose:
+    """A pose within 0.3 m and 10° of the truth."""
+    rng = np.random.default_rng([seed, 21])
+    away_m, direction = _START_M * math.sqrt(rng.random()), rng.uniform(-math.pi, math.pi)
+    return Pose(
+        truth.x + away_m * math.cos(direction),
+        truth.y + away_m * math.sin(direction),
+        truth.heading + rng.uniform(-_START_RAD, _START_RAD),
+    )
+
+
+def tracked(walked: Walk, chosen: NimbroLinesSettings, seed: int, prior: Prior | None = None) -> Track:
+    """The system's track of a walk. prior: what it is told at the start; None: a pose near the true one."""
+    system = NimbroLines(walked.setup, chosen, np.random.default_rng([seed, 22]))
+    system.reset(Prior(start_about(Pose(*walked.truth[0]), seed)) if prior is None else prior)
+    estimates = [system.step(frame) for frame in walked.frames]
+    poses = np.array([estimate.pose for estimate in estimates])
+    tracking = np.array([estimate.status is Status.TRACKING for estimate in estimates])
+    return Track(walked.times_s, poses, walked.truth, tracking)
+
+
+def dead_reckoned(walked: Walk) -> Track:
+    """The odometry alone, from the true start on."""
+    history, pose, poses = MotionHistory(), Pose(*walked.truth[0]), []
+    for frame in walked.frames:
+        pose = pose.compose(history.take(frame).pose)
+        poses.append(pose)
+    return Track(walked.times_s, np.array(poses), walked.truth, np.ones(len(poses), dtype=np.bool_))
+
+
+def with_false_crossings(frames: Iterable[Frame], share: float, seed: int) -> tuple[Frame, ...]:
+    """Frames of whose crossings so many are none: even in the view, of random kinds, turned anyhow."""
+    rng = np.random.default_rng([seed, 23])
+    return tuple(replace(frame, observation=_with_false(frame.observation, share, rng)) for frame in frames)
+
+
+def _with_false(seen: Observation | None, share: float, rng: np.random.Generator) -> Observation | None:
+    if seen is None:
+        return None
+    true, n = seen.crossings, PINHOLE_FEATURES
+    count = int(rng.poisson(len(true) * share / (1.0 - share)))
+    ranges, bearings = n.farthest_m * np.sqrt(rng.random(count)), rng.uniform(-0.65, 0.65, count)
+    places = np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings)))
+    crossings = Crossings(
+        np.concatenate((true.kinds, rng.choice(["L", "T", "X"], count))),
+        np.concatenate((true.positions_m, places)),
+        np.concatenate((true.orientations_rad, rng.uniform(-math.pi, math.pi, count))),
+        np.concatenate((true.covariances_m2, generic_covariances(places))),
+        np.ones(len(true) + count),
+        np.full((len(true) + count, 2), np.nan),
+    )
+    return replace(seen, crossings=crossings)
+
+
+def random_areas(field_name: str, seed: int, areas: int = 4) -> tuple[str, ...]:
+    """A change of the scenario: target areas anywhere on the field, half a metre inside its lines."""
+    field, rng = open_field(field_name), np.random.default_rng([seed, 24])
+    places = [random_place(field, rng, 0.5) for _ in range(areas)]
+    return (f"motion.waypoints={[[round(p.x, 2), round(p.y, 2), 0.0] for p in places]}",)
+
+
+def either_end(track: Track) -> Track:
+    """Of each pose and its twin at the field's other end the nearer one to the truth."""
+    twins = track.poses * (-1.0, -1.0, 1.0) + (0.0, 0.0, math.pi)
+    turned = replace(track, poses=twins)
+    nearer = turned.distances_m + turned.turns_rad < track.distances_m + track.turns_rad
+    return replace(track, poses=np.where(nearer[:, np.newaxis], twins, track.poses))
+
+
+def time_until_right(track: Track, from_s: float = 0.0) -> float:
+    """Seconds from a time until the pose is right, believed, and stays so for two seconds; inf if never."""
+    good = track.right & track.tracking
+    for index in np.flatnonzero(good & (track.times_s >= from_s)):
+        stays = (track.times_s >= track.times_s[index]) & (track.times_s < track.times_s[index] + 2.0)
+        if good[stays].all():
+            return float(track.times_s[index] - from_s)
+    return math.inf

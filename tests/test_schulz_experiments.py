@@ -1,0 +1,103 @@
+"""The experiments of nimbro-lines: short runs of each, and how they count."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.experiments import EXPERIMENTS, schulz_accuracy, schulz_runs
+from touchline.experiments.result import ExperimentResult
+from touchline.experiments.schulz_runs import AS_BUILT, IDEAL, PANNING, Track, Walk, settings, tracked, walk
+from touchline.experiments.writing import write_result
+from touchline.geometry import Pose
+from touchline.simulation.observation.features import leaning, turned
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+
+
+@pytest.fixture(scope="module")
+def walked() -> Walk:
+    return walk("humanoid-kid-9x6", IDEAL, 3, 8.0)
+
+
+def run(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ExperimentResult:
+    """One seed, without recordings, its page written."""
+    monkeypatch.setenv("TOUCHLINE_DATA", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    result = EXPERIMENTS[name].run(1)
+    assert all(len(row) == len(result.columns) for row in result.rows)
+    assert all(path.stat().st_size for path in write_result(result, tmp_path))
+    return result
+
+
+def test_accuracy_has_a_row_for_each_robot_field_and_form(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name, seconds in (("SECONDS", 1.0), ("SECONDS_WITH_FALSE", 1.0), ("SECONDS_FROM_NOWHERE", 1.0)):
+        monkeypatch.setattr(schulz_accuracy, name, seconds)
+    monkeypatch.setattr(schulz_accuracy, "STARTS_FROM_NOWHERE", 1)
+    result = run("schulz-accuracy", monkeypatch, tmp_path)
+    names = [row[0] for row in result.rows]
+    assert names.count("as built") == names.count("as simulated") == 8
+    assert names.count(PANNING.name) == names.count("50 % false crossings") == 2
+    assert result.headline.paper.startswith("17 cm, 89 %")
+    assert any("TOUCHLINE_DATA" in note for note in result.notes)
+
+
+def test_a_walk_is_tracked_and_odometry_alone_starts_at_the_truth(walked: Walk) -> None:
+    track = tracked(walked, settings(), 0)
+    assert track.right.all()
+    assert np.median(track.distances_m[-20:]) < 0.1
+    assert schulz_runs.dead_reckoned(walked).distances_m[0] < 1e-9
+
+
+def test_a_robot_as_built_looks_away_half_of_the_time() -> None:
+    frames = walk("indoor-9x6", AS_BUILT, 1, 8.0).frames
+    seen = [len(f.observation.lines) + len(f.observation.crossings) > 0 for f in frames if f.observation is not None]
+    assert 0.3 < np.mean(seen) <= 0.52
+
+
+def test_what_a_turned_head_sees_is_in_the_robot_frame() -> None:
+    changes = ["field=humanoid-kid-9x6", "others.robots=0"]
+    simulation = Simulation(open_scenario("humanoid-walk", 1, 5.0, changes), "points")
+    field, pose = simulation.field, simulation.truth[3]
+    crossings = simulation.features(3, 0.8).crossings
+    places = np.array([(c.x, c.y) for c in field.crossings])
+    away = np.hypot(*(pose.transform(crossings.positions_m)[:, np.newaxis] - places).transpose(2, 0, 1))
+    assert len(crossings)
+    assert away.min(axis=1).max() < 0.5
+    bearings = np.arctan2(crossings.positions_m[:, 1], crossings.positions_m[:, 0])
+    assert np.abs(bearings - 0.8).max() < 0.75
+    straight = simulation.features(3)
+    back = turned(turned(straight, 0.8), -0.8)
+    np.testing.assert_allclose(back.lines.ends_m, straight.lines.ends_m, atol=1e-9)
+    np.testing.assert_allclose(back.crossings.covariances_m2, straight.crossings.covariances_m2, atol=1e-9)
+    assert leaning(straight, 0.0, 0.0, 1.0).lines.ends_m == pytest.approx(straight.lines.ends_m)
+
+
+def test_false_crossings_are_added_in_the_asked_ratio(walked: Walk) -> None:
+    true = sum(len(frame.observation.crossings) for frame in walked.frames if frame.observation is not None)
+    frames = schulz_runs.with_false_crossings(walked.frames, 0.5, 0)
+    found = sum(len(frame.observation.crossings) for frame in frames if frame.observation is not None)
+    assert found == pytest.approx(2 * true, rel=0.25)
+
+
+def test_a_start_is_near_the_truth_but_not_at_it() -> None:
+    truth = Pose(1.0, 2.0, 3.0)
+    starts = [schulz_runs.start_about(truth, seed) for seed in range(50)]
+    assert 0.2 < max(start.distance_to(truth) for start in starts) <= 0.3
+    assert max(abs(start.heading - 3.0) for start in starts) <= math.radians(10.0)
+
+
+def test_the_time_until_right_asks_for_two_seconds() -> None:
+    times = np.arange(0.0, 10.0, 0.5)
+    poses = np.zeros((20, 3))
+    poses[:6, 0], poses[8, 0] = 1.0, 1.0
+    track = Track(times, poses, np.zeros((20, 3)), np.ones(20, dtype=np.bool_))
+    assert schulz_runs.time_until_right(track) == pytest.approx(4.5)
+    assert schulz_runs.time_until_right(track, 4.0) == pytest.approx(0.5)
+    never = Track(times, poses, np.zeros((20, 3)), np.zeros(20, dtype=np.bool_))
+    assert math.isinf(schulz_runs.time_until_right(never))
+    twins = Track(times, poses * 0.0 + (-1.0, 0.0, math.pi), np.tile((1.0, 0.0, 0.0), (20, 1)), track.tracking)
+    assert schulz_runs.either_end(twins).right.all()
