@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,15 +27,21 @@ Message = tuple[int, str, str, Any]
 Image = Callable[["Types", Any, Any], tuple[str, Any]]
 
 
+@cache
+def types_of(ros1: bool) -> Any:
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_IRON)
+    if ros1:
+        text = "geometry_msgs/TransformStamped[] transforms"
+        store.register(get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
+    return store
+
+
 class Types:
     """Messages of ROS 2, or of ROS 1."""
 
     def __init__(self, ros1: bool = False) -> None:
         self.ros1 = ros1
-        self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_IRON)
-        if ros1:
-            text = "geometry_msgs/TransformStamped[] transforms"
-            self.store.register(get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
+        self.store = types_of(ros1)
 
     def make(self, kind: str, **fields: Any) -> Any:
         return self.store.types[kind](**fields)

@@ -81,9 +81,9 @@ def test_a_folder_comes_back_byte_by_byte(kind: str, walk: Path, tmp_path: Path)
 
 @pytest.fixture(scope="session")
 def match(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two seconds of a match, as a detector sees it."""
+    """A second of a match, as a detector sees it."""
     folder = tmp_path_factory.mktemp("match") / "match"
-    options = ["--level", "points", "--seconds", "2", "--output", str(folder)]
+    options = ["--level", "points", "--seconds", "1", "--output", str(folder)]
     assert main(["simulate", "match", *options]) == 0
     return folder
 
@@ -91,10 +91,9 @@ def match(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("kind", ["mcap", "rosbag2"])
 def test_the_trajectory_is_the_same_bit_for_bit(kind: str, match: Path, tmp_path: Path) -> None:
     bag = convert(match, tmp_path / KINDS[kind], "--to", kind)
-    assert poses(bag) == poses(match)
     back = convert(bag, tmp_path / "back")
     assert_same_folder(back, match)
-    assert poses(back) == poses(match)
+    assert poses(bag) == poses(back)
 
 
 def test_a_cut_mcap_gives_the_frames_before_the_cut(walk: Path, tmp_path: Path) -> None:
@@ -183,7 +182,7 @@ def test_damage_is_told_or_refused_and_never_a_crash(name: str, walk: Path, tmp_
     whole = convert(walk, tmp_path / name, *(["--to", "rosbag2"] if name == "bag" else []))
     file = whole if whole.is_file() else next(whole.glob("*.db3"))
     data, rng = file.read_bytes(), np.random.default_rng(3)
-    for trial in range(25):
+    for trial in range(15):
         broken = bytearray(data)
         for at in rng.integers(0, len(data), 1 + 20 * (trial % 3)):
             broken[at] = int(rng.integers(256))
@@ -215,8 +214,8 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
         return held
 
     peak(20)  # what is set up once
-    short, long = peak(200), peak(600)
-    assert long < short + 400 * 150 + 50_000  # 150 bytes an image: its time, exposure, line and place
+    short, long = peak(150), peak(300)
+    assert long < short + 150 * 150 + 50_000  # 150 bytes an image: its time, exposure, line and place
 
 
 def test_without_the_extra_it_is_named(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

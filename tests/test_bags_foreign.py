@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from foreign_bags import EPOCH_NS, Image, Types, compressed, foreign_messages, raw, write_foreign
+from foreign_bags import EPOCH_NS, Image, Message, Types, compressed, foreign_messages, raw, write_foreign
 from small_recordings import borrow
 
 from touchline.cli import main
 from touchline.errors import InputError
+from touchline.geometry import Pose3
 from touchline.sources import BagOptions, Recording, open_source
 from touchline.types import Samples
 
@@ -25,7 +27,7 @@ BGR8 = raw("bgr8", lambda pixels: pixels)
 def robot(small_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """What the robot saw and measured, as a folder."""
     folder = tmp_path_factory.mktemp("robot") / "robot"
-    return open_source(borrow(small_data / "humanoid_hsl_pan", folder, frames=4))
+    return open_source(borrow(small_data / "humanoid_hsl_pan", folder, frames=3))
 
 
 def foreign(robot: Recording, path: Path, image: Image = BGR8, topic: str = "/front/image_raw") -> Path:
@@ -121,3 +123,80 @@ def test_a_compass_has_to_be_named(robot: Recording, tmp_path: Path) -> None:
     frame = next(iter(open_source(bag, options=BagOptions({"compass": "/imu/data"}, "spl-9x6"))))
     assert frame.compass is not None
     assert np.allclose(frame.compass.values, 1.0)
+
+
+def cloud(types: Types, time_ns: int, frame: str, places: list[tuple[float, float, float]]) -> Message:
+    """Points with a field of something else between them, as detectors write them."""
+    kind, part = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointField"
+    rows = np.zeros(len(places), np.dtype([("x", "<f4"), ("i", "u1"), ("y", "<f4"), ("z", "<f4")], align=False))
+    for name, column in zip("xyz", np.array(places, dtype=np.float64).reshape(-1, 3).T, strict=True):
+        rows[name] = column
+    offsets = {"x": 0, "y": 5, "z": 9}
+    fields = [types.make(part, name=name, offset=at, datatype=7, count=1) for name, at in offsets.items()]
+    size = {"height": 1, "width": len(places), "point_step": 13, "row_step": 13 * len(places)}
+    data = np.frombuffer(rows.tobytes(), dtype=np.uint8)
+    header = types.header(time_ns, frame)
+    flags = {"is_bigendian": False, "is_dense": True}
+    return time_ns, "/vision/lines", kind, types.make(kind, header=header, fields=fields, data=data, **size, **flags)
+
+
+def test_line_points_are_brought_into_the_base_frame(tmp_path: Path) -> None:
+    types = Types()
+    mount = Pose3.from_roll_pitch_yaw(0.0, 0.0, np.pi / 2, (0.1, 0.0, 0.0))
+
+    def messages() -> Iterator[Message]:
+        placed = types.transforms(types.transform(EPOCH_NS, "base_link", "eye", mount))
+        yield EPOCH_NS, "/tf_static", "tf2_msgs/msg/TFMessage", placed
+        yield cloud(types, EPOCH_NS, "eye", [(1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (np.nan, 0.0, 0.0)])
+        yield cloud(types, EPOCH_NS + 10**8, "eye", [])
+
+    first, second = open_source(write_foreign(tmp_path / "lines.mcap", messages(), types), options=FIELD)
+    assert first.observation is not None
+    assert np.allclose(first.observation.points.positions_m, [(0.1, 1.0), (-1.9, 0.0)], atol=1e-6)
+    assert second.observation is not None
+    assert len(second.observation.points) == 0
+
+
+def test_several_files_and_no_metadata_are_one_bag(robot: Recording, tmp_path: Path) -> None:
+    """`ros2 bag record` splits long bags, and writes metadata.yaml when it is stopped."""
+    (tmp_path / "walk").mkdir()
+    whole = list(foreign_messages(robot, Types(), BGR8, "/front/image_raw"))
+    for number, part in enumerate(np.array_split(np.arange(len(whole)), 11)):
+        write_foreign(tmp_path / "walk" / f"walk_{number}.mcap", iter(whole[i] for i in part), Types())
+    frames = list(open_source(tmp_path / "walk", options=FIELD))
+    assert [frame.stamp_ns - EPOCH_NS % 10**9 for frame in frames] == robot.image_stamps.tolist()
+    assert all(frame.image is not None for frame in frames)
+
+
+def test_of_two_cameras_one_is_read_and_the_other_named(robot: Recording, tmp_path: Path) -> None:
+    def both() -> Iterator[Message]:
+        for message in foreign_messages(robot, Types(), BGR8, "/front/image_raw"):
+            yield message
+            if message[1] == "/front/image_raw":
+                yield (message[0], "/rear/image_raw", *message[2:])
+
+    path = write_foreign(tmp_path / "two.mcap", both(), Types())
+    (problem,) = open_source(path, options=FIELD).problems
+    assert str(problem).startswith("/front/image_raw: is read as image; there is also /rear/image_raw")
+    named = BagOptions({"image": "/rear/image_raw"}, "spl-9x6")
+    assert open_source(path, options=named).sequence["topics"]["image"] == "/rear/image_raw"
+
+
+def test_evaluate_reads_a_foreign_bag_as_its_run_did(robot: Recording, tmp_path: Path) -> None:
+    options = BagOptions({"image": "/front/image_raw"}, "spl-9x6", tmp_path / "camera.yaml", "base_footprint")
+    assert BagOptions.from_dict(options.to_dict()) == options
+
+
+@pytest.mark.parametrize("name", ["robot.bag", "bag"])
+def test_a_damaged_foreign_bag_is_told_or_refused(name: str, robot: Recording, tmp_path: Path) -> None:
+    whole = foreign(robot, tmp_path / name)
+    file = whole if whole.is_file() else next(whole.glob("*.db3"))
+    data, rng = file.read_bytes(), np.random.default_rng(5)
+    for trial in range(9):
+        broken = bytearray(data)
+        for at in rng.integers(0, len(data), 300 * (trial % 3)):
+            broken[at] = int(rng.integers(256))
+        file.write_bytes(bytes(broken[: len(data) if trial % 3 else int(rng.integers(len(data)))]))
+        with contextlib.suppress(InputError):
+            for frame in open_source(whole, options=FIELD):
+                assert frame.image is None or frame.image.shape == (480, 752, 3)

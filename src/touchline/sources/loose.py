@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import tempfile
 from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from touchline.sources.image_store import ImageStore
 from touchline.sources.new_description import copy_camera, named_field, write_field, write_yaml
 from touchline.sources.odometry_csv import odometry_rows, parse_columns
 from touchline.sources.problems import ProblemKind, ProblemLog
+from touchline.sources.temporary import TemporaryFolder
 from touchline.sources.video import ENDINGS, VideoImages
 
 _IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
@@ -60,9 +60,9 @@ def open_loose(path: Path, options: LooseOptions, described: BagOptions) -> Reco
         raise InputError(f"--first-image-at {options.first_s}: expected seconds, as a decimal number")
     if options.rate_hz is not None and not 0.001 <= options.rate_hz <= 100_000.0:
         raise InputError(f"--rate {options.rate_hz:g}: expected images per second")
-    folder = tempfile.TemporaryDirectory(prefix="touchline-images-")
+    folder = TemporaryFolder()
     images, stamps, ending = _folder_images(path, options) if path.is_dir() else _video_images(path, options)
-    target = Path(folder.name)
+    target = folder.path
     about: dict[str, Any] = {"format": 1, "name": path.stem, "field": write_field(field, described.field, target)}
     about["camera"] = "pinhole" if described.camera is None else copy_camera(described.camera, target)
     if len(stamps) > 1 and stamps[-1] > stamps[0]:

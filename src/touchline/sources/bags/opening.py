@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 from touchline.errors import InputError
@@ -17,6 +16,7 @@ from touchline.sources.bags.roles import BagOptions
 from touchline.sources.bags.with_rosbags import Codec, RosbagsBag
 from touchline.sources.folder import Recording
 from touchline.sources.problems import ProblemLog
+from touchline.sources.temporary import TemporaryFolder
 
 
 def open_bag(path: Path, files: BagFiles, options: BagOptions) -> Recording:
@@ -30,18 +30,18 @@ def open_bag(path: Path, files: BagFiles, options: BagOptions) -> Recording:
     if not bag.topics:
         raise InputError(f"{path}: holds no message that can be read{_said(problems)}")
     codec = Codec()
-    folder = tempfile.TemporaryDirectory(prefix="touchline-bag-")
+    folder = TemporaryFolder()
     if SEQUENCE_TOPIC not in bag.topics:
-        places = Foreign(bag, codec, options, path, problems).extract(Path(folder.name))
+        places = Foreign(bag, codec, options, path, problems).extract(folder.path)
     elif options.given():
         raise InputError(f"{path}: is a recording that Touchline wrote: its topics, field and camera are known")
     else:
-        places = extract_own(bag, Path(folder.name), problems)
+        places = extract_own(bag, folder.path, problems)
     images = BagImages(bag, codec, places)
     try:
-        recording = Recording(Path(folder.name), path=path, images=images, problems=problems)
+        recording = Recording(folder.path, path=path, images=images, problems=problems)
     except InputError as error:  # the user knows the bag, not the folder
-        raise InputError(f"{str(error).replace(folder.name, str(path))}{_said(problems)}") from None
+        raise InputError(f"{str(error).replace(str(folder.path), str(path))}{_said(problems)}") from None
     recording.options, recording.kept = options, folder
     return recording
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +51,16 @@ class BadMessageError(Exception):
     """A message that cannot be decoded: why."""
 
 
+@cache
+def _humble() -> Any:
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
 class Codec:
     """Messages to and from bytes. Definitions that stand in the bag come before those of ROS 2 Humble."""
 
     def __init__(self) -> None:
-        self.standard = get_typestore(Stores.ROS2_HUMBLE)
+        self.standard = _humble()
         self._own: dict[str, Any] = {}
 
     def _types_of(self, topic: Topic) -> Any:
@@ -91,7 +97,7 @@ class Codec:
 
     def definition(self, kind: str) -> str:
         """The text of a type and of all that it is made of."""
-        return self.standard.generate_msgdef(kind, ros_version=2)[0]
+        return str(self.standard.generate_msgdef(kind, ros_version=2)[0])
 
 
 def _parsed(definition: Definition, name: str) -> dict[str, Any]:
@@ -123,7 +129,7 @@ class RosbagsBag:
             with _refusals(path):
                 self._readers.append(stack.enter_context(Ros1Reader(path) if ros1 else Ros2Reader(path)))
 
-    @property
+    @cached_property
     def topics(self) -> Mapping[str, Topic]:
         """By name."""
         found: dict[str, Topic] = {}
