@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from touchline.calibration.marks import MARKS, read_marks
 from touchline.calibration.mirror import calibrate_mirror
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, circular_mean, wrap_angles
-from touchline.sources import ProblemLog, Recording
+from touchline.sources import Recording
 from touchline.sources.description import finite_number
-from touchline.sources.tables import Line, Table, open_table, parse_row, read_lines
 from touchline.yaml_files import read_yaml_mapping
 
-MARKS = "marks.csv"
-_COLUMNS = ("u", "v", "x_m", "y_m")
 _NEAREST_M, _FARTHEST_M = 1e-3, 1e3  # of what may be marked
 _WRONG_BEARING_RAD = math.radians(8.0)  # of most marks: handedness or mounting angle is another
 
@@ -93,17 +91,12 @@ def marked_pairs(file: Path, camera_file: Path) -> RangePairs:
     file and line for a row that can't be read, for marks outside of the image or at no distance, and if their
     bearings contradict it.
     """
-    table = open_table(file, ["file", "name", *_COLUMNS])
-    rows, places = [], []
-    for lines in read_lines(table):
-        for line in lines:
-            row = _read(table, line)
-            if not any(math.isnan(value) for value in row):
-                rows.append(row)
-                places.append(f"{file}, line {line.number} ({_cell(table, line, 'name')})")
-    if not rows:
+    marks = read_marks(file)
+    known = np.flatnonzero(np.isfinite(marks.places_m).all(axis=1)).tolist()
+    places = [marks.place_in_file(i) for i in known]
+    if not known:
         raise InputError(f"{file}: none of its marks has a known place (x_m, y_m): nothing to fit a range to")
-    u, v, x_m, y_m = np.array(rows).T
+    (u, v), (x_m, y_m) = marks.pixels[known].T, marks.places_m[known].T
     tree = read_yaml_mapping(camera_file)
     width, height, center = _size(tree, camera_file)
     for place, inside in zip(places, (u >= 0) & (u < width) & (v >= 0) & (v < height), strict=True):
@@ -117,22 +110,7 @@ def marked_pairs(file: Path, camera_file: Path) -> RangePairs:
     for place, far_m in zip(places, range_m, strict=True):
         if not _NEAREST_M < far_m < _FARTHEST_M:
             raise InputError(f"{place}: {far_m:g} m from the robot's centre is no distance of a mark")
-    return RangePairs(radius, range_m, angles, tuple(places), f"{len(rows)} marks of {file.name}", optics)
-
-
-def _read(table: Table, line: Line) -> list[float]:
-    log = ProblemLog()
-    row = parse_row(table, line, _COLUMNS, log, optional=("x_m", "y_m"))
-    if row is None:
-        what = str(log[0]).removesuffix("; the row is left out").partition(": ")[2]
-        raise InputError(f"{table.path}, line {line.number}: {what}")
-    if math.isnan(row[2]) != math.isnan(row[3]):
-        raise InputError(f"{table.path}, line {line.number}: needs both x_m and y_m, or neither")
-    return row
-
-
-def _cell(table: Table, line: Line, name: str) -> str:
-    return line.text.split(",")[table.columns[name]].strip().strip('"')
+    return RangePairs(radius, range_m, angles, tuple(places), f"{len(known)} marks of {file.name}", optics)
 
 
 def _size(tree: Mapping[str, Any], path: Path) -> tuple[int, int, tuple[float, float]]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from touchline.cli.calibrate_lines import calibrate_lines
+from touchline.cli.calibrate_perspective import calibrate_camera, calibrate_imu
 from touchline.cli.calibrate_range import calibrate_range
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.cli.options import FollowLinks
@@ -17,7 +18,9 @@ from touchline.new_files import write_new_file
 if TYPE_CHECKING:
     from touchline.calibration.mirror import MirrorCalibration
 
-calibrate_app = typer.Typer(help="Calibrate the mirror, its ranges or the colours.", no_args_is_help=True)
+calibrate_app = typer.Typer(
+    help="Calibrate the mirror, its ranges, a perspective camera, its IMU or the colours.", no_args_is_help=True
+)
 
 _OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The file to write; a new one.", show_default=False)
 _PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it (default: the output's name with .png).")
@@ -61,6 +64,8 @@ def mirror(
 
 calibrate_app.command("lines")(calibrate_lines)
 calibrate_app.command("range")(calibrate_range)
+calibrate_app.command("camera")(calibrate_camera)
+calibrate_app.command("imu")(calibrate_imu)
 
 
 @calibrate_app.command("colour")

@@ -5,6 +5,7 @@ from touchline.motion.compass import CompassTrackSettings
 from touchline.motion.dead_reckoning import DeadReckoning
 from touchline.motion.gyro import GyroSettings
 from touchline.motion.history import MotionHistory, Orientation
+from touchline.motion.lean import LeanFilter
 from touchline.motion.odometry import Motion, OdometrySettings
 from touchline.motion.wheels import WheelSettings
 
@@ -14,6 +15,7 @@ __all__ = [
     "FrameClock",
     "FrameOrder",
     "GyroSettings",
+    "LeanFilter",
     "Motion",
     "MotionHistory",
     "OdometrySettings",

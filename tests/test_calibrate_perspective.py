@@ -1,0 +1,171 @@
+"""touchline calibrate camera and imu: from marks and simulated recordings back to the cameras that made them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pytest
+
+from touchline.calibration.imu import calibrate_imu
+from touchline.calibration.marks import Marks, read_marks
+from touchline.calibration.perspective import Lens, calibrate_camera, lens_of, lens_of_marks, perspective_yaml
+from touchline.camera import PinholeCamera, ground_view, open_camera
+from touchline.cli import main
+from touchline.errors import InputError
+from touchline.geometry import FloatArray, Pose3
+from touchline.motion import LeanFilter
+from touchline.simulation.recording import _write_calibration
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.sources import Recording
+from touchline.types import Frame
+
+FOUR = np.array([(1.2, 0.5), (1.2, -0.5), (2.5, 0.9), (2.5, -0.9)])
+MOUNT = Pose3.from_roll_pitch_yaw(0.03, 0.45, -0.05, (0.06, 0.02, 0.95))
+DISTORTION = np.array([-0.25, 0.06, 0.0006, -0.0004, 0.0])
+
+
+def camera(distortion: FloatArray = DISTORTION) -> PinholeCamera:
+    return PinholeCamera(752, 480, 493.0, 493.0, 375.5, 239.5, distortion, MOUNT)
+
+
+def lens(of: PinholeCamera) -> Lens:
+    return Lens(of.width, of.height, of.fx, of.fy, of.cx, of.cy, of.distortion, "camera.yaml")
+
+
+def marks_seen_by(of: PinholeCamera, places: FloatArray = FOUR) -> Marks:
+    n = len(places)
+    names = tuple(f"mark-{i}" for i in range(n))
+    return Marks(
+        Path("marks.csv"), ("images/0.jpg",) * n, names, of.image_from_ground(places), places, tuple(range(2, n + 2))
+    )
+
+
+def same_pose(found: Pose3, true: Pose3, tolerance: float) -> None:
+    assert found.translation_m == pytest.approx(true.translation_m, abs=tolerance)
+    assert found.rotation == pytest.approx(true.rotation, abs=tolerance)
+
+
+def test_four_marks_place_the_camera() -> None:
+    found = calibrate_camera(marks_seen_by(camera()), lens(camera()))
+    same_pose(found.camera.base_from_camera, MOUNT, 1e-5)
+    assert found.residuals_px.max() < 1e-3
+    flat = camera().undistorted(np.array([(300.0, 400.0)]))[0]
+    ground = found.homography @ (*flat, 1.0)
+    assert ground[:2] / ground[2] == pytest.approx(camera().ground_from_image([(300.0, 400.0)])[0], abs=1e-4)
+
+
+def test_four_marks_tell_the_focal_length_of_a_lens_without_distortion() -> None:
+    straight = camera(np.zeros(5))
+    marks = marks_seen_by(straight)
+    found = calibrate_camera(marks, lens_of_marks(marks, (752, 480)))
+    assert found.camera.fx == pytest.approx(493.0, abs=0.1)
+    same_pose(found.camera.base_from_camera, MOUNT, 1e-3)
+
+
+def test_marks_that_tell_nothing_are_refused() -> None:
+    with pytest.raises(InputError, match="at least 4"):
+        calibrate_camera(marks_seen_by(camera(), FOUR[:3]), lens(camera()))
+    in_line = np.column_stack((np.linspace(1.0, 3.0, 5), np.linspace(-0.5, 0.5, 5)))
+    with pytest.raises(InputError, match="in one line"):
+        calibrate_camera(marks_seen_by(camera(), in_line), lens(camera()))
+    with pytest.raises(InputError, match="'fx' must be a number"):
+        lens_of({"model": "pinhole", "width": 1, "height": 1}, Path("camera.yaml"))
+    with pytest.raises(InputError, match="perspective camera"):
+        lens_of({"model": "omni"}, Path("camera.yaml"))
+
+
+@dataclass
+class Walk:
+    """What `calibrate_imu` asks of a recording, without its images."""
+
+    simulation: Simulation
+    folder: Path
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(self.simulation)
+
+    def file(self, name: str) -> Path:
+        return self.folder / name
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Walk:
+    simulation = Simulation(open_scenario("walk-in-place", 2, 15.0), "points")
+    folder = tmp_path_factory.mktemp("walk")
+    _write_calibration(simulation, folder)
+    return Walk(simulation, folder)
+
+
+def test_the_imu_s_correction_holds_marks_still_and_in_place(walk: Walk) -> None:
+    """Ground distances from a robot that sways, against the level camera: without, with, and by known kinematics."""
+    level = walk.simulation.camera
+    assert isinstance(level, PinholeCamera)
+    found = calibrate_imu(cast("Recording", walk), level)
+    assert found.before_px > 8.0
+    assert found.after_px < 1.5
+    learned = replace(level, imu_correction=found.correction)
+    marks, leaning = read_marks(walk.folder / "marks.csv"), LeanFilter()
+    places = {"near-left": (1.5, 0.45), "near-right": (1.5, -0.45), "far-left": (2.8, 0.9), "far-right": (2.8, -0.9)}
+    errors: list[list[float]] = []
+    for frame in walk.simulation:
+        leaning.add(frame)
+        lean = leaning.lean(frame.stamp_ns)
+        assert lean is not None
+        rows = [i for i, name in enumerate(marks.files) if name == frame.name]
+        true = np.array([places[marks.names[i]] for i in rows])
+        views = (ground_view(replace(level, use_attitude=False)), ground_view(learned, None, *lean))
+        views = (*views, ground_view(level, None, *lean))
+        errors.append([float(np.hypot(*(v.ground_from_image(marks.pixels[rows]) - true).T).mean()) for v in views])
+    without, with_it, by_kinematics = np.median(errors, axis=0)
+    assert with_it < 0.05
+    assert with_it < 0.5 * without  # the rest is what the IMU errs by all the time
+    assert with_it < by_kinematics + 0.02
+
+
+def test_the_lean_at_an_image_is_ten_times_better_than_the_newest_reading() -> None:
+    simulation, leaning = Simulation(open_scenario("humanoid-walk", 4, 20.0), "points"), LeanFilter()
+    filtered, newest = [], []
+    for index, frame in enumerate(simulation):
+        leaning.add(frame)
+        lean = leaning.lean(frame.stamp_ns)
+        assert lean is not None
+        assert frame.tilt is not None
+        true = simulation.track.attitude_at(float(simulation.image_times_s[index]))
+        filtered.append(np.subtract(lean, true))
+        newest.append(frame.tilt.values[-1] - true)
+    assert np.std(newest[5:]) > np.radians(0.4)
+    assert np.std(np.array(filtered)[5:], axis=0).max() < np.radians(0.1)
+
+
+def test_an_imu_that_says_nothing_leaves_the_lean_unknown() -> None:
+    leaning = LeanFilter()
+    leaning.add(Frame(10))
+    assert leaning.lean(10) is None
+
+
+def test_a_written_camera_is_read_again(tmp_path: Path) -> None:
+    (tmp_path / "camera.yaml").write_text(perspective_yaml(camera(), "found\nin a test"))
+    again = open_camera(tmp_path / "camera.yaml")
+    assert isinstance(again, PinholeCamera)
+    same_pose(again.base_from_camera, MOUNT, 1e-9)
+
+
+def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    seen = camera().image_from_ground(FOUR)
+    rows = [f"a.jpg,m{i},{u},{v},{x},{y}" for i, ((u, v), (x, y)) in enumerate(zip(seen, FOUR, strict=True))]
+    (tmp_path / "marks.csv").write_text("\n".join(["file,name,u,v,x_m,y_m", *rows]) + "\n")
+    (tmp_path / "lens.yaml").write_text(perspective_yaml(camera(), ""))
+    arguments = [str(tmp_path / "marks.csv"), "--output", str(tmp_path / "camera.yaml")]
+    assert main(["calibrate", "camera", *arguments]) == 2
+    assert "give --camera FILE" in capsys.readouterr().err
+    assert main(["calibrate", "camera", *arguments, "--camera", str(tmp_path / "lens.yaml")]) == 0
+    same_pose(open_camera(tmp_path / "camera.yaml").base_from_camera, MOUNT, 1e-5)
+    assert "95.0 cm high" in capsys.readouterr().out
+    mirror = str(Path(__file__).parents[1] / "examples" / "omni_msl_track_short")
+    assert main(["calibrate", "imu", mirror, "--output", str(tmp_path / "imu.yaml")]) == 2
+    assert "looks at a mirror" in capsys.readouterr().err
