@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from touchline.config import load_settings, preset_values
+from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.localization.particles.feature_model import FeatureModel, field_lines
 from touchline.localization.particles.features import Features, FeatureSettings
 from touchline.simulation.run import Simulation
@@ -28,6 +29,7 @@ from touchline.types import (
     Lines,
     Observation,
     Prior,
+    Samples,
     Status,
 )
 
@@ -254,3 +256,29 @@ def test_posts_alone_keep_it_right_for_minutes_because_the_particles_tell_what_i
     ]
     assert np.median(far) < 0.2
     assert max(far) < 0.6
+
+
+# ---- wrong input -----------------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_is_told_in_one_sentence() -> None:
+    field = open_field(FIELDS[0])
+    image = np.repeat(np.random.default_rng(0).integers(60, 200, (480, 752, 1)), 3, axis=2).astype(np.uint8)
+    camera = Simulation(open_scenario("humanoid-walk", 3, 1.0)).camera
+    mirror = Simulation(open_scenario("match", 3, 1.0)).camera
+    with pytest.raises(InputError, match="lines in images of a perspective camera; this camera is a omni"):
+        open_system("nimbro-lines", RobotSetup(field, mirror))
+    system = open_system("nimbro-lines", RobotSetup(field, camera))
+
+    def problem(stamp_ns: int, tilt: Samples | None, pose: Pose3 | None = None) -> str:
+        estimate = system.step(Frame(stamp_ns, image, base_from_camera=pose, tilt=tilt))
+        assert estimate.status is not Status.TRACKING
+        assert estimate.observation is not None
+        return estimate.observation.problem or ""
+
+    assert "nothing tells how the camera leans" in problem(0, None)
+    fallen = Samples(np.array([10**9]), np.array([(0.0, 1.3)]))
+    assert "the robot leans by 74°" in problem(10**9, fallen)
+    assert problem(2 * 10**9, None, camera.base_from_camera) != ""  # no field in it
+    with pytest.raises(ValueError, match="are of the kinds L, T, X, not Y"):
+        replace(seen_from_here().crossings, kinds=np.array(["L", "T", "Y"]))

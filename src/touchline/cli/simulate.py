@@ -14,6 +14,8 @@ from touchline.errors import InputError
 if TYPE_CHECKING:
     from touchline.simulation.run import Simulation
 
+_LONG_ENOUGH = 20  # images to calibrate a perspective camera with
+
 
 def simulate(
     scenario: Annotated[
@@ -87,7 +89,13 @@ def _advice(simulation: Simulation, folder: Path) -> Iterator[str]:
         yield f"touchline run {folder} localises it"
         return
     if simulation.camera_kind != "omni":
-        yield f"touchline check {folder} tells what it holds; no system uses a pinhole camera yet"
+        if "marks.csv" not in beside:
+            yield f"touchline run {folder} --system nimbro-lines localises it"
+        elif len(simulation) < _LONG_ENOUGH:
+            yield f"touchline check {folder} tells what it holds"
+        else:
+            name = "imu" if simulation.scenario.calibration.kind == "fixed-marks" else "camera"
+            yield f"touchline calibrate {name} {folder} --output camera.yaml calibrates its camera"
         return
     if "regions.yaml" in beside:
         yield f"touchline calibrate colour {folder} --output colours.npz learns the colours from the marked regions"

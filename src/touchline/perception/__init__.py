@@ -2,6 +2,8 @@
 
 from touchline.perception.detector import Detector, observe
 from touchline.perception.hsv_lines import HsvLineDetector, HsvLinePaper, HsvLineSettings
+from touchline.perception.line_graph.detector import LineGraphDetector
+from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
 
@@ -11,6 +13,8 @@ __all__ = [
     "HsvLinePaper",
     "HsvLineSettings",
     "LearningSettings",
+    "LineGraphDetector",
+    "LineGraphSettings",
     "LinePointDetector",
     "LinePointSettings",
     "SelfLearningDetector",

@@ -138,9 +138,10 @@ def open_system(
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")
     if setup.camera is not None and setup.camera.model not in info.cameras:
-        seen = "an omnidirectional camera" if "omni" in info.cameras else "a perspective camera"
+        omni = "omni" in info.cameras
+        seen = "line points in images of an omnidirectional" if omni else "lines in images of a perspective"
         raise InputError(
-            f"{name} finds lines in images of {seen}; this camera is a {setup.camera.model}. "
+            f"{name} finds {seen} camera; this camera is a {setup.camera.model}. "
             "What a detector of the robot's own has found needs no camera model: observations.csv in a recording, "
             "points or an observation in Python"
         )

@@ -12,6 +12,9 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import cast
+
 import numpy as np
 from pydantic import Field
 
@@ -19,17 +22,17 @@ from touchline.camera import PinholeCamera
 from touchline.config import Settings
 from touchline.field.association import FieldAssociations
 from touchline.geometry import Pose
-from touchline.localization.fusion.feature_filter import FeatureFilter, FeatureFilterSettings
+from touchline.localization.fusion.feature_filter import FeatureFilter
 from touchline.localization.fusion.feature_tracker import BeliefSettings, FeatureTracker
 from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.particles.feature_model import FeatureView, field_lines
 from touchline.localization.particles.features import Features, FeatureSettings
 from touchline.localization.particles.nimbro_particles import NimbroParticles, NimbroParticleSettings
-from touchline.motion import MotionHistory
-from touchline.perception import Detector, observe
+from touchline.motion import LeanFilter, MotionHistory
+from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Observation, Prior, as_prior
+from touchline.types import Estimate, Frame, Observation, Prior, Samples, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where no camera.yaml tells: that of a robot between kid and adult size
 
@@ -47,9 +50,9 @@ class NimbroPaper(Settings):
 class NimbroLinesSettings(Settings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
+    line_graph: LineGraphSettings = LineGraphSettings()
     features: FeatureSettings = FeatureSettings()
     particles: NimbroParticleSettings = NimbroParticleSettings()
-    refinement: FeatureFilterSettings = FeatureFilterSettings()
     belief: BeliefSettings = BeliefSettings()
     paper: NimbroPaper = NimbroPaper()
 
@@ -62,6 +65,9 @@ class NimbroLines:
         field, camera, s = setup.field, setup.camera, settings
         self.settings = settings
         self.detector: Detector | None = None
+        if camera is not None:
+            self.detector = cast("Detector", LineGraphDetector(camera, s.line_graph, field))
+        self.leaning = LeanFilter()
         self.history = MotionHistory()
         height_m = CAMERA_HEIGHT_M
         if isinstance(camera, PinholeCamera):
@@ -69,7 +75,7 @@ class NimbroLines:
         associations, lines = FieldAssociations(field), field_lines(field)
         self.features = Features(associations, s.features, height_m)
         self.particles = NimbroParticles(field, associations, rng, s.particles, s.features.paper.covariances)
-        feature_filter = FeatureFilter(associations.tables, lines, height_m, s.features.noise.lean_rad, s.refinement)
+        feature_filter = FeatureFilter(associations.tables, lines, height_m, s.features.noise.lean_rad)
         self.tracker = FeatureTracker(feature_filter, self.particles.symmetric, s.belief, s.paper.refine)
         self.reset()
 
@@ -79,6 +85,7 @@ class NimbroLines:
         if self.detector is not None:
             self.detector.reset()
         self.history.clear()
+        self.leaning.clear()
         self.tracker.reset(prior)
         if prior.pose is not None:
             self.particles.start_at(self.tracker.pose, self.tracker.covariance)
@@ -91,6 +98,7 @@ class NimbroLines:
         motion = self.history.take(frame)
         self.particles.predict(motion)  # motion model, equation (3)
         self.tracker.predict(motion, self.particles.filter.motion_model.deviations(motion))
+        frame = self._with_lean(frame)  # roll and pitch at the image, section 4.4
         observation = clock.perception(observe, frame, self.detector)  # features, sections 3 and 4
         view = self.features.of(observation)  # egocentric, with noise and confidence, sections 4.4 and 5.3
         mode = self.particles.update(view, self._side())  # observation model, resampling, equations (4) to (8)
@@ -98,6 +106,13 @@ class NimbroLines:
         if self.tracker.is_lost:
             self._search()  # augmented MCL, section 5: anywhere on the field
         return self._report(observation, view, clock)
+
+    def _with_lean(self, frame: Frame) -> Frame:
+        """The frame with the lean at its stamp in the place of the samples, which are late."""
+        self.leaning.add(frame)
+        lean = self.leaning.lean(frame.stamp_ns)
+        tilt = None if lean is None else Samples(np.array([frame.stamp_ns]), np.array([lean]))
+        return replace(frame, tilt=tilt)
 
     def _search(self) -> None:
         self.tracker.lose()

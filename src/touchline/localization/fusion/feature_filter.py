@@ -12,30 +12,18 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from pydantic import Field
 
-from touchline.config import Settings
 from touchline.field.association import AssociationTables
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.feature_model import FeatureView, best_line, best_place, line_table
 from touchline.motion.odometry import Motion
 
 _ITERATIONS = 3
+NEW_RATIO = 0.5  # how much of a frame's features is new: errors of lens and paint come again in the next one
 MIN_POSITION_M = 0.02  # smallest believed standard deviation of x and y
-MIN_HEADING_RAD = 0.01  # the same of the heading
+MIN_HEADING_RAD = 0.02  # the same of the heading: nothing tells by how much a camera is mounted aside
 MOUNT_RAD = 0.012  # how far a camera is mounted askew: 0.7° at a robot of today
 MOUNT_DRIFT_RAD = 0.0003  # how much of that changes from frame to frame
-
-
-class FeatureFilterSettings(Settings):
-    """How features become a pose."""
-
-    repeated_ratio: float = Field(
-        0.5,
-        gt=0,
-        le=1,
-        description="how much of a frame's features is new: errors of lens and paint come again in the next one",
-    )
 
 
 class Explained(NamedTuple):
@@ -58,10 +46,8 @@ class FeatureFilter:
         lines: FloatArray,
         height_m: float,
         lean_rad: float,
-        settings: FeatureFilterSettings | None = None,
     ) -> None:
         """lines: (S, 5), `field_lines`. height_m: of the camera. lean_rad: fast error of its roll and pitch."""
-        self.settings = settings or FeatureFilterSettings()
         self.tables, self.lines = tables, lines
         self.height_m, self.lean_rad = height_m, lean_rad
         self.start(Pose(0.0, 0.0, 0.0), np.eye(3))
@@ -106,8 +92,8 @@ class FeatureFilter:
             normal, right, explained = self._sum(state, view)
             off = before - state
             off[2] = wrap_angle(off[2])
-            information = self.settings.repeated_ratio * normal + prior
-            state += np.linalg.solve(information, self.settings.repeated_ratio * right + prior @ off)
+            information = NEW_RATIO * normal + prior
+            state += np.linalg.solve(information, NEW_RATIO * right + prior @ off)
         self._take(state, np.linalg.inv(information), lean_prior)
         return Explained(*explained)
 

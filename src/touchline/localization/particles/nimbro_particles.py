@@ -35,6 +35,7 @@ MODE_M = 0.6  # radius of a mode of the particles ...
 MODE_RAD = 0.5  # ... and how far its headings reach
 CELL_M, CELL_RAD = 0.5, math.pi / 6.0  # of the histogram that finds modes
 START_PARTICLES = 4000  # at a start from nowhere, until they are drawn anew for the first time
+SLOW, FAST = 0.02, 0.2  # forgetting of the long- and the short-term likelihood per cycle: some 50 and 5 images
 MAX_RANDOM_RATIO = 0.2  # of the particles; more would leave too few to a pose that is right
 
 
@@ -90,8 +91,6 @@ class NimbroParticleSettings(Settings):
     random_ratio: float = Field(
         0.01, ge=0, lt=1, description="ratio of random particles in every drawing: the paper's small amount"
     )
-    slow: float = Field(0.02, gt=0, lt=1, description="forgetting of the long-term likelihood per cycle")
-    fast: float = Field(0.2, gt=0, lt=1, description="forgetting of the short-term likelihood per cycle")
     motion: StepNoise = StepNoise()
     paper: NimbroParticlePaper = NimbroParticlePaper()
 
@@ -142,7 +141,7 @@ class NimbroParticles:
         self.particles = ParticleSet(np.zeros((1, 3)))
         number = CertaintyNumber(s.min_particles, max(s.min_particles, s.max_particles), UNCERTAIN_M)
         self.injection = AugmentedInjection(
-            SidedPoses(UniformPoses(self._reach_m), None), s.slow, s.fast, s.random_ratio, MAX_RANDOM_RATIO
+            SidedPoses(UniformPoses(self._reach_m), None), SLOW, FAST, s.random_ratio, MAX_RANDOM_RATIO
         )
         self.filter: ParticleFilter[FeatureView] = ParticleFilter(
             self.particles,
@@ -200,7 +199,7 @@ class NimbroParticles:
     def _start(self, poses: FloatArray) -> None:
         self.filter.start(poses)
         poses_from, s = self.injection.poses, self.settings
-        self.injection = AugmentedInjection(poses_from, s.slow, s.fast, s.random_ratio, MAX_RANDOM_RATIO)
+        self.injection = AugmentedInjection(poses_from, SLOW, FAST, s.random_ratio, MAX_RANDOM_RATIO)
         self.filter.injection = self.injection
 
 

@@ -101,12 +101,8 @@ class LineGraphDetector:
         return Observation(stamp_ns, points, lines, crossings, landmarks, self._boundary(structure, plane))
 
     def _view(self, frame: Frame) -> GroundView:
-        if frame.base_from_camera is not None:
-            return ground_view(self.camera, frame.base_from_camera)
-        if frame.tilt is None or not len(frame.tilt):
-            return GroundView(self.camera)
-        roll, pitch = frame.tilt.values[-1]
-        return ground_view(self.camera, None, float(roll), float(pitch))
+        lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
+        return ground_view(self.camera, frame.base_from_camera, *lean)
 
     def _structure(self, image: ImageArray, classes: ColourClasses, plane: ImagePlane) -> Structure:
         return find_structure(image, classes, self._usable, plane, self.field.line_width, self.settings)
