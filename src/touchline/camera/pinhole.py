@@ -30,7 +30,7 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy", "mount")
-_OPTIONAL = ("distortion", "use_attitude")
+_OPTIONAL = ("distortion", "use_attitude", "imu_correction")
 _MOUNT_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 _LEAST_DEPTH_M = 1e-6
 _WIDEST = 12.0  # tangent of the angle to the optical axis: 85°
