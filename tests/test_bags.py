@@ -223,3 +223,14 @@ def test_without_the_extra_it_is_named(walk: Path, tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("touchline.sources.bags.kinds.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install 'touchline\[bags\]'"):
         open_source(bag)
+
+
+def test_a_bag_is_looked_at_as_a_folder_is(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = convert(walk, tmp_path / "bag.mcap")
+    told = []
+    for source in (bag, walk):
+        assert main(["view", str(source), "--frame", "3", "--output", str(tmp_path / f"{source.name}-view")]) == 0
+        told.append(capsys.readouterr().out.splitlines()[-2])
+        (picture,) = (tmp_path / f"{source.name}-view").glob("*.png")
+        told.append(picture.read_bytes())
+    assert told[:2] == told[2:]

@@ -39,6 +39,8 @@ def calibrate_recording(recording: Recording, regions_file: Path | None = None) 
     """From a recording: its marked regions if it has regions.yaml (or another file is given), else its field."""
     own = recording.folder / REGIONS
     file = regions_file or (recording.file(REGIONS) if own.exists() else None)
+    if file is not None and recording.path != recording.folder:
+        raise InputError(f"{recording.path}: marked regions are read in a folder: touchline convert makes one of it")
     if file is not None:
         return calibrate_marked(recording.folder, file, recording.follows_links)
     chosen = np.unique(np.linspace(0, len(recording) - 1, _IMAGES).astype(int))

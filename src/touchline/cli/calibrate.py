@@ -90,11 +90,11 @@ def colour(
     from touchline.calibration.colour import calibrate_marked, calibrate_recording, calibrate_unmarked, read_picture
     from touchline.camera import open_camera
     from touchline.perception.colour_file import save_colours
-    from touchline.sources import open_source
+    from touchline.sources import is_recording, open_source
     from touchline.view.calibration import colour_picture
     from touchline.view.picture_files import save_picture
 
-    if source.is_dir():
+    if is_recording(source):
         if camera is not None:
             raise InputError("--camera is for single images: a recording brings its own")
         calibration = calibrate_recording(open_source(source, follow_links), regions)

@@ -66,12 +66,12 @@ def calibrate_range(
 def _pairs(source: Path, camera: Path | None, skip_unusable: bool, follow_links: bool) -> RangePairs:
     if not source.exists():
         raise InputError(f"{source}: there is no such recording or file of marks")
-    if source.is_dir() and camera is not None:
-        raise InputError("--camera is for a file of marks: a recording brings its own")
     from touchline.calibration.range_pairs import marked_pairs, recording_pairs
-    from touchline.sources import open_source
+    from touchline.sources import is_recording, open_source
 
-    if source.is_dir():
+    if is_recording(source) and camera is not None:
+        raise InputError("--camera is for a file of marks: a recording brings its own")
+    if is_recording(source):
         return recording_pairs(open_source(source, follow_links), skip_unusable)
     return marked_pairs(source, camera or source.parent / "camera.yaml")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.options import FollowLinks
+from touchline.cli.options import BagBase, FollowLinks, Topics, bag_options
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,9 +28,10 @@ def view(
             show_default=False,
         ),
     ] = None,
-    camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image.", show_default=False)] = None,
+    camera: Annotated[Path | None, typer.Option(help="camera.yaml of an image or bag.", show_default=False)] = None,
     field: Annotated[
-        str | None, typer.Option(metavar="NAME|FILE", help="The field an image was taken on.", show_default=False)
+        str | None,
+        typer.Option(metavar="NAME|FILE", help="The field of an image or bag.", show_default=False),
     ] = None,
     system: Annotated[
         str | None, typer.Option(help="Whose stages to draw (default: nubot-mti); see touchline systems.")
@@ -42,15 +43,21 @@ def view(
         ),
     ] = None,
     follow_links: FollowLinks = False,
+    topics: Topics = None,
+    base: BagBase = None,
 ) -> None:
     """Draw points and field lines over one image; with --stages, every step on the way there."""
     if not source.exists():
         raise InputError(f"{source}: there is no such recording or image")
-    if not source.is_dir() and frame is not None:
+    from touchline.sources import is_recording
+    from touchline.sources.bags.kinds import find_bag
+
+    recorded, bag = is_recording(source), find_bag(source) is not None
+    if not recorded and frame is not None:
         raise InputError("--frame is for recordings: an image is one by itself")
-    if source.is_dir() and (camera is not None or field is not None):
+    if recorded and not bag and (camera is not None or field is not None):
         raise InputError("--camera and --field are for single images: a recording brings its own")
-    if not source.is_dir() and camera is None:
+    if not recorded and camera is None:
         raise InputError(f"{source}: an image needs its camera model; give it with --camera FILE")
     from touchline.evaluation.run_folder import new_folder
     from touchline.systems import DEFAULT_SYSTEM
@@ -58,9 +65,11 @@ def view(
     from touchline.view.stages import save_pictures
 
     chosen = system or DEFAULT_SYSTEM
-    if camera is None:
-        look = look_at_recording(source, frame, chosen, follow_links)
+    if recorded:
+        options = bag_options(topics, field if bag else None, camera, base)
+        look = look_at_recording(source, frame, chosen, follow_links, options)
     else:
+        assert camera is not None
         look = look_at_image(source, camera, field, chosen)
     pictures = look.stages() if stages else {"overlay": look.overlay()}
     folder = new_folder(output, f"{look.name}-view")

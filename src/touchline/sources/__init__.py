@@ -22,8 +22,14 @@ __all__ = [
     "Recording",
     "Source",
     "Truth",
+    "is_recording",
     "open_source",
 ]
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a path is that of a folder or a bag, rather than of a single image or table."""
+    return path.is_dir() or find_bag(path) is not None
 
 
 def open_source(

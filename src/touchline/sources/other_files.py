@@ -44,9 +44,7 @@ def refuse_other_files(path: Path) -> None:
         "tar": f"is a packed archive: unpack it (mkdir recording && tar -xf '{path.name}' -C recording) "
         "and give the folder",
         "7z": "is a packed archive: unpack it and give the folder",
-        "video": "is a video: take its images out (mkdir -p recording/images && "
-        f"ffmpeg -i '{path.name}' -q:v 2 -start_number 0 recording/images/%06d.jpg), list them with their times in "
-        f"recording/images.csv (t,file), add sequence.yaml and camera.yaml ({_GUIDE}), and give the folder",
+        "video": f"is a video: touchline convert '{path.name}' recording --field NAME --camera FILE makes a recording",
         "bag": "ends like a bag but is none, or it is cut: record or copy it again",
         "image": "is one image: `touchline view` and `touchline locate` take it; a recording is a folder of images "
         f"({_GUIDE})",

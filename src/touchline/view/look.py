@@ -18,7 +18,7 @@ from touchline.messages import counted
 from touchline.motion.attitude import with_camera_poses
 from touchline.opened_files import open_bytes
 from touchline.perception import Detector
-from touchline.sources import Recording, open_source
+from touchline.sources import BagOptions, Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system, system_info
 from touchline.types import Estimate, Frame, ImageArray, Observation, Status, System
 from touchline.view.birds_eye import birds_eye_image
@@ -76,17 +76,21 @@ class Look:
 
 
 def look_at_recording(
-    path: Path, index: int | None = None, system: str = DEFAULT_SYSTEM, follow_links: bool = False
+    path: Path,
+    index: int | None = None,
+    system: str = DEFAULT_SYSTEM,
+    follow_links: bool = False,
+    options: BagOptions | None = None,
 ) -> Look:
     """Image `index` (from 0) of a recording, with the points and the pose that a system has when it comes to it.
 
     Without an index it is the first one that shows where the robot is, or else the first of all. An image that does
     not show it has no pose. Where the system cannot see through the camera, the true pose is taken, if it is known.
-    follow_links: as of `open_source`.
+    follow_links, options: as of `open_source`.
     Raises InputError if there is no such image or it cannot be read, and for an unknown system.
     """
     info = system_info(system)  # an unknown name is told before the recording is read
-    source = open_source(path, follow_links)
+    source = open_source(path, follow_links, options)
     if not len(source):
         raise InputError(f"{path}: has no images")
     if not source.has_images:
