@@ -9,12 +9,17 @@ import pytest
 
 from touchline.camera import OmniCamera
 from touchline.errors import InputError
+from touchline.experiments.schulz_features import PAPER, measure
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
 from touchline.perception.line_graph.chains import find_chains
+from touchline.perception.line_graph.crossings import judge_arms
+from touchline.perception.line_graph.field_boundary import smooth_boundary
 from touchline.perception.line_graph.graph import Graph, line_graph
+from touchline.perception.line_graph.profiles import LINE, NO_LINE, find_paint
 from touchline.perception.line_graph.skeleton import low_pass, rank_cells
 from touchline.sources import open_source
+from touchline.types import Frame
 
 ROWS, COLUMNS = 40, 60
 
@@ -91,19 +96,78 @@ def test_two_lines_close_by_stay_two() -> None:
     assert degrees(graph, least=3) == []
 
 
+def test_the_boundary_bridges_a_notch_and_keeps_a_bay() -> None:
+    ends, smoothed = np.full(40, 20.0), np.empty(40)
+    ends[10] = 5.0  # one column: the median's
+    ends[25:35] = 8.0  # a robot close by: wider than one step of the convex rule fills
+    smooth_boundary(ends, smoothed)
+    assert smoothed[10] == pytest.approx(20.0)
+    assert smoothed[30] == pytest.approx(8.0)
+
+
+def test_arms_tell_kind_and_orientation() -> None:
+    quarter = 0.5 * np.pi
+    assert judge_arms(np.array([0.1, 0.1 + quarter])) == (2, pytest.approx(0.1 + 0.5 * quarter))
+    assert judge_arms(np.array([3.1, 3.1 - quarter, 3.1 + 2.0 * quarter])) == (3, pytest.approx(3.1 - quarter))
+    assert judge_arms(0.3 + quarter * np.arange(4)) == (4, pytest.approx(0.3))
+    assert judge_arms(np.array([0.0, np.pi]))[0] == 0
+    assert judge_arms(np.array([0.0, 1.0, 2.0]))[0] == 0
+
+
+def test_paint_is_found_between_carpet() -> None:
+    samples = np.array([0.0, 0.0, 0.0, 0.25, 1.0, 1.0, 1.0, 0.75, 0.0, 0.0, 0.0])
+    shown, middle, width, _ = find_paint(samples, 4.0)
+    assert shown == LINE
+    assert (middle, width) == (pytest.approx(5.333, abs=0.2), pytest.approx(4.0, abs=0.3))
+    assert find_paint(np.ones(11), 4.0)[0] == NO_LINE
+    assert find_paint(np.zeros(11), 4.0)[0] == NO_LINE
+
+
 @pytest.mark.parametrize("name", ["humanoid_9x6_walk", "humanoid_hsl_pan"])
-def test_lines_of_recordings_lie_on_the_fields(small_data: Path, name: str) -> None:
-    recording = open_source(small_data / name)
+def test_features_of_recordings_are_true(small_data: Path, name: str) -> None:
+    scores = measure(open_source(small_data / name))
+    assert scores.crossings["all"].precision >= 0.95
+    assert scores.crossings["all"].recall >= 0.7
+    assert scores.lines.precision > 0.7
+    assert scores.lines.recall > 0.7
+    assert np.median(np.abs(scores.boundary_px)) < 10.0
+
+
+def test_the_papers_form_finds_crossings_too(small_data: Path) -> None:
+    scores = measure(open_source(small_data / "humanoid_hsl_pan"), PAPER)
+    assert scores.crossings["all"].precision > 0.85
+
+
+def test_pictures_of_the_steps(small_data: Path) -> None:
+    recording = open_source(small_data / "humanoid_9x6_walk")
+    detector = LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
+    frame = next(iter(recording))
+    assert frame.image is not None
+    pictures = detector.stages(frame.image)
+    assert next(iter(pictures)) == "colour classes"
+    assert {picture.shape for picture in pictures.values()} == {(960, 1504, 3)}
+    detector.reset()
+    assert detector.classes is None
+
+
+def test_an_image_without_carpet_says_so(small_data: Path) -> None:
+    recording = open_source(small_data / "humanoid_9x6_walk")
+    detector = LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
+    grey = np.full((480, 752, 3), 128, dtype=np.uint8)
+    seen = detector.observe(Frame(0, image=grey))
+    assert seen.problem is not None
+    assert len(seen.lines) == 0
+
+
+def test_poles_stand_where_they_are(small_data: Path) -> None:
+    recording = open_source(small_data / "humanoid_9x6_walk")
     assert recording.truth is not None
     detector = LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
-    away = []
     for index, frame in enumerate(recording):
-        seen = detector.observe(frame)
-        assert len(seen.lines) > 0
-        near = np.hypot(*seen.points.positions_m.T) < 3.0
-        places = recording.truth[index].transform(seen.points.positions_m[near])
-        away.append(recording.field.line_distances(places))
-    assert np.median(np.concatenate(away)) < 0.06
+        seen = detector.observe(frame).landmarks
+        for kind, place in zip(seen.kinds, recording.truth[index].transform(seen.positions_m), strict=True):
+            if kind == "pole":
+                assert min(np.hypot(p.x - place[0], p.y - place[1]) for p in recording.field.poles) < 0.7
 
 
 def test_a_mirror_is_refused(small_data: Path) -> None:

@@ -89,6 +89,14 @@ def learn_classes(
     return ColourClasses(table, model, _white_from(model, yuv), not yuv)
 
 
+def classes_of_model(model: ColourModel, yuv: bool) -> ColourClasses:
+    """The classes of a colour table that was kept in a file."""
+    colours = _cell_colours()
+    carpet = colours[model.classify(colours.astype(np.uint8)) == IS_GREEN]
+    table = yuv_table(model, carpet) if yuv else relative_table(model)
+    return ColourClasses(table, model, _white_from(model, yuv), not yuv)
+
+
 def relative_table(model: ColourModel) -> npt.NDArray[np.uint8]:
     """The table of `ColourClasses` with green as the model has it and white by its signal."""
     colours = _cell_colours()

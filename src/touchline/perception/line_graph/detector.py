@@ -21,7 +21,8 @@ from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.detector import check_size
 from touchline.perception.line_graph.circle import Circle, circle_landmark, find_circle, without_arcs
-from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses, learn_classes
+from touchline.perception.line_graph.colour_classes import CELL_PX, ColourClasses
+from touchline.perception.line_graph.colour_memory import ColourMemory
 from touchline.perception.line_graph.crossings import find_crossings
 from touchline.perception.line_graph.field_boundary import boundary_pixels
 from touchline.perception.line_graph.field_lines import cell_pixels, find_lines, lines_on_ground
@@ -33,6 +34,7 @@ from touchline.perception.line_graph.image_plane import (
     make_lens,
 )
 from touchline.perception.line_graph.landmarks import find_landmarks, joined
+from touchline.perception.line_graph.pictures import step_pictures
 from touchline.perception.line_graph.profiles import Pixels
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure, find_structure
@@ -55,9 +57,10 @@ class LineGraphDetector:
         corners = np.isfinite(self.lens.table[..., 0])
         rows, columns = camera.height // CELL_PX, camera.width // CELL_PX
         self._usable = (corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:])[:rows, :columns]
-        self._radius_m = float(field.circles[0, 2]) if len(field.circles) else 0.0
-        self.classes: ColourClasses | None = None
-        self.reset()
+        self._radius_m = float(field.circles[0, 2]) if len(field.circles) and settings.paper.circle else 0.0
+        yuv = settings.paper.colours == "yuv"
+        self.colours = ColourMemory(settings.colour_file, settings.learning_frames, yuv)
+        self._last_view = GroundView(camera)
 
     @property
     def learns_colours(self) -> bool:
@@ -66,8 +69,7 @@ class LineGraphDetector:
 
     def reset(self) -> None:
         """Forget the colours."""
-        self.classes = None
-        self._images: list[ImageArray] = []
+        self.colours.forget()
 
     def observe(self, frame: Frame) -> Observation:
         """What a frame's image shows. Raises InputError for one of another size than the camera's, or without one."""
@@ -84,11 +86,40 @@ class LineGraphDetector:
         check_size(image, self.camera)
         image = np.ascontiguousarray(image)
         plane = image_plane(self.lens, view)
+        self._last_view = view
         try:
-            classes = self._learned(image, view)
+            if self.colours.is_learning:
+                self.colours.learn(image, *self._masks(view))
         except NoCarpetError as error:
             return Observation(stamp_ns, problem=str(error))
-        structure = self._structure(image, classes, plane)
+        assert self.colours.classes is not None
+        structure = self._structure(image, self.colours.classes, plane)
+        self.colours.watch(structure.counts, structure.sees_ground)
+        return self._features(image, structure, plane, stamp_ns)
+
+    def stages(self, image: ImageArray) -> dict[str, ImageArray]:
+        """Title -> picture (H, W, 3), B, G, R, of each step of figure 1 on an image, seen from where the last one was.
+
+        Raises TouchlineError before any colours are known.
+        """
+        check_size(image, self.camera)
+        image = np.ascontiguousarray(image)
+        if self.colours.classes is None:
+            self.colours.learn(image, *self._masks(self._last_view))
+        assert self.colours.classes is not None
+        plane = image_plane(self.lens, self._last_view)
+        structure = self._structure(image, self.colours.classes, plane)
+        return step_pictures(image, structure, self._features(image, structure, plane, 0))
+
+    @property
+    def classes(self) -> ColourClasses | None:
+        """The colours as known now."""
+        return self.colours.classes
+
+    def _features(self, image: ImageArray, structure: Structure, plane: ImagePlane, stamp_ns: int) -> Observation:
+        """Section 4."""
+        classes = self.colours.classes
+        assert classes is not None
         pixels = self._pixels(image, classes, structure)
         found = find_lines(structure, pixels, plane, self.settings, self._radius_m)
         lines, points = lines_on_ground(found, plane, self.settings)
@@ -113,21 +144,6 @@ class LineGraphDetector:
         blue, green, red = model.green
         least = _GREENISH * float((green - 0.5 * (blue + red)) / model.green.sum())
         return Pixels(image, least, signal, structure.light, self.field.line_width, _LOOSEST, _TIGHTEST)
-
-    def _learned(self, image: ImageArray, view: GroundView) -> ColourClasses:
-        """The colours, learned from the first images."""
-        if self.classes is None or len(self._images) < self.settings.learning_frames:
-            self._images.append(image)
-            if len(self._images) in (1, self.settings.learning_frames):
-                try:
-                    near, around = self._masks(view)
-                    yuv = self.settings.paper.colours == "yuv"
-                    self.classes = learn_classes(self._images, near, around, yuv)
-                except NoCarpetError:
-                    self._images.pop()
-                    raise
-        assert self.classes is not None
-        return self.classes
 
     def _masks(self, view: GroundView) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """(H, W) pixels that see ground near by, and ground that is looked at at all."""

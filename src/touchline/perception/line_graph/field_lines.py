@@ -33,8 +33,13 @@ _LEAST_PAINT = 0.65  # least mean of contrast times width against the expected: 
 
 
 class LineLimits(NamedTuple):
-    """Which lines are kept. radius_m: of the field's circles, 0 if it has none. The others as in the settings."""
+    """Which lines are kept.
 
+    subpixel: whether the pixels place and judge them. radius_m: of the field's circles, 0 if it has none. The others
+    as in the settings.
+    """
+
+    subpixel: bool
     radius_m: float
     min_m: float
     min_px: float
@@ -64,7 +69,9 @@ def find_lines(
     candidates = split_and_merge(nodes, structure.chains, settings.split_px / plane.lens.pinhole[0])
     lengths = np.hypot(candidates[:, 2] - candidates[:, 0], candidates[:, 3] - candidates[:, 1])
     candidates = candidates[np.argsort(-lengths, kind="stable")]
-    limits = LineLimits(radius_m, settings.min_line_m, settings.min_line_px, settings.farthest_m)
+    limits = LineLimits(
+        settings.paper.subpixel, radius_m, settings.min_line_m, settings.min_line_px, settings.farthest_m
+    )
     points, confidences = np.empty((_MOST_POINTS, POINT_COLUMNS)), np.empty(len(candidates))
     lines, total = _place_lines(pixels, plane, candidates, limits, confidences, points)
     return FoundLines(candidates[:lines], confidences[:lines], points[:total])
@@ -96,6 +103,11 @@ def _place_lines(pixels, plane, candidates, limits, confidences, points):  # typ
     for k in range(len(candidates)):
         line = candidates[k].copy()
         if _is_covered(line, candidates[:kept], covered):
+            continue
+        if not limits.subpixel:
+            if _is_long(line, plane, limits):
+                candidates[kept], confidences[kept] = line, 0.8
+                kept += 1
             continue
         confidence, count = refine_line(pixels, plane, line, kept, points, total)
         if confidence == 0.0 or _is_covered(line, candidates[:kept], covered):

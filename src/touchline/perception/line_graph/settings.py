@@ -14,20 +14,30 @@ class LineGraphPaper(Settings):
 
     colours: Literal["relative", "yuv"] = Field(
         "relative",
+        json_schema_extra={"paper": "yuv"},
         description="yuv as in the paper: a luminance threshold for white, an ellipse in U, V for green; relative: "
         "white against the carpet about it, green as rays from black",
     )
     plain_boundary: bool = Field(
         False,
+        json_schema_extra={"paper": True},
         description="true as in the paper: columns are scanned from the image's lower edge, and end where the three "
         "thresholds end; false: the robot's own body is passed over, the end is trimmed to the last carpet",
     )
     fixed_low_pass: bool = Field(
-        False, description="true: one low-pass everywhere; false: wider where the field's lines are wide in the image"
+        False,
+        json_schema_extra={"paper": True},
+        description="true: one low-pass everywhere; false: wider where the field's lines are wide in the image",
     )
     subpixel: bool = Field(
         True,
+        json_schema_extra={"paper": False},
         description="lines are placed by profiles across them in the whole image; false: by the cells' nodes alone",
+    )
+    circle: bool = Field(
+        True,
+        json_schema_extra={"paper": False},
+        description="the centre circle is looked for: a landmark, and its arcs are no lines",
     )
 
 

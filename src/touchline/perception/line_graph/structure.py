@@ -42,12 +42,14 @@ class Structure(NamedTuple):
     """What section 3 makes of an image, in cells of 8 x 8 pixels.
 
     counts: (8, rows, columns) pixels of each class. light: (rows, columns) how bright the carpet is. ends: (columns,)
-    height of the field's boundary. smooth: (rows, columns) low-passed white. ranks: (rows, columns) of the skeleton.
+    height of the field's boundary. sees_ground: (rows, columns) below the horizon. smooth: (rows, columns) low-passed
+    white. ranks: (rows, columns) of the skeleton.
     """
 
     counts: CountArray
     light: FloatArray
     ends: FloatArray
+    sees_ground: npt.NDArray[np.bool_]
     smooth: FloatArray
     ranks: npt.NDArray[np.uint8]
     graph: Graph
@@ -64,7 +66,7 @@ def find_structure(
 ) -> Structure:
     """The structure of an image (H, W, 3). usable: (rows, columns) cells whose colours count."""
     counts, light = _counted(image, classes, usable)
-    ends = _boundary(counts, plane, settings)
+    ends, horizon = _boundary(counts, plane, settings)
     rows, columns = usable.shape
     white, smooth = np.empty((rows, columns)), np.empty((rows, columns))
     white_inside(counts, ends, white)
@@ -73,7 +75,8 @@ def find_structure(
     ranks = np.empty((rows, columns), dtype=np.uint8)
     rank_cells(smooth, ranks)
     graph = line_graph(smooth, ranks)
-    return Structure(counts, light, ends, smooth, ranks, graph, find_chains(graph))
+    sees_ground = np.arange(rows)[:, np.newaxis] >= horizon
+    return Structure(counts, light, ends, sees_ground, smooth, ranks, graph, find_chains(graph))
 
 
 def _counted(image: ImageArray, classes: ColourClasses, usable: npt.NDArray[np.bool_]) -> tuple[CountArray, FloatArray]:
@@ -89,7 +92,7 @@ def _counted(image: ImageArray, classes: ColourClasses, usable: npt.NDArray[np.b
     return counts, light
 
 
-def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings) -> FloatArray:
+def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings) -> tuple[FloatArray, FloatArray]:
     rows, columns = counts.shape[1:]
     merged, field = np.empty((rows, columns)), np.empty((rows, columns), dtype=np.bool_)
     field_colour(counts, merged)
@@ -99,7 +102,7 @@ def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings
     horizon_rows(plane, columns, rows, np.inf, horizon)
     scan_columns(field, counts, horizon, settings.paper.plain_boundary, rough)
     smooth_boundary(rough, ends)
-    return ends
+    return ends, horizon
 
 
 @njit(cache=True, error_model="numpy")
