@@ -106,7 +106,7 @@ def _from_images(
         if image.shape != images[0].shape:
             raise InputError(f"{path}: is of another size than {paths[0]}; all images must be of one camera")
     found = calibrate_images(images, field, handedness, mount_yaw)
-    check(found.lines)
+    check(found.lines, whole_view=True)
     for k in set(range(len(paths))) - set(found.used):
         errors_console().print(f"left out: {paths[k]}: hardly any line points", style="yellow", markup=False)
     return found.camera, found.lines, image_picture(found, images[found.used[0]], field)
@@ -126,7 +126,7 @@ def _words(lines: LineCalibration, camera: OmniCamera, field: FieldModel, handed
     near = sure.distances_m[sure.residuals < 2.5]
     bend = float(np.degrees(np.hypot(*shape.bend_per_m) * 0.75 / 2.0))
     text = (
-        f"Mirror calibrated from {points} line points of {images} on {field.name}: {100 * sure.on_lines:.0f} % lie on "
+        f"Mirror calibrated from {points} line points of {images} on {field.name}: {100 * lines.on_lines:.0f} % lie on "
         f"lines, {100 * float(np.median(near)):.1f} cm from their middle (median).\n"
         f"Centre {shape.center[0]:.2f}, {shape.center[1]:.2f} px (± {sure.center_px[0]:.2f}, {sure.center_px[1]:.2f}); "
         f"ranges ± {100 * float(sure.range_ratio(shape, radii).max()):.1f} % "

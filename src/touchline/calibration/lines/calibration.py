@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from touchline.calibration.lines.candidates import Candidate, find_candidates
 from touchline.calibration.lines.certainty import Certainty, certainty_of
@@ -18,11 +19,14 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 
 MIN_POINTS = 25
-MIN_ON_LINES = 0.6  # share of the points that must lie on lines
+MIN_ON_LINES = 0.85  # share of the points on the field that must lie on lines
+MIN_LINES_SEEN = 0.7  # of an image: share of the lines within reach along which points must be seen
 MIN_LEAD = 0.05  # by which the best mirror's error must be below another's
 MAX_CENTER_PX, MAX_RANGE_RATIO = 2.0, 0.03  # largest standard deviations of what is written
-CURVATURES = (0.01, 0.03, 0.1)  # of the spline, one after the other as long as the lines ask for it
+CURVATURES = (0.01, 0.03, 0.1, 0.3)  # of the spline, one after the other as long as the lines ask for it
 WORTH = 18.0  # by how much the sum of squares must fall for a looser spline; what errs together counts once
+_BESIDE_M = 0.3  # beside the field, where no line point can be
+_GAP_M, _GAP_RATIO = 0.15, 0.1  # between points along a line that is seen: rays 5 degrees apart
 _SPOT_M = 0.02  # poses of a robot that turned on the spot agree to this
 _FARTHEST_ORIGIN_M = 0.15
 _MAP_M, _BEYOND_M = 0.05, 3.0
@@ -33,6 +37,8 @@ class LineCalibration:
     """A calibrated mirror: its shape, how sure it is, and for each image the pose, the points (N, 2) u, v and a fit.
 
     first_px, last_px: radii between which points lie on lines; lead: by how much the next different mirror is worse.
+    on_lines: share of the points on the field that lie on lines; lines_seen: share of the lines between the first and
+    the last range along which points were seen from any place.
     spot_m: how far the poses differ from a turn on the spot, or None. tangent: the fit before the spline.
     """
 
@@ -43,6 +49,8 @@ class LineCalibration:
     first_px: float
     last_px: float
     lead: float
+    on_lines: float
+    lines_seen: float
     spot_m: float | None
     tangent: JointFit
 
@@ -67,7 +75,7 @@ def calibrate_points(
     search = Lines(False, field.distance_map(_MAP_M, _BEYOND_M).table, field.line_tables)
     candidates = find_candidates(seen, center, field, search, rng)
     lead = candidates[1].error - candidates[0].error if len(candidates) > 1 else 1.0
-    return refined(candidates[0], lead, seen, center, radius_px, search._replace(exact=True))
+    return refined(candidates[0], lead, seen, center, radius_px, field)
 
 
 def refined_again(
@@ -82,14 +90,14 @@ def refined_again(
     seen = [Seen(np.ascontiguousarray(one), hand, knot_px) for one in pixels]
     tangent = calibration.tangent
     start = Candidate(tangent.mirror, tangent.poses, tangent.error)
-    lines = Lines(True, field.distance_map(_MAP_M, _BEYOND_M).table, field.line_tables)
-    return refined(start, calibration.lead, seen, center, radius_px, lines)
+    return refined(start, calibration.lead, seen, center, radius_px, field)
 
 
 def refined(
-    start: Candidate, lead: float, seen: Sequence[Seen], center: FloatArray, radius_px: float, lines: Lines
+    start: Candidate, lead: float, seen: Sequence[Seen], center: FloatArray, radius_px: float, field: FieldModel
 ) -> LineCalibration:
     """The calibration that a candidate becomes with all points, bend and spline. Raises NoFitError as above."""
+    lines = Lines(True, field.distance_map(_MAP_M, _BEYOND_M).table, field.line_tables)
     expected = expected_mirror(center, CENTER_PX * radius_px, bends=False)
     fit = fit_in_steps(seen, start.mirror, start.poses, expected, lines)
     if len(seen) > 1:  # from one place a lean can't be told from a field that is not quite as the rules say
@@ -113,16 +121,28 @@ def refined(
     first, last = np.percentile(radii, [1.0, 99.0]) if len(radii) else (0.0, 0.0)
     poses = tuple(_moved(pose, origin) for pose in fit.poses)
     pixels = tuple(one.pixels for one in seen)
-    return LineCalibration(shape, certainty, poses, pixels, float(first), float(last), lead, spot_m, tangent)
+    reach_m = shape.range_m(np.array([first, last]))
+    on_field = [pose.transform(shape.ground(one)) for pose, one in zip(poses, pixels, strict=True)]
+    inside = np.all(np.abs(np.concatenate(on_field)) < 0.5 * np.array([field.length, field.width]) + _BESIDE_M, axis=1)
+    on_lines = float(np.mean(good[inside])) if inside.any() else 0.0
+    lines_seen = _lines_seen(on_field, good, poses, reach_m, field)
+    return LineCalibration(
+        shape, certainty, poses, pixels, float(first), float(last), lead, on_lines, lines_seen, spot_m, tangent
+    )
 
 
-def check(calibration: LineCalibration) -> None:
-    """Raises NoFitError with the reason where a calibration is none."""
-    on_lines, lead = calibration.certainty.on_lines, calibration.lead
+def check(calibration: LineCalibration, whole_view: bool = False) -> None:
+    """Raises NoFitError with the reason where a calibration is none. whole_view: whether all lines should be seen."""
+    on_lines, lead = calibration.on_lines, calibration.lead
     if on_lines < MIN_ON_LINES:
         raise NoFitError(
-            f"no mirror puts the points on this field's lines: {100 * on_lines:.0f} % lie on them with the best one, "
+            f"no mirror puts the points on this field's lines: {100 * on_lines:.0f} % of those on it lie on them, "
             f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field? Are most of the points line points?"
+        )
+    if whole_view and calibration.lines_seen < MIN_LINES_SEEN:
+        raise NoFitError(
+            f"only {100 * calibration.lines_seen:.0f} % of the lines that should be in view are seen with the best "
+            "mirror. Is it the right field? Is the view free?"
         )
     if lead < MIN_LEAD:
         raise NoFitError(
@@ -139,6 +159,28 @@ def check(calibration: LineCalibration) -> None:
     ratio = float(calibration.certainty.range_ratio(calibration.shape, radii).max())
     if ratio > MAX_RANGE_RATIO:
         raise NoFitError(f"the lines leave ranges uncertain by ± {100 * ratio:.0f} %: more lines must be in view")
+
+
+def _lines_seen(
+    on_field: Sequence[FloatArray],
+    good: npt.NDArray[np.bool_],
+    poses: Sequence[Pose],
+    reach_m: FloatArray,
+    field: FieldModel,
+) -> float:
+    """Share of the field's lines within reach of the poses along which points (N, 2) of the images lie."""
+    samples = np.concatenate(field.polylines(0.2))
+    due, met = np.zeros(len(samples), dtype=np.bool_), np.zeros(len(samples), dtype=np.bool_)
+    starts = np.cumsum([0, *[len(one) for one in on_field]])
+    for pose, points, start in zip(poses, on_field, starts, strict=False):
+        ranges = np.hypot(samples[:, 0] - pose.x, samples[:, 1] - pose.y)
+        near = (ranges > reach_m[0]) & (ranges < 0.8 * reach_m[1] + 0.2 * reach_m[0])
+        due |= near
+        kept = points[good[start : start + len(points)]]
+        if len(kept):
+            gaps = np.hypot(*np.moveaxis(samples[:, np.newaxis] - kept, -1, 0)).min(axis=1)
+            met |= near & (gaps < _GAP_M + _GAP_RATIO * ranges)
+    return float(met[due].mean()) if due.any() else 0.0
 
 
 def turning_axis(poses: FloatArray) -> tuple[FloatArray, float | None]:

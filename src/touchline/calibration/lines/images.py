@@ -9,14 +9,17 @@ import numpy as np
 
 from touchline.calibration.lines.calibration import LineCalibration, calibrate_points, refined_again
 from touchline.calibration.lines.image_points import Circle, generic_camera, mirror_circle, points_through
+from touchline.calibration.lines.search import WIDTHS
 from touchline.camera import OmniCamera
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
+from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError
 from touchline.types import ImageArray
 
 _FARTHER = 2.0  # how far beyond the last point the mirror is continued, as a ratio of ranges
 _MIN_POINTS = 8  # of an image that takes part: its pose has three unknowns
+_SAME_PX = 4.0  # a point of the first look this near to one of the second is the same
 _INNER = 0.14  # of the circle's radius: where the robot's body ends on most robots
 
 
@@ -52,10 +55,26 @@ def calibrate_images(
         again = points_through(rough, [images[k] for k in used], field.line_width)
     except NoCarpetError as error:
         raise NoFitError(f"no line points can be found: {error}") from None
-    pixels = [new if len(new) >= _MIN_POINTS else old for new, old in zip(again, pixels, strict=True)]
+    pixels = _merged(lines, pixels, again)
     lines = refined_again(lines, pixels, circle.center, circle.radius_px, field)
     camera = camera_of(lines, size, _INNER * circle.radius_px, circle.radius_px, mount_yaw_rad)
     return ImageCalibration(circle, before, camera, lines, used)
+
+
+def _merged(lines: LineCalibration, first: Sequence[FloatArray], again: Sequence[FloatArray]) -> list[FloatArray]:
+    """The points of the second look, and those of the first that lay on lines and are not among them.
+
+    Where the paint is not as wide as the field says, each look misses some.
+    """
+    on_line = np.split(lines.certainty.residuals < WIDTHS[-1], np.cumsum([len(one) for one in first])[:-1])
+    merged = []
+    for old, good, new in zip(first, on_line, again, strict=True):
+        kept = old[good]
+        if len(new):
+            gaps = np.hypot(*np.moveaxis(kept[:, np.newaxis] - new, -1, 0)).min(axis=1)
+            kept = kept[gaps > _SAME_PX]
+        merged.append(np.concatenate((new, kept)))
+    return merged
 
 
 def camera_of(

@@ -22,7 +22,7 @@ from touchline.calibration.lines.search import GROUND_M, WIDTHS
 from touchline.geometry import FloatArray
 
 BEND_PER_M = 0.015  # standard deviation of the bend: a mirror 0.3 degrees off per axis
-KNOTS = 16  # intervals of the spline between the centre and the outermost point
+KNOTS = 24  # intervals of the spline between the centre and the outermost point
 SLOPE = 0.2  # standard deviation of how much the spline changes from knot to knot, where no line says
 _HELD = 1e12
 _STEPS = 60
@@ -105,7 +105,8 @@ def fit_in_steps(
     seen: Sequence[Seen], mirror: FloatArray, poses: FloatArray, expected: Expected, lines: Lines
 ) -> JointFit:
     """`fit_jointly` with a wide robust error, then with the narrowest."""
-    wide = fit_jointly(seen, mirror, poses, expected, lines, WIDTHS[-2])
+    wide = fit_jointly(seen, mirror, poses, expected, lines, 12.0)
+    wide = fit_jointly(seen, wide.mirror, wide.poses, expected, lines, WIDTHS[-2])
     return fit_jointly(seen, wide.mirror, wide.poses, expected, lines, WIDTHS[-1])
 
 

@@ -27,7 +27,7 @@ STEPS = 15  # of Gauss and Newton at each width
 GROUND_M = 0.01  # carpets and tape measures
 SEARCH_GROUND_M = 0.001  # of the search: with more, a mirror that shrinks all points to one spot would fit well
 CENTER_PX = 0.06  # standard deviation of the centre about the mirror's circle or the points, as a share of its radius
-SCALE_M = (0.4, 6.0)  # bounds of a in r = a tan(b rho): half a mirror's height to ten times
+SCALE_M = (0.4, 4.0)  # bounds of a in r = a tan(b rho): it is about twice a mirror's height
 TURN_RAD = (0.6, 1.53)  # bounds of b rho at the outermost point
 BEYOND_M = 1.0  # how far beside the field the robot may stand
 
@@ -57,7 +57,7 @@ def random_starts(bounds: Start, field: FieldModel, count: int, rng: np.random.G
     """Random states (count, 9): the mirror about the expected one, the pose anywhere on one half of the field."""
     starts = np.zeros((count, 9))
     starts[:, :2] = bounds.mean[:2] + rng.normal(0.0, 0.4, (count, 2)) * bounds.weight[:2] ** -0.5
-    starts[:, LOG_SCALE] = rng.uniform(np.log(0.7), np.log(4.0), count)
+    starts[:, LOG_SCALE] = rng.uniform(np.log(0.6), np.log(3.5), count)
     starts[:, PER_PX] = rng.uniform(0.35, 1.0, count) * bounds.high[PER_PX]
     starts[:, 6] = rng.uniform(0.0, bounds.high[6], count)
     starts[:, 7] = rng.uniform(bounds.low[7], bounds.high[7], count)
