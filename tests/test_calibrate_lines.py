@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from touchline.calibration.lines.calibration import MIN_LEAD, LineCalibration, calibrate_points, check, turning_axis
+from touchline.calibration.lines.calibration import (
+    MIN_LEAD,
+    LineCalibration,
+    calibrate_points,
+    check,
+    one_half,
+    turning_axis,
+)
 from touchline.calibration.lines.equations import SHAPE, Lines, Noise, residual
 from touchline.calibration.lines.images import camera_of
 from touchline.calibration.lines.mirror_shape import MirrorShape
@@ -105,6 +112,11 @@ def test_the_axis_of_a_turn_is_found() -> None:
     assert found == pytest.approx(axis, abs=1e-9)
     assert off == pytest.approx(0.0, abs=1e-9)
     assert turning_axis(np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 1.0], [1.0, 4.0, 2.0]]))[1] is None
+
+
+def test_twins_are_turned_to_one_half_of_the_field() -> None:
+    poses = np.array([[2.0, 1.0, 0.5], [-2.01, -1.0, 1.0]])
+    assert one_half(poses) == pytest.approx(np.array([[2.0, 1.0, 0.5], [2.01, 1.0, 1.0 + np.pi]]))
 
 
 def test_derivatives_are_those_of_the_distance(field: FieldModel) -> None:

@@ -99,7 +99,8 @@ def refined(
     """The calibration that a candidate becomes with all points, bend and spline. Raises NoFitError as above."""
     lines = Lines(True, field.distance_map(_MAP_M, _BEYOND_M).table, field.line_tables)
     expected = expected_mirror(center, CENTER_PX * radius_px, bends=False)
-    fit = fit_in_steps(seen, start.mirror, start.poses, expected, lines)
+    begin = one_half(start.poses) if _is_symmetric(field) else start.poses
+    fit = fit_in_steps(seen, start.mirror, begin, expected, lines)
     if len(seen) > 1:  # from one place a lean can't be told from a field that is not quite as the rules say
         expected = expected_mirror(center, CENTER_PX * radius_px, bends=True)
         fit = fit_in_steps(seen, fit.mirror, fit.poses, expected, lines)
@@ -181,6 +182,18 @@ def _lines_seen(
             gaps = np.hypot(*np.moveaxis(samples[:, np.newaxis] - kept, -1, 0)).min(axis=1)
             met |= near & (gaps < _GAP_M + _GAP_RATIO * ranges)
     return float(met[due].mean()) if due.any() else 0.0
+
+
+def one_half(poses: FloatArray) -> FloatArray:
+    """Poses (M, 3) on a field that looks the same after half a turn, each or its twin: what is nearest to the first."""
+    turned = np.column_stack((-poses[:, :2], poses[:, 2] + np.pi))
+    gaps = [np.hypot(*(some[:, :2] - poses[0, :2]).T) for some in (poses, turned)]
+    nearest: FloatArray = np.where((gaps[0] <= gaps[1])[:, np.newaxis], poses, turned)
+    return nearest
+
+
+def _is_symmetric(field: FieldModel) -> bool:
+    return bool(field.line_distances(-np.concatenate(field.polylines(0.2))).max() < 0.5 * field.line_width)
 
 
 def turning_axis(poses: FloatArray) -> tuple[FloatArray, float | None]:
