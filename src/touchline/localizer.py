@@ -37,6 +37,7 @@ _LARGEST = 1e9  # no metre, radian or rad/s of a robot gets there
 _LATEST_NS = 2**62
 _PREDICTED_NS = 1_000_000_000  # a pose carried on for longer is a guess: odometry may have slipped
 _MISSING_S = 0.5
+_SEEN = {"points": "point", "lines": "line", "crossings": "crossing", "landmarks": "landmark"}
 _ODD_ORDERS = {
     FrameOrder.LATE: "image: older than the one before, left out",
     FrameOrder.UNCONFIRMED: "image: stamped far from the one before, left out unless the next one is there, too",
@@ -238,13 +239,14 @@ class Localizer:
         except (TypeError, ValueError):
             self._counts.add("points: are no array (N, 2) of numbers")
             return Observation(stamp_ns, problem="the points can't be used")
-        return replace(seen, points=self._usable_points(known))
+        return self._measured(replace(seen, points=known))
 
-    def _usable_points(self, points: LinePoints) -> LinePoints:
-        """Those that are measurements; the others are counted."""
-        usable = points.usable(self._max_range_m)
-        if len(usable) < len(points):
-            self._counts.add("points: a point that is no measurement, left out", len(points) - len(usable))
+    def _measured(self, seen: Observation) -> Observation:
+        """What of an observation is a measurement; the rest is counted."""
+        usable = seen.usable(self._max_range_m)
+        for kind, one in _SEEN.items():
+            if lost := len(getattr(seen, kind)) - len(getattr(usable, kind)):
+                self._counts.add(f"{kind}: a {one} that is no measurement, left out", lost)
         return usable
 
     def _usable_camera_pose(self, pose: Pose3 | None) -> Pose3 | None:

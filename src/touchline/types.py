@@ -7,7 +7,7 @@ robot frame: x forward, y left, metres.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Protocol
 
@@ -93,14 +93,22 @@ class LinePoints:
 
     def usable(self, max_range_m: float = math.inf) -> LinePoints:
         """Those that are measurements: finite, no negative confidence or variance, within max_range_m."""
-        kept = np.isfinite(self.positions_m).all(axis=1) & np.isfinite(self.covariances_m2).all(axis=(1, 2))
-        kept &= np.isfinite(self.confidences) & (self.confidences >= 0.0)
-        kept &= (self.covariances_m2[:, 0, 0] >= 0.0) & (self.covariances_m2[:, 1, 1] >= 0.0)
-        with np.errstate(over="ignore"):
-            kept &= np.hypot(self.positions_m[:, 0], self.positions_m[:, 1]) <= max_range_m
+        kept = _measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m)
         if kept.all():
             return self
         return LinePoints(self.positions_m[kept], self.covariances_m2[kept], self.confidences[kept], self.pixels[kept])
+
+
+def _measured(
+    positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
+) -> npt.NDArray[np.bool_]:
+    """(N,) which places (N, 2) are measurements: finite, no negative confidence or variance, within max_range_m."""
+    kept = np.isfinite(positions_m).all(axis=1) & np.isfinite(covariances_m2).all(axis=(1, 2))
+    kept &= np.isfinite(confidences) & (confidences >= 0.0)
+    kept &= (covariances_m2[:, 0, 0] >= 0.0) & (covariances_m2[:, 1, 1] >= 0.0)
+    with np.errstate(over="ignore"):
+        near: npt.NDArray[np.bool_] = np.hypot(positions_m[:, 0], positions_m[:, 1]) <= max_range_m
+    return near & kept
 
 
 def check_point_count(count: int) -> int:
@@ -167,6 +175,18 @@ class Lines:
     def __len__(self) -> int:
         return len(self.ends_m)
 
+    def usable(self, max_range_m: float = math.inf) -> Lines:
+        """Those of which both ends are measurements, as `LinePoints.usable` says."""
+        kept = np.logical_and.reduce(
+            [
+                _measured(self.ends_m[:, end], self.covariances_m2[:, end], self.confidences, max_range_m)
+                for end in (0, 1)
+            ]
+        )
+        if kept.all():
+            return self
+        return Lines(self.ends_m[kept], self.covariances_m2[kept], self.confidences[kept], self.pixels[kept])
+
 
 def no_lines() -> Lines:
     """No lines."""
@@ -212,6 +232,21 @@ class Crossings:
 
     def __len__(self) -> int:
         return len(self.positions_m)
+
+    def usable(self, max_range_m: float = math.inf) -> Crossings:
+        """Those that are measurements, as `LinePoints.usable` says."""
+        kept = _measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m)
+        kept &= ~np.isinf(self.orientations_rad)
+        if kept.all():
+            return self
+        return Crossings(
+            self.kinds[kept],
+            self.positions_m[kept],
+            self.orientations_rad[kept],
+            self.covariances_m2[kept],
+            self.confidences[kept],
+            self.pixels[kept],
+        )
 
 
 def no_crossings() -> Crossings:
@@ -264,6 +299,20 @@ class Landmarks:
     def __len__(self) -> int:
         return len(self.positions_m)
 
+    def usable(self, max_range_m: float = math.inf) -> Landmarks:
+        """Those that are measurements, as `LinePoints.usable` says."""
+        kept = _measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m)
+        if kept.all():
+            return self
+        return Landmarks(
+            self.kinds[kept],
+            self.positions_m[kept],
+            self.covariances_m2[kept],
+            self.confidences[kept],
+            tuple(colors for colors, keep in zip(self.colors, kept, strict=True) if keep),
+            self.pixels[kept],
+        )
+
 
 def no_landmarks() -> Landmarks:
     """No landmarks."""
@@ -285,6 +334,16 @@ class Observation:
     landmarks: Landmarks = field(default_factory=no_landmarks)
     boundary: LinePoints = field(default_factory=empty_points)
     problem: str | None = None
+
+    def usable(self, max_range_m: float = math.inf) -> Observation:
+        """Without points, lines, crossings and landmarks that are no measurements, or farther away than max_range_m."""
+        return replace(
+            self,
+            points=self.points.usable(max_range_m),
+            lines=self.lines.usable(max_range_m),
+            crossings=self.crossings.usable(max_range_m),
+            landmarks=self.landmarks.usable(max_range_m),
+        )
 
     def __post_init__(self) -> None:
         for name in ("points", "boundary"):

@@ -46,14 +46,15 @@ class Detector(Protocol):
 def observe(frame: Frame, detector: Detector | None, max_range_m: float = math.inf) -> Observation:
     """What a frame shows: the observation that it brings, or else what the detector finds in its image.
 
-    Points that are no measurements, and those farther away than max_range_m, are left out. detector: None without a
-    camera. An image that can't be used is this frame's problem: nothing is seen, and no other frame is concerned.
+    Points, lines, crossings and landmarks that are no measurements, and those farther away than max_range_m, are left
+    out. detector: None without a camera. An image that can't be used is this frame's problem: nothing is seen, and no
+    other frame is concerned.
     """
     if frame.observation is not None and not isinstance(frame.observation, Observation):
         return Observation(frame.stamp_ns, problem=f"the observation is {_kind(frame.observation)}, not an Observation")
     if frame.observation is not None:
         # whatever clock the robot's own detector has, the observation belongs to this frame
-        return _with_usable_points(replace(frame.observation, stamp_ns=frame.stamp_ns), max_range_m)
+        return replace(frame.observation, stamp_ns=frame.stamp_ns).usable(max_range_m)
     if detector is None:
         return Observation(frame.stamp_ns)
     if frame.image is None:
@@ -63,7 +64,7 @@ def observe(frame: Frame, detector: Detector | None, max_range_m: float = math.i
     if is_covered(frame.image):
         return Observation(frame.stamp_ns, problem="the image is black, or shows nothing at all")
     try:
-        return _with_usable_points(detector.observe(frame), max_range_m)
+        return detector.observe(frame).usable(max_range_m)
     except InputError as error:
         return Observation(frame.stamp_ns, problem=str(error))
 
@@ -77,11 +78,6 @@ def is_image(image: object) -> bool:
 
 def _kind(image: object) -> str:
     return f"{image.shape} of {image.dtype}" if isinstance(image, np.ndarray) else f"a {type(image).__name__}"
-
-
-def _with_usable_points(seen: Observation, max_range_m: float) -> Observation:
-    points = seen.points.usable(max_range_m)
-    return seen if points is seen.points else replace(seen, points=points)
 
 
 def with_lean(points: LinePoints, frame: Frame, camera: Camera, noise_px: float, noise_m: float) -> LinePoints:

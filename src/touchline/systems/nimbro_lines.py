@@ -69,6 +69,7 @@ class NimbroLines:
             self.detector = cast("Detector", LineGraphDetector(camera, s.line_graph, field))
         self.leaning = LeanFilter()
         self.history = MotionHistory()
+        self.max_range_m = setup.max_range_m
         height_m = CAMERA_HEIGHT_M
         if isinstance(camera, PinholeCamera):
             height_m = float(camera.base_from_camera.translation_m[2])
@@ -99,7 +100,7 @@ class NimbroLines:
         self.particles.predict(motion)  # motion model, equation (3)
         self.tracker.predict(motion, self.particles.filter.motion_model.deviations(motion))
         frame = self._with_lean(frame)  # roll and pitch at the image, section 4.4
-        observation = clock.perception(observe, frame, self.detector)  # features, sections 3 and 4
+        observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # features, sections 3 and 4
         view = self.features.of(observation)  # egocentric, with noise and confidence, sections 4.4 and 5.3
         mode = self.particles.update(view, self._side())  # observation model, resampling, equations (4) to (8)
         self.tracker.update(view, mode)  # ours: least squares about the main mode; whether it is believed
