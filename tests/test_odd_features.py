@@ -83,7 +83,7 @@ def test_the_live_loop_names_the_features_that_it_leaves_out() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("ahead_s", [0, 3600, -3600])
 def test_a_second_of_sensors_without_sense_costs_the_robot_nothing(value: float, ahead_s: int) -> None:
     system = at_the_start()
