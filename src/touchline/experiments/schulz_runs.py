@@ -157,11 +157,21 @@ def start_about(truth: Pose, seed: int) -> Pose:
     )
 
 
-def tracked(walked: Walk, chosen: NimbroLinesSettings, seed: int, prior: Prior | None = None) -> Track:
-    """The system's track of a walk. prior: what it is told at the start; None: a pose near the true one."""
+def tracked(
+    walked: Walk, chosen: NimbroLinesSettings, seed: int, prior: Prior | None = None, forget_s: float = math.inf
+) -> Track:
+    """The system's track of a walk. prior: what it is told at the start; None: a pose near the true one.
+
+    forget_s: when it is told that it may be anywhere.
+    """
     system = NimbroLines(walked.setup, chosen, np.random.default_rng([seed, 22]))
     system.reset(Prior(start_about(Pose(*walked.truth[0]), seed)) if prior is None else prior)
-    estimates = [system.step(frame) for frame in walked.frames]
+    estimates = []
+    for frame, time_s in zip(walked.frames, walked.times_s, strict=True):
+        if time_s >= forget_s:
+            system.reset()
+            forget_s = math.inf
+        estimates.append(system.step(frame))
     poses = np.array([estimate.pose for estimate in estimates])
     tracking = np.array([estimate.status is Status.TRACKING for estimate in estimates])
     return Track(walked.times_s, poses, walked.truth, tracking)

@@ -1,0 +1,173 @@
+"""schulz-games (section 6.3): two against two, unfavourable poses, a fall and re-entry at the side line."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from touchline.experiments.progress import follow
+from touchline.experiments.result import ExperimentResult, Headline, percent
+from touchline.experiments.scenes import BLUE, MAGENTA, field_axes, new_figure
+from touchline.experiments.schulz_runs import (
+    AS_BUILT,
+    AS_SIMULATED,
+    IDEAL,
+    Robot,
+    Track,
+    Walk,
+    settings,
+    time_until_right,
+    tracked,
+    walk,
+)
+from touchline.field import FieldModel, open_field
+
+FIELD, SECONDS = "indoor-9x6", 60.0
+GAMES = 10  # per seed: 50 of five seeds
+FALL_S, DOWN_S = 31.0, 5.0
+_RATE_HZ = 8.0  # of the scenario's images
+_INSIDE_M = 0.2  # of the side lines and corners that the robot visits
+_TWO_AGAINST_TWO = ("others.robots=3", "others.moving=true", "others.near_m=1.2", "others.speed_m_s=0.5")
+
+
+class Case(NamedTuple):
+    """A robot, a form of the system, and whether that is told of the fall."""
+
+    robot: Robot
+    preset: str | None
+    told: bool = False
+
+
+_BUILT, _SIMULATED = (robot._replace(changes=_TWO_AGAINST_TWO) for robot in (AS_BUILT, AS_SIMULATED))
+CASES = {
+    ("as built", "nimbro-lines"): Case(_BUILT, None),
+    ("as built", "the paper's own form"): Case(_BUILT, "paper"),
+    ("as built, told of the fall", "nimbro-lines"): Case(_BUILT, None, True),
+    ("as simulated", "nimbro-lines"): Case(_SIMULATED, None),
+    ("as simulated", "the paper's own form"): Case(_SIMULATED, "paper"),
+    ("ideal, nobody else", "nimbro-lines"): Case(IDEAL, None),
+}
+COLUMNS = (
+    "robot", "system", "right until the fall", "right again: median (s)", "90 % (s)", "longest (s)", "never",
+    "believed while wrong",
+)  # fmt: skip
+_NOTES = (
+    f"Games of {SECONDS:g} s on {FIELD} at the observation level, {GAMES} per seed: a robot walks between places at "
+    "the side lines, in the corners and on the field, three others walk about close by. The robots are those of "
+    "schulz-accuracy.",
+    f"At {FALL_S - DOWN_S:g} s it falls and sees nothing for {DOWN_S:g} s; it enters again anywhere at a side line, "
+    "facing the field. Its odometry does not know of it, and the system is told nothing, but in the rows so named: "
+    "there it starts from nowhere. Times count from the first image, until the pose is right (0.5 m, 20°), believed, "
+    f"and stays so for two seconds. Never: not within the {SECONDS - FALL_S:g} s that are left.",
+    "The paper tells no numbers: it could still localize the robot reliably, and won.",
+)
+
+
+class Game(NamedTuple):
+    """A walk, its track and the seconds until it was right again after the fall (inf: never)."""
+
+    walked: Walk
+    track: Track
+    waited_s: float
+
+
+def schulz_games(seeds: int) -> ExperimentResult:
+    """Fifty games of five seeds, each case plays the same ones."""
+    games: dict[tuple[str, str], list[Game]] = {name: [] for name in CASES}
+    for number in follow(range(seeds * GAMES), "games"):
+        walks: dict[Robot, Walk] = {}
+        for name, (robot, preset, told) in CASES.items():
+            if robot not in walks:
+                walks[robot] = game(robot, number)
+            track = tracked(walks[robot], settings(preset), number, forget_s=FALL_S if told else math.inf)
+            games[name].append(Game(walks[robot], track, time_until_right(track, FALL_S)))
+    built = games["as built", "nimbro-lines"]
+    waited = np.array([each.waited_s for each in built])
+    return ExperimentResult(
+        "schulz-games",
+        "Section 6.3 of Schulz and Behnke 2012: games of two against two, with a fall",
+        seeds,
+        COLUMNS,
+        tuple(_row(name, each) for name, each in games.items()),
+        Headline(
+            "robot as built: right again after a fall, median; 90 %; within the game",
+            "reliably",
+            f"{np.median(waited):.1f} s; {_quantile(waited)} s; {np.isfinite(waited).sum()} of {len(waited)}",
+        ),
+        _NOTES,
+        (("waits", _figure(open_field(FIELD), games)),),
+    )
+
+
+def game(robot: Robot, number: int) -> Walk:
+    """One game; the number is its seed."""
+    field, rng = open_field(FIELD), np.random.default_rng([number, 26])
+    places = [_unfavourable(field, rng) for _ in range(5)]
+    side = float(rng.choice((-1.0, 1.0)))
+    entry = (round(float(rng.uniform(-0.45, 0.45)) * field.length, 2), round(side * 0.5 * field.width, 2), -90.0 * side)
+    changes = (
+        f"motion.waypoints={[list(place) for place in places]}",
+        f"disturbances.kidnap_every_s={FALL_S:g}",
+        f"disturbances.covered_images={round(DOWN_S * _RATE_HZ)}",
+        f"disturbances.kidnap_to={[list(entry)]}",
+    )
+    return walk(FIELD, robot, number, SECONDS, changes)
+
+
+def _unfavourable(field: FieldModel, rng: np.random.Generator) -> tuple[float, float, float]:
+    """A place at a side line, in a corner, or anywhere."""
+    half_x, half_y = 0.5 * field.length - _INSIDE_M, 0.5 * field.width - _INSIDE_M
+    x, y = float(rng.uniform(-half_x, half_x)), float(rng.uniform(-half_y, half_y))
+    kind = int(rng.integers(3))
+    if kind < 2:
+        y = math.copysign(half_y, y)
+    if kind == 1:
+        x = math.copysign(half_x, x)
+    return round(x, 2), round(y, 2), 0.0
+
+
+def _row(name: tuple[str, str], games: list[Game]) -> tuple[str, ...]:
+    waited = np.array([each.waited_s for each in games])
+    until = [
+        float(np.mean((t.right & t.tracking)[t.times_s < FALL_S - DOWN_S])) for t in (each.track for each in games)
+    ]
+    wrong = [float(np.mean(t.tracking & ~t.right)) for t in (each.track for each in games)]
+    return (
+        *name,
+        percent(until),
+        f"{np.median(waited):.1f}",
+        _quantile(waited),
+        f"{np.max(waited[np.isfinite(waited)], initial=0.0):.1f}",
+        f"{np.isinf(waited).sum()} of {len(waited)}",
+        percent(wrong),
+    )
+
+
+def _quantile(waited_s: np.ndarray) -> str:
+    value = float(np.quantile(waited_s, 0.9, method="higher"))
+    return f"{value:.1f}" if math.isfinite(value) else "–"
+
+
+def _figure(field: FieldModel, games: dict[tuple[str, str], list[Game]]) -> Figure:
+    """One game from above; beside it which share of the robots is right again after so long."""
+    figure, (above, curve) = new_figure(1, 2, 10.0, 3.8)
+    first = games["as built", "nimbro-lines"][0]
+    field_axes(above, field, beyond_m=0.6)
+    before = first.track.times_s < FALL_S
+    above.plot(*first.walked.truth[before, :2].T, color="black", linewidth=1.0)
+    above.plot(*first.walked.truth[~before, :2].T, color="black", linewidth=1.0, label="truth")
+    for chosen, label in ((before, "until the fall"), (~before, "after it")):
+        tint = BLUE if label == "until the fall" else MAGENTA
+        above.plot(*first.track.poses[chosen, :2].T, ".", color=tint, markersize=3, label=label)
+    above.legend(frameon=False, fontsize=8, loc="upper left")
+    for name, each in games.items():
+        waited = np.sort([game.waited_s for game in each])
+        shares = 100.0 * np.arange(1, len(waited) + 1) / len(waited)
+        kept = np.isfinite(waited)
+        curve.step(waited[kept], shares[kept], where="post", label=", ".join(name))
+    curve.set(xlabel="time since the first image (s)", ylabel="right again (%)", ylim=(0.0, 101.0))
+    curve.legend(frameon=False, fontsize=7, loc="lower right")
+    return figure
