@@ -8,7 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.experiments import EXPERIMENTS, schulz_accuracy, schulz_runs
+from touchline.experiments import (
+    EXPERIMENTS,
+    schulz_accuracy,
+    schulz_belief,
+    schulz_games,
+    schulz_imu,
+    schulz_lines_only,
+    schulz_recorded,
+    schulz_runs,
+    schulz_timing,
+)
 from touchline.experiments.result import ExperimentResult
 from touchline.experiments.schulz_runs import AS_BUILT, IDEAL, PANNING, Track, Walk, settings, tracked, walk
 from touchline.experiments.writing import write_result
@@ -37,12 +47,65 @@ def test_accuracy_has_a_row_for_each_robot_field_and_form(monkeypatch: pytest.Mo
     for name, seconds in (("SECONDS", 1.0), ("SECONDS_WITH_FALSE", 1.0), ("SECONDS_FROM_NOWHERE", 1.0)):
         monkeypatch.setattr(schulz_accuracy, name, seconds)
     monkeypatch.setattr(schulz_accuracy, "STARTS_FROM_NOWHERE", 1)
+    monkeypatch.setattr(schulz_accuracy, "FALSE_SHARES", (0.5,))
+    monkeypatch.setattr(schulz_accuracy, "FIELDS", {"indoor-9x6": "coloured goals, poles"})
     result = run("schulz-accuracy", monkeypatch, tmp_path)
     names = [row[0] for row in result.rows]
-    assert names.count("as built") == names.count("as simulated") == 8
-    assert names.count(PANNING.name) == names.count("50 % false crossings") == 2
+    assert (names.count("as built"), names.count("as simulated")) == (4, 2)
+    assert names.count(PANNING.name) == names.count("50 % false crossings") == 1
     assert result.headline.paper.startswith("17 cm, 89 %")
     assert any("TOUCHLINE_DATA" in note for note in result.notes)
+
+
+def test_recorded_rows_have_the_odometry_beside(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TOUCHLINE_DATA", str(shared_data))
+    monkeypatch.setattr(schulz_recorded, "RECORDINGS", ("humanoid_hsl_pan",))
+    monkeypatch.setattr(schulz_recorded, "STARTS", 1)
+    ours, paper, alone = schulz_recorded.recorded_rows()
+    assert len(ours) == len(paper) == len(alone) == len(schulz_accuracy.COLUMNS)
+    medians = [float(row[4].partition(" ")[0]) for row in (ours, alone)]
+    assert medians[0] < 0.5 * medians[1]
+
+
+def test_lines_only_compares_each_pair_of_tracks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(schulz_lines_only, "SECONDS", 2.0)
+    result = run("schulz-lines-only", monkeypatch, tmp_path)
+    assert len(result.rows) == 6 * len(schulz_lines_only.CASES)
+    assert [row[4] for row in result.rows[:4]] == ["0.17", "0.14", "0.26", "–"]
+
+
+def test_the_belief_of_everything_has_one_position(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(schulz_belief, "HEADINGS", 36)
+    rows = run("schulz-belief", monkeypatch, tmp_path).rows
+    together = [row for row in rows if row[1] == "lines, crossings, pole"]
+    assert [float(row[3]) for row in together] == [1.0, 1.0]
+    alone = [float(row[3]) for row in rows if row[1] == "pole"]
+    assert min(alone) > 2.0
+
+
+def test_the_learned_correction_halves_what_marks_wander() -> None:
+    found = schulz_imu.learned(1).calibration
+    assert found.after_px < 0.25 * found.before_px
+
+
+def test_every_part_of_table_1_takes_some_time(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TOUCHLINE_DATA", str(shared_data))
+    rows = EXPERIMENTS["schulz-timing"].run(1).rows
+    assert [row[0] for row in rows] == [*schulz_timing.PAPER_US, schulz_timing.REST, schulz_timing.ALL]
+    assert all(float(row[2]) > 0.0 for row in rows)
+    assert float(rows[-1][2]) > max(float(row[2]) for row in rows[:-1])
+
+
+def test_a_game_has_a_fall_and_a_re_entry_at_the_side_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    played = schulz_games.game(IDEAL, 3)
+    back = int(np.argmax(played.times_s > schulz_games.FALL_S))
+    assert abs(abs(played.truth[back, 1]) - 3.0) < 0.2
+    blind = (played.times_s > schulz_games.FALL_S - schulz_games.DOWN_S + 0.2) & (played.times_s < schulz_games.FALL_S)
+    seen = [0 if f.observation is None else len(f.observation.lines) for f in played.frames]
+    assert not np.array(seen)[blind].any()
+    monkeypatch.setattr(schulz_games, "GAMES", 1)
+    monkeypatch.setattr(schulz_games, "SECONDS", 33.0)
+    assert len(run("schulz-games", monkeypatch, tmp_path).rows) == len(schulz_games.CASES)
 
 
 def test_a_walk_is_tracked_and_odometry_alone_starts_at_the_truth(walked: Walk) -> None:

@@ -61,7 +61,9 @@ EXPERIMENTS = {
         Experiment("iris-timing", "section III.C: time of one update", "iris_timing", "iris_timing"),
         Experiment("schulz-accuracy", "figure 5: five minutes of walking", "schulz_accuracy", "schulz_accuracy"),
         Experiment("schulz-lines-only", "Table 2, figure 6: by lines alone", "schulz_lines_only", "schulz_lines_only"),
+        Experiment("schulz-timing", "Table 1: time of each part", "schulz_timing", "schulz_timing"),
         Experiment("schulz-belief", "figure 4: the belief by one frame", "schulz_belief", "schulz_belief"),
+        Experiment("schulz-imu", "figure 3: the learned correction by roll and pitch", "schulz_imu", "schulz_imu"),
         Experiment("schulz-games", "section 6.3: games, a fall and re-entry", "schulz_games", "schulz_games"),
     )
 }

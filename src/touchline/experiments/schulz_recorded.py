@@ -21,26 +21,26 @@ def recorded_rows() -> list[tuple[str, ...]]:
     """Rows of schulz-accuracy's table; none of a recording that isn't found."""
     rows: list[tuple[str, ...]] = []
     for name in RECORDINGS:
-        walked = recorded_walk(name)
-        if walked is None:
+        walked, by_paper = recorded_walk(name), recorded_walk(name, "paper")
+        if walked is None or by_paper is None:
             continue
         tracks = [tracked(walked, settings(), seed) for seed in follow(range(STARTS), f"starts in {name}")]
-        paper = [tracked(walked, settings("paper"), seed) for seed in range(STARTS)]
+        paper = [tracked(by_paper, settings("paper"), seed) for seed in range(STARTS)]
         alone = [dead_reckoned(walked)]
         for system, found in (("nimbro-lines", tracks), ("the paper's own form", paper), ("odometry alone", alone)):
             rows.append(_row(name, walked, system, found))
     return rows
 
 
-def recorded_walk(name: str) -> Walk | None:
-    """A recording with what the system sees in its images; None where it is not found."""
+def recorded_walk(name: str, preset: str | None = None) -> Walk | None:
+    """A recording with what the system, or the paper's own form of it, sees in its images; None where not found."""
     recording = public_recording(name)
     if recording is None:
         return None
     truth = recording.truth
     assert truth is not None, f"{name} holds its truth"
     setup = robot_setup(recording)
-    return Walk(setup, seen_in_images(setup, recording, name), np.asarray(truth.poses))
+    return Walk(setup, seen_in_images(setup, recording, name, settings(preset)), np.asarray(truth.poses))
 
 
 def recorded_note(found: bool) -> str:

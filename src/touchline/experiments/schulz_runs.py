@@ -136,9 +136,9 @@ def settings(preset: str | None = None, *changes: str) -> NimbroLinesSettings:
     return load_settings(NimbroLinesSettings, None, changes, preset=preset)
 
 
-def seen_in_images(setup: RobotSetup, frames: Sequence[Frame] | Source, what: str) -> tuple[Frame, ...]:
+def seen_in_images(setup: RobotSetup, frames: Source, what: str, chosen: NimbroLinesSettings) -> tuple[Frame, ...]:
     """Frames with what the system's detector finds in their images, once for all tracks."""
-    system = NimbroLines(setup, settings(), np.random.default_rng(0))
+    system = NimbroLines(setup, chosen, np.random.default_rng(0))
     seen = []
     for frame in frames:
         seen.append(replace(frame, image=None, observation=system.step(frame).observation))

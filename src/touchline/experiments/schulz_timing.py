@@ -1,0 +1,178 @@
+"""schulz-timing (Table 1): the time of each part, from an image to the pose."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from touchline.evaluation.runner import robot_setup
+from touchline.experiments.progress import follow
+from touchline.experiments.result import ExperimentResult, Headline, spread
+from touchline.experiments.scenes import BLUE, RED, new_figure, public_recording
+from touchline.experiments.schulz_runs import SCENARIO, settings, start_about
+from touchline.geometry import FloatArray, Pose
+from touchline.perception.line_graph import detector, structure
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.systems import RobotSetup, nimbro_lines
+from touchline.systems.nimbro_lines import NimbroLines
+from touchline.types import Frame, Prior
+
+RECORDING, RENDERED = "humanoid_9x6_walk", 12
+PARTICLES = 500
+_WARM = 4  # images that compile, learn colours and fill caches
+COLOUR, BEFORE, OBJECTS, LINES, NODES, SPLIT, VERIFY, FILTER, REST, ALL, SEEING = (
+    "Color classification",
+    "Pre-processing",
+    "Object detection",
+    "Lines preprocessing",
+    "Connect nodes",
+    "Split/merge lines",
+    "Verify crossings",
+    "Particle filter",
+    "everything else",
+    "image to pose",
+    "all of perception",
+)
+PAPER_US = {COLOUR: 1578.5, BEFORE: 421.6, OBJECTS: 661.2, LINES: 128.3, NODES: 107.0, SPLIT: 101.5, VERIFY: 35.0}
+PAPER_US[FILTER] = 3068.3
+PARTS = {
+    COLOUR: ((structure, "_counted"),),
+    BEFORE: ((structure, "_boundary"),),
+    OBJECTS: ((detector, "find_landmarks"),),
+    LINES: ((structure, "white_inside"), (structure, "low_pass"), (structure, "rank_cells")),
+    NODES: ((structure, "line_graph"), (structure, "find_chains")),
+    SPLIT: ((detector, "find_lines"), (detector, "lines_on_ground")),
+    VERIFY: ((detector, "find_crossings"),),
+    SEEING: ((nimbro_lines, "observe"),),
+}
+_NOTES = (
+    f"Processor time of one core, median over the images; ± over the seeds. {PARTICLES} particles; the paper's filter "
+    "had 250 to 1000, on a processor of 1.3 GHz, and its sum of 6.1 ms leaves out camera and motion.",
+    "Pre-processing: the boundary of the field. Split/merge lines: with their places to a part of a pixel. Everything "
+    "else: the table of ground places for the frame's lean, the centre circle, the observation.",
+)
+
+Times = dict[str, FloatArray]
+
+
+class Images(NamedTuple):
+    """What a robot saw from its start on, and in words what that is."""
+
+    setup: RobotSetup
+    frames: list[Frame]
+    start: Pose
+    what: str
+
+
+def schulz_timing(seeds: int) -> ExperimentResult:
+    """The images of a walk, once per seed."""
+    default: list[Times] = []
+    paper: list[Times] = []
+    images: Images | None = None
+    for seed in follow(range(seeds), "passes"):
+        images = images or _images()
+        setup, frames, start, _ = images
+        default.append(times_us(setup, frames, start_about(start, seed), None))
+        paper.append(times_us(setup, frames, start_about(start, seed), "paper"))
+    rows = [
+        (
+            part,
+            f"{PAPER_US[part]:.0f}" if part in PAPER_US else f"{sum(PAPER_US.values()):.0f}" if part == ALL else "–",
+            spread([float(np.median(times[part])) for times in default], 0),
+            f"{np.mean([np.quantile(times[part], 0.99) for times in default]):.0f}",
+            spread([float(np.median(times[part])) for times in paper], 0),
+        )
+        for part in (*PAPER_US, REST, ALL)
+    ]
+    total_ms = [float(np.median(times[ALL])) / 1e3 for times in default]
+    return ExperimentResult(
+        "schulz-timing",
+        "Table 1 of Schulz and Behnke 2012: time from an image to the pose",
+        seeds,
+        ("part", "paper (µs)", "nimbro-lines (µs)", "99 %", "the paper's own form (µs)"),
+        tuple(rows),
+        Headline(f"image to pose with {PARTICLES} particles (median)", "6.1 ms", f"{spread(total_ms)} ms"),
+        (images.what if images else "", *_NOTES),
+        (("parts", _figure(default)),),
+    )
+
+
+def times_us(setup: RobotSetup, frames: Sequence[Frame], start: Pose, preset: str | None) -> Times:
+    """Processor time (N,) in µs of each part, of one pass over the images without the first few."""
+    number = (f"particles.min_particles={PARTICLES}", f"particles.max_particles={PARTICLES}")
+    system = NimbroLines(setup, settings(preset, *number), np.random.default_rng(0))
+    system.reset(Prior(start))
+    found: defaultdict[str, list[float]] = defaultdict(list)
+    spent: defaultdict[str, float] = defaultdict(float)
+    with _watched(spent):
+        for frame in frames:
+            spent.clear()
+            began = time.process_time_ns()
+            system.step(frame)
+            spent[ALL] = (time.process_time_ns() - began) / 1e3
+            spent[FILTER] = spent[ALL] - spent[SEEING]
+            spent[REST] = spent[SEEING] - sum(spent[part] for part in PARTS if part != SEEING)
+            for part in (*PAPER_US, REST, ALL):
+                found[part].append(spent[part])
+    return {part: np.array(values[_WARM:]) for part, values in found.items()}
+
+
+@contextmanager
+def _watched(spent: defaultdict[str, float]) -> Iterator[None]:
+    """Within it, the parts of the detector add to `spent` (µs) what they take."""
+    places = [(module, name, part) for part, names in PARTS.items() for module, name in names]
+    before = [getattr(module, name) for module, name, _ in places]
+    for (module, name, part), function in zip(places, before, strict=True):
+        setattr(module, name, _watching(function, spent, part))
+    try:
+        yield
+    finally:
+        for (module, name, _), function in zip(places, before, strict=True):
+            setattr(module, name, function)
+
+
+def _watching(function: Callable[..., Any], spent: defaultdict[str, float], part: str) -> Callable[..., Any]:
+    def watched(*given: Any, **named: Any) -> Any:
+        began = time.process_time_ns()
+        result = function(*given, **named)
+        spent[part] += (time.process_time_ns() - began) / 1e3
+        return result
+
+    return watched
+
+
+def _images() -> Images:
+    """Recorded ones, or rendered where there are none."""
+    recording = public_recording(RECORDING)
+    if recording is not None:
+        truth = recording.truth
+        assert truth is not None, f"{RECORDING} holds its truth"
+        frames = list(recording)
+        return Images(robot_setup(recording), frames, truth[0], f"The {len(frames)} images of {RECORDING}, 752 x 480.")
+    simulation = Simulation(open_scenario(SCENARIO, 0, 60.0))
+    frames = list(islice(simulation, RENDERED))
+    where = f"{RENDERED} rendered images of {SCENARIO}, 752 x 480; the recording {RECORDING} was not found."
+    return Images(RobotSetup(simulation.field, simulation.camera), frames, simulation.truth[0], where)
+
+
+def _figure(found: Sequence[Times]) -> Figure:
+    """The parts beside the paper's."""
+    figure, (axes,) = new_figure(width_in=7.6, height_in=3.8)
+    parts = list(PAPER_US)
+    ours = [float(np.mean([np.median(times[part]) for times in found])) for part in parts]
+    rows = np.arange(len(parts))
+    axes.barh(rows - 0.2, [PAPER_US[part] for part in parts], 0.38, color=RED, label="paper, 1.3 GHz")
+    axes.barh(rows + 0.2, ours, 0.38, color=BLUE, label="nimbro-lines")
+    axes.set_yticks(rows, parts)
+    axes.invert_yaxis()
+    axes.set_xlabel("time (µs)")
+    axes.legend(frameon=False)
+    return figure
