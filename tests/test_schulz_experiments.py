@@ -105,7 +105,8 @@ def test_a_game_has_a_fall_and_a_re_entry_at_the_side_line(monkeypatch: pytest.M
     assert not np.array(seen)[blind].any()
     monkeypatch.setattr(schulz_games, "GAMES", 1)
     monkeypatch.setattr(schulz_games, "SECONDS", 33.0)
-    assert len(run("schulz-games", monkeypatch, tmp_path).rows) == len(schulz_games.CASES)
+    monkeypatch.setattr(schulz_games, "CASES", dict(list(schulz_games.CASES.items())[:2]))
+    assert len(run("schulz-games", monkeypatch, tmp_path).rows) == 2
 
 
 def test_a_walk_is_tracked_and_odometry_alone_starts_at_the_truth(walked: Walk) -> None:
