@@ -11,6 +11,7 @@ from test_odd_frames import ODD, is_honest
 
 from touchline.geometry import FloatArray, Pose
 from touchline.localizer import Localizer
+from touchline.motion import LeanFilter
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
@@ -83,7 +84,7 @@ def test_the_live_loop_names_the_features_that_it_leaves_out() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 @pytest.mark.parametrize("ahead_s", [0, 3600, -3600])
 def test_a_second_of_sensors_without_sense_costs_the_robot_nothing(value: float, ahead_s: int) -> None:
     system = at_the_start()
@@ -131,3 +132,19 @@ def test_a_robot_that_walks_on_in_silence_is_not_taken_to_be_where_it_was(silent
         system.step(frame)
     for index in range(20 + silent, min(40 + silent, len(frames))):
         assert is_honest(system.step(frames[index]), truth(index))
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "tilt"])
+@pytest.mark.parametrize("value", [np.nan, 1e300, 0.3])
+def test_a_sample_of_another_clock_costs_the_lean_nothing(sensor: str, value: float) -> None:
+    plain, disturbed = LeanFilter(), LeanFilter()
+    for index, frame in enumerate(walk()[1][:30]):
+        plain.add(frame)
+        disturbed.add(frame)
+        if index == 10:
+            for ahead_s in (-3600, 0.5, 3600):
+                stamps_ns = np.array([frame.stamp_ns + round(ahead_s * NANOSECONDS)])
+                odd = Samples(stamps_ns, np.full((1, 3 if sensor == "gyro" else 2), value))
+                disturbed.add(replace(Frame(frame.stamp_ns), **{sensor: odd}))
+        assert disturbed.lean(frame.stamp_ns) == plain.lean(frame.stamp_ns)
+        assert index == 0 or plain.lean(frame.stamp_ns) is not None

@@ -29,11 +29,21 @@ from touchline.localization.fusion.pose_filter import PoseFilter
 from touchline.motion import FrameOrder, MotionHistory
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
 from touchline.systems.ordered import OrderedSystem
-from touchline.types import Estimate, Frame, ImageArray, LinePoints, Observation, Prior, Samples, Status, points_at
+from touchline.types import (
+    LARGEST,
+    Estimate,
+    Frame,
+    ImageArray,
+    LinePoints,
+    Observation,
+    Prior,
+    Samples,
+    Status,
+    points_at,
+)
 
 _SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
 _MOST_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
-_LARGEST = 1e9  # no metre, radian or rad/s of a robot gets there
 _LATEST_NS = 2**62
 _PREDICTED_NS = 1_000_000_000  # a pose carried on for longer is a guess: odometry may have slipped
 _MISSING_S = 0.5
@@ -187,7 +197,7 @@ class Localizer:
             row = tuple(map(float, values))
         except (TypeError, ValueError, OverflowError):
             row = (math.nan,)
-        if not all(abs(value) < _LARGEST for value in row):  # False for NaN
+        if not all(abs(value) < LARGEST for value in row):  # False for NaN
             self._counts.add(f"{sensor}: a sample that is no measurement, left out")
             return
         self._pending.put(sensor, stamp, row)

@@ -24,6 +24,7 @@ Colors = tuple[str, ...]
 """From the ground up; empty where not known."""
 
 
+LARGEST = 1.0e9  # no metre, radian or rad/s of a robot gets there
 MAX_OBSERVED_POINTS = 10_000_000
 """The most line points of one observation."""
 

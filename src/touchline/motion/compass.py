@@ -43,7 +43,7 @@ class Compass:
 
     @property
     def dropped(self) -> int:
-        """Samples that were left out: not finite, or not later than the newest."""
+        """Samples that were left out: no number or too large, or not later than the newest."""
         return self.samples.dropped
 
     def add(self, samples: Samples) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -12,7 +11,7 @@ from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray
 from touchline.motion.integrated import IntegratedSensor
 from touchline.motion.samples import NANOSECONDS
-from touchline.types import Samples
+from touchline.types import LARGEST, Samples
 
 NOISE_RAD = 0.002  # random heading error after one second, growing with the root of the time
 GAP_S = 0.25  # time without a reading after which the turn in it is unknown: two of a slow one
@@ -46,10 +45,10 @@ class IntegratedGyro:
         self.dropped = 0
 
     def add(self, samples: Samples) -> None:
-        """Append readings gx, gy, gz (rad/s). Rows whose gz isn't finite or not later than the newest are dropped."""
+        """Append readings gx, gy, gz (rad/s). Rows without a usable gz, or not later than the newest, are dropped."""
         s, known = self.settings, self.integral.samples
         for stamp_ns, reading in zip(samples.stamp_ns.tolist(), samples.values[:, 2].tolist(), strict=True):
-            if not math.isfinite(reading) or (len(known) and stamp_ns <= known.last_ns):
+            if not abs(reading) < LARGEST or (len(known) and stamp_ns <= known.last_ns):
                 self.dropped += 1
                 continue
             rate_rad_s = s.scale * (reading - s.bias_rad_s)

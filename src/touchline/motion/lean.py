@@ -6,14 +6,13 @@ angles on to the image, and what the angles say beyond that is averaged (a compl
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 import numpy as np
 
 from touchline.geometry import FloatArray
 from touchline.motion.samples import NANOSECONDS
-from touchline.types import Frame, Samples
+from touchline.types import LARGEST, Frame, Samples
 
 LAG_S = 0.02  # of roll and pitch behind the rates: what an attitude filter takes
 MEMORY_S = 0.5  # over which angles are averaged: noise of 0.3° becomes 0.06°, and a bias of 0.5° per second 0.25°
@@ -34,10 +33,13 @@ class LeanFilter:
         self._angle_ns = self._newest_ns = 0
 
     def add(self, frame: Frame) -> None:
-        """Take the rates and angles of a frame, those that run forward in time."""
-        for stamp_ns, rates in _rows(frame.gyro):
+        """Take the rates and angles of a frame, those that run forward in time and not far beyond the frame: a sample
+        that another clock has stamped would leave out all after it.
+        """
+        end_ns = frame.stamp_ns + round(MAX_AGE_S * NANOSECONDS)
+        for stamp_ns, rates in _rows(frame.gyro, end_ns):
             self._integrate(stamp_ns, rates[0], rates[1])
-        for stamp_ns, angles in _rows(frame.tilt):
+        for stamp_ns, angles in _rows(frame.tilt, end_ns):
             self._correct(stamp_ns, np.array(angles[:2]))
 
     def lean(self, stamp_ns: int) -> tuple[float, float] | None:
@@ -48,8 +50,6 @@ class LeanFilter:
         return float(roll), float(pitch)
 
     def _integrate(self, stamp_ns: int, roll_rad_s: float, pitch_rad_s: float) -> None:
-        if not (math.isfinite(roll_rad_s) and math.isfinite(pitch_rad_s)):
-            return
         roll = pitch = 0.0
         if self._integral:
             last_ns, roll, pitch, last_roll, last_pitch = self._integral[-1]
@@ -72,7 +72,7 @@ class LeanFilter:
         return np.array([found[1] + ahead_s * found[3], found[2] + ahead_s * found[4]])
 
     def _correct(self, stamp_ns: int, angles: FloatArray) -> None:
-        if not np.isfinite(angles).all() or (self._offset is not None and stamp_ns <= self._angle_ns):
+        if self._offset is not None and stamp_ns <= self._angle_ns:
             return
         found = angles - self._turned(stamp_ns - round(LAG_S * NANOSECONDS))
         gap_s = (stamp_ns - self._angle_ns) / NANOSECONDS
@@ -85,5 +85,13 @@ class LeanFilter:
         self._angle_ns = stamp_ns
 
 
-def _rows(samples: Samples | None) -> list[tuple[int, list[float]]]:
-    return [] if samples is None else list(zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True))
+def _rows(samples: Samples | None, end_ns: int) -> list[tuple[int, list[float]]]:
+    """Stamps and values up to a stamp, those that are measurements."""
+    if samples is None:
+        return []
+    each = zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True)
+    return [
+        (stamp_ns, row)
+        for stamp_ns, row in each
+        if stamp_ns <= end_ns and all(abs(value) < LARGEST for value in row[:2])
+    ]

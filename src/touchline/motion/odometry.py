@@ -61,7 +61,7 @@ class Odometry:
 
     @property
     def dropped(self) -> int:
-        """Samples that were left out: not finite, or not later than the newest."""
+        """Samples that were left out: no number or too large, or not later than the newest."""
         return self.samples.dropped
 
     def add(self, samples: Samples) -> None:

@@ -8,7 +8,7 @@ from bisect import bisect_left, bisect_right
 import numpy as np
 
 from touchline.geometry import FloatArray
-from touchline.types import Samples
+from touchline.types import LARGEST, Samples
 
 NANOSECONDS = 1e9
 EXTRAPOLATION_S = 0.1  # how long the last motion is believed to go on without samples: one image period
@@ -17,8 +17,8 @@ EXTRAPOLATION_S = 0.1  # how long the last motion is believed to go on without s
 class SampleHistory:
     """Samples of one sensor in the order of time, until `forget_before`.
 
-    Rows with a value that is not finite and rows that don't come after the newest are left out and counted in
-    `dropped`. `angles`: columns that hold angles (rad); they are unwrapped here and interpolate the short way.
+    Rows with a value that is no number or too large, and rows that don't come after the newest are left out and counted
+    in `dropped`. `angles`: columns that hold angles (rad); they are unwrapped here and interpolate the short way.
     """
 
     # Plain lists: a frame brings a handful of rows, for which arrays cost ten times as much.
@@ -54,7 +54,7 @@ class SampleHistory:
             return
         for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
             row = values[: self._columns]
-            if not all(map(math.isfinite, row)) or (self._stamps_ns and stamp_ns <= self._stamps_ns[-1]):
+            if not all(abs(value) < LARGEST for value in row) or (self._stamps_ns and stamp_ns <= self._stamps_ns[-1]):
                 self.dropped += 1
                 continue
             for column in self._angles:

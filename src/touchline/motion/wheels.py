@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -12,7 +11,7 @@ from touchline.config import Settings, constants_now
 from touchline.motion.integrated import IntegratedSensor
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS
 from touchline.motion.wheel_pair import WheelPair
-from touchline.types import Samples
+from touchline.types import LARGEST, Samples
 
 _ZEROED_M_S = 1.0  # a step to exactly zero at less than this speed is no restart but a robot that rolls about
 
@@ -69,11 +68,11 @@ class WheelCounters:
         self._counted: list[float] = []
 
     def add(self, samples: Samples) -> None:
-        """Append counter readings a, b (m). Rows that aren't finite or not later than the newest are dropped."""
+        """Append counter readings a, b (m). Rows without numbers, or not later than the newest, are dropped."""
         known = self.integral.samples
         for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
             counted = values[:2]
-            if not all(map(math.isfinite, counted)) or (len(known) and stamp_ns <= known.last_ns):
+            if not all(abs(value) < LARGEST for value in counted) or (len(known) and stamp_ns <= known.last_ns):
                 self.dropped += 1
                 continue
             if len(known) == 0:

@@ -19,7 +19,6 @@ from touchline.messages import did_you_mean
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.tables import (
-    LARGEST,
     Line,
     StampArray,
     Table,
@@ -32,6 +31,7 @@ from touchline.sources.tables import (
 )
 from touchline.sources.units import advice_on_times
 from touchline.types import (
+    LARGEST,
     CrossingKind,
     Crossings,
     LandmarkKind,

@@ -14,10 +14,10 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.opened_files import LONGEST_LINE, UnreadableError, open_bytes
 from touchline.sources.problems import ProblemKind, ProblemLog
+from touchline.types import LARGEST
 
 BLOCK_BYTES = 16384
 LATEST_TIME_S = 9.0e9  # int64 nanoseconds end there
-LARGEST = 1.0e9  # no metre, radian or rad/s of a robot gets there
 
 StampArray = npt.NDArray[np.int64]
 

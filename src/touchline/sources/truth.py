@@ -14,7 +14,8 @@ from touchline.opened_files import text_lines
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.source import Truth
-from touchline.sources.tables import LARGEST, LATEST_TIME_S, StampArray, to_number, to_stamps
+from touchline.sources.tables import LATEST_TIME_S, StampArray, to_number, to_stamps
+from touchline.types import LARGEST
 
 TRUTH = "ground_truth.tum"
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
