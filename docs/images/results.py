@@ -17,6 +17,7 @@ from touchline.experiments.writing import PAGE
 
 DOCS = Path(__file__).parents[1]
 PICTURES = DOCS / "images" / "results"
+JPEG = (cv2.IMWRITE_JPEG_QUALITY, 60, cv2.IMWRITE_JPEG_OPTIMIZE, 1, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
 HEAD = """# Results of the experiments
 
 The papers' experiments, rerun by `touchline experiment all`, our figures beside theirs. ± is the standard deviation
@@ -49,7 +50,7 @@ def section(folder: Path, name: str) -> list[str]:
         target = PICTURES / picture.with_suffix(".jpg").name
         image = cv2.imread(str(picture))
         assert image is not None, f"{picture} is a picture"
-        cv2.imwrite(str(target), image, [cv2.IMWRITE_JPEG_QUALITY, 70])
+        cv2.imwrite(str(target), image, JPEG)
         text += [f"![{picture.stem}](images/results/{target.name})", ""]
     return text
 

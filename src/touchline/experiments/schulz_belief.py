@@ -153,7 +153,7 @@ def _summary(belief: Belief, truth: Pose) -> tuple[int, float, float]:
 
 
 def _figure(field: FieldModel, shown: dict[str, Belief], seen: Seen) -> Figure:
-    figure, axes = new_figure(2, 2, 9.6, 7.0)
+    figure, axes = new_figure(2, 2, 8.0, 5.8)
     for axis, (panel, belief) in zip(axes, shown.items(), strict=True):
         field_axes(axis, field, beyond_m=_BEYOND_M)
         _draw(axis, belief)
