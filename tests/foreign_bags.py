@@ -184,6 +184,21 @@ def camera_info(types: Types, header: Any, recording: Recording) -> tuple[str, A
     )
 
 
+def cloud(types: Types, time_ns: int, frame: str, places: list[tuple[float, float, float]]) -> Message:
+    """Points with a field of something else between them, as detectors write them."""
+    kind, part = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointField"
+    rows = np.zeros(len(places), np.dtype([("x", "<f4"), ("i", "u1"), ("y", "<f4"), ("z", "<f4")], align=False))
+    for name, column in zip("xyz", np.array(places, dtype=np.float64).reshape(-1, 3).T, strict=True):
+        rows[name] = column
+    offsets = {"x": 0, "y": 5, "z": 9}
+    fields = [types.make(part, name=name, offset=at, datatype=7, count=1) for name, at in offsets.items()]
+    size = {"height": 1, "width": len(places), "point_step": 13, "row_step": 13 * len(places)}
+    data = np.frombuffer(rows.tobytes(), dtype=np.uint8)
+    header = types.header(time_ns, frame)
+    flags = {"is_bigendian": False, "is_dense": True}
+    return time_ns, "/vision/lines", kind, types.make(kind, header=header, fields=fields, data=data, **size, **flags)
+
+
 def write_foreign(path: Path, messages: Iterator[Message], types: Types) -> Path:
     """A bag of the kind that the path's ending tells: .bag, .mcap, or a rosbag2 folder."""
     if path.suffix == ".bag":

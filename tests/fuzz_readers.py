@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import io
-import random
 import shutil
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
 import numpy as np
-import small_recordings
 import yaml
 from fakes import CAMERA_YAML, FakeSource, FakeSystem, true_samples
-from fuzz_mutations import mutated, mutated_archive
+from fuzz_bag_readers import bag_readers
+from fuzz_calibration_readers import calibration_readers, loose_readers
+from fuzz_mutations import mutated_archive
+from fuzz_reader import SEQUENCE, Reader, new_folder, read_recording, small_recording
 
 from touchline.api import prepare
 from touchline.calibration.colour import calibrate_marked
@@ -36,35 +35,11 @@ from touchline.localization.one_shot.points_file import read_points
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.simulation.cameras.linear_camera import LinearImageCamera
 from touchline.simulation.scenario import SCENARIO_FOLDER, open_scenario
-from touchline.sources import Recording, open_source
+from touchline.sources import open_source
 from touchline.systems import SYSTEMS, open_system
 from touchline.view.look import observe_image
 
 DATA = Path(__file__).parent / "data"
-OBSERVATIONS = """t,kind,x_m,y_m,x2_m,y2_m,orientation_rad,cov_xx,cov_xy,cov_yy,cov2_xx,cov2_xy,cov2_yy,color,confidence
-0.1,point,1.0,0.5,,,,0.01,0.001,0.02,,,,,0.9
-0.1,line,1.0,0.5,2.0,0.6,,0.01,0.001,0.02,0.01,0,0.02,,
-0.2,L,1.5,-0.5,,,0.7,,,,,,,,0.5
-0.2,goal,4.0,0.0,,,,,,,,,,white,
-0.3,pole,1.0,3.0,,,,,,,,,,yellow-blue-yellow,1
-0.4,none,,,,,,,,,,,,,
-0.5,boundary,2.0,2.0,,,,,,,,,,,
-"""
-SEQUENCE = """format: 1
-name: small
-description: a small recording
-field: msl-18x12
-camera: omni
-rate_hz: 10.0
-events: [{t: 0.3, kind: slip}, {t: 0.4, kind: occluded, frames: 2}]
-imu: {tilt_and_yaw_lag_s: 0.02}
-wheels: {a_dir_rad: 0.785, b_dir_rad: 2.356}
-sensor: {gamma: 2.2, k: 1.0, full_well_electrons: 10000, read_noise_electrons: 10, white_balance_rgb: [1, 1, 1]}
-patch_edges_m: [0.5, 1.0, 1.5]
-patch_colors: [white, black]
-patch_half_width_m: 0.2
-"""
-POSES = "t,x,y,z,roll,pitch,yaw\n" + "".join(f"{k / 10},0.1,0.0,0.5,0.0,0.4,{k / 20}\n" for k in range(12))
 MARKS = "file,name,u,v,x_m,y_m\n" + "".join(
     f"images/000000.jpg,m{k},{47.5 + 4 * k},47.5,0.0,{-0.2 * k:.3f}\n" for k in range(2, 11)
 )
@@ -72,26 +47,6 @@ REGIONS = """- {file: 000000.jpg, class: green, polygon: [[2, 2], [40, 2], [40, 
 - {file: 000000.jpg, class: white, box: [5, 22, 30, 30]}
 """
 POINTS = "x_m,y_m,weight\n" + "".join(f"{0.1 * k},{1.0 + 0.05 * k},1.0\n" for k in range(40))
-
-
-@dataclass(frozen=True, slots=True)
-class Reader:
-    """seeds: contents of files that it takes. read: is given the path of a hostile one, which stands at `file`.
-
-    share: how often it is asked, among the others; slow ones are asked less.
-    """
-
-    name: str
-    file: Path
-    seeds: Sequence[bytes]
-    read: Callable[[Path], object]
-    share: float = 1.0
-    mutate: Callable[[Sequence[bytes], random.Random], bytes] = field(default=mutated)
-
-    def try_one(self, data: bytes) -> None:
-        """Read a hostile file; whatever the reader raises is raised on."""
-        self.file.write_bytes(data)
-        self.read(self.file)
 
 
 def all_readers(workplace: Path) -> list[Reader]:
@@ -104,51 +59,26 @@ def all_readers(workplace: Path) -> list[Reader]:
         *_images(workplace),
         *_texts(workplace),
         *_whole_ways(workplace),
+        *bag_readers(workplace),
+        *loose_readers(workplace),
+        *calibration_readers(workplace),
     ]
-
-
-def _new(workplace: Path, name: str) -> Path:
-    folder = workplace / name.replace("/", "-")
-    folder.mkdir()
-    return folder
-
-
-def _small_recording(folder: Path) -> Path:
-    """Every kind of file that a recording may have."""
-    shutil.rmtree(folder)
-    small_recordings.write_recording(folder, frames=3)
-    (folder / "sequence.yaml").write_text(SEQUENCE)
-    (folder / "camera.yaml").write_text(CAMERA_YAML.replace("width: 96\nheight: 96", "width: 48\nheight: 32"))
-    (folder / "observations.csv").write_text(OBSERVATIONS)
-    (folder / "camera_pose.csv").write_text(POSES)
-    return folder
-
-
-def _read_recording(source: Recording) -> None:
-    for frame in source:
-        assert frame.stamp_ns is not None
-    _ = (source.name, source.events, source.rate_hz, source.wheel_directions_rad, source.linear, source.sensor_files)
-    _ = [str(problem) for problem in source.problems]
-    if source.truth is not None:
-        source.truth.nearest(0)
-    _ = source.field.crossings
-    _ = source.camera.image_from_ground(np.array([[1.0, 0.5]]))
 
 
 def _recordings(workplace: Path) -> list[Reader]:
     names = ("sequence.yaml", "camera.yaml", "images.csv", "odometry.csv", "wheels.csv", "imu.csv")
     readers = []
     for name in (*names, "camera_pose.csv", "ground_truth.tum", "observations.csv", "images/000001.jpg"):
-        folder = _small_recording(_new(workplace, f"recording-{name}"))
+        folder = small_recording(new_folder(workplace, f"recording-{name}"))
         seeds = [(folder / name).read_bytes()]
-        readers.append(Reader(name, folder / name, seeds, lambda _, f=folder: _read_recording(open_source(f))))  # type: ignore[misc]
-    folder = _small_recording(_new(workplace, "recording-field"))
+        readers.append(Reader(name, folder / name, seeds, lambda _, f=folder: read_recording(open_source(f))))  # type: ignore[misc]
+    folder = small_recording(new_folder(workplace, "recording-field"))
     (folder / "sequence.yaml").write_text(SEQUENCE.replace("msl-18x12", "field.yaml"))
     seeds = [(DATA / "omni_9x6_points" / "field.yaml").read_bytes()]
     readers.append(
         Reader("field.yaml of a recording", folder / "field.yaml", seeds, lambda _: open_source(folder).field)
     )
-    strip = _small_recording(_new(workplace, "recording-strip"))
+    strip = small_recording(new_folder(workplace, "recording-strip"))
     rows = (strip / "images.csv").read_text().splitlines()
     rows = [rows[0] + ",bearing_rad", *(f"{row},{k}" for k, row in enumerate(rows[1:]))]
     (strip / "images.csv").write_text("\n".join(rows))
@@ -169,21 +99,21 @@ def _read_strip(path: Path) -> None:
 def _settings(workplace: Path) -> list[Reader]:
     readers = []
     for name, info in SYSTEMS.items():
-        file = _new(workplace, f"config-{name}") / "config.yaml"
+        file = new_folder(workplace, f"config-{name}") / "config.yaml"
         tree = yaml.safe_dump(info.settings().model_dump(mode="json")).encode()
 
         def read(path: Path, model: type[Settings] = info.settings) -> None:
             load_settings(model, path)
 
         readers.append(Reader(f"settings of {name}", file, [tree], read, 0.5))
-    folder = _new(workplace, "scenario")
+    folder = new_folder(workplace, "scenario")
     scenarios = [path.read_bytes() for path in sorted(SCENARIO_FOLDER.glob("*.yaml"))]
     readers.append(Reader("scenario", folder / "scenario.yaml", scenarios, lambda path: open_scenario(path)))
     return readers
 
 
 def _runs(workplace: Path) -> list[Reader]:
-    folder = _new(workplace, "run")
+    folder = new_folder(workplace, "run")
     with RunFolder(folder) as rows:
         tally = run_frames(FakeSource(6, black=(3,)), FakeSystem(np.random.default_rng(0)), rows)
     write_summary(folder, {"recording": {"path": str(folder / "gone")}, **tally.summary()})
@@ -208,7 +138,7 @@ def _runs(workplace: Path) -> list[Reader]:
 
 
 def _single_files(workplace: Path) -> list[Reader]:
-    folder = _new(workplace, "single")
+    folder = new_folder(workplace, "single")
     fields = [path.read_bytes() for path in sorted(DATA.glob("*/field.yaml"))]
     omni = [CAMERA_YAML.encode(), (DATA / "omni_exposure" / "camera.yaml").read_bytes()]
     omni.append(
@@ -277,12 +207,12 @@ def _images(workplace: Path) -> list[Reader]:
     made[".pgm"] = bytes(cv2.imencode(".pgm", image[:, :, 0])[1].tobytes())
     deep = bytes(cv2.imencode(".png", image.astype(np.uint16) * 257)[1].tobytes())
     progressive = bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes())
-    folder = _new(workplace, "images")
+    folder = new_folder(workplace, "images")
     readers = [
         Reader(f"image {ending}", folder / f"image{ending}", [data, deep, progressive], read_image)
         for ending, data in made.items()
     ]
-    linear = _small_recording(_new(workplace, "linear"))
+    linear = small_recording(new_folder(workplace, "linear"))
     told = SEQUENCE.replace(
         "gamma: 2.2", "gamma: 2.2, linear_png: true, linear_radiance_at_65535: 4.0, optics_blur_sigma_px: 0.5"
     )
@@ -305,7 +235,7 @@ def _images(workplace: Path) -> list[Reader]:
 
 def _texts(workplace: Path) -> list[Reader]:
     """Arguments of commands, a line of a file each: they are read as text, not as paths."""
-    folder = _new(workplace, "texts")
+    folder = new_folder(workplace, "texts")
     model = SYSTEMS["nubot-mti"].settings
 
     def words(path: Path) -> list[str]:
@@ -338,13 +268,13 @@ def _whole_ways(workplace: Path) -> list[Reader]:
         "images.csv",
         "images/000001.jpg",
     ):
-        folder = _small_recording(_new(workplace, f"check-{name}"))
+        folder = small_recording(new_folder(workplace, f"check-{name}"))
         seed = (folder / name).read_bytes()
         ways.append(
             Reader(f"check, {name}", folder / name, [seed], lambda _, f=folder: check_recording(open_source(f)), 0.04)
         )  # type: ignore[misc]
     for name in ("camera.yaml", "field.yaml"):
-        folder = _small_recording(_new(workplace, f"system-{name}"))
+        folder = small_recording(new_folder(workplace, f"system-{name}"))
         (folder / "sequence.yaml").write_text(SEQUENCE.replace("msl-18x12", "field.yaml"))
         (folder / "field.yaml").write_bytes((DATA / "omni_9x6_points" / "field.yaml").read_bytes())
 
@@ -353,7 +283,7 @@ def _whole_ways(workplace: Path) -> list[Reader]:
 
         ways.append(Reader(f"system, {name}", folder / name, [(folder / name).read_bytes()], system, 0.06))
     for name in ("observations.csv", "odometry.csv", "wheels.csv", "imu.csv"):
-        folder = _small_recording(_new(workplace, f"steps-{name}"))
+        folder = small_recording(new_folder(workplace, f"steps-{name}"))
         (folder / "sequence.yaml").write_text(SEQUENCE.replace("camera: omni", "camera: none"))
 
         def steps(_: Path, folder: Path = folder) -> None:
@@ -363,7 +293,7 @@ def _whole_ways(workplace: Path) -> list[Reader]:
                     prepared.system.step(frame)
 
         ways.append(Reader(f"steps, {name}", folder / name, [(folder / name).read_bytes()], steps, 0.02))
-    folder = _new(workplace, "look")
+    folder = new_folder(workplace, "look")
     (folder / "camera.yaml").write_text(CAMERA_YAML)
     image = cv2.resize(cv2.imdecode(np.frombuffer(_jpeg(), np.uint8), 1), (96, 96))
     seed = bytes(cv2.imencode(".png", image)[1].tobytes())

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import re
 import resource
 import signal
 import sys
@@ -150,13 +151,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("count", type=int, nargs="?", default=20_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--reader", default="", help="part of a reader's name")
+    parser.add_argument("--reader", default="", help="regular expression of readers' names")
     parser.add_argument("--only", type=int, help="this input alone, with its traceback")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
-        readers = [reader for reader in all_readers(Path(folder)) if arguments.reader in reader.name]
+        readers = [reader for reader in all_readers(Path(folder)) if re.search(arguments.reader, reader.name)]
         for reader in readers:
             for data in reader.seeds:
                 reader.try_one(data)  # as it is: everything is loaded before anything is measured

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,16 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from foreign_bags import EPOCH_NS, Image, Message, Types, compressed, foreign_messages, raw, write_foreign
+from foreign_bags import EPOCH_NS, Image, Message, Types, cloud, compressed, foreign_messages, raw, write_foreign
 from small_recordings import borrow
 
 from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import Pose3
 from touchline.sources import BagOptions, Recording, open_source
+from touchline.sources.bags.messages import Definition, Topic
+from touchline.sources.bags.with_rosbags import BadMessageError, Codec, RosbagsBag
+from touchline.sources.problems import ProblemLog
 from touchline.types import Samples
 
 FIELD = BagOptions(field="spl-9x6")
@@ -125,21 +129,6 @@ def test_a_compass_has_to_be_named(robot: Recording, tmp_path: Path) -> None:
     assert np.allclose(frame.compass.values, 1.0)
 
 
-def cloud(types: Types, time_ns: int, frame: str, places: list[tuple[float, float, float]]) -> Message:
-    """Points with a field of something else between them, as detectors write them."""
-    kind, part = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointField"
-    rows = np.zeros(len(places), np.dtype([("x", "<f4"), ("i", "u1"), ("y", "<f4"), ("z", "<f4")], align=False))
-    for name, column in zip("xyz", np.array(places, dtype=np.float64).reshape(-1, 3).T, strict=True):
-        rows[name] = column
-    offsets = {"x": 0, "y": 5, "z": 9}
-    fields = [types.make(part, name=name, offset=at, datatype=7, count=1) for name, at in offsets.items()]
-    size = {"height": 1, "width": len(places), "point_step": 13, "row_step": 13 * len(places)}
-    data = np.frombuffer(rows.tobytes(), dtype=np.uint8)
-    header = types.header(time_ns, frame)
-    flags = {"is_bigendian": False, "is_dense": True}
-    return time_ns, "/vision/lines", kind, types.make(kind, header=header, fields=fields, data=data, **size, **flags)
-
-
 def test_line_points_are_brought_into_the_base_frame(tmp_path: Path) -> None:
     types = Types()
     mount = Pose3.from_roll_pitch_yaw(0.0, 0.0, np.pi / 2, (0.1, 0.0, 0.0))
@@ -200,3 +189,49 @@ def test_a_damaged_foreign_bag_is_told_or_refused(name: str, robot: Recording, t
         with contextlib.suppress(InputError):
             for frame in open_source(whole, options=FIELD):
                 assert frame.image is None or frame.image.shape == (480, 752, 3)
+
+
+@pytest.mark.parametrize(
+    ("statement", "said"),
+    [
+        (
+            "ALTER TABLE messages RENAME TO others; CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION "
+            "ALL SELECT id + 1 FROM n) SELECT id, 1 AS topic_id, id AS timestamp, x'00' AS data FROM n",
+            "holds a view or computed columns",
+        ),
+        ("UPDATE messages SET data = zeroblob(200000001) WHERE id = 3", "holds a message of 200 MB"),
+    ],
+)
+def test_a_database_without_bounds_is_refused(statement: str, said: str, robot: Recording, tmp_path: Path) -> None:
+    bag = foreign(robot, tmp_path / "robot")
+    with contextlib.closing(sqlite3.connect(next(bag.glob("*.db3")))) as database:
+        database.executescript(statement)
+    with pytest.raises(InputError, match=said):
+        open_source(bag, options=FIELD)
+
+
+@pytest.mark.parametrize("change", ["data = 12", "data = 'text'", "timestamp = 1e300", "timestamp = -1"])
+def test_a_row_that_is_no_message_ends_what_is_read(change: str, robot: Recording, tmp_path: Path) -> None:
+    bag = foreign(robot, tmp_path / "robot")
+    with contextlib.closing(sqlite3.connect(next(bag.glob("*.db3")))) as database:
+        database.executescript(f"UPDATE messages SET {change} WHERE id > 10")
+    problems = ProblemLog()
+    messages = list(RosbagsBag([bag], False, problems).messages(["/robot/odom", "/imu/data"]))
+    assert all(isinstance(message.data, bytes) for message in messages)
+    assert "is damaged" in str(problems[0])
+
+
+@pytest.mark.parametrize("change", [("message_count: 1\n", "message_count: x\n"), ("name: /tf\n", "name: [1]\n")])
+def test_metadata_of_another_kind_is_no_crash(change: tuple[str, str], robot: Recording, tmp_path: Path) -> None:
+    bag = foreign(robot, tmp_path / "robot")
+    text = (bag / "metadata.yaml").read_text()
+    assert change[0] in text
+    (bag / "metadata.yaml").write_text(text.replace(*change))
+    with contextlib.suppress(InputError):
+        assert len(open_source(bag, options=FIELD)) > 0
+
+
+def test_a_definition_without_the_fields_of_its_name_is_told(tmp_path: Path) -> None:
+    topic = Topic("/image", "sensor_msgs/msg/Image", "cdr", Definition("msg", "uint32 height\nuint32 width"), 1)
+    with pytest.raises(BadMessageError, match="own definition of sensor_msgs/msg/Image lacks fields"):
+        Codec().decode(topic, bytes(100))

@@ -9,10 +9,18 @@ from typing import cast
 
 import numpy as np
 import pytest
+from small_recordings import write_recording
 
 from touchline.calibration.imu import calibrate_imu
 from touchline.calibration.marks import Marks, read_marks
-from touchline.calibration.perspective import Lens, calibrate_camera, lens_of, lens_of_marks, perspective_yaml
+from touchline.calibration.perspective import (
+    Lens,
+    calibrate_camera,
+    chessboard_lens,
+    lens_of,
+    lens_of_marks,
+    perspective_yaml,
+)
 from touchline.camera import PinholeCamera, ground_view, open_camera
 from touchline.cli import main
 from touchline.errors import InputError
@@ -21,7 +29,7 @@ from touchline.motion import LeanFilter
 from touchline.simulation.recording import _write_calibration
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.sources import Recording
+from touchline.sources import Recording, open_source
 from touchline.types import Frame
 
 FOUR = np.array([(1.2, 0.5), (1.2, -0.5), (2.5, 0.9), (2.5, -0.9)])
@@ -169,3 +177,42 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     mirror = str(Path(__file__).parents[1] / "examples" / "omni_msl_track_short")
     assert main(["calibrate", "imu", mirror, "--output", str(tmp_path / "imu.yaml")]) == 2
     assert "looks at a mirror" in capsys.readouterr().err
+
+
+def test_a_camera_from_marks_alone_can_be_written() -> None:
+    seen = marks_seen_by(camera(np.zeros(5)))
+    found = calibrate_camera(seen, lens_of_marks(seen, (752, 480)))
+    assert "cx: 375.5" in perspective_yaml(found.camera, "found")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("distortion", ["x"] * 5, "'distortion' must be a list of numbers"),
+        ("distortion", [0.1, [0.2]], "'distortion' must be a list of numbers"),
+        ("distortion", [0.1], "'distortion' needs five numbers"),
+        ("width", float("inf"), "'width' must be a number"),
+        ("fx", -1, "'fx' and 'fy' must be at least 1 px"),
+    ],
+)
+def test_a_lens_that_is_none_is_named(key: str, value: object, said: str) -> None:
+    tree = {"model": "pinhole", "width": 752, "height": 480, "fx": 493, "fy": 493, "cx": 375, "cy": 239}
+    with pytest.raises(InputError, match=said):
+        lens_of(tree | {key: value}, Path("camera.yaml"))
+
+
+@pytest.mark.parametrize(
+    "chessboard",
+    [
+        None,
+        [],
+        {"inner_corners": [7, 2], "square_m": 0.1},
+        {"inner_corners": [7, 10**9], "square_m": 0.1},
+        {"inner_corners": [7, float("inf")], "square_m": 0.1},
+        {"inner_corners": [7, 5], "square_m": float("nan")},
+    ],
+)
+def test_a_chessboard_that_is_none_is_named(chessboard: object, tmp_path: Path) -> None:
+    recording = open_source(write_recording(tmp_path / "r", frames=1, chessboard=chessboard))
+    with pytest.raises(InputError, match=r"needs chessboard: .* 3 to 50 corners a side"):
+        chessboard_lens(recording)

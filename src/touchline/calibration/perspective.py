@@ -18,6 +18,7 @@ import yaml
 
 from touchline.calibration.marks import Marks
 from touchline.camera.pinhole import PinholeCamera, pinhole_mapping
+from touchline.camera.reading import read_image_size, read_numbers, read_pixels
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.sources import Recording
@@ -26,6 +27,7 @@ MIN_BOARDS = 5  # images of a chessboard; fewer leave the lens open
 MIN_MARKS = 4
 OPTICAL_FROM_BODY = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
 _PARALLEL_DEG = 8.0  # between the boards' normals; a robot that sways tilts them by less
+_BOARD_CORNERS = (3, 50)  # fewest and most of a side
 _IN_ONE_LINE = 1e-3  # ratio of the marks' extents across and along
 
 
@@ -113,22 +115,23 @@ def lens_of(tree: Mapping[str, Any], path: Path) -> Lens:
     """The lens of a camera.yaml, which needs no mount yet. Raises InputError for what is no perspective camera."""
     if tree.get("model") != "pinhole":
         raise InputError(f"{path}: has 'model: {tree.get('model')}'; a perspective camera, 'model: pinhole', is needed")
-    keys = ("width", "height", "fx", "fy", "cx", "cy")
-    numbers = [tree.get(key) for key in keys]
-    wrong = [k for k, v in zip(keys, numbers, strict=True) if isinstance(v, bool) or not isinstance(v, int | float)]
-    if wrong:
-        raise InputError(f"{path}: '{wrong[0]}' must be a number")
-    width, height, fx, fy, cx, cy = (float(v) for v in numbers if v is not None)
-    distortion = np.array(tree.get("distortion", [0.0] * 5), dtype=np.float64)
+    missing = [key for key in ("width", "height", "fx", "fy", "cx", "cy") if key not in tree]
+    if missing:
+        raise InputError(f"{path}: '{missing[0]}' must be a number")
+    width, height = read_image_size(tree, path)
+    fx, fy, cx, cy = (read_pixels(tree[key], path, key) for key in ("fx", "fy", "cx", "cy"))
+    if min(fx, fy) < 1.0:
+        raise InputError(f"{path}: 'fx' and 'fy' must be at least 1 px, found {min(fx, fy):g}")
+    distortion = read_numbers(tree.get("distortion", [0.0] * 5), path, "distortion", 1)
     if distortion.shape != (5,):
         raise InputError(f"{path}: 'distortion' needs five numbers: k1, k2, p1, p2, k3")
-    return Lens(int(width), int(height), fx, fy, cx, cy, distortion, path.name)
+    return Lens(width, height, fx, fy, cx, cy, distortion, path.name)
 
 
 def lens_of_marks(marks: Marks, size: tuple[int, int]) -> Lens:
     """The lens that marks of one image tell: no distortion, the principal point in the middle of the image."""
     width, height = size
-    centre = 0.5 * (np.array(size) - 1.0)
+    centre = (0.5 * (width - 1.0), 0.5 * (height - 1.0))
     shown = _of_one_image(marks)
     # of the homography ground -> image about the centre both columns are orthogonal and of one length
     h = _homography(marks.places_m[shown], marks.pixels[shown] - centre, marks.path)
@@ -184,12 +187,16 @@ def perspective_yaml(camera: PinholeCamera, words: str) -> str:
 
 def _board(told: Any, recording: Recording) -> tuple[int, int, float]:
     try:
-        (columns, rows), square_m = told["inner_corners"], float(told["square_m"])
-        return int(columns), int(rows), square_m
+        (columns, rows), square_m = told["inner_corners"], told["square_m"]
     except (KeyError, TypeError, ValueError):
+        columns, rows, square_m = 0, 0, 0.0
+    whole = all(isinstance(side, int) and _BOARD_CORNERS[0] <= side <= _BOARD_CORNERS[1] for side in (columns, rows))
+    if not whole or not isinstance(square_m, int | float) or not 0.001 <= square_m <= 10.0:
         raise InputError(
-            f"{recording.folder}: sequence.yaml needs chessboard: {{inner_corners: [7, 5], square_m: 0.12}}"
-        ) from None
+            f"{recording.folder}: sequence.yaml needs chessboard: {{inner_corners: [7, 5], square_m: 0.12}}, with "
+            f"{_BOARD_CORNERS[0]} to {_BOARD_CORNERS[1]} corners a side and squares in metres"
+        )
+    return columns, rows, float(square_m)
 
 
 def _of_one_image(marks: Marks) -> FloatArray:
@@ -206,7 +213,7 @@ def _of_one_image(marks: Marks) -> FloatArray:
 def _homography(source: FloatArray, target: FloatArray, path: Path) -> FloatArray:
     """(3, 3) that maps points (N, 2) to points (N, 2): exact for four, least squares for more."""
     found, _ = cv2.findHomography(source, target)
-    if found is None:
+    if found is None or not 0.0 < np.linalg.norm(found[:, 0]) + np.linalg.norm(found[:, 1]) < np.inf:
         raise InputError(f"{path}: the marks make no homography: are three of four in one line, or two swapped?")
     return np.asarray(found, dtype=np.float64)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import sqlite3
 import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
-from functools import cache, cached_property
+from contextlib import ExitStack, closing, suppress
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,9 @@ from touchline.sources.problems import ProblemKind, ProblemLog
 
 _IDL_LINE = "=" * 80 + "\n"
 _LANGUAGES = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
+MAX_MESSAGE_BYTES = 200_000_000
+_COMPUTED = re.compile(r"\bVIRTUAL\b|\bAS\b", re.IGNORECASE)  # rosbag2 writes plain tables
+_SUCCESSORS = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 _LATCHED = Qos(
     QosHistory.KEEP_LAST,
     1,
@@ -56,6 +61,29 @@ def _humble() -> Any:
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
+@lru_cache(maxsize=64)
+def _types_of(definition: Definition | None, kind: str) -> Any:
+    """Those that a definition tells; those of ROS 2 Humble where there is none, or none that can be read."""
+    if definition is None:
+        return _humble()
+    try:
+        store: Any = get_typestore(Stores.EMPTY)
+        store.register(_parsed(definition, kind))
+    except (TypesysError, SyntaxError, ValueError, KeyError, AssertionError):
+        return _humble()
+    unlike = [name for name in store.fielddefs if not _is_like_standard(store, name)]
+    if unlike:
+        raise BadMessageError(f"the bag's own definition of {unlike[0]:.80} lacks fields of ROS's own")
+    return store
+
+
+def _is_like_standard(types: Any, name: str) -> bool:
+    """Whether a type has all fields of its namesake in ROS 2 Humble, if it has one. ROS 1 writes some as capitals."""
+    known = _humble().fielddefs.get(_SUCCESSORS.get(name, name))
+    own = {each.lower(): field for each, field in types.fielddefs[name][1]}
+    return known is None or all(own.get(each) == field for each, field in known[1])
+
+
 class Codec:
     """Messages to and from bytes. Definitions that stand in the bag come before those of ROS 2 Humble."""
 
@@ -63,21 +91,11 @@ class Codec:
         self.standard = _humble()
         self._own: dict[str, Any] = {}
 
-    def _types_of(self, topic: Topic) -> Any:
-        if topic.definition is None:
-            return self.standard
-        try:
-            store = get_typestore(Stores.EMPTY)
-            store.register(_parsed(topic.definition, topic.type))
-        except (TypesysError, SyntaxError, ValueError, KeyError, AssertionError):
-            return self.standard
-        return store
-
     def decode(self, topic: Topic, data: bytes | memoryview) -> Any:
         """A message with its fields as attributes. Raises BadMessageError."""
         types = self._own.get(topic.name)
         if types is None:
-            types = self._own[topic.name] = self._types_of(topic)
+            types = self._own[topic.name] = _types_of(topic.definition, topic.type)
         try:
             if topic.encoding == "ros1":
                 return types.deserialize_ros1(data, topic.type)
@@ -126,6 +144,8 @@ class RosbagsBag:
         stack = ExitStack()
         weakref.finalize(self, _close, stack, self._following)
         for path in paths:
+            for file in path.glob("*.db3") if path.is_dir() else [path] if path.suffix == ".db3" else []:
+                _check_tables(file)
             with _refusals(path):
                 self._readers.append(stack.enter_context(Ros1Reader(path) if ros1 else Ros2Reader(path)))
 
@@ -137,7 +157,8 @@ class RosbagsBag:
             language = _LANGUAGES.get(connection.msgdef.format)
             definition = None if language is None else Definition(language, connection.msgdef.data)
             name = connection.topic
-            count = connection.msgcount + (found[name].messages if name in found else 0)
+            count = connection.msgcount if isinstance(connection.msgcount, int) else 0
+            count += found[name].messages if name in found else 0
             found[name] = Topic(name, connection.msgtype, self._encoding, definition, count)
         return found
 
@@ -161,7 +182,7 @@ class RosbagsBag:
         return [
             connection
             for reader in self._readers
-            for connection in reader.connections
+            for connection in _sound(reader)
             if topics is None or connection.topic in topics
         ]
 
@@ -169,11 +190,13 @@ class RosbagsBag:
         """From a time on. The second number of a place counts the messages of a topic with the same time."""
         last: dict[str, Place] = {}
         for path, reader in zip(self._paths, self._readers, strict=True):
-            wanted = [connection for connection in reader.connections if connection.topic in topics]
+            wanted = [connection for connection in _sound(reader) if connection.topic in topics]
             if not wanted:
                 continue
             try:
                 for connection, log_ns, data in reader.messages(wanted, start=start_ns):
+                    if not isinstance(data, bytes | memoryview) or type(log_ns) is not int or not 0 <= log_ns < 2**63:
+                        raise ValueError("a message is no message")  # sqlite stores anything in any column
                     before = last.get(connection.topic)
                     same = before is not None and before.first == log_ns
                     place = last[connection.topic] = Place(log_ns, before.second + 1 if same and before else 0)
@@ -182,6 +205,23 @@ class RosbagsBag:
                 what = f"is damaged ({error}); what stands before that is read"
                 if not self._problems.file_counts[ProblemKind.BAG, path.name]:
                     self._problems.add(ProblemKind.BAG, path.name, what)
+
+
+def _sound(reader: Any) -> list[Connection]:
+    """Those with a name and a type: rosbags takes over what metadata.yaml says, of whatever type."""
+    return [each for each in reader.connections if isinstance(each.topic, str) and isinstance(each.msgtype, str)]
+
+
+def _check_tables(path: Path) -> None:
+    """Raises UnreadableError for a database that would compute its rows, maybe without end, or has one of any size."""
+    with suppress(sqlite3.Error), closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+        for (statement,) in database.execute("SELECT sql FROM sqlite_master WHERE type IN ('table', 'view')"):
+            if _COMPUTED.search(str(statement)):
+                raise UnreadableError(path, "is no bag: it holds a view or computed columns")
+        (largest,) = database.execute("SELECT max(length(data)) FROM messages").fetchone()
+        if isinstance(largest, int) and largest > MAX_MESSAGE_BYTES:
+            what = f"holds a message of {largest / 1e6:.0f} MB; at most {MAX_MESSAGE_BYTES / 1e6:.0f} MB are read"
+            raise UnreadableError(path, what)
 
 
 def _close(stack: ExitStack, following: dict[str, Iterator[Message]]) -> None:
