@@ -27,12 +27,12 @@ def output() -> Console:
 
     Raises BrokenPipeError if its reader has gone.
     """
-    return _Output(highlight=False, soft_wrap=True)
+    return _Output(highlight=False, soft_wrap=True, markup=False)
 
 
 def errors_console() -> Console:
     """The console for progress and complaints."""
-    return Console(stderr=True, highlight=False, soft_wrap=True)
+    return Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 
 
 def complain(message: str) -> None:

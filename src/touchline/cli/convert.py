@@ -104,7 +104,7 @@ def _write(recording: Recording, target: Path, kind: Kind) -> None:
     """Write it, with a progress bar; what cannot be finished is taken away again."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with _kept_whole(target), Progress(*columns, console=errors_console()) as progress:
         task = progress.add_task(recording.name, total=len(recording))
         _write_kind(recording, target, kind, lambda: progress.advance(task))

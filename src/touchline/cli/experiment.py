@@ -47,7 +47,7 @@ def experiment(
     for chosen in experiments:
         result = _run(chosen, seeds)
         files = write_result(result, output, list(EXPERIMENTS))
-        console().print(f"[bold]{result.name}[/bold]: {result.title}; {result.seeds} seeds")
+        console().print(f"{result.name}: {result.title}; {result.seeds} seeds", style="bold")
         Console(highlight=False, width=_WIDTH).print(_table(result))
         for note in result.notes:
             console().print(note, style="dim", markup=False)

@@ -129,7 +129,7 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
         errors_console().print(f"warning: {notice}", style="yellow", markup=False)
     folder = new_folder(output, name or prepared.source.name)
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[rate]}"),

@@ -18,6 +18,7 @@ FORMAT = 1
 NO_CAMERA = "none"
 CAMERA_KINDS = ("omni", "pinhole", NO_CAMERA)
 SEQUENCE, CAMERA, FIELD = "sequence.yaml", "camera.yaml", "field.yaml"
+_LONGEST_NAME = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,7 @@ def read_description(folder: OwnFolder, log: ProblemLog) -> Description:
     kind = _camera_kind(path, sequence.get("camera"), camera_file, model)
     sensor = sequence.get("sensor")
     return Description(
-        name=str(sequence.get("name", folder.path.resolve().name)),
+        name=_printable(str(sequence.get("name", folder.path.resolve().name))),
         sequence=sequence,
         camera_kind=kind,
         camera_file=None if model is None else camera_file,
@@ -87,6 +88,11 @@ def _image_size(model: Mapping[str, Any]) -> tuple[int, int] | None:
     size = (model.get("width"), model.get("height"))
     width, height = (s if isinstance(s, int) and not isinstance(s, bool) and s > 0 else None for s in size)
     return None if width is None or height is None else (width, height)
+
+
+def _printable(name: str) -> str:
+    """The name without what a terminal would obey, on one line."""
+    return "".join(letter if letter.isprintable() else " " for letter in name[:_LONGEST_NAME])
 
 
 def _field_source(folder: OwnFolder, path: Path, name: object) -> str | Path:
