@@ -169,8 +169,9 @@ def test_files_of_pixels(tmp_path: Path) -> None:
     file.write_text("u_px,v_px\n1,2\nx,3\n")
     with pytest.raises(InputError, match="line 3"):
         read_pixels(file)
-    with pytest.raises(InputError, match="--size"):
-        image_size("large", [np.ones((1, 2))])
+    for size in ("large", "9" * 5000 + "x480", "640x" + "9" * 400, "99999x480"):
+        with pytest.raises(InputError, match="--size: expected WIDTHxHEIGHT"):
+            image_size(size, [np.ones((1, 2))])
 
 
 def test_the_camera_reaches_twice_the_last_range(field: FieldModel) -> None:

@@ -294,3 +294,10 @@ def test_histogram_takes_any_duration() -> None:
 
 def test_durations_are_printed_with_three_digits() -> None:
     assert [milliseconds(value) for value in (0.01234, 2.3612, 99.94, 1514.2)] == ["0.0123", "2.36", "99.9", "1514"]
+
+
+@pytest.mark.parametrize("stretches", ["[[1, 1e999]]", "[[1]]", "[1]", '"x"', "null"])
+def test_black_images_that_are_none_are_named(stretches: str, tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text(f'{{"black_images": {{"stretches_ns": {stretches}}}}}')
+    with pytest.raises(InputError, match="'black_images' is not as"):
+        Run(tmp_path).black_ns()

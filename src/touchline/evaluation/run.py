@@ -101,7 +101,7 @@ class Run:
             return []
         try:
             return [(int(first), int(last)) for first, last in self.summary["black_images"]["stretches_ns"]]
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             raise InputError(f"{self.folder / SUMMARY}: 'black_images' is not as `touchline run` writes it") from None
 
     def _recording(self) -> dict[str, Any]:

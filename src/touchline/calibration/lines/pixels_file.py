@@ -51,9 +51,9 @@ def image_size(text: str | None, pixels: Sequence[FloatArray]) -> tuple[int, int
     if text is None:
         width, height = (16 * int(np.ceil((float(value) + 17.0) / 16.0)) for value in farthest)
         return width, height
-    match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
-    if match is None:
-        raise InputError(f"--size: expected WIDTHxHEIGHT, 640x480 for instance, found {text!r}")
+    match = re.fullmatch(r"([0-9]{1,5})[xX]([0-9]{1,5})", text.strip())
+    if match is None or max(map(int, match.groups())) > _LARGEST_PX:
+        raise InputError(f"--size: expected WIDTHxHEIGHT, 640x480 for instance, found {text[:50]!r}")
     width, height = int(match[1]), int(match[2])
     if farthest[0] > width - 0.5 or farthest[1] > height - 0.5:
         raise InputError(f"--size: points reach to {farthest[0]:g}, {farthest[1]:g}, outside an image of {text}")
