@@ -174,7 +174,7 @@ def _draw(axis: Axes, belief: Belief) -> None:
     choices = poses.transpose(0, 2, 1, 3, 4, 5).reshape(shape[0] * shape[2], -1, 3)
     index = blocks.argmax(axis=1)
     size, best = blocks.max(axis=1), choices[np.arange(len(index)), index]
-    axis.scatter(best[:, 0], best[:, 1], s=70.0 * size, color=BLUE, zorder=2, linewidths=0.0)
+    axis.scatter(best[:, 0], best[:, 1], s=40.0 * size, color=BLUE, zorder=2, linewidths=0.0)
     likely = size > 0.03
     arrows = 0.35 * size[likely, np.newaxis] * np.column_stack((np.cos(best[likely, 2]), np.sin(best[likely, 2])))
     axis.quiver(*best[likely, :2].T, *arrows.T, angles="xy", scale_units="xy", scale=1.0, width=0.004, zorder=3)
