@@ -192,7 +192,7 @@ def test_the_size_is_read_from_the_header_of_every_format(tmp_path: Path, ending
 
 
 def test_headers_of_other_writers_are_read_as_well() -> None:
-    assert image_size(b"P5\n# a remark\n640 # another\n 480\n255\n") == (640, 480)
+    assert image_size(b"P5\n# a remark\n640 # another\n 480\n255\n" + bytes(640 * 480)) == (640, 480)
     assert image_size(b"BM" + bytes(12) + struct.pack("<Iii", 40, 640, -480)) == (640, 480)
     assert image_size(b"BM" + bytes(12) + struct.pack("<IHH", 12, 640, 480)) == (640, 480)
     rows = struct.pack(">HHHI", 2, 0x0100, 4, 1) + struct.pack(">I", 640) + struct.pack(">HHIHH", 0x0101, 3, 1, 480, 0)

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from touchline.camera import Camera
     from touchline.geometry import FloatArray
+    from touchline.types import ImageArray
 
 
 def compile_loops(
@@ -23,9 +25,12 @@ def compile_loops(
     from touchline.systems import SYSTEMS
 
     console = output()
-    for name in SYSTEMS:
+    for name, info in SYSTEMS.items():
         started = time.perf_counter()
-        _run_example(name)
+        if "omni" in info.cameras:
+            _run_example(name)
+        else:
+            _walk_example(name)
         console.print(f"{name}: ready after {time.perf_counter() - started:.1f} s")
     started = time.perf_counter()
     _locate_example()
@@ -54,6 +59,40 @@ def _run_example(system: str) -> None:
         robot.add_odometry(k * 100_000_000, 0.0, 0.0, 0.0)
         robot.localize(k * 100_000_000, points=points_at(np.ascontiguousarray(_view())))
         robot.localize(k * 100_000_000 + 1, points=_view())
+
+
+def _walk_example(system: str) -> None:
+    """A walking humanoid: what a detector of its own finds, and drawn images."""
+    from touchline.geometry import Pose
+    from touchline.localizer import Localizer
+    from touchline.simulation.run import Simulation
+    from touchline.simulation.scenario import open_scenario
+
+    walk = Simulation(open_scenario("humanoid-walk", 0, 2.0), "points")
+    robot = Localizer(walk.field, camera=walk.camera, system=system)
+    for frame, pose in zip(walk, walk.truth.poses, strict=False):
+        robot.add_odometry(frame.stamp_ns, *pose.tolist())
+        seen = Pose(*pose.tolist()).inverse()
+        lines = [seen.transform(line) for line in walk.field.polylines(0.1)]
+        image = _drawn(walk.camera, lines)
+        robot.add_attitude(frame.stamp_ns, 0.0, 0.0)
+        robot.localize(frame.stamp_ns, observation=frame.observation)
+        robot.localize(frame.stamp_ns + 1, image)
+
+
+def _drawn(camera: Camera, lines: list[FloatArray]) -> ImageArray:
+    """An image of carpet and lines, polylines (M, 2) in the robot frame (m), as a camera on a level robot sees them."""
+    import cv2
+    import numpy as np
+
+    image = np.full((camera.height, camera.width, 3), (60, 140, 50), np.uint8)
+    for line in lines:
+        pixels = camera.image_from_ground(line)
+        near = np.hypot(*line.T) < 5.0
+        for start, end in zip(pixels[:-1][near[:-1]], pixels[1:][near[:-1]], strict=True):
+            if np.isfinite([start, end]).all() and np.abs([start, end]).max() < 5000.0:
+                cv2.line(image, start.astype(int).tolist(), end.astype(int).tolist(), (235, 235, 235), 8)
+    return image
 
 
 def _locate_example() -> None:
