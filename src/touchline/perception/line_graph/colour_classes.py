@@ -34,6 +34,9 @@ _LIGHT_REACH = 6  # cells to each side that the light is averaged over
 _PALEST = 1.25  # paint is brighter than the carpet beside it by at least this factor
 _FEWEST = 30  # pixels that paint is learned from
 _BESIDE_PX = 15  # paint lies within so many pixels of carpet
+_FAINTEST_PAINT = 0.2  # of the way from carpet to a guessed white
+_PAINT_ROUNDS = 3
+_EDGES = 0.65  # share of what is pale between carpet that is only partly paint
 # of each colour the middle (U, V), half axes (U, V) and the interval of Y, of full-range YUV with U, V about 0
 _ELLIPSES: dict[int, tuple[float, float, float, float, float, float]] = {
     BLUE: (60.0, -22.0, 38.0, 22.0, 12.0, 150.0),
@@ -161,24 +164,40 @@ def _colour_codes(colours: FloatArray, model: ColourModel) -> npt.NDArray[np.int
 
 
 def _learn_paint(images: Sequence[ImageArray], around: npt.NDArray[np.bool_], model: ColourModel) -> FloatArray | None:
-    """(3,) B, G, R of paint: what is bright and colourless close to carpet; None where too little is seen."""
-    found = []
-    kernel = np.ones((2 * (_BESIDE_PX // 2) + 1,) * 2, dtype=np.uint8)
-    green_y = float(luma_chroma(model.green[np.newaxis])[0][0])
-    for image in images:
-        green = (model.classify(image) == IS_GREEN) & around
-        beside = cv2.dilate(green.astype(np.uint8), kernel)[::2, ::2].astype(np.bool_)
-        colours = image[::2, ::2][beside & around[::2, ::2]].astype(np.float64)
-        y, _, _ = luma_chroma(colours)
-        white = ((colours - model.green) @ model.signal > HALF_WHITE) & (y > _PALEST * green_y)
-        found.append(colours[white])
-    pixels = np.concatenate(found)
-    if len(pixels) < _FEWEST:
-        return None
-    # the brighter half: edges of lines and threads of nets are white, too, but mixed with what is behind them
-    brightness = pixels.sum(axis=1)
-    paint: FloatArray = np.median(pixels[brightness >= np.median(brightness)], axis=0)
+    """(3,) B, G, R of paint: what is paler than the carpet on both sides of it, in the light that was learned.
+
+    Walls and posts are whiter than worn lines, but have carpet on one side at most. None where too little is seen.
+    """
+    found = np.concatenate([_between_carpet(image, around, model) for image in images])
+    whiteness = (found - model.green) @ model.signal
+    least = _FAINTEST_PAINT
+    for _ in range(_PAINT_ROUNDS):
+        # the brighter third: edges of lines and threads of nets are white, too, but mixed with what is behind them
+        pale = found[whiteness > least]
+        if len(pale) < _FEWEST:
+            return None
+        brightness = pale.sum(axis=1)
+        paint: FloatArray = np.median(pale[brightness >= np.quantile(brightness, _EDGES)], axis=0)
+        least = max(HALF_WHITE * float((paint - model.green) @ model.signal), _FAINTEST_PAINT)
     return paint
+
+
+def _between_carpet(image: ImageArray, around: npt.NDArray[np.bool_], model: ColourModel) -> FloatArray:
+    """(N, 3) colours that are brighter than carpet close by on both sides of them, as if its light were the usual."""
+    smooth = cv2.blur(image, (3, 3))  # blades of turf glitter
+    green = ((model.classify(image) == IS_GREEN) & around).astype(np.uint8)
+    half = np.zeros((1, 2 * _BESIDE_PX + 1), dtype=np.uint8)
+    half[:, : _BESIDE_PX + 1] = 1
+    kernels = (half, half[:, ::-1].copy(), half.T.copy(), half[:, ::-1].T.copy())
+    left, right, above, below = (cv2.dilate(green, kernel).astype(np.bool_) for kernel in kernels)
+    between = ((left & right) | (above & below)) & around & (green == 0)
+    size = (2 * _BESIDE_PX + 1,) * 2
+    brightness = image.sum(axis=2, dtype=np.float32)
+    light = cv2.blur(brightness * green, size) / np.maximum(cv2.blur(green.astype(np.float32), size), 1e-3)
+    colours, light = smooth[between].astype(np.float64), light[between] / model.green.sum()
+    bright = colours.sum(axis=1) > _PALEST * light * model.green.sum()
+    relative: FloatArray = colours[bright] / light[bright, np.newaxis]
+    return relative
 
 
 @njit(cache=True)

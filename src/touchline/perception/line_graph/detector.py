@@ -42,7 +42,7 @@ from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 _NEAR_M = 3.0  # ground up to here is expected to be mostly carpet
 _GREENISH = 0.35  # of the carpet's own excess of green: what is beside paint is paler
-_LOOSEST, _TIGHTEST = 1.7, 0.5  # how wide a line may look, against what is expected
+_LOOSEST, _TIGHTEST = 1.7, 0.4  # how wide a line may look, against what is expected
 
 
 class LineGraphDetector:

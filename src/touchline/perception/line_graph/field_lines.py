@@ -29,7 +29,9 @@ _MOST_POINTS = 2000
 _COVERED_PX = 3.0  # a candidate whose ends lie this close to a line that is placed already is part of it
 _BENT = 0.6  # of the sagitta that a chord of the field's circle has: what bends so much is no line
 _LEAST_SAGITTA_PX = 0.7
-_LEAST_PAINT = 0.65  # least mean of contrast times width against the expected: a net's threads are fainter and thinner
+# least mean of contrast times width against the expected: a net's threads are fainter and thinner. As a share of the
+# strongest line's where that is below 1, as for narrow or worn lines and rough camera poses; and at all
+_LEAST_PAINT, _LEAST_EVER = 0.65, 0.35
 
 
 class LineLimits(NamedTuple):
@@ -74,7 +76,21 @@ def find_lines(
     )
     points, confidences = np.empty((_MOST_POINTS, POINT_COLUMNS)), np.empty(len(candidates))
     lines, total = _place_lines(pixels, plane, candidates, limits, confidences, points)
-    return FoundLines(candidates[:lines], confidences[:lines], points[:total])
+    return _without_faint(FoundLines(candidates[:lines], confidences[:lines], points[:total]))
+
+
+def _without_faint(found: FoundLines) -> FoundLines:
+    """The lines whose paint is about as strong as that of the strongest one."""
+    if not len(found.points):
+        return found
+    numbers = found.points[:, 2].astype(np.int64)
+    paint = np.bincount(numbers, found.points[:, 3] * found.points[:, 4]) / np.bincount(numbers)
+    kept = paint >= _LEAST_PAINT * min(1.0, float(paint.max()))
+    if kept.all():
+        return found
+    points = found.points[kept[numbers]]
+    points[:, 2] = (np.cumsum(kept) - 1)[points[:, 2].astype(np.int64)]
+    return FoundLines(found.planes[kept], found.confidences[kept], points)
 
 
 def lines_on_ground(found: FoundLines, plane: ImagePlane, settings: LineGraphSettings) -> tuple[Lines, LinePoints]:
@@ -112,7 +128,7 @@ def _place_lines(pixels, plane, candidates, limits, confidences, points):  # typ
         confidence, count = refine_line(pixels, plane, line, kept, points, total)
         if confidence == 0.0 or _is_covered(line, candidates[:kept], covered):
             continue
-        if np.mean(points[total:count, 3] * points[total:count, 4]) < _LEAST_PAINT or not _is_long(line, plane, limits):
+        if np.mean(points[total:count, 3] * points[total:count, 4]) < _LEAST_EVER or not _is_long(line, plane, limits):
             continue
         if _is_bent(points[total:count], line, plane, limits):
             continue

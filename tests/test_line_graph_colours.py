@@ -1,0 +1,136 @@
+"""Colours of the line graph: worn paint beside white walls, colours learned again or kept; kernels against NumPy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from touchline.geometry import FloatArray
+from touchline.perception.colour_file import save_colours
+from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
+from touchline.perception.line_graph.colour_classes import (
+    CELL_PX,
+    CLASSES,
+    FULL,
+    GREEN,
+    WHITE,
+    count_classes,
+    learn_classes,
+)
+from touchline.perception.line_graph.colour_memory import ColourMemory
+from touchline.perception.line_graph.field_lines import FoundLines, _without_faint
+from touchline.perception.line_graph.skeleton import NO_SKELETON, low_pass, rank_cells
+from touchline.perception.self_learning import FADED_FRAMES
+from touchline.sources import open_source
+from touchline.types import ImageArray
+
+CARPET, WORN, WALL = (45, 90, 75), (105, 130, 125), (240, 240, 240)
+
+
+def worn_field(carpet: tuple[int, int, int] = CARPET) -> ImageArray:
+    """Carpet with worn lines before a white wall, with a white post that stands on it."""
+    image = np.full((240, 320, 3), carpet, dtype=np.uint8)
+    cv2.line(image, (0, 150), (319, 120), WORN, 6, cv2.LINE_AA)
+    cv2.line(image, (60, 100), (180, 239), WORN, 8, cv2.LINE_AA)
+    image[:80] = WALL
+    image[:130, 250:262] = WALL
+    noise = np.random.default_rng(3).normal(0.0, 4.0, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+def everywhere() -> np.ndarray:
+    return np.ones((240, 320), dtype=np.bool_)
+
+
+def test_paint_is_learned_from_worn_lines_not_from_walls() -> None:
+    model = learn_classes([worn_field()], everywhere(), everywhere(), yuv=False).model
+    np.testing.assert_allclose(model.green, CARPET, atol=3.0)
+    np.testing.assert_allclose(model.white, WORN, atol=8.0)
+
+
+def test_faint_lines_are_left_out_beside_strong_ones_only() -> None:
+    points = np.zeros((8, 5))
+    points[:, 2] = np.repeat((0, 1), 4)
+    points[:, 3] = 1.0
+    points[:, 4] = np.repeat((1.0, 0.5), 4)
+    found = FoundLines(np.arange(8.0).reshape(2, 4), np.array([0.9, 0.8]), points)
+    kept = _without_faint(found)
+    assert len(kept.planes) == len(kept.confidences) == 1
+    assert len(kept.points) == 4
+    points[:4, 4] = 0.6
+    assert len(_without_faint(found).planes) == 2
+
+
+def test_colours_are_learned_again_when_the_green_fades() -> None:
+    memory = ColourMemory(None, 1, yuv=False)
+    memory.learn(worn_field(), everywhere(), everywhere())
+    assert not memory.is_learning
+    counts = np.zeros((CLASSES, 30, 40), dtype=np.uint8)
+    horizon = np.ones((30, 40), dtype=np.bool_)
+    counts[GREEN] = FULL
+    memory.watch(counts, horizon)
+    counts[GREEN] = 2
+    for _ in range(FADED_FRAMES - 1):
+        memory.watch(counts, horizon)
+    assert not memory.is_learning
+    memory.watch(counts, horizon)
+    assert memory.is_learning
+    memory.learn(worn_field((30, 60, 50)), everywhere(), everywhere())
+    assert memory.classes is not None
+    np.testing.assert_allclose(memory.classes.model.green, (30, 60, 50), atol=3.0)
+
+
+def test_a_colour_file_is_kept(small_data: Path, tmp_path: Path) -> None:
+    recording = open_source(small_data / "humanoid_9x6_walk")
+    frame = next(iter(recording))
+    learned = LineGraphDetector(recording.camera, LineGraphSettings(), recording.field)
+    lines = learned.observe(frame).lines
+    assert learned.classes is not None
+    save_colours(learned.classes.model, tmp_path / "colours.npz")
+    settings = LineGraphSettings(colour_file=str(tmp_path / "colours.npz"))
+    kept = LineGraphDetector(recording.camera, settings, recording.field)
+    assert not kept.learns_colours
+    np.testing.assert_allclose(kept.observe(frame).lines.ends_m, lines.ends_m, atol=0.05)
+    kept.reset()
+    assert kept.classes is not None
+
+
+def test_cells_count_as_numpy_does() -> None:
+    image = worn_field()
+    table = np.random.default_rng(1).choice(np.array([1, 3, 8, 40, 200], dtype=np.uint8), 1 << 16)
+    rows, columns = 240 // CELL_PX, 320 // CELL_PX
+    counts = np.empty((CLASSES, rows, columns), dtype=np.uint8)
+    count_classes(image, table, np.full((rows, columns), 100, dtype=np.uint8), counts)
+    b, g, r = (image[..., k].astype(np.int64) for k in range(3))
+    codes = table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)]
+
+    def in_cells(mask: np.ndarray) -> np.ndarray:
+        return mask.reshape(rows, CELL_PX, columns, CELL_PX).sum(axis=(1, 3))
+
+    np.testing.assert_array_equal(counts[WHITE], in_cells(codes >= 100))
+    for kind in range(1, CLASSES):
+        np.testing.assert_array_equal(counts[kind], in_cells(codes == kind))
+
+
+@pytest.mark.parametrize("passes", [1, 3])
+def test_low_pass_and_ranks_as_numpy_does(passes: int) -> None:
+    white: FloatArray = np.random.default_rng(2).integers(0, 64, (30, 40)).astype(np.float64)
+    smooth, ranks = np.empty_like(white), np.empty(white.shape, dtype=np.uint8)
+    low_pass(white, np.full(30, passes), smooth)
+    expected = white
+    for _ in range(passes):
+        padded = np.pad(expected, 1, mode="edge")
+        along = 0.25 * padded[:, :-2] + 0.5 * padded[:, 1:-1] + 0.25 * padded[:, 2:]
+        expected = 0.25 * along[:-2] + 0.5 * along[1:-1] + 0.25 * along[2:]
+    np.testing.assert_allclose(smooth, expected)
+    rank_cells(smooth, ranks)
+    padded = np.pad(smooth, 1, mode="edge")
+    count = np.zeros(smooth.shape, dtype=np.int64)
+    for row in range(3):
+        for column in range(3):
+            if (row, column) != (1, 1):
+                count += padded[row : row + 30, column : column + 40] >= smooth
+    np.testing.assert_array_equal(ranks, np.where((count < 3) & (smooth >= 0.75), count, NO_SKELETON))
