@@ -11,7 +11,7 @@ from touchline.camera import OmniCamera
 from touchline.errors import InputError
 from touchline.experiments.schulz_features import PAPER, measure
 from touchline.geometry import FloatArray
-from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
+from touchline.perception.line_graph import LineGraphDetector, LineGraphPaper, LineGraphSettings
 from touchline.perception.line_graph.chains import find_chains
 from touchline.perception.line_graph.crossings import judge_arms
 from touchline.perception.line_graph.field_boundary import smooth_boundary
@@ -19,7 +19,7 @@ from touchline.perception.line_graph.graph import Graph, line_graph
 from touchline.perception.line_graph.profiles import LINE, NO_LINE, find_paint
 from touchline.perception.line_graph.skeleton import low_pass, rank_cells
 from touchline.sources import open_source
-from touchline.types import Frame
+from touchline.types import Frame, Observation
 
 ROWS, COLUMNS = 40, 60
 
@@ -136,6 +136,33 @@ def test_features_of_recordings_are_true(small_data: Path, name: str) -> None:
 def test_the_papers_form_finds_crossings_too(small_data: Path) -> None:
     scores = measure(open_source(small_data / "humanoid_hsl_pan"), PAPER)
     assert scores.crossings["all"].precision > 0.85
+
+
+@pytest.mark.parametrize("name", ["plain_boundary", "fixed_low_pass", "subpixel", "circle", "meetings", "paths"])
+def test_each_switch_to_the_paper_does_something(small_data: Path, name: str) -> None:
+    recording = open_source(small_data / "humanoid_hsl_pan")
+    plain = LineGraphPaper()
+    other = plain.model_copy(update={name: not getattr(plain, name)})
+    detectors = [
+        LineGraphDetector(recording.camera, LineGraphSettings(paper=paper), recording.field) for paper in (plain, other)
+    ]
+    for frame in recording:
+        one, two = (detector.observe(frame) for detector in detectors)
+        if _differ(one, two):
+            return
+    pytest.fail(f"{name} changes nothing")
+
+
+def _differ(one: Observation, two: Observation) -> bool:
+    return any(
+        a.shape != b.shape or not np.array_equal(a, b)
+        for a, b in (
+            (one.lines.ends_m, two.lines.ends_m),
+            (one.crossings.positions_m, two.crossings.positions_m),
+            (one.landmarks.positions_m, two.landmarks.positions_m),
+            (one.boundary.positions_m, two.boundary.positions_m),
+        )
+    )
 
 
 def test_pictures_of_the_steps(small_data: Path) -> None:

@@ -26,7 +26,15 @@ FIELDS = ("indoor-9x6", "humanoid-kid-9x6")
 CROSSINGS_M, LINES_M = 3.0, 5.0
 _SECONDS = 5.0
 PAPER = LineGraphSettings(
-    paper=LineGraphPaper(colours="yuv", plain_boundary=True, fixed_low_pass=True, subpixel=False, circle=False)
+    paper=LineGraphPaper(
+        colours="yuv",
+        plain_boundary=True,
+        fixed_low_pass=True,
+        subpixel=False,
+        circle=False,
+        meetings=False,
+        paths=False,
+    )
 )
 VARIANTS = {"ours": LineGraphSettings(), "paper": PAPER}
 _NOTHING = Tally(0, 0, 0, 0)

@@ -58,11 +58,13 @@ def find_crossings(
 ) -> Crossings:
     """Crossings of an image: candidates where lines meet and at key nodes, each verified."""
     _, corners = key_nodes(structure.graph)
-    meetings = _meetings(lines.ends_m, _SLACK_M)
+    ends_m = lines.ends_m
+    meetings = _meetings(ends_m if settings.paper.meetings else ends_m[:0], _SLACK_M)
     at_nodes = grounds_from_pixels(plane, cell_pixels(corners[:, :2]))
     found = np.empty((_MOST_CROSSINGS, 5))
     candidates = np.concatenate((meetings, at_nodes))
-    count = _verify(pixels, plane, candidates, len(meetings), lines.ends_m, settings.crossing_m, found)
+    by_paths = len(meetings) if settings.paper.paths else 0
+    count = _verify(pixels, plane, candidates, by_paths, ends_m, settings.crossing_m, found)
     if count == 0:
         return no_crossings()
     places = np.ascontiguousarray(found[:count, 1:3])
@@ -73,15 +75,15 @@ def find_crossings(
 
 
 @njit(cache=True, error_model="numpy")
-def _verify(pixels, plane, candidates, meetings, ends_m, farthest_m, found):  # type: ignore[no-untyped-def]
-    """Verify candidates (C, 2), of which the first so many are meetings of lines; see `verified` for a row of found."""
+def _verify(pixels, plane, candidates, by_paths, ends_m, farthest_m, found):  # type: ignore[no-untyped-def]
+    """Verify candidates (C, 2), of which the first so many may be told by paths; see `verified` for a row of found."""
     count = 0
     for k in range(len(candidates)):
         x, y = candidates[k]
         if not math.hypot(x, y) <= farthest_m or count == len(found) or _is_known(x, y, found[:count], pixels):
             continue
         sure = verified(pixels, plane, x, y, found[count])
-        if not sure and k < meetings:
+        if not sure and k < by_paths:
             sure = _along_lines(pixels, plane, x, y, ends_m, found[count])
         if sure and not _is_known(found[count, 1], found[count, 2], found[:count], pixels):
             count += 1

@@ -39,6 +39,16 @@ class LineGraphPaper(Settings):
         json_schema_extra={"paper": False},
         description="the centre circle is looked for: a landmark, and its arcs are no lines",
     )
+    meetings: bool = Field(
+        True,
+        json_schema_extra={"paper": False},
+        description="crossings are looked for where lines meet, too; false: at key nodes only",
+    )
+    paths: bool = Field(
+        True,
+        json_schema_extra={"paper": False},
+        description="where no circle gets round, as beside a post, a T is told by white paths alone; false: never",
+    )
 
 
 class LineGraphSettings(Settings):
