@@ -235,3 +235,9 @@ def test_a_definition_without_the_fields_of_its_name_is_told(tmp_path: Path) -> 
     topic = Topic("/image", "sensor_msgs/msg/Image", "cdr", Definition("msg", "uint32 height\nuint32 width"), 1)
     with pytest.raises(BadMessageError, match="own definition of sensor_msgs/msg/Image lacks fields"):
         Codec().decode(topic, bytes(100))
+
+
+def test_a_definition_that_rosbags_cannot_take_is_that_of_ros() -> None:
+    topic = Topic("/name", "std_msgs/msg/String", "cdr", Definition("msg", "float64 FAR=1e999\nstring data"), 1)
+    message = Codec().encode("std_msgs/msg/String", Codec().make("std_msgs/msg/String", data="here"))
+    assert Codec().decode(topic, message).data == "here"

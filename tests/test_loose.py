@@ -99,3 +99,10 @@ def test_columns_that_do_not_fit_are_told(columns: str, said: str, tmp_path: Pat
     (tmp_path / "odo.csv").write_text("a,b,c,d\n0,1,2,3\n1,1,2,none\n")
     with pytest.raises(InputError, match=said):
         list(odometry_rows(tmp_path / "odo.csv", parse_columns(columns)))
+
+
+@pytest.mark.parametrize("number", ["9" * 5000, "²", "0", "5"])
+def test_a_column_that_is_none_is_named(number: str, tmp_path: Path) -> None:
+    (tmp_path / "odo.csv").write_text("1 2 3 4\n")
+    with pytest.raises(InputError, match="has no column"):
+        list(odometry_rows(tmp_path / "odo.csv", parse_columns(f"x={number},y=2,t=3,theta=4")))

@@ -20,7 +20,7 @@ from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.run_folder import read_summary
 from touchline.evaluation.tum import read_tum
 from touchline.field import open_field
-from touchline.image_files import MEGAPIXELS_VARIABLE, image_size, read_image
+from touchline.image_files import MEGAPIXELS_VARIABLE, decode, image_size, read_image
 from touchline.localization.one_shot.points_file import read_points
 from touchline.opened_files import LONGEST_LINE, UnreadableError, open_bytes, read_bytes, text_lines
 from touchline.perception.colour_file import load_colours, save_colours
@@ -275,3 +275,10 @@ def test_an_archive_with_something_else_inside_is_refused(tmp_path: Path, data: 
     path = colours_with(tmp_path, "noise", data)
     with pytest.raises(InputError, match=rf"^{path}: .*{what}"):
         load_colours(path)
+
+
+def test_a_png_s_part_that_claims_gigabytes_is_not_made_room_for() -> None:
+    data = bytearray(cv2.imencode(".png", np.zeros((20, 30, 3), np.uint8))[1].tobytes())
+    at = data.index(b"IDAT") - 4
+    data[at : at + 4] = (2**31 - 1).to_bytes(4, "big")
+    assert decode(bytes(data), cv2.IMREAD_COLOR) == "is a PNG file that ends early, or is damaged inside"

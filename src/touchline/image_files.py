@@ -20,6 +20,7 @@ MAX_MEGAPIXELS = 50.0
 MEGAPIXELS_VARIABLE = "TOUCHLINE_MAX_MEGAPIXELS"
 _BYTES_PER_PIXEL = 4  # no file is larger than its pixels, uncompressed: 50 megapixels are 200 MB
 _FORMATS = "JPEG, PNG, BMP, TIFF, WebP, PGM or PPM"
+_PNG_START = b"\x89PNG\r\n\x1a\n"
 # The tags of a TIFF file that tell how much is decoded at once, and the sizes of their types in bytes.
 _TIFF_WIDTHS, _TIFF_HEIGHTS, _TIFF_TYPES = (256, 322), (257, 323), {3: 2, 4: 4, 16: 8}
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -89,6 +90,8 @@ def decode(data: bytes, flags: int) -> npt.NDArray[Any] | str:
         return f"is not an image that can be decoded ({_FORMATS})"
     if (what := too_large(size)) is not None:
         return what
+    if data.startswith(_PNG_START) and _png_claims_more(data):
+        return "is a PNG file that ends early, or is damaged inside"
     try:
         pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
     except cv2.error:
@@ -106,6 +109,17 @@ def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> npt.NDArray[Any]:
 
 def _png(data: bytes) -> ImageSize:
     return ImageSize(int.from_bytes(data[16:20]), int.from_bytes(data[20:24]))
+
+
+def _png_claims_more(data: bytes) -> bool:
+    """Whether a part of the file says that it is longer than the whole file: OpenCV would make room for it first."""
+    at = len(_PNG_START)
+    while at + 8 <= len(data):
+        length = int.from_bytes(data[at : at + 4], "big")
+        if length > len(data):
+            return True
+        at += length + 12
+    return False
 
 
 def _jpeg(data: bytes) -> ImageSize | None:
@@ -177,7 +191,7 @@ def _pnm(data: bytes) -> ImageSize | None:
 
 
 _HEADERS: tuple[tuple[tuple[bytes, ...], Callable[[bytes], ImageSize | None]], ...] = (
-    ((b"\x89PNG\r\n\x1a\n",), _png),
+    ((_PNG_START,), _png),
     ((b"\xff\xd8",), _jpeg),
     ((b"BM",), _bmp),
     ((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), _tiff),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -75,9 +76,9 @@ def _cells(line: str, separator: str) -> list[str]:
 def _position(path: Path, name: str, names: Sequence[str], bare: bool) -> int:
     if name in names and not bare:
         return names.index(name)
-    if name.isdigit() and 1 <= int(name) <= len(names):
+    if re.fullmatch("[0-9]{1,6}", name) and 1 <= int(name) <= len(names):
         return int(name) - 1
-    raise InputError(f"{path}: has no column {name!r}; its columns are {listed(list(names))[:300]}")
+    raise InputError(f"{path}: has no column {name[:50]!r}; its columns are {listed(list(names))[:300]}")
 
 
 def _row(

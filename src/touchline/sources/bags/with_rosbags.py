@@ -37,7 +37,7 @@ from touchline.sources.problems import ProblemKind, ProblemLog
 _IDL_LINE = "=" * 80 + "\n"
 _LANGUAGES = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
 MAX_MESSAGE_BYTES = 200_000_000
-_COMPUTED = re.compile(r"\bVIRTUAL\b|\bAS\b", re.IGNORECASE)  # rosbag2 writes plain tables
+_COMPUTED = re.compile(rb"\bVIRTUAL\b|\bAS\b", re.IGNORECASE)  # rosbag2 writes plain tables
 _SUCCESSORS = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 _LATCHED = Qos(
     QosHistory.KEEP_LAST,
@@ -69,7 +69,7 @@ def _types_of(definition: Definition | None, kind: str) -> Any:
     try:
         store: Any = get_typestore(Stores.EMPTY)
         store.register(_parsed(definition, kind))
-    except (TypesysError, SyntaxError, ValueError, KeyError, AssertionError):
+    except Exception:  # the code that rosbags makes of a definition may raise anything: NameError of a constant inf
         return _humble()
     unlike = [name for name in store.fielddefs if not _is_like_standard(store, name)]
     if unlike:
@@ -197,6 +197,8 @@ class RosbagsBag:
                 for connection, log_ns, data in reader.messages(wanted, start=start_ns):
                     if not isinstance(data, bytes | memoryview) or type(log_ns) is not int or not 0 <= log_ns < 2**63:
                         raise ValueError("a message is no message")  # sqlite stores anything in any column
+                    if connection.topic not in topics:  # the index of a damaged bag may lead elsewhere
+                        continue
                     before = last.get(connection.topic)
                     same = before is not None and before.first == log_ns
                     place = last[connection.topic] = Place(log_ns, before.second + 1 if same and before else 0)
@@ -214,9 +216,12 @@ def _sound(reader: Any) -> list[Connection]:
 
 def _check_tables(path: Path) -> None:
     """Raises UnreadableError for a database that would compute its rows, maybe without end, or has one of any size."""
-    with suppress(sqlite3.Error), closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
-        for (statement,) in database.execute("SELECT sql FROM sqlite_master WHERE type IN ('table', 'view')"):
-            if _COMPUTED.search(str(statement)):
+    broken = (sqlite3.Error, UnicodeDecodeError)  # of text, also of an error's: rosbags says what cannot be read
+    with suppress(*broken), closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+        for (statement,) in database.execute(
+            "SELECT CAST(sql AS BLOB) FROM sqlite_master WHERE type IN ('table', 'view')"
+        ):
+            if statement is not None and _COMPUTED.search(bytes(statement)):
                 raise UnreadableError(path, "is no bag: it holds a view or computed columns")
         (largest,) = database.execute("SELECT max(length(data)) FROM messages").fetchone()
         if isinstance(largest, int) and largest > MAX_MESSAGE_BYTES:
