@@ -237,6 +237,18 @@ def test_a_definition_without_the_fields_of_its_name_is_told(tmp_path: Path) -> 
         Codec().decode(topic, bytes(100))
 
 
+STRING = Codec().encode("std_msgs/msg/String", Codec().make("std_msgs/msg/String", data="here"))
+
+
+def test_a_definition_runs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """rosbags writes a type's name into code that it runs, and its grammar has to refuse all but names."""
+    monkeypatch.chdir(tmp_path)
+    name = "a/msg/B:\n    x = open('trace', 'w')\nclass C"
+    with pytest.raises(BadMessageError):
+        Codec().decode(Topic("/name", name, "cdr", Definition("msg", "string data"), 1), STRING)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_definition_that_rosbags_cannot_take_is_that_of_ros() -> None:
     topic = Topic("/name", "std_msgs/msg/String", "cdr", Definition("msg", "float64 FAR=1e999\nstring data"), 1)
     message = Codec().encode("std_msgs/msg/String", Codec().make("std_msgs/msg/String", data="here"))
