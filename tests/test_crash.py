@@ -201,10 +201,14 @@ def test_a_signal_ends_a_run_after_the_image_at_hand(
     assert "was interrupted" in Path("runs/tiny-1/report.html").read_text()
 
 
+# a job in the background, as tests may be, is born ignoring it
+HEEDING = "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+
+
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM"])
 def test_a_signal_while_a_command_starts_shows_no_traceback(kind: str) -> None:
     program = (
-        "import os, signal, sys\nimport importlib.abc\nfrom touchline.cli import main\n"
+        f"import os, signal, sys\n{HEEDING}import importlib.abc\nfrom touchline.cli import main\n"
         "class Signalling(importlib.abc.MetaPathFinder):\n"
         "    def find_spec(self, name, path=None, target=None):\n"
         f"        if name == 'rich.table': os.kill(os.getpid(), signal.{kind})\n"
@@ -217,7 +221,7 @@ def test_a_signal_while_a_command_starts_shows_no_traceback(kind: str) -> None:
 def test_a_signal_inside_of_a_library_waits_until_it_can_be_raised(capsys: pytest.CaptureFixture[str]) -> None:
     """An exception in a call back from LLVM is swallowed, in an import of somebody's it may be."""
     program = (
-        "import os, signal, sys, types\nfrom touchline.cli import main\n"
+        f"import os, signal, sys, types\n{HEEDING}from touchline.cli import main\n"
         "import touchline.cli.systems, touchline.systems as systems\n"
         "library = types.ModuleType('llvmlite.binding.fake')\n"
         "exec('def swallow(kill):\\n    try:\\n        kill()\\n    except KeyboardInterrupt:\\n        print(1)',"
