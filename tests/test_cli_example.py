@@ -111,22 +111,33 @@ def folder_of_length(folder: Path, images: int) -> Path:
     return folder
 
 
-def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
+def own_memory_mb(recording: Path) -> tuple[float, bool]:
+    """Most memory of a run that is its own, without the libraries' pages; and whether it compiled.
+
+    How many pages of a library count as resident is the kernel's affair: for libraries installed a moment ago they
+    were 80 MB more than for the same ones an hour later.
+    """
     code = (
         "import sys\nfrom touchline.cli import main\nstatus = main(['run', sys.argv[1]])\n"
         # not getrusage: its maximum begins with that of the process that started this one
-        "print('peak', open('/proc/self/status').read().split('VmHWM:')[1].split()[0])\nsys.exit(status)"
+        "text = open('/proc/self/status').read()\n"
+        "print('own', *(text.split(key)[1].split()[0] for key in ('VmHWM:', 'RssFile:')))\nsys.exit(status)"
     )
-    peaks_mb = []
-    for k, images in enumerate((260, 60, 260)):  # the first may have to compile
-        recording = folder_of_length(tmp_path / str(k), images)
-        done = subprocess.run([sys.executable, "-c", code, str(recording)], capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        peaks_mb.append(int(done.stdout.split("peak ")[1]) * 1024 / 1e6)
-    first_mb, short_mb, long_mb = peaks_mb
-    assert first_mb < 420
-    assert long_mb < 320
-    assert (long_mb - short_mb) / 200 < 0.1  # an image that is kept takes 0.7 MB
+    done = subprocess.run([sys.executable, "-c", code, str(recording)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    peak, shared = done.stdout.split("own ")[1].split()
+    return (int(peak) - int(shared)) * 1024 / 1e6, "compiling" in done.stderr
+
+
+def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
+    """Libraries take another 115 MB, so 320 MB in all, and 420 MB where the inner loops are compiled."""
+    short, long = (folder_of_length(tmp_path / str(images), images) for images in (60, 260))
+    long_mb, compiled = own_memory_mb(long)
+    while compiled:  # another test that compiles the same loops may have overwritten the index of what is there
+        assert long_mb < 305
+        long_mb, compiled = own_memory_mb(long)
+    assert long_mb < 205
+    assert (long_mb - own_memory_mb(short)[0]) / 200 < 0.1  # an image that is kept takes 0.7 MB
 
 
 def test_view_of_a_recording_saves_every_stage(capsys: pytest.CaptureFixture[str]) -> None:
