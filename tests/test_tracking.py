@@ -13,6 +13,7 @@ from line_scenes import lone_line, view
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization import FusionSettings, Matcher, PoseFilter, WeightSettings, range_weights
+from touchline.localization.fusion.pose_filter import Scales
 
 FIELD = open_field("msl-18x12")
 STEP = Pose(0.1, 0.0, 0.02)
@@ -125,3 +126,26 @@ def test_along_a_lone_line_the_odometry_carries_the_pose_and_its_doubt_grows() -
     assert np.abs(errors[:, 0]).max() < 0.15  # 60 steps, each 5 mm off at random
     assert np.abs(errors[:, 1]).max() < 0.05
     assert np.abs(errors[:, 2]).max() < 0.03
+
+
+def test_the_odometrys_scale_errors_are_found_out() -> None:
+    """What comes again in every step is no noise: after 20 m the prediction errs by its noise alone."""
+    rng = np.random.default_rng(4)
+    one = PoseFilter(Pose(0.0, 0.0, 0.0), tight(), scales=Scales(0.03, 0.03, 0.03))
+    truth, told = Pose(0.0, 0.0, 0.0), Pose(0.2, 0.05, 0.1)
+    for _ in range(100):
+        truth = truth.compose(Pose(0.2 * 1.04, 0.05 * 0.96, 0.1 * 1.03))
+        one.predict(told, np.diag([0.003, 0.003, 0.001]) ** 2)
+        seen = Pose(*(truth.as_array() + rng.normal(0.0, (0.003, 0.003, 0.001))))
+        assert one.update(Pose(seen.x, seen.y, wrap_angle(seen.heading)), tight(0.003, 0.001))
+    np.testing.assert_allclose(one.scales, (0.04, -0.04, 0.03), atol=0.01)
+    there = one.placed(Pose(3.0, 0.0, 0.0), tight())
+    assert there.scales.tolist() == one.scales.tolist()
+
+
+def test_a_drive_along_one_line_leaves_what_the_scale_may_be_wrong_by() -> None:
+    """Ten metres by odometry alone: 3 % of them, not the root of the sum of squares of a hundred steps."""
+    one = PoseFilter(Pose(0.0, 0.0, 0.0), tight(1e-4, 1e-4), scales=Scales(0.03, 0.03, 0.03))
+    for _ in range(100):
+        one.predict(Pose(0.1, 0.0, 0.0), np.zeros((3, 3)))
+    assert math.sqrt(one.covariance[0, 0]) == pytest.approx(0.3, rel=0.05)

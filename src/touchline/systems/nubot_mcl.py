@@ -57,12 +57,12 @@ class NubotMcl:
             None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)
         )
         self.max_range_m = setup.max_range_m
-        self.history = MotionHistory(s.odometry, s.compass_track)
+        self.history = MotionHistory(s.step_noise, s.compass_track)
         self.tilt = MirrorTilt(field, s.mirror_tilt)
         self.compass_correction = CompassCorrection(s.compass)
         self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
         matcher = Matcher(field.distance_map(), s.matching)
-        self.tracker = Tracker(matcher, s.fusion)
+        self.tracker = Tracker(matcher, s.fusion, s.odometry)
         whole_field = GlobalSearch(matcher, field.length, field.width)
         self.failure = FailureMonitor(whole_field, s.failure, s.paper.keep_unless_better)
         self.particles = NubotParticles(

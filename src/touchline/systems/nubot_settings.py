@@ -31,3 +31,10 @@ class NubotSettings(Settings):
     failure: FailureSettings = FailureSettings()
     odometry: OdometrySettings = OdometrySettings()
     compass_track: CompassTrackSettings = CompassTrackSettings()
+
+    @property
+    def step_noise(self) -> OdometrySettings:
+        """The odometry's noise in a step, without the scale errors that the pose filter finds out by itself."""
+        if not self.fusion.paper.learn_odometry_scale:
+            return self.odometry
+        return self.odometry.model_copy(update={"forward_scale": 0.0, "sideways_scale": 0.0, "turn_scale": 0.0})

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -20,6 +20,17 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 # its own: a lone line that RPROP slid along is explained as well where it was predicted
 BETTER_FACTOR = 2.0
 BETTER_MARGIN = 0.02  # see BETTER_FACTOR; what noise alone changes in the mean error
+SCALE_DRIFT = 0.0003  # change of the odometry's scales from frame to frame: another carpet, wheels that wear
+
+
+class FusionPaper(Settings):
+    """Switches to the paper's exact form."""
+
+    learn_odometry_scale: bool = Field(
+        True,
+        description="estimate by how much the odometry tells travel forward and sideways, and turns, too long; "
+        "without it their errors, which come again in every frame, are taken for noise and pull the pose",
+    )
 
 
 class FusionSettings(Settings):
@@ -44,31 +55,83 @@ class FusionSettings(Settings):
     start_heading_rad: float = Field(
         0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
     )
+    paper: FusionPaper = FusionPaper()
+
+
+class Scales(NamedTuple):
+    """Relative errors of the odometry's forward travel, sideways travel and turn; of each or their deviations."""
+
+    forward: float
+    sideways: float
+    turn: float
+
+
+_KNOWN_SCALES = Scales(0.0, 0.0, 0.0)
+_SCALES = np.arange(3, 6)
 
 
 class PoseFilter:
-    """The pose and its covariance (3, 3) of x, y, heading in (m, m, rad), field frame."""
+    """The pose and its covariance (3, 3) of x, y, heading in (m, m, rad), field frame.
+
+    Three more states are the odometry's scale errors: what comes again in every step is no noise. `scales` (3,): those
+    found so far; true motion is that of the odometry times one plus the scale.
+    """
 
     def __init__(
-        self, pose: Pose, covariance: FloatArray | None = None, settings: FusionSettings | None = None
+        self,
+        pose: Pose,
+        covariance: FloatArray | None = None,
+        settings: FusionSettings | None = None,
+        scales: Scales = _KNOWN_SCALES,
     ) -> None:
-        """covariance: of a pose from a match; without one the pose was told by a person."""
+        """covariance: of a pose from a match; without one the pose was told by a person. scales: standard deviations
+        of the odometry's scale errors, zero where they are not to be found out.
+        """
         self.settings = settings or FusionSettings()
         self.pose = pose
         if covariance is None:
             s = self.settings
             covariance = np.diag([s.start_position_m, s.start_position_m, s.start_heading_rad]) ** 2
-        self.covariance = np.array(covariance, dtype=np.float64)
+        self.scales = np.zeros(3)
+        self._joint = np.zeros((6, 6))  # covariance of x, y, heading and the three scales
+        self._joint[:3, :3] = covariance
+        self._joint[_SCALES, _SCALES] = np.square(scales)
+        self._drifting = np.array([scale > 0.0 for scale in scales])
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(3, 3) of the pose."""
+        return self._joint[:3, :3]
+
+    def placed(self, pose: Pose, covariance: FloatArray | None) -> PoseFilter:
+        """A filter that starts at another pose, and still knows the scales."""
+        other = PoseFilter(pose, covariance, self.settings)
+        other.scales, other._drifting = self.scales.copy(), self._drifting
+        other._joint[3:, 3:] = self._joint[3:, 3:]
+        return other
+
+    def loosened(self, more: FloatArray) -> PoseFilter:
+        """A copy whose pose is less sure by a covariance (3, 3)."""
+        other = self.placed(self.pose, None)
+        other._joint = self._joint.copy()
+        other._joint[:3, :3] += more
+        return other
 
     def predict(self, motion: Pose, motion_covariance: FloatArray) -> None:
         """Move by the odometry: motion is `before_from_after`, its covariance (3, 3) in the robot frame before it."""
         cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
-        by_pose = np.eye(3)
-        by_pose[0, 2] = -sine * motion.x - cosine * motion.y
-        by_pose[1, 2] = cosine * motion.x - sine * motion.y
+        ahead, left = motion.x * (1.0 + self.scales[0]), motion.y * (1.0 + self.scales[1])
+        by_state = np.eye(6)
+        by_state[0, 2] = -sine * ahead - cosine * left
+        by_state[1, 2] = cosine * ahead - sine * left
+        by_state[0, 3], by_state[1, 3] = cosine * motion.x, sine * motion.x
+        by_state[0, 4], by_state[1, 4] = -sine * motion.y, cosine * motion.y
+        by_state[2, 5] = motion.heading
         by_motion = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        self.pose = self.pose.compose(motion)
-        self.covariance = by_pose @ self.covariance @ by_pose.T + by_motion @ motion_covariance @ by_motion.T
+        self.pose = self.pose.compose(Pose(ahead, left, motion.heading * (1.0 + self.scales[2])))
+        self._joint = by_state @ self._joint @ by_state.T
+        self._joint[:3, :3] += by_motion @ motion_covariance @ by_motion.T
+        self._joint[_SCALES, _SCALES] += self._drifting * SCALE_DRIFT**2
 
     def distance2_to(self, pose: Pose, covariance: FloatArray) -> float:
         """Squared Mahalanobis distance of a match from the prediction; 3 on average while both are right."""
@@ -86,14 +149,16 @@ class PoseFilter:
         if self.distance2_to(pose, covariance) > self.settings.gate:
             if not trusted:
                 return False
-            self.covariance = self.covariance + np.outer(innovation, innovation)
-        gain = np.linalg.solve(self.covariance + covariance, self.covariance).T
+            self._joint[:3, :3] += np.outer(innovation, innovation)
+        gain = np.linalg.solve(self.covariance + covariance, self._joint[:3]).T
         step = gain @ innovation
         self.pose = Pose(
             self.pose.x + float(step[0]), self.pose.y + float(step[1]), wrap_angle(self.pose.heading + float(step[2]))
         )
-        keep = np.eye(3) - gain  # Joseph's form: stays positive definite
-        self.covariance = keep @ self.covariance @ keep.T + gain @ covariance @ gain.T
+        self.scales = self.scales + step[3:]
+        keep = np.eye(6)  # Joseph's form: stays positive definite
+        keep[:, :3] -= gain
+        self._joint = keep @ self._joint @ keep.T + gain @ covariance @ gain.T
         return True
 
     def _innovation(self, pose: Pose) -> FloatArray:

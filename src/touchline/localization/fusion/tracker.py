@@ -9,9 +9,9 @@ import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
-from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter, equal_error
+from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter, Scales, equal_error
 from touchline.localization.matching.matcher import Match, Matcher
-from touchline.motion import Motion
+from touchline.motion import Motion, OdometrySettings
 from touchline.types import Prior
 
 POOR_ERROR = 0.1  # mean error of a match from which matching also starts with the compass heading; as accepted_error
@@ -28,20 +28,27 @@ class Tracker:
     `filter`: its pose and covariance. `has_pose`: whether they are a pose that matching can start from.
     """
 
-    def __init__(self, matcher: Matcher, settings: FusionSettings | None = None) -> None:
+    def __init__(
+        self, matcher: Matcher, settings: FusionSettings | None = None, odometry: OdometrySettings | None = None
+    ) -> None:
+        """odometry: how far its scales may be wrong; None where the motion's covariance holds that already."""
         self.matcher = matcher
         self.settings = settings or FusionSettings()
+        self._scales = Scales(0.0, 0.0, 0.0)
+        if odometry is not None and self.settings.paper.learn_odometry_scale:
+            self._scales = Scales(odometry.forward_scale, odometry.sideways_scale, odometry.turn_scale)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
         prior = prior or Prior()
-        self.filter = PoseFilter(prior.pose or Pose(0.0, 0.0, 0.0), prior.covariance, self.settings)
+        pose = prior.pose or Pose(0.0, 0.0, 0.0)
+        self.filter = PoseFilter(pose, prior.covariance, self.settings, self._scales)
         self.has_pose = prior.pose is not None
 
     def start_at(self, pose: Pose, covariance: FloatArray, has_pose: bool = True) -> None:
         """Go on from a pose with its covariance (3, 3); has_pose: whether matching may start from it."""
-        self.filter = PoseFilter(pose, covariance, self.settings)
+        self.filter = self.filter.placed(pose, covariance)
         self.has_pose = has_pose
 
     def predict(self, motion: Motion) -> None:
@@ -84,12 +91,12 @@ class Tracker:
         RPROP may slide along a lone line to where the same points look unambiguous. First the prediction is taken at
         its word, then as that of a robot that was shoved.
         """
-        s, positions_m = self.settings, view.positions_m
+        positions_m = view.positions_m
         predicted = self.filter.pose.as_array()
         there = self.matcher.assess(positions_m, view.weights, predicted, match.error).covariance
         for shove in (0.0, 1.0):
             grown = np.diag([SHOVE_POSITION_M, SHOVE_POSITION_M, SHOVE_HEADING_RAD]) ** 2 * shove
-            fused = PoseFilter(self.filter.pose, self.filter.covariance + grown, s)
+            fused = self.filter.loosened(grown)
             if not fused.update(match.pose, there, trusted=False):
                 continue
             if self.matcher.error(positions_m, view.weights, fused.pose.as_array()) <= equal_error(match.error):

@@ -37,13 +37,13 @@ class UncertaintySettings(Settings):
     )
 
     min_position_m: float = Field(
-        0.005,
+        0.002,
         ge=0,
-        description="smallest believed standard deviation of x and y (m): errors of calibration are the same in "
-        "every frame and don't average out",
+        description="smallest believed standard deviation of x and y (m): the distance map and the paint err alike in "
+        "every frame; what the camera adds is its own uncertainty",
     )
     min_heading_rad: float = Field(
-        0.002, ge=0, description="smallest believed standard deviation of the heading (rad), as min_position_m"
+        0.0005, ge=0, description="smallest believed standard deviation of the heading (rad), as min_position_m"
     )
 
     @property
