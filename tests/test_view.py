@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fakes import CAMERA_YAML, two_points
 
-from touchline.camera import OmniCamera, open_camera
+from touchline.camera import GroundView, OmniCamera, open_camera
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
@@ -49,21 +49,23 @@ def count(image: np.ndarray, color: tuple[int, int, int]) -> int:
 
 def test_projected_lines_lie_on_the_field_lines(camera: OmniCamera, field: FieldModel) -> None:
     pose = Pose(1.0, -0.5, 0.7)
-    pieces = projected_lines(camera, field, pose)
+    pieces = projected_lines(GroundView(camera), field, pose)
     assert pieces
     on_field = pose.transform(camera.ground_from_image(np.concatenate(pieces)))
     assert np.max(field.line_distances(on_field)) < 1e-3
 
 
 def test_projected_lines_stay_between_the_radii(camera: OmniCamera, field: FieldModel) -> None:
-    pixels = np.concatenate(projected_lines(camera, field, Pose(0.0, 0.0, 0.0)))
+    pixels = np.concatenate(projected_lines(GroundView(camera), field, Pose(0.0, 0.0, 0.0)))
     radius = np.hypot(*(pixels - camera.center).T)
     assert radius.min() >= camera.inner_radius_px
     assert radius.max() <= camera.outer_radius_px
 
 
 def test_a_line_through_the_robot_is_broken_there(camera: OmniCamera, field: FieldModel) -> None:
-    for piece in projected_lines(camera, field, Pose(0.0, 3.0, 0.0)):  # the robot stands on the halfway line
+    for piece in projected_lines(
+        GroundView(camera), field, Pose(0.0, 3.0, 0.0)
+    ):  # the robot stands on the halfway line
         assert len(piece) >= 2
         assert np.hypot(*np.diff(piece, axis=0).T).max() <= 40.0
 
@@ -72,21 +74,21 @@ def test_points_are_coloured_by_their_distance_to_the_lines(camera: OmniCamera, 
     pose = Pose(-1.0, 0.6, 0.0)  # the point 1 m ahead is on the halfway line, the one to the left is not on any
     points = two_points()
     assert field.line_distances(pose.transform(points.positions_m)) == pytest.approx([0.0, 0.388], abs=0.01)
-    drawn = overlay_image(carpet(), camera, field, pose, points)[:192]
+    drawn = overlay_image(carpet(), GroundView(camera), field, pose, points)[:192]
     for pixel, color in zip(points.pixels, (ON_LINE_COLOR, OFF_LINE_COLOR), strict=True):
         u, v = np.round(2 * pixel + 0.5).astype(int)
         assert tuple(drawn[v, u].tolist()) == color
 
 
 def test_without_a_pose_only_points_are_drawn(camera: OmniCamera, field: FieldModel) -> None:
-    drawn = overlay_image(carpet(), camera, None, None, two_points())
+    drawn = overlay_image(carpet(), GroundView(camera), None, None, two_points())
     assert count(drawn, LINE_COLOR) == 0
     assert count(drawn, ON_LINE_COLOR) > 10
 
 
 def test_the_image_is_enlarged_and_not_changed(camera: OmniCamera, field: FieldModel) -> None:
     image = carpet()
-    drawn = overlay_image(image, camera, field, Pose(0.0, 0.0, 0.0), two_points(), scale=3)
+    drawn = overlay_image(image, GroundView(camera), field, Pose(0.0, 0.0, 0.0), two_points(), scale=3)
     assert drawn.shape[1] == 288
     assert drawn.shape[0] > 288  # the legend is below
     assert count(image, GREEN) == 96 * 96
@@ -95,7 +97,7 @@ def test_the_image_is_enlarged_and_not_changed(camera: OmniCamera, field: FieldM
 def test_points_of_unknown_pixel_are_passed_over(camera: OmniCamera, field: FieldModel) -> None:
     points = two_points()
     points.pixels[:] = np.nan
-    drawn = overlay_image(carpet(), camera, field, Pose(0.0, 0.0, 0.0), points)[:192]
+    drawn = overlay_image(carpet(), GroundView(camera), field, Pose(0.0, 0.0, 0.0), points)[:192]
     assert count(drawn, ON_LINE_COLOR) == count(drawn, OFF_LINE_COLOR) == 0
 
 
@@ -103,7 +105,7 @@ def test_birds_eye_view_puts_ground_where_it_is(camera: OmniCamera) -> None:
     image = carpet()
     u, v = np.round(camera.image_from_ground(np.array([[0.0, 1.5]]))[0]).astype(int)  # 1.5 m to the left
     image[v - 2 : v + 3, u - 2 : u + 3] = (0, 0, 255)
-    seen = birds_eye_image(image, camera, reach_m=2.0, pixels_per_m=40)
+    seen = birds_eye_image(image, GroundView(camera), reach_m=2.0, pixels_per_m=40)
     assert seen.shape == (161, 161, 3)
     red = np.argwhere((seen[..., 2] > 200) & (seen[..., 1] < 60))
     row, column = red.mean(axis=0)
@@ -112,7 +114,7 @@ def test_birds_eye_view_puts_ground_where_it_is(camera: OmniCamera) -> None:
 
 
 def test_birds_eye_view_is_dark_where_nothing_is_seen(camera: OmniCamera) -> None:
-    seen = birds_eye_image(carpet(), camera, reach_m=9.0, pixels_per_m=10)
+    seen = birds_eye_image(carpet(), GroundView(camera), reach_m=9.0, pixels_per_m=10)
     assert seen[0, 0].max() < 40  # farther than the table reaches
     assert seen[85, 85].max() > 100  # half a metre away: carpet
 
@@ -144,10 +146,10 @@ def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
 
 
 def test_the_true_pose_is_drawn_where_no_system_sees_through_the_camera(shared_data: Path) -> None:
-    look = look_at_recording(shared_data / "humanoid_9x6_walk", 3)
+    look = look_at_recording(shared_data / "humanoid_9x6_walk", 3, "nubot-mti")
     assert look.field_from_robot is not None
-    assert "the true pose; nubot-mti sees nothing through a pinhole camera" in look.words()
-    assert look.base_from_camera is not None, "the body's lean"
+    assert "the true pose; nubot-mti sees nothing through a camera of the model pinhole" in look.words()
+    assert look.view.base_from_camera is not None, "the body's lean"
     pictures = look.stages()
     assert list(pictures) == ["original", "bird's-eye view", "overlay"]
     magenta = (pictures["overlay"][:960] == LINE_COLOR).all(axis=2)
@@ -159,7 +161,9 @@ def test_the_true_pose_is_drawn_where_no_system_sees_through_the_camera(shared_d
 
 
 def test_the_humanoids_birds_eye_view_shows_what_is_ahead(shared_data: Path) -> None:
-    picture = look_at_recording(shared_data / "humanoid_9x6_walk", 3).stages()["bird's-eye view"].astype(int)
+    picture = (
+        look_at_recording(shared_data / "humanoid_9x6_walk", 3, "nubot-mti").stages()["bird's-eye view"].astype(int)
+    )
     middle = picture.shape[0] // 2
     green = (picture[..., 1] > picture[..., 2] + 20) & (picture[..., 1] > picture[..., 0] + 20)
     assert green[middle - 320 : middle - 128, middle - 60 : middle + 60].mean() > 0.7, "2 to 5 m ahead"

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import OmniCamera
+from touchline.camera import GroundView, OmniCamera
 from touchline.field import FieldModel
 from touchline.field.drawing import draw_field, field_view
 from touchline.geometry import FloatArray, Pose
@@ -38,7 +38,7 @@ def main(recording: Path, index: int, picture: Path) -> None:
         path.append(estimate.pose)
         if number == index:
             image, pose, points = frame.image, estimate.pose, estimate.observation.points
-    overlay = overlay_image(image, source.camera, source.field, pose, points, scale=3)
+    overlay = overlay_image(image, GroundView(source.camera), source.field, pose, points, scale=3)
     left = cv2.resize(_round(overlay, source.camera, 3), (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA)
     right = _field(source.field, path, pose, points)
     space = np.full((SIDE_PX, 24, 3), 255, np.uint8)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
 from touchline.evaluation.run_folder import RunFolder, new_folder, write_summary
 from touchline.evaluation.runner import OnFrame, RunTally, robot_setup, run_frames
-from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
 from touchline.given import given_numbers, given_path, given_seed, given_switch, refused
@@ -35,10 +34,7 @@ from touchline.systems import (
     system_info,
 )
 from touchline.types import Prior, Status
-from touchline.view.overlay import overlay_image
-
-if TYPE_CHECKING:
-    from touchline.evaluation.report import Picture
+from touchline.view.belief import particles_of
 
 _START_MARGIN_M = 3.0  # a robot may well start beside the field
 _NO_IMAGE = (
@@ -111,7 +107,15 @@ class PreparedRun:
         description = self._description(started)
         with RunFolder(folder, description) as rows:
             rows.sync(RunTally().summary())
-            tally = run_frames(self.source, self.system, rows, prior=self.prior, on_frame=on_frame, stop=stop)
+            tally = run_frames(
+                self.source,
+                self.system,
+                rows,
+                prior=self.prior,
+                on_frame=on_frame,
+                stop=stop,
+                particles=lambda: particles_of(self.system),
+            )
         try:
             return self._finish(folder, description, tally), tally.failure
         except TouchlineError as error:  # on a full disk the rows' own failure says what was lost
@@ -129,7 +133,7 @@ class PreparedRun:
             summary["errors"] = finished.errors.as_dict()
         finished.summary = summary
         write_summary(folder, summary)
-        _write_report(finished, self.source, tally)
+        _write_report(finished, self.source, tally, self.system)
         return finished
 
     def _why_not_localised(self, tally: RunTally) -> str | None:
@@ -256,32 +260,12 @@ def _problems(source: Recording) -> dict[str, Any]:
     return {"counts": counts, "messages": [str(problem) for problem in source.problems]}
 
 
-def _write_report(finished: Run, source: Recording, tally: RunTally) -> None:
+def _write_report(finished: Run, source: Recording, tally: RunTally, system: LocalizationSystem) -> None:
     from touchline.evaluation.figures import RunData  # Matplotlib takes its time: the first frame need not wait for it
     from touchline.evaluation.report import write_report
+    from touchline.view.run_pictures import run_pictures
 
     truth, trajectory = finished.truth, finished.estimates.trajectory
     errors = None if truth is None else signed_errors(trajectory, truth)
     data = RunData(finished.estimates, source.field, truth, errors, finished.black_ns())
-    write_report(finished.folder, finished.summary, data, finished.errors, _pictures(source, tally))
-
-
-def _pictures(source: Recording, tally: RunTally) -> list[Picture]:
-    from touchline.evaluation.report import Picture
-
-    pictures = []
-    for kept in [] if tally.pictures is None else tally.pictures.kept():
-        estimate, image = kept.estimate, kept.frame.image
-        if image is None:
-            continue
-        points = None if estimate.observation is None else estimate.observation.points
-        title = f"Image {kept.index} at {kept.frame.stamp_ns / 1e9:.2f} s"
-        residual = "" if math.isnan(estimate.residual_m) else f", residual {100 * estimate.residual_m:.1f} cm"
-        caption = f"{estimate.status.value}: {pose_text(estimate.pose)}{residual}"
-        caption += f" ({kept.reason})" if kept.reason != "evenly chosen" else ""
-        located = estimate.status is Status.TRACKING  # field lines at a guessed pose would mislead
-        field, leaning = source.field if located else None, kept.frame.base_from_camera
-        overlay = overlay_image(image, source.camera, field, estimate.pose, points, base_from_camera=leaning)
-        caption += "" if located else "; not located, so no field lines are drawn"
-        pictures.append(Picture(title, caption, overlay))
-    return pictures
+    write_report(finished.folder, finished.summary, data, finished.errors, run_pictures(source, tally, system))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import numpy.typing as npt
 
 from touchline.camera.base import Camera, ground_jacobian, pixel_covariances, pose_in_base
@@ -55,6 +56,10 @@ class GroundView:
         if not isinstance(self.camera, PinholeCamera):
             raise InputError(f"what stands upright is sought with a perspective camera; this one is a {self.model}")
         return self._leaning(self.camera.image_from_base(points, self.base_from_camera))
+
+    def sees(self, pixels: FloatArray) -> npt.NDArray[np.bool_]:
+        """Whether pixels (N, 2) lie in the part of the image that shows the field; False for NaN."""
+        return self.camera.sees(pixels)
 
     def covariances(self, pixels: npt.ArrayLike, noise_px: float, noise_m: float) -> FloatArray:
         """(N, 2, 2) covariances (m²) of ground points: the pixels' noise on the ground, and the ground's own."""

@@ -59,11 +59,6 @@ def check_view(survey: Survey) -> Iterator[Finding]:
         yield Finding("camera", Severity.ERROR, CAMERA, what, "Positive mount: pitch looks down; it is in radians.")
         return
     yield Finding("camera", Severity.OK, CAMERA, what)
-    if survey.recording.has_observations:
-        return
-    what = "no system finds line points in images of a perspective camera yet"
-    advice = "Detect the lines yourself and write what you find into observations.csv."
-    yield Finding("camera", Severity.NOTE, CAMERA, what, advice)
 
 
 def check_projection(survey: Survey) -> Iterator[Finding]:

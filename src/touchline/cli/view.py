@@ -34,7 +34,10 @@ def view(
         typer.Option(metavar="NAME|FILE", help="The field of an image or bag.", show_default=False),
     ] = None,
     system: Annotated[
-        str | None, typer.Option(help="Whose stages to draw (default: nubot-mti); see touchline systems.")
+        str | None,
+        typer.Option(
+            help="Whose stages to draw (default: nubot-mti, of a perspective camera nimbro-lines).", show_default=False
+        ),
     ] = None,
     output: Annotated[
         Path | None,
@@ -60,17 +63,15 @@ def view(
     if not recorded and camera is None:
         raise InputError(f"{source}: an image needs its camera model; give it with --camera FILE")
     from touchline.evaluation.run_folder import new_folder
-    from touchline.systems import DEFAULT_SYSTEM
     from touchline.view.look import look_at_image, look_at_recording
     from touchline.view.stages import save_pictures
 
-    chosen = system or DEFAULT_SYSTEM
     if recorded:
         options = bag_options(topics, field if bag else None, camera, base)
-        look = look_at_recording(source, frame, chosen, follow_links, options)
+        look = look_at_recording(source, frame, system, follow_links, options)
     else:
         assert camera is not None
-        look = look_at_image(source, camera, field, chosen)
+        look = look_at_image(source, camera, field, system)
     pictures = look.stages() if stages else {"overlay": look.overlay()}
     folder = new_folder(output, f"{look.name}-view")
     _tell(look, save_pictures(pictures, folder))

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 
 from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
-from touchline.geometry import Pose, wrap_angle
-from touchline.motion import FrameOrder
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.motion import FrameOrder, LeanFilter
 from touchline.perception.covered import is_covered
 from touchline.sources import Recording
 from touchline.sources.description import NO_CAMERA
@@ -24,13 +24,15 @@ _MOST_PICTURES = 6
 _SAME_PLACE_M, _SAME_HEADING_RAD = 0.5, 0.5
 
 OnFrame = Callable[[Frame, Estimate], None]
+Particles = Callable[[], FloatArray | None]
+"""A copy of a system's particles as they are now (N, 4): x, y (m), heading (rad), weight."""
 
 
 def robot_setup(source: Recording) -> RobotSetup:
-    """What a recording tells of its robot; without a camera where only a detector of the robot's own can see.
+    """What a recording tells of its robot; without a camera where a detector of the robot's own sees.
 
-    That is where sequence.yaml names none, and where observations.csv stands beside the images of a pinhole camera,
-    which no detector here takes. Raises InputError for a camera or field that can't be read.
+    That is where sequence.yaml names none, and where observations.csv stands beside the images of a pinhole camera: the
+    systems for mirrors can take it then. Raises InputError for a camera or field that can't be read.
     """
     own_detector = source.camera_kind == NO_CAMERA or (source.camera_kind == "pinhole" and source.has_observations)
     return RobotSetup(source.field, None if own_detector else source.camera, source.wheel_directions_rad)
@@ -38,12 +40,18 @@ def robot_setup(source: Recording) -> RobotSetup:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class KeptFrame:
-    """A frame kept for the report: its place in the run, why it was kept, the image and what was made of it."""
+    """A frame kept for the report: its place in the run, why it was kept, the image and what was made of it.
+
+    lean: roll and pitch of the body (rad) at the image; None if nothing tells. particles: (N, 4) of that moment: x, y
+    (m), heading (rad), weight; None if the system has none.
+    """
 
     index: int
     reason: str
     frame: Frame
     estimate: Estimate
+    lean: tuple[float, float] | None = None
+    particles: FloatArray | None = None
 
 
 @dataclass(eq=False, slots=True)
@@ -122,7 +130,8 @@ class RunTally:
 class FramePicker:
     """Keeps a handful of frames for the report: evenly spread over the run, and the worst-fitting tracked one."""
 
-    def __init__(self, expected_frames: int) -> None:
+    def __init__(self, expected_frames: int, particles: Particles = lambda: None) -> None:
+        self._particles, self._leaning = particles, LeanFilter()
         count = min(_MOST_PICTURES - 1, expected_frames)
         self._wanted = {round((i + 0.5) * expected_frames / count - 0.5) for i in range(count)}
         self._even: list[KeptFrame] = []
@@ -130,13 +139,17 @@ class FramePicker:
 
     def consider(self, index: int, frame: Frame, estimate: Estimate) -> None:
         """Keep the frame if it is one of the chosen or fits worse than all before."""
+        self._leaning.add(frame)
         if frame.image is None:
             return
         if index in self._wanted:
-            self._even.append(KeptFrame(index, "evenly chosen", frame, estimate))
+            self._even.append(self._keep(index, "evenly chosen", frame, estimate))
         worst = self._worst.estimate.residual_m if self._worst is not None else 0.0
         if estimate.status is Status.TRACKING and estimate.residual_m > worst:
-            self._worst = KeptFrame(index, "largest residual", frame, estimate)
+            self._worst = self._keep(index, "largest residual", frame, estimate)
+
+    def _keep(self, index: int, reason: str, frame: Frame, estimate: Estimate) -> KeptFrame:
+        return KeptFrame(index, reason, frame, estimate, self._leaning.lean(frame.stamp_ns), self._particles())
 
     def kept(self) -> list[KeptFrame]:
         """The frames in the order of time, each once."""
@@ -161,16 +174,18 @@ def run_frames(
     prior: Prior | None = None,
     on_frame: Sequence[OnFrame] = (),
     stop: Callable[[], bool] = lambda: False,
+    particles: Particles = lambda: None,
 ) -> RunTally:
     """Step the system through all frames and write every estimate.
 
     prior: what the system has been reset with. A frame without image (`frame.problem` says why) goes to the system like
     any other. A frame that comes late by up to a second, or whose stamp jumps without that of the next one, is dropped
     and counted; where a clock was set back, what was written from there on is replaced. `stop` is asked after every
-    frame; if it says so, the run ends as interrupted. An exception of the system or the source ends the run as failed
-    and is kept in the tally; what was done until then is in the folder.
+    frame; if it says so, the run ends as interrupted. `particles` is asked at the frames kept for the report. An
+    exception of the system or the source ends the run as failed and is kept in the tally; what was done until then is
+    in the folder.
     """
-    tally = RunTally(pictures=FramePicker(len(source)))
+    tally = RunTally(pictures=FramePicker(len(source), particles))
     start_s = time.perf_counter()
     try:
         tally.ended = _step_through(source, OrderedSystem(system, prior), folder, tally, on_frame, stop)

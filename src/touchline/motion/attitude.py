@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from touchline.camera import Camera, pose_in_base
+from touchline.camera import Camera, GroundView, ground_view, pose_in_base
+from touchline.errors import InputError
 from touchline.geometry import Pose3
 from touchline.motion.history import MotionHistory
 from touchline.types import Frame
@@ -24,6 +25,14 @@ def with_camera_poses(frames: Iterable[Frame], camera: Camera) -> Iterator[tuple
         waiting = frame
     if waiting is not None:
         yield waiting, _pose(camera, waiting, history)
+
+
+def view_at(camera: Camera, frame: Frame, lean: tuple[float, float] | None) -> GroundView:
+    """The camera at a frame whose body leans by roll and pitch (rad); as camera.yaml says if nothing tells."""
+    try:
+        return ground_view(camera, frame.base_from_camera, *(lean or (None, None)))
+    except InputError:  # nothing tells the lean, or the robot has fallen
+        return GroundView(camera, frame.base_from_camera)
 
 
 def _pose(camera: Camera, frame: Frame, history: MotionHistory) -> Pose3 | None:

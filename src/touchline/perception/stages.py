@@ -13,9 +13,12 @@ from touchline.types import ImageArray
 
 Paint = tuple[int, int, int]
 """B, G, R."""
+Legend = list[tuple[str, Paint]]
+"""What each paint of a picture means."""
 GREEN_PAINT, WHITE_PAINT, BODY_PAINT = (70, 140, 50), (245, 245, 245), (90, 60, 120)
 RAY_PAINT, CIRCLE_PAINT, BOUNDARY_PAINT, POINT_PAINT = (200, 200, 60), (200, 120, 60), (40, 200, 255), (60, 60, 255)
 _ZOOM = 2
+_PAPER, _INK, _RIM = 24, (235, 235, 235), (110, 110, 110)
 
 
 def painted(image: ImageArray, *layers: tuple[npt.NDArray[np.bool_], Paint]) -> ImageArray:
@@ -43,6 +46,38 @@ def points_picture(image: ImageArray, pixels: FloatArray) -> ImageArray:
     for pixel in _enlarged_pixels(pixels):
         cv2.circle(picture, (int(pixel[0]), int(pixel[1])), 4, POINT_PAINT, 1, cv2.LINE_AA)
     return picture
+
+
+def with_legend(canvas: ImageArray, entries: Legend) -> ImageArray:
+    """A picture (H, W, 3) with what its paints mean in a band below, in as many rows as that takes."""
+    if not entries:
+        return canvas
+    columns = canvas.shape[1]
+    size = 0.6 * columns / 960.0
+    rows: list[Legend] = [[]]
+    room = 0
+    for text, paint in entries:
+        wide = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)[0][0] + round(72 * size)
+        if room + wide > columns and rows[-1]:
+            rows.append([])
+            room = 0
+        rows[-1].append((text, paint))
+        room += wide
+    return np.vstack([canvas, *(_legend_row(row, columns, size) for row in rows)])
+
+
+def _legend_row(entries: Legend, columns: int, size: float) -> ImageArray:
+    band: ImageArray = np.full((max(1, round(70 * size)), columns, 3), _PAPER, dtype=np.uint8)
+    x, middle = round(24 * size), band.shape[0] // 2
+    for text, paint in entries:
+        (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+        cv2.circle(band, (x, middle), max(3, round(11 * size)), _RIM, -1, cv2.LINE_AA)
+        cv2.circle(band, (x, middle), max(2, round(9 * size)), paint, -1, cv2.LINE_AA)
+        x += round(24 * size)
+        at = (x, middle + height // 2)
+        cv2.putText(band, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, _INK, 1, cv2.LINE_AA)
+        x += width + round(48 * size)
+    return band
 
 
 def _enlarged_pixels(path: FloatArray) -> npt.NDArray[np.int32]:

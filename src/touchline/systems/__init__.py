@@ -140,8 +140,10 @@ def open_system(
     if setup.camera is not None and setup.camera.model not in info.cameras:
         omni = "omni" in info.cameras
         seen = "line points in images of an omnidirectional" if omni else "lines in images of a perspective"
+        others = [other.name for other in SYSTEMS.values() if setup.camera.model in other.cameras]
+        model = "an omni" if setup.camera.model == "omni" else f"a {setup.camera.model}"
         raise InputError(
-            f"{name} finds {seen} camera; this camera is a {setup.camera.model}. "
+            f"{name} finds {seen} camera; this camera is {model}: take --system {others[0]}. "
             "What a detector of the robot's own has found needs no camera model: observations.csv in a recording, "
             "points or an observation in Python"
         )

@@ -5,8 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from touchline.camera import Camera
-from touchline.geometry import Pose3
+from touchline.camera import GroundView
 from touchline.types import ImageArray, LinePoints
 
 _BACKGROUND = (24, 24, 24)
@@ -16,23 +15,22 @@ _POINT_COLOR = (255, 200, 0)
 
 def birds_eye_image(
     image: ImageArray,
-    camera: Camera,
+    view: GroundView,
     points: LinePoints | None = None,
     reach_m: float = 7.0,
     pixels_per_m: int = 64,
-    base_from_camera: Pose3 | None = None,
 ) -> ImageArray:
     """The ground around the robot, forward up and left on the left, (S, S, 3) BGR with S = 2 reach_m pixels_per_m + 1.
 
     Rings show the range every two metres; points (detected ones) lie where they were measured. What the camera does
-    not see is dark. base_from_camera: where the camera was; None for its place on a robot that does not lean.
+    not see is dark. view: the camera at this image.
     """
     size = 2 * round(reach_m * pixels_per_m) + 1
     middle = size // 2
     rows, columns = np.mgrid[0:size, 0:size]
     ground = np.stack(((middle - rows).ravel(), (middle - columns).ravel()), axis=-1) / pixels_per_m
-    pixels = camera.image_from_ground(ground, base_from_camera)
-    seen = camera.sees(pixels)
+    pixels = view.image_from_ground(ground)
+    seen = view.sees(pixels)
     table = np.where(seen[:, np.newaxis], pixels, -10.0).astype(np.float32).reshape(size, size, 2)
     canvas: ImageArray = np.full((size, size, 3), _BACKGROUND[0], dtype=np.uint8)
     cv2.remap(image, table[..., 0], table[..., 1], cv2.INTER_LINEAR, dst=canvas, borderMode=cv2.BORDER_TRANSPARENT)

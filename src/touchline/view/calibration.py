@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from touchline.calibration.mirror import MirrorCalibration, Sighting
+from touchline.camera import GroundView
 from touchline.camera.model_free import range_image
 from touchline.perception.colour import GREEN, OTHER, WHITE, ColourModel
 from touchline.types import ImageArray
@@ -30,7 +31,8 @@ def mirror_picture(calibration: MirrorCalibration, image: ImageArray, sighting: 
     image: (H, W, 3) in which the sighting was made.
     """
     reach = 1.15 * float(calibration.strip.edges_m[-1])
-    ground = birds_eye_image(image, calibration.camera, reach_m=reach, pixels_per_m=round(_MIRROR_SIDE / 2.0 / reach))
+    view = GroundView(calibration.camera)
+    ground = birds_eye_image(image, view, reach_m=reach, pixels_per_m=round(_MIRROR_SIDE / 2.0 / reach))
     _draw_true_edges(ground, calibration, sighting, reach)
     panels = {
         f"{sighting.name}: edges found": _with_edges(image, [sighting]),

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from touchline.calibration.lines.calibration import LineCalibration
 from touchline.calibration.lines.images import ImageCalibration
 from touchline.calibration.lines.search import WIDTHS
-from touchline.camera import OmniCamera
+from touchline.camera import GroundView, OmniCamera
 from touchline.field import FieldModel
 from touchline.field.drawing import draw_field, field_view
 from touchline.geometry import FloatArray, Pose
@@ -60,7 +60,7 @@ def _overlay(
 ) -> ImageArray:
     scale = _SIDE / max(image.shape[:2])
     canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
-    for line in projected_lines(camera, field, pose):
+    for line in projected_lines(GroundView(camera), field, pose):
         cv2.polylines(canvas, [_fixed(line, scale)], False, _LINE, 1, cv2.LINE_AA, 4)
     for pixel, on_line in zip(pixels, good, strict=True):
         at = _fixed(pixel[np.newaxis], scale)[0]

@@ -5,22 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
-from touchline.camera import Camera, open_camera
+from touchline.camera import Camera, GroundView, open_camera
 from touchline.errors import InputError, NoFitError, TouchlineError
 from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
-from touchline.geometry import Pose, Pose3
+from touchline.geometry import FloatArray, Pose
 from touchline.image_files import read_image
 from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.messages import counted
-from touchline.motion.attitude import with_camera_poses
+from touchline.motion import LeanFilter
+from touchline.motion.attitude import view_at
 from touchline.opened_files import open_bytes
 from touchline.perception import Detector
 from touchline.sources import BagOptions, Recording, open_source
-from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system, system_info
-from touchline.types import Estimate, Frame, ImageArray, Observation, Status, System
+from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, LocalizationSystem, RobotSetup, open_system, system_info
+from touchline.types import Estimate, Frame, ImageArray, Observation, Status
+from touchline.view.belief import Belief, belief_of, belief_picture, particles_of
 from touchline.view.birds_eye import birds_eye_image
 from touchline.view.overlay import overlay_image
 
@@ -32,64 +35,75 @@ _SEARCHED_IMAGES = 100  # a robot that is not found in as many is not found beca
 class Look:
     """An image (H, W, 3) BGR with what was observed in it, and the pose, if one was found; `found` says how.
 
-    detector: made the observation and has seen nothing since; None if the observation came with the image.
-    base_from_camera: where the camera was; None for its place on a robot that does not lean.
+    view: the camera at this image. detector: made the observation and has seen nothing since; None if the observation
+    came with the image. belief: what the features of this image alone say of the pose; particles (N, 4): after it;
+    None of a system without them.
     """
 
     name: str
     image: ImageArray
-    camera: Camera
+    view: GroundView
     detector: Detector | None
     observation: Observation
     field: FieldModel | None
     field_from_robot: Pose | None
     found: str
-    base_from_camera: Pose3 | None = None
+    belief: Belief | None = None
+    particles: FloatArray | None = None
 
     def overlay(self) -> ImageArray:
-        """Points and field lines over the image."""
-        pose, points = self.field_from_robot, self.observation.points
-        return overlay_image(self.image, self.camera, self.field, pose, points, base_from_camera=self.base_from_camera)
+        """What was seen and field lines over the image."""
+        return overlay_image(self.image, self.view, self.field, self.field_from_robot, self.observation)
 
     def stages(self) -> dict[str, ImageArray]:
         """Title -> picture (H, W, 3) BGR of every stage, in their order; none of the detector's where it saw nothing.
 
-        Without field or pose the last picture shows points alone.
+        Without field or pose the last picture shows what was seen alone.
         """
         blind = self.observation.problem is not None
         steps = {} if self.detector is None or blind else self.detector.stages(self.image)
-        return {
+        pictures = {
             "original": self.image,
             **steps,
-            "bird's-eye view": birds_eye_image(
-                self.image, self.camera, self.observation.points, base_from_camera=self.base_from_camera
-            ),
-            "overlay": self.overlay(),
+            "bird's-eye view": birds_eye_image(self.image, self.view, self.observation.points),
         }
+        if self.field is not None and (self.belief is not None or self.particles is not None):
+            drawn = (self.belief, self.particles, self.field_from_robot, self.observation)
+            pictures["belief and particles"] = belief_picture(self.field, *drawn)
+        return {**pictures, "overlay": self.overlay()}
 
     def words(self) -> str:
         """What was found, in one line."""
-        points = self.observation.problem or counted(len(self.observation.points), "line point")
+        points = self.observation.problem or _counts(self.observation)
         if self.field_from_robot is None:
             return f"{self.name}: {points}; {self.found}"
         return f"{self.name}: {points}; {pose_text(self.field_from_robot)} ({self.found})"
 
 
+def _counts(seen: Observation) -> str:
+    features = ((len(seen.lines), "line"), (len(seen.crossings), "crossing"), (len(seen.landmarks), "landmark"))
+    told = [counted(len(seen.points), "line point"), *(counted(count, what) for count, what in features if count)]
+    return ", ".join(told)
+
+
 def look_at_recording(
     path: Path,
     index: int | None = None,
-    system: str = DEFAULT_SYSTEM,
+    system: str | None = None,
     follow_links: bool = False,
     options: BagOptions | None = None,
 ) -> Look:
-    """Image `index` (from 0) of a recording, with the points and the pose that a system has when it comes to it.
+    """Image `index` (from 0) of a recording, with what a system sees and the pose that it has when it comes to it.
 
     Without an index it is the first one that shows where the robot is, or else the first of all. An image that does
-    not show it has no pose. Where the system cannot see through the camera, the true pose is taken, if it is known.
+    not show it has no pose. system: by default the first that sees through the recording's camera, or the default one
+    where a detector of the robot's own sees. Where the system cannot see through the camera, the true pose is taken, if
+    it is known.
     follow_links, options: as of `open_source`.
     Raises InputError if there is no such image or it cannot be read, and for an unknown system.
     """
-    info = system_info(system)  # an unknown name is told before the recording is read
+    if system is not None:
+        system_info(system)  # an unknown name is told before the recording is read
     source = open_source(path, follow_links, options)
     if not len(source):
         raise InputError(f"{path}: has no images")
@@ -103,21 +117,38 @@ def look_at_recording(
     if index is not None:
         _readable(source, index)  # before the system goes a long way for nothing
     setup = robot_setup(source)
-    if setup.camera is not None and setup.camera.model not in info.cameras:
+    system = system or (DEFAULT_SYSTEM if setup.camera is None else system_for(setup.camera))
+    if setup.camera is not None and setup.camera.model not in system_info(system).cameras:
         return _look_with_truth(source, index or 0, system)
     running = open_system(system, setup)
     running.reset()
-    index, frame, estimate = _first_located(source, running) if index is None else _step_to(source, running, index)
-    image = _readable(source, index)
+    stepped = _first_located(source, running) if index is None else _step_to(source, running, index)
+    image = _readable(source, stepped.number)
+    frame, estimate = stepped.frame, stepped.estimate
     detector = running.detector if frame.observation is None else None
     assert estimate.observation is not None
-    name = f"{source.name}-{index}"
     pose: Pose | None = estimate.pose
-    found = f"{estimate.status.value}, as {system} has it after {counted(index + 1, 'image')}"
+    found = f"{estimate.status.value}, as {system} has it after {counted(stepped.number + 1, 'image')}"
     if estimate.status is not Status.TRACKING:
         pose, found = None, f"no field lines are drawn: the robot is not located ({found})"
-    placed = _camera_pose(source, index) if source.camera.use_attitude else frame.base_from_camera
-    return Look(name, image, source.camera, detector, estimate.observation, source.field, pose, found, placed)
+    return Look(
+        f"{source.name}-{stepped.number}",
+        image,
+        view_at(source.camera, frame, stepped.lean),
+        detector,
+        estimate.observation,
+        source.field,
+        pose,
+        found,
+        belief_of(running, source.field, estimate.observation),
+        particles_of(running),
+    )
+
+
+def system_for(camera: Camera) -> str:
+    """The default system, or the first that sees through a camera if that one doesn't."""
+    names = (DEFAULT_SYSTEM, *SYSTEMS)
+    return next((name for name in names if camera.model in SYSTEMS[name].cameras), DEFAULT_SYSTEM)
 
 
 def _look_with_truth(source: Recording, index: int, system: str) -> Look:
@@ -125,15 +156,12 @@ def _look_with_truth(source: Recording, index: int, system: str) -> Look:
     image, stamp_ns = _readable(source, index), int(source.image_stamps[index])
     pose = None if source.truth is None else source.truth.nearest(stamp_ns)
     found = "the recording knows no true pose" if pose is None else "the true pose"
-    found += f"; {system} sees nothing through a {source.camera.model} camera"
-    observation, placed = Observation(stamp_ns), _camera_pose(source, index)
-    return Look(f"{source.name}-{index}", image, source.camera, None, observation, source.field, pose, found, placed)
-
-
-def _camera_pose(source: Recording, index: int) -> Pose3 | None:
-    """`base_from_camera` at an image; None for its place on a robot that does not lean."""
-    frames = with_camera_poses(islice(source.again(), index + 2), source.camera)
-    return next(islice(frames, index, None))[1]
+    found += f"; {system} sees nothing through a camera of the model {source.camera.model}"
+    leaning = LeanFilter()
+    for frame in islice(source, index + 1):
+        leaning.add(frame)
+    view = view_at(source.camera, frame, leaning.lean(frame.stamp_ns))
+    return Look(f"{source.name}-{index}", image, view, None, Observation(stamp_ns), source.field, pose, found)
 
 
 def _readable(source: Recording, index: int) -> ImageArray:
@@ -143,26 +171,40 @@ def _readable(source: Recording, index: int) -> ImageArray:
     return image
 
 
-def _step_to(source: Recording, system: System, index: int) -> tuple[int, Frame, Estimate]:
-    """The index, its frame, and the estimate after the images up to it."""
+class _Stepped(NamedTuple):
+    """How far a system was taken: the last image's index, its frame, the estimate, roll and pitch (rad) of the body."""
+
+    number: int
+    frame: Frame
+    estimate: Estimate
+    lean: tuple[float, float] | None
+
+
+def _step_to(source: Recording, system: LocalizationSystem, index: int) -> _Stepped:
+    """The estimate after the images up to an index."""
+    leaning = LeanFilter()
     for frame in islice(source, index + 1):
+        leaning.add(frame)
         estimate = system.step(frame)
-    return index, frame, estimate
+    return _Stepped(index, frame, estimate, leaning.lean(frame.stamp_ns))
 
 
-def _first_located(source: Recording, system: System) -> tuple[int, Frame, Estimate]:
+def _first_located(source: Recording, system: LocalizationSystem) -> _Stepped:
     """The first of the images in which the system is sure of the pose, or else the very first."""
+    leaning = LeanFilter()
     for index, frame in enumerate(islice(source, _SEARCHED_IMAGES)):
+        leaning.add(frame)
         estimate = system.step(frame)
         seen = estimate.observation is not None and estimate.observation.problem is None
         if estimate.status is Status.TRACKING and seen and frame.image is not None:
-            return index, frame, estimate
+            return _Stepped(index, frame, estimate, leaning.lean(frame.stamp_ns))
     system.reset()
     return _step_to(source, system, 0)
 
 
-def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, system: str = DEFAULT_SYSTEM) -> Look:
-    """One image taken through a camera, its points found as a system finds them.
+def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, system: str | None = None) -> Look:
+    """One image taken through a camera, its points found as a system finds them: by default the first that sees
+    through that camera.
 
     With a field (a preset's name or a file) its pose is looked for, too. Without a compass a symmetric field has two
     poses that fit equally well: the first of them is drawn.
@@ -180,14 +222,14 @@ def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, 
     return replace(look, field_from_robot=location.pose, found="or its mirror image, without a compass")
 
 
-def observe_image(path: Path, camera: Camera, field: FieldModel, system: str = DEFAULT_SYSTEM) -> Look:
-    """What a system sees in the image of a file, without a pose.
+def observe_image(path: Path, camera: Camera, field: FieldModel, system: str | None = None) -> Look:
+    """What a system sees in the image of a file, by default the first that sees through the camera, without a pose.
 
     Raises InputError if it can't be read or is of another size than the camera's, TouchlineError where nothing can be
     seen; all name the file.
     """
     image: ImageArray = read_image(path)
-    detector = open_system(system, RobotSetup(field, camera)).detector
+    detector = open_system(system or system_for(camera), RobotSetup(field, camera)).detector
     try:
         assert detector is not None, "there is a camera"
         observation = detector.observe(Frame(0, image))
@@ -196,7 +238,7 @@ def observe_image(path: Path, camera: Camera, field: FieldModel, system: str = D
     except TouchlineError as error:
         deep = " (read as an image of 16 bits per channel; 8 are expected)" if _has_16_bits(path) else ""
         raise type(error)(f"{path}: {error}{deep}") from None
-    return Look(path.stem, image, camera, detector, observation, field, None, "no pose")
+    return Look(path.stem, image, GroundView(camera), detector, observation, field, None, "no pose")
 
 
 def _has_16_bits(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Detected points and the projected field lines drawn over the image: whether a pose is right, at a glance."""
+"""What was seen and the projected field lines drawn over the image: whether a pose is right, at a glance."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import Camera
+from touchline.camera import GroundView
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose, Pose3
+from touchline.geometry import FloatArray, Pose
 from touchline.messages import counted
-from touchline.types import ImageArray, LinePoints
+from touchline.perception.feature_pictures import Canvas, draw_features
+from touchline.perception.stages import Legend, with_legend
+from touchline.types import ImageArray, LinePoints, Observation
 
 ON_LINE_M = 0.15  # a point this near to a line of the model counts as lying on it
 LINE_COLOR = (255, 90, 235)  # BGR, as all colours here: magenta, which no field, line or shirt has
@@ -27,44 +29,46 @@ IntArray = npt.NDArray[np.int32]
 
 def overlay_image(
     image: ImageArray,
-    camera: Camera,
+    view: GroundView,
     field: FieldModel | None,
     field_from_robot: Pose | None,
-    points: LinePoints | None,
+    seen: Observation | LinePoints | None,
     scale: int = 2,
-    base_from_camera: Pose3 | None = None,
 ) -> ImageArray:
-    """The image (H, W, 3) BGR, enlarged `scale` times, with points and field lines drawn over it and a legend below.
+    """The image (H, W, 3) BGR, enlarged `scale` times, with what was seen and field lines drawn over it and a legend
+    below.
 
-    Without a field or pose only the points are drawn. Points nearer than 15 cm to a line of the model have another
-    colour than the rest; their size grows with their confidence. base_from_camera: where the camera was; None for its
-    place on a robot that does not lean.
+    view: the camera at this image. Without a field or pose only what was seen is drawn. Points nearer than 15 cm to a
+    line of the model have another colour than the rest; their size grows with their confidence. Of an observation
+    lines, crossings and landmarks are drawn, too.
     """
     canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
-    legend: list[tuple[str, tuple[int, int, int]]] = []
+    legend: Legend = []
     if field is not None and field_from_robot is not None:
-        for line in projected_lines(camera, field, field_from_robot, base_from_camera):
+        for line in projected_lines(view, field, field_from_robot):
             cv2.polylines(canvas, [_fixed_point(line, scale)], False, LINE_COLOR, scale, cv2.LINE_AA, _SHIFT)
         legend.append(("field lines at this pose", LINE_COLOR))
-    if points is not None:
+    features: Legend = []
+    if isinstance(seen, Observation):
+        radius_m = float(field.circles[0, 2]) if field is not None and len(field.circles) else 0.0
+        features = draw_features(Canvas(canvas, view, scale), seen, radius_m)
+    points = seen.points if isinstance(seen, Observation) else seen
+    if points is not None and (len(points) or not features):
         legend += _draw_points(canvas, field, field_from_robot, points, scale)
-    return _with_legend(canvas, legend)
+    return with_legend(canvas, legend + features)
 
 
-def projected_lines(
-    camera: Camera, field: FieldModel, field_from_robot: Pose, base_from_camera: Pose3 | None = None
-) -> list[FloatArray]:
+def projected_lines(view: GroundView, field: FieldModel, field_from_robot: Pose) -> list[FloatArray]:
     """The visible pieces of the field's centre lines in the image: arrays (K, 2) of pixels u, v, K >= 2."""
     robot_from_field = field_from_robot.inverse()
     pieces: list[FloatArray] = []
     for line in field.polylines(_STEP_M):
-        pixels = camera.image_from_ground(robot_from_field.transform(line), base_from_camera)
-        pieces += _visible_pieces(camera, pixels)
+        pieces += _visible_pieces(view, view.image_from_ground(robot_from_field.transform(line)))
     return pieces
 
 
-def _visible_pieces(camera: Camera, pixels: FloatArray) -> list[FloatArray]:
-    seen = camera.sees(pixels)
+def _visible_pieces(view: GroundView, pixels: FloatArray) -> list[FloatArray]:
+    seen = view.sees(pixels)
     step = np.hypot(*np.diff(pixels, axis=0).T)
     with np.errstate(invalid="ignore"):
         broken = ~(seen[:-1] & seen[1:] & (step <= _LONGEST_STEP_PX))
@@ -74,7 +78,7 @@ def _visible_pieces(camera: Camera, pixels: FloatArray) -> list[FloatArray]:
 
 def _draw_points(
     canvas: ImageArray, field: FieldModel | None, field_from_robot: Pose | None, points: LinePoints, scale: int
-) -> list[tuple[str, tuple[int, int, int]]]:
+) -> Legend:
     rated = field is not None and field_from_robot is not None
     if field is not None and field_from_robot is not None:
         on_line = field.line_distances(field_from_robot.transform(points.positions_m)) <= ON_LINE_M
@@ -100,21 +104,3 @@ def _fixed_point(pixels: FloatArray, scale: int) -> IntArray:
     enlarged = (pixels + 0.5) * scale - 0.5
     numbers: IntArray = np.round(enlarged * 2**_SHIFT).astype(np.int32)
     return numbers
-
-
-def _with_legend(canvas: ImageArray, entries: list[tuple[str, tuple[int, int, int]]]) -> ImageArray:
-    if not entries:
-        return canvas
-    columns = canvas.shape[1]
-    size = 0.6 * columns / 960.0
-    band = np.full((round(70 * size), columns, 3), 24, dtype=np.uint8)
-    x, middle = round(24 * size), band.shape[0] // 2
-    for text, color in entries:
-        (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
-        cv2.circle(band, (x, middle), max(2, round(9 * size)), color, -1, cv2.LINE_AA)
-        x += round(24 * size)
-        cv2.putText(
-            band, text, (x, middle + height // 2), cv2.FONT_HERSHEY_SIMPLEX, size, (235, 235, 235), 1, cv2.LINE_AA
-        )
-        x += width + round(48 * size)
-    return np.vstack((canvas, band))

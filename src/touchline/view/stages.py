@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -18,13 +18,19 @@ _PAPER = (24, 24, 24)
 
 
 def contact_sheet(pictures: Mapping[str, ImageArray], columns: int = 3) -> ImageArray:
-    """All pictures on one sheet (H, W, 3), each under its title, in equal tiles."""
+    """All pictures on one sheet (H, W, 3), each under its title, in tiles of one width; a row as high as it needs."""
     tiles = [_tile(f"{number}  {title}", picture) for number, (title, picture) in enumerate(pictures.items(), start=1)]
     columns = min(columns, len(tiles))
-    blank = np.full_like(tiles[0], _PAPER[0])
-    tiles += [blank] * (-len(tiles) % columns)
-    rows = [np.hstack(tiles[first : first + columns]) for first in range(0, len(tiles), columns)]
-    return np.vstack(rows)
+    rows = [tiles[first : first + columns] for first in range(0, len(tiles), columns)]
+    return np.vstack([_row(row, columns) for row in rows])
+
+
+def _row(tiles: Sequence[ImageArray], columns: int) -> ImageArray:
+    height, width = max(len(tile) for tile in tiles), tiles[0].shape[1]
+    row: ImageArray = np.full((height, columns * width, 3), _PAPER[0], dtype=np.uint8)
+    for number, tile in enumerate(tiles):
+        row[: len(tile), number * width : (number + 1) * width] = tile
+    return row
 
 
 def save_pictures(pictures: Mapping[str, ImageArray], folder: Path) -> list[Path]:
@@ -47,8 +53,8 @@ def _tile(title: str, picture: ImageArray) -> ImageArray:
     scale = min(_TILE_PX / width, _TILE_PX / height)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
-    tile = np.full((_TILE_PX + _TITLE_PX + _GAP_PX, _TILE_PX + 2 * _GAP_PX, 3), _PAPER[0], dtype=np.uint8)
-    left, top = _GAP_PX + (_TILE_PX - size[0]) // 2, _TITLE_PX + (_TILE_PX - size[1]) // 2
+    tile = np.full((size[1] + _TITLE_PX + _GAP_PX, _TILE_PX + 2 * _GAP_PX, 3), _PAPER[0], dtype=np.uint8)
+    left, top = _GAP_PX + (_TILE_PX - size[0]) // 2, _TITLE_PX
     tile[top : top + size[1], left : left + size[0]] = small
     ink = (235, 235, 235)
     cv2.putText(tile, title, (_GAP_PX, _TITLE_PX - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.65, ink, 1, cv2.LINE_AA)

@@ -109,7 +109,9 @@ class LineGraphDetector:
         assert self.colours.classes is not None
         plane = image_plane(self.lens, self._last_view)
         structure = self._structure(image, self.colours.classes, plane)
-        return step_pictures(image, structure, self._features(image, structure, plane, 0))
+        radius_m = float(self.field.circles[0, 2]) if len(self.field.circles) else 0.0
+        seen = self._features(image, structure, plane, 0)
+        return step_pictures(image, structure, seen, self._last_view, radius_m)
 
     @property
     def classes(self) -> ColourClasses | None:

@@ -1,0 +1,45 @@
+"""The pictures of a report: some images with what was seen in them, and the field with belief and particles."""
+
+from __future__ import annotations
+
+import math
+
+from touchline.evaluation.report import Picture
+from touchline.evaluation.runner import KeptFrame, RunTally
+from touchline.evaluation.tum import pose_text
+from touchline.messages import counted
+from touchline.motion.attitude import view_at
+from touchline.sources import Recording
+from touchline.systems import LocalizationSystem
+from touchline.types import ImageArray, Status
+from touchline.view.belief import belief_of, belief_picture
+from touchline.view.overlay import overlay_image
+
+
+def run_pictures(source: Recording, tally: RunTally, system: LocalizationSystem) -> list[Picture]:
+    """Two of each frame that was kept where the system has particles weighed by features, else one."""
+    pictures: list[Picture] = []
+    for kept in [] if tally.pictures is None else tally.pictures.kept():
+        if kept.frame.image is not None:
+            pictures += _of_frame(source, kept, kept.frame.image, system)
+    return pictures
+
+
+def _of_frame(source: Recording, kept: KeptFrame, image: ImageArray, system: LocalizationSystem) -> list[Picture]:
+    estimate = kept.estimate
+    title = f"Image {kept.index} at {kept.frame.stamp_ns / 1e9:.2f} s"
+    residual = "" if math.isnan(estimate.residual_m) else f", residual {100 * estimate.residual_m:.1f} cm"
+    caption = f"{estimate.status.value}: {pose_text(estimate.pose)}{residual}"
+    caption += f" ({kept.reason})" if kept.reason != "evenly chosen" else ""
+    located = estimate.status is Status.TRACKING  # field lines at a guessed pose would mislead
+    caption += "" if located else "; not located, so no field lines are drawn"
+    field, view = source.field if located else None, view_at(source.camera, kept.frame, kept.lean)
+    pictures = [Picture(title, caption, overlay_image(image, view, field, estimate.pose, estimate.observation))]
+    belief = None if estimate.observation is None else belief_of(system, source.field, estimate.observation)
+    if belief is None or kept.particles is None:
+        return pictures
+    title = f"The field at {kept.frame.stamp_ns / 1e9:.2f} s"
+    caption = f"{counted(len(kept.particles), 'particle')}; discs: what this image alone says, larger where likelier"
+    pose = estimate.pose if located else None
+    drawn = belief_picture(source.field, belief, kept.particles, pose, estimate.observation)
+    return [*pictures, Picture(title, caption, drawn)]
