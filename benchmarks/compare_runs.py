@@ -67,7 +67,7 @@ def scenarios() -> Rows:
             yield (
                 f"{scenario} {name}",
                 lambda scenario=scenario, name=name: drive(
-                    Simulation(open_scenario(scenario, 0, SECONDS), "points"), name
+                    Simulation(open_scenario(scenario, 0, SECONDS, ["ideal=true"]), "points"), name
                 ),
             )
 

@@ -177,7 +177,7 @@ def main() -> None:
     tables = []
     for name in SCENARIOS:
         for seed in range(1, arguments.seeds + 1):
-            simulation = Simulation(open_scenario(name, seed, arguments.seconds))
+            simulation = Simulation(open_scenario(name, seed, arguments.seconds, ["ideal=true"]))
             tables.append(crossing_errors(simulation, detected(simulation)))
     report(np.concatenate(tables))
     at_once, waited = lean_errors(6).mean(axis=0)

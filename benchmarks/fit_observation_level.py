@@ -319,7 +319,7 @@ def main() -> None:
     comparisons = []
     for name in SCENARIOS:
         for seed in range(1, arguments.seeds + 1):
-            simulation = Simulation(open_scenario(name, seed, arguments.seconds))
+            simulation = Simulation(open_scenario(name, seed, arguments.seconds, ["ideal=true"]))
             comparisons.append(compare(simulation, detected(simulation)))
             rows, strays = comparisons[-1].rows, comparisons[-1].strays
             images = len(comparisons[-1].poses)

@@ -24,8 +24,8 @@ SECONDS = {"calibration-strip": 3.5, "chessboard": 4.0, "kidnap": 2.6, "marked-p
 
 
 def shortened(name: str, seconds: float | None = None, seed: int | None = None) -> Simulation:
-    """A scenario at reduced length."""
-    return Simulation(open_scenario(name, seed, seconds or SECONDS.get(name, 1.5)))
+    """A scenario at reduced length, its robot as designed."""
+    return Simulation(open_scenario(name, seed, seconds or SECONDS.get(name, 1.5), ["ideal=true"]))
 
 
 def errors_of(source: Simulation | Recording, camera: OmniCamera) -> FloatArray:

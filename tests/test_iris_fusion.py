@@ -31,7 +31,7 @@ PAPER = (
 @cache
 def simulation(field: str, seed: int) -> Simulation:
     """A robot that visits places on a field for 10 s, the camera seen as line points."""
-    chosen = open_scenario("tour-20", seed, 10.0)
+    chosen = open_scenario("tour-20", seed, 10.0, ["ideal=true"])
     return Simulation(chosen.model_copy(update={"field": field}), level="points")
 
 
@@ -191,7 +191,7 @@ def test_the_own_half_decides_without_a_compass() -> None:
 @pytest.mark.parametrize("field", ["indoor-9x6", "msl-18x12"])
 def test_particles_of_a_robot_in_its_own_half_never_wander_to_the_other_before_it_is_found(field: str) -> None:
     """Near the centre line, without compass and odometry: three images of nothing, two seconds in the dark."""
-    chosen, here = open_scenario("tour-20", 1, 4.0), Pose(-0.3, 1.0, math.radians(30.0))
+    chosen, here = open_scenario("tour-20", 1, 4.0, ["ideal=true"]), Pose(-0.3, 1.0, math.radians(30.0))
     motion = MotionSettings(kind="stand", pose=(here.x, here.y, 30.0))
     run = Simulation(chosen.model_copy(update={"motion": motion, "field": field}), level="points")
     frames = [replace(frame, compass=None, **NO_MOTION) for frame in run]
@@ -209,7 +209,7 @@ def test_particles_of_a_robot_in_its_own_half_never_wander_to_the_other_before_i
 
 def test_a_robot_told_to_be_in_its_own_half_may_leave_it_while_it_is_searched_for() -> None:
     """What was told is about the start: it drives over the centre line unseen, felt by its wheels and gyro."""
-    chosen = open_scenario("tour-20", 1, 4.0)
+    chosen = open_scenario("tour-20", 1, 4.0, ["ideal=true"])
     way = {"kind": "waypoints", "waypoints": ((-1.0, 0.5, 20.0), (2.0, 1.0, 60.0)), "dwell_s": 0.0, "speed_m_s": 1.2}
     run = Simulation(chosen.model_copy(update={"motion": MotionSettings.model_validate(way)}), level="points")
     assert truth(run, 25).x > 0.5
@@ -266,7 +266,7 @@ def test_kidnapped_robots_are_right_within_a_second_of_being_seen(covered: int) 
     """In full view the images have to contradict the particles for some time first."""
     right = total = 0
     for seed in range(2):
-        scenario = open_scenario("kidnap", seed, 26.0)
+        scenario = open_scenario("kidnap", seed, 26.0, ["ideal=true"])
         disturbances = scenario.disturbances.model_copy(update={"kidnap_every_s": 4.0, "covered_images": covered})
         run = Simulation(scenario.model_copy(update={"disturbances": disturbances}), level="points")
         made = system(run, seed=seed)

@@ -37,7 +37,7 @@ by_points = pytest.mark.parametrize("system", [name for name, info in SYSTEMS.it
 @cache
 def drive() -> tuple[Simulation, list[Frame]]:
     """8 s on the 9 x 6 m field, seen as line points."""
-    chosen = open_scenario("tour-20", 1, 8.0).model_copy(update={"field": "indoor-9x6"})
+    chosen = open_scenario("tour-20", 1, 8.0, ["ideal=true"]).model_copy(update={"field": "indoor-9x6"})
     run = Simulation(chosen, level="points")
     return run, list(run)
 

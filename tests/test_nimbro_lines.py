@@ -265,7 +265,7 @@ def test_what_cannot_be_is_told_in_one_sentence() -> None:
     field = open_field(FIELDS[0])
     image = np.repeat(np.random.default_rng(0).integers(60, 200, (480, 752, 1)), 3, axis=2).astype(np.uint8)
     camera = Simulation(open_scenario("humanoid-walk", 3, 1.0)).camera
-    mirror = Simulation(open_scenario("match", 3, 1.0)).camera
+    mirror = Simulation(open_scenario("match", 3, 1.0, ["ideal=true"])).camera
     with pytest.raises(InputError, match="lines in images of a perspective camera; this camera is a omni"):
         open_system("nimbro-lines", RobotSetup(field, mirror))
     system = open_system("nimbro-lines", RobotSetup(field, camera))

@@ -15,7 +15,7 @@ from touchline.perception.line_points import NOISE_M
 from touchline.simulation.observation.crossings import PLAIN, hidden
 from touchline.simulation.observation.fixed_noise import mosaic_noise, mosaic_table, phase_noise
 from touchline.simulation.observation.goal_clutter import GoalClutter
-from touchline.simulation.observation.observed_lines import ObservedLines, leaning_view, occluders
+from touchline.simulation.observation.observed_lines import BuiltCamera, ObservedLines, leaning_view, occluders
 from touchline.simulation.observation.point_errors import ObservationNoise
 from touchline.simulation.observation.runs import BAR, circle_runs, ray_runs, round_table, segment_table
 from touchline.simulation.run import Simulation
@@ -209,7 +209,10 @@ class TestObservedLines:
         camera, field = leaning_view(0.8, 190.0, 9.0), open_field("msl-18x12")
         straight = ObservedLines(camera, field, SILENT)
         askew = ObservedLines(
-            camera, field, SILENT, as_built=lambda ground: camera.image_from_ground(ground) + np.array([0.7, -0.4])
+            camera,
+            field,
+            SILENT,
+            as_built=BuiltCamera(lambda ground: camera.image_from_ground(ground) + np.array([0.7, -0.4])),
         )
         one, other = (o.observe(POSE, np.random.default_rng(0)).pixels for o in (straight, askew))
         assert len(one) - len(other) <= 3
@@ -280,7 +283,7 @@ LEVELS = (
 
 
 def reduced(name: str, mirror: dict[str, tuple[float, float]], rate_hz: float, seconds: float) -> Scenario:
-    scenario = open_scenario(name, 1, seconds)
+    scenario = open_scenario(name, 1, seconds, ["ideal=true"])
     askew = scenario.camera.mirror.model_copy(update=mirror)
     return scenario.model_copy(
         update={"camera": scenario.camera.model_copy(update={"rate_hz": rate_hz, "mirror": askew})}

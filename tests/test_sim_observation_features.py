@@ -137,7 +137,7 @@ def test_misses_and_wrong_kinds_come_as_often_as_documented() -> None:
 
 
 def test_a_run_gives_the_same_features_for_a_frame_and_none_when_covered() -> None:
-    simulation = Simulation(open_scenario("kidnap", seconds=3.0), "points")
+    simulation = Simulation(open_scenario("kidnap", seconds=3.0, changes=["ideal=true"]), "points")
     one, same = simulation.features(3), simulation.features(3)
     np.testing.assert_array_equal(one.crossings.positions_m, same.crossings.positions_m)
     assert len(simulation.features(18).crossings) == 0

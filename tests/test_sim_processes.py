@@ -17,7 +17,7 @@ from touchline.simulation.scenario import open_scenario
 level, names = sys.argv[1], sys.argv[2:]
 digest = hashlib.sha256()
 for name in names:
-    simulation = Simulation(open_scenario(name, 3, 6.0 if level == "points" else 0.3), level)
+    simulation = Simulation(open_scenario(name, 3, 6.0 if level == "points" else 0.3, ["ideal=true"]), level)
     for index in range(0, len(simulation), 3):
         frame = simulation.frame(index)
         arrays = [s.values for s in (frame.odometry, frame.wheels, frame.gyro, frame.compass, frame.tilt) if s]

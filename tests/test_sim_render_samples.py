@@ -32,7 +32,7 @@ WINDOWS = {"match": (slice(60, 200), slice(140, 340)), "humanoid-walk": (slice(1
 @pytest.mark.parametrize(("name", "seed"), [("match", 3), ("match", 8), ("humanoid-walk", 3), ("humanoid-walk", 9)])
 def test_two_by_two_samples_come_near_eight_by_eight(name: str, seed: int) -> None:
     """Part of an image, without noise: an eighth of the pixels hold an edge, whose four samples are seldom even."""
-    simulation = Simulation(open_scenario(name, seed=seed, seconds=20.0))
+    simulation = Simulation(open_scenario(name, seed=seed, seconds=20.0, changes=["ideal=true"]))
     camera, settings, window = simulation.camera_model, simulation.scenario.camera, WINDOWS[name]
     grid = dataclasses.replace(camera._grid, rays=camera._grid.rays[window], still=camera._grid.still[window])
     few, many = Renderer(grid), Renderer(grid, side=8)

@@ -150,7 +150,7 @@ class TestOcclusionAndLight:
         assert green["lighting-3"] > 1.05 * green["lighting-1"]
 
     def test_lamps_are_dimmed_and_switched_row_by_row_while_the_robot_drives(self) -> None:
-        simulation = Simulation(open_scenario("light-changes"))
+        simulation = Simulation(open_scenario("light-changes", changes=["ideal=true"]))
         rows = sorted({lamp.y for lamp in simulation.world.lights.lamps})
 
         def levels(time_s: float) -> tuple[list[float], float, float]:

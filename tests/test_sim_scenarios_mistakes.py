@@ -91,7 +91,7 @@ class TestMistakes:
                 "{motion: {kind: stand}, disturbances: {shove_every_s: 1, shove_m: [8, 9]}}",
                 r"a shove brings the robot to .* into a wall",
             ),
-            ("others: {near_m: 2}", r"others: near_m needs moving: true"),
+            ("{ideal: true, others: {near_m: 2}}", r"others: near_m needs moving: true"),
             ("sensors: {imu: {gyro_bias_deg_s: [0.5, 0.2]}}", r"gyro_bias_deg_s: is a range from low to high"),
             ("sensors: {wheels: {a_dir_rad: 0.5, b_dir_rad: 0.5}}", r"both wheels roll along the same line"),
             ("{one: 1, two: 2, three: 3, four: 4, five: 5, six: 6}", r"; and 2 more mistakes$"),
@@ -175,7 +175,18 @@ class TestCommand:
 
     def test_another_process_writes_the_same_bytes(self, tmp_path: Path) -> None:
         write_recording(shortened("match", 0.2), tmp_path / "here")
-        command = [sys.executable, "-m", "touchline.cli", "simulate", "match", "--seconds", "0.2", "--output"]
+        command = [
+            sys.executable,
+            "-m",
+            "touchline.cli",
+            "simulate",
+            "match",
+            "--seconds",
+            "0.2",
+            "--set",
+            "ideal=true",
+            "--output",
+        ]
         subprocess.run([*command, str(tmp_path / "there")], check=True, capture_output=True)
         assert content(tmp_path / "here") == content(tmp_path / "there")
 

@@ -18,7 +18,7 @@ from touchline.simulation.scenario import open_scenario
 
 class TestMotions:
     def test_tracks_run_straight_along_the_field(self) -> None:
-        track = Simulation(open_scenario("straight-tracks", seconds=11.0), "points").track
+        track = Simulation(open_scenario("straight-tracks", seconds=11.0, changes=["ideal=true"]), "points").track
         x, y = track.poses[:, 0], track.poses[:, 1]
         np.testing.assert_allclose(y, 5.0, atol=1e-9)
         assert x[0] == pytest.approx(-8.0)
@@ -26,7 +26,7 @@ class TestMotions:
         assert np.abs(np.diff(x)).max() <= 1.5 * 0.01 + 1e-12
 
     def test_the_tour_stands_two_seconds_at_each_of_twenty_points(self) -> None:
-        track = Simulation(open_scenario("tour-20"), "points").track
+        track = Simulation(open_scenario("tour-20", changes=["ideal=true"]), "points").track
         still = (np.diff(track.poses, axis=0) == 0.0).all(axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(int)))
         stands = (edges[1::2] - edges[::2]) * 0.01
@@ -34,7 +34,7 @@ class TestMotions:
         assert np.median(stands[stands > 1.0]) == pytest.approx(2.0, abs=0.05)
 
     def test_a_kidnap_lies_half_an_image_before_the_first_new_image(self) -> None:
-        simulation = Simulation(open_scenario("kidnap", seconds=4.5), "points")
+        simulation = Simulation(open_scenario("kidnap", seconds=4.5, changes=["ideal=true"]), "points")
         assert [(event["t"], event["kind"]) for event in simulation.events] == [
             (1.8, "occluded"), (2.05, "kidnap"), (3.8, "occluded"), (4.05, "kidnap"),
         ]  # fmt: skip
@@ -46,7 +46,7 @@ class TestMotions:
         assert all(len(simulation.points(index)) == 0 for index in (17, 18, 19))
 
     def test_shoves_in_a_match_are_short_and_as_long_as_the_settings_say(self) -> None:
-        simulation = Simulation(open_scenario("match", seconds=300.0), "points")
+        simulation = Simulation(open_scenario("match", seconds=300.0, changes=["ideal=true"]), "points")
         shoved = simulation.track.shoved
         assert len(simulation.events) > 20
         for event in simulation.events:
@@ -55,7 +55,7 @@ class TestMotions:
         assert np.count_nonzero(shoved.any(axis=1)) == 15 * len(simulation.events)
 
     def test_opponents_move_stay_clear_and_often_come_near(self) -> None:
-        simulation = Simulation(open_scenario("match", seconds=60.0), "points")
+        simulation = Simulation(open_scenario("match", seconds=60.0, changes=["ideal=true"]), "points")
         own = simulation.track.poses[::5, :2]
         gaps = np.hypot(*(simulation.others.robots[:, :, :2] - own[:, np.newaxis]).transpose(2, 0, 1))
         assert gaps.shape[1] == 8

@@ -18,7 +18,7 @@ def standing(*changes: str) -> Simulation:
     """A robot that stands 2 m before the middle of the field, alone in its hall."""
     given = ["others.moving=false", "others.near_m=0", "motion.pose=[-2, 1.5, 0]", *PLAIN, *changes]
     fresh = [f"motion.{key}" for key in ("speed_m_s=1.2", "acceleration_m_s2=2", "turn_rad_s=2", "margin_m=0.8")]
-    return Simulation(open_scenario("match", seconds=1.0, changes=[*fresh, *given]))
+    return Simulation(open_scenario("match", seconds=1.0, changes=["ideal=true", *fresh, *given]))
 
 
 def radiance(simulation: Simulation) -> npt.NDArray[np.float32]:
@@ -75,8 +75,8 @@ def test_cables_lie_on_the_carpet_from_its_edge_inwards_and_come_from_the_seed()
 
 
 def test_people_keep_beside_the_robot_and_hide_lines_at_both_levels() -> None:
-    simulation = Simulation(open_scenario("match", seconds=20.0, changes=["others.people=2"]))
-    alone = Simulation(open_scenario("match", seconds=20.0))
+    simulation = Simulation(open_scenario("match", seconds=20.0, changes=["ideal=true", "others.people=2"]))
+    alone = Simulation(open_scenario("match", seconds=20.0, changes=["ideal=true"]))
     own = simulation.track.poses[::5, :2]
     gaps = np.hypot(*(simulation.others.people[:, :, :2] - own[:, np.newaxis]).transpose(2, 0, 1))
     assert gaps.min() > 0.5

@@ -186,7 +186,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Simulation]:
     folder = tmp_path_factory.mktemp("observed") / "match"
-    simulation = Simulation(open_scenario("match", 1, 4.0), "points")
+    simulation = Simulation(open_scenario("match", 1, 4.0, ["ideal=true"]), "points")
     write_recording(simulation, folder)
     return folder, simulation
 

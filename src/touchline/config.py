@@ -142,7 +142,7 @@ def load_settings(
     if section is not None:
         tree = tree[section]
     if preset is not None:
-        _fill_in(tree, preset_values(model, preset))
+        fill_in(tree, preset_values(model, preset))
     changed = set()
     for item in overrides:
         key, separator, text = item.partition("=")
@@ -209,13 +209,13 @@ def preset_values(model: type[Settings], preset: str) -> dict[str, Any]:
     return tree
 
 
-def _fill_in(tree: dict[str, Any], values: Mapping[str, Any]) -> None:
+def fill_in(tree: dict[str, Any], values: Mapping[str, Any]) -> None:
     """Put values where a tree has none; the tree's own stay."""
     for key, value in values.items():
         if isinstance(value, Mapping):
             inside = tree.setdefault(key, {})
             if isinstance(inside, dict):
-                _fill_in(inside, value)
+                fill_in(inside, value)
         else:
             tree.setdefault(key, value)
 

@@ -84,7 +84,7 @@ def disturbed_drive(kind: str, scenario_name: str, field: str, seed: int, level:
 @lru_cache(maxsize=1)
 def _simulation(scenario_name: str, field: str, seed: int, level: str) -> Simulation:
     """A scenario without shoves; kept for the next disturbance of the same drive."""
-    scenario = open_scenario(scenario_name, seed, SECONDS)
+    scenario = open_scenario(scenario_name, seed, SECONDS, ["ideal=true"])
     disturbances = scenario.disturbances.model_copy(update={"shove_every_s": 0.0})
     return Simulation(scenario.model_copy(update={"field": field, "disturbances": disturbances}), level)
 

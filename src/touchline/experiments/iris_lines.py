@@ -119,7 +119,7 @@ def _one_place(field: FieldModel, seed: int) -> tuple[RangeRegression, dict[tupl
 
 def _standing(scenario_name: str, place: Pose, seed: int) -> Simulation:
     """A robot that stands at a place of the 9 x 6 m field in the light of a scenario."""
-    scenario = open_scenario(scenario_name, seed, 0.2)
+    scenario = open_scenario(scenario_name, seed, 0.2, ["ideal=true"])
     mirror = scenario.camera.mirror.model_copy(update={"profile": "recorded"})
     changes = {
         "field": FIELD,

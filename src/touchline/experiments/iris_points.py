@@ -43,7 +43,7 @@ COLUMNS = ("system", "figure", "x paper", "x (cm)", "y paper", "y (cm)", "θ pap
 
 def tour(seed: int) -> IrisDrive:
     """One drive through 20 random places, two seconds at each, at the observation level."""
-    simulation = Simulation(open_scenario(SCENARIO, seed), level="points")
+    simulation = Simulation(open_scenario(SCENARIO, seed, changes=["ideal=true"]), level="points")
     truth = simulation.truth.samples()
     return drive(simulation, truth, RobotSetup(simulation.field, None, simulation.wheel_directions_rad), seed)
 

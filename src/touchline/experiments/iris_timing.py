@@ -35,7 +35,7 @@ def iris_timing(seeds: int) -> ExperimentResult:
     """1000 updates of the tour over the 9 x 6 m field per seed; line points of 100 images; other particle counts."""
     updates_ms, tracking, odometry_ms, detection_ms = [], [], [], []
     for seed in follow(range(seeds), "tours"):
-        simulation = Simulation(open_scenario(SCENARIO, seed + 1), level="points")
+        simulation = Simulation(open_scenario(SCENARIO, seed + 1, changes=["ideal=true"]), level="points")
         frames = [frame for frame, _ in zip(simulation, range(UPDATES), strict=False)]
         times_ms, followed = _updates(simulation, frames, seed)
         updates_ms.append(times_ms)
@@ -104,7 +104,7 @@ def _odometry(simulation: Simulation, frames: Sequence[Frame]) -> FloatArray:
 
 def _detection(seed: int) -> FloatArray:
     """Milliseconds (IMAGES,) of the line points of images along the tour."""
-    simulation = Simulation(open_scenario(SCENARIO, seed + 1))
+    simulation = Simulation(open_scenario(SCENARIO, seed + 1, changes=["ideal=true"]))
     detector = HsvLineDetector(simulation.camera, None, simulation.field.line_width)
     images = [simulation.image(int(k)) for k in np.linspace(0, len(simulation) - 1, IMAGES // 5)]
     detector.detect(images[0])

@@ -80,7 +80,7 @@ def _three_tracks(driven: IrisDrive) -> Figure:
 
 def from_a_to_b(seed: int) -> IrisDrive:
     """A drive across the 9 x 6 m field during which the camera is covered twice."""
-    scenario = open_scenario(SCENARIO, seed, SECONDS)
+    scenario = open_scenario(SCENARIO, seed, SECONDS, ["ideal=true"])
     waypoints = {"kind": "waypoints", "waypoints": FROM_A_TO_B, "dwell_s": 1.0, "speed_m_s": 1.2}
     motion = type(scenario.motion).model_validate(waypoints)
     simulation = Simulation(scenario.model_copy(update={"motion": motion}), level="points")

@@ -141,7 +141,7 @@ class ControlledExposure:
 
 def simulation(case: Case, seed: int, seconds: float | None = None) -> Simulation:
     """A case's run: straight tracks through a rendered hall."""
-    scenario = open_scenario("lighting-1", seed, seconds)
+    scenario = open_scenario("lighting-1", seed, seconds, ["ideal=true"])
     camera = scenario.camera.model_copy(update={"rate_hz": RATE_HZ})
     return Simulation(scenario.model_copy(update={"light": case.light, "camera": camera}))
 

@@ -77,7 +77,7 @@ class _Switched:
 def lu2013_exposure(seeds: int) -> ExperimentResult:
     """Each seed another place in the simulated hall under three lightings; then the recorded linear images."""
     settings = ExposureSettings(check_every=1)
-    simulation = Simulation(open_scenario(CASES["lamps"]))
+    simulation = Simulation(open_scenario(CASES["lamps"], changes=["ideal=true"]))
     masks = mirror_masks(simulation.camera)
     places = [_simulated_cases(seed, masks, settings) for seed in follow(range(seeds), "places")]
     recording = public_recording(PUBLIC)
@@ -132,7 +132,7 @@ def _simulated_cases(seed: int, masks: tuple[Mask, Mask], settings: ExposureSett
     """The three lightings at the seed's place."""
     cases = []
     for k, (name, scenario) in enumerate(CASES.items()):
-        simulation = Simulation(open_scenario(scenario))
+        simulation = Simulation(open_scenario(scenario, changes=["ideal=true"]))
         place = random_place(simulation.field, np.random.default_rng(seed), margin_m=1.0)
         radiance = simulation.camera_model.radiance(simulation.world, WorldState(), place).copy()
         camera = LinearImageCamera(radiance, simulation.camera_model.sensor, np.random.default_rng([seed, k]))

@@ -145,7 +145,7 @@ def _paper_form(errors: Sequence[Sequence[ErrorTable]]) -> str:
 
 
 def _drive(condition: Condition, seed: int) -> Drive:
-    scenario = open_scenario("straight-tracks", seed)
+    scenario = open_scenario("straight-tracks", seed, changes=["ideal=true"])
     camera = scenario.camera.model_copy(update={"black_sectors_deg": condition.sectors})
     simulation = Simulation(scenario.model_copy(update={"camera": camera}), level="points")
     setup = RobotSetup(simulation.field, wheel_directions_rad=simulation.wheel_directions_rad)

@@ -29,7 +29,9 @@ RED, BLUE, MAGENTA = "#c62828", "#1a56a8", "#c2269b"
 @cache
 def the_camera() -> OmniCamera:
     """The papers' mirror of three parts, as designed."""
-    return require_omni(Simulation(open_scenario("straight-tracks"), level="points").camera, "the papers have")
+    return require_omni(
+        Simulation(open_scenario("straight-tracks", changes=["ideal=true"]), level="points").camera, "the papers have"
+    )
 
 
 @cache

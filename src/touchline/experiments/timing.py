@@ -204,7 +204,7 @@ def xiong_timing(seeds: int) -> ExperimentResult:
 
 
 def _whole_frames(seed: int, count: int = 40) -> tuple[FloatArray, FloatArray]:
-    simulation = Simulation(open_scenario("straight-tracks", seed, (count + 10) / 10.0))
+    simulation = Simulation(open_scenario("straight-tracks", seed, (count + 10) / 10.0, ["ideal=true"]))
     frames = list(simulation)
     return _frame_times(simulation, frames, count, search=True), _frame_times(simulation, frames, count, search=False)
 

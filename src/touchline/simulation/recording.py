@@ -58,7 +58,7 @@ def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame],
     if not images:
         _write_observations(simulation, folder, on_frame)
         return
-    _write_yaml(folder / "camera.yaml", simulation.camera_model.camera_yaml())
+    _write_yaml(folder / "camera.yaml", simulation.camera_yaml)
     (folder / "images").mkdir()
     rows = []
     for index, frame in enumerate(simulation):

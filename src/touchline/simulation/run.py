@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,15 @@ from touchline.camera import Camera, camera_from_mapping, require_omni
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.cameras.factory import SimulatedCamera, base_motion, open_simulated_camera, project_ground
+from touchline.simulation.cameras.factory import SimulatedCamera, base_motion, open_simulated_camera
+from touchline.simulation.cameras.head import draw_head, known_camera
+from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
 from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures, turned
-from touchline.simulation.observation.observed_lines import ObservedLines, leaning_view
+from touchline.simulation.observation.observed_lines import (
+    BuiltCamera,
+    ObservedLines,
+    leaning_view,
+)
 from touchline.simulation.observation.point_errors import ObservationNoise
 from touchline.simulation.robot.motions import make_track
 from touchline.simulation.robot.others import bodies_at, make_others
@@ -27,6 +33,7 @@ from touchline.simulation.scenario import Scenario
 from touchline.simulation.sequence import describe
 from touchline.simulation.stage import PERSON_PARTS, body_parts, make_world
 from touchline.simulation.world.calibration_layout import make_layout
+from touchline.simulation.world.hall import beside_lines
 from touchline.simulation.world.world import World, WorldState
 from touchline.sources import ProblemLog, Truth
 from touchline.types import Frame, ImageArray, LinePoints, Observation, Samples, empty_points
@@ -76,10 +83,12 @@ class Simulation:
         calibration = scenario.calibration
         self.layout = make_layout(calibration.kind, calibration.regions, self.start)
         self.world: World = make_world(scenario, self.field, self.others, self.layout)
-        self.camera_model: SimulatedCamera = open_simulated_camera(scenario.camera)
+        self.head = draw_head(scenario.camera, self.track, streams["camera"])
+        self.camera_model: SimulatedCamera = open_simulated_camera(scenario.camera, self.head.mount)
         self.image_times_s = _image_times(scenario, self.track.poses)
-        self._stamps: npt.NDArray[np.int64] = np.rint(self.image_times_s * 1e9).astype(np.int64)
-        self._arrivals = self._arrival_stamps(streams["delays"])
+        taken: npt.NDArray[np.int64] = np.rint(self.image_times_s * 1e9).astype(np.int64)
+        self._arrivals = self._arrival_stamps(taken, streams["delays"])
+        self._stamps = self._arrivals if scenario.camera.stamped == "arrived" else taken
         self._black_rad = np.radians(np.array(scenario.camera.black_sectors_deg, dtype=np.float64).reshape(-1, 2))
         self._noise, self._feature_noise = noise, feature_noise
         self._index = 0
@@ -118,8 +127,15 @@ class Simulation:
 
     @cached_property
     def camera(self) -> Camera:
-        """The camera as it was designed (without the mirror's lean and shift)."""
-        return camera_from_mapping(self.camera_model.camera_yaml(), Path(f"{self.name}, camera"))
+        """The camera as camera.yaml tells it: without what nobody knows of its mirror's lean and displacement."""
+        return camera_from_mapping(self.camera_yaml, Path(f"{self.name}, camera"))
+
+    @cached_property
+    def camera_yaml(self) -> dict[str, Any]:
+        """The mapping that a recording's camera.yaml holds."""
+        if isinstance(self.camera_model, SimulatedOmniCamera):
+            return omni_mapping(known_camera(self.scenario.camera, self.head, self.camera_model))
+        return self.camera_model.camera_yaml()
 
     @property
     def wheel_directions_rad(self) -> tuple[float, float]:
@@ -129,12 +145,13 @@ class Simulation:
 
     @cached_property
     def truth(self) -> Truth:
-        """The true poses at the images. For evaluation only."""
-        return Truth(self._stamps, self._poses)
+        """The true poses at the images' stamps. For evaluation only."""
+        late = self._stamps is self._arrivals
+        return Truth(self._stamps, self.track.poses_at(1e-9 * self._stamps) if late else self._poses)
 
     @cached_property
     def _poses(self) -> FloatArray:
-        """(N, 3) the true poses at the images."""
+        """(N, 3) the true poses where the images were taken."""
         return self.track.poses_at(self.image_times_s)
 
     @property
@@ -235,6 +252,7 @@ class Simulation:
             [(float(x), float(y)) for x, y in balls],
             self.track.covered_at(time_s),
             [(float(start), float(end)) for start, end in self._black_rad],
+            self.head.swing_at(time_s),
         )
 
     def points(self, index: int) -> LinePoints:
@@ -244,7 +262,8 @@ class Simulation:
             return empty_points()
         rng = np.random.default_rng([self.scenario.seed, 6, index])
         pose = Pose(*self._poses[index].tolist())
-        return self._observed.observe(pose, rng, self._bodies(time_s), self._black_rad)
+        swing = self.head.swing_at(time_s)
+        return self._observed.observe(pose, rng, self._bodies(time_s), self._black_rad, swing)
 
     def features(self, index: int, pan_rad: float = 0.0) -> Observation:
         """Lines, crossings, posts and poles of one frame at the observation level, without its line points.
@@ -276,20 +295,27 @@ class Simulation:
 
     @cached_property
     def _observed(self) -> ObservedLines:
-        if self.camera_kind == "omni":
-            seed, as_built = self.scenario.seed, partial(project_ground, self.camera_model, attitude=(0.0, 0.0))
+        camera = self.camera_model
+        if isinstance(camera, SimulatedOmniCamera):
+            noise, noise_px = self._noise, self.scenario.camera.line_noise_px
+            if noise is None and noise_px is not None:
+                noise = ObservationNoise(noise_px=noise_px)
             mirror = require_omni(self.camera, "line points are computed for")
-            return ObservedLines(mirror, self.field, self._noise, seed=seed, as_built=as_built)
+            beside = beside_lines(self.field) if self.scenario.hall.beside else None
+            built = BuiltCamera(camera.project, camera.shift_by_swing, mirror)
+            return ObservedLines(
+                camera.design, self.field, noise, seed=self.scenario.seed, as_built=built, beside=beside
+            )
         tree = self.camera_model.camera_yaml()
         view = leaning_view(float(tree["mount"]["z"]), float(tree["fx"]), _PINHOLE_REACH_M)
         half_rad = math.atan2(0.5 * float(tree["width"]), float(tree["fx"]))
         noise = self._noise or _PINHOLE_NOISE
         return ObservedLines(view, self.field, noise, view_rad=half_rad, seed=self.scenario.seed)
 
-    def _arrival_stamps(self, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    def _arrival_stamps(self, taken: npt.NDArray[np.int64], rng: np.random.Generator) -> npt.NDArray[np.int64]:
         camera = self.scenario.camera
-        delays_s = camera.delay_s + camera.delay_spread_s * rng.uniform(-1.0, 1.0, len(self._stamps))
-        arrivals = self._stamps + np.rint(np.maximum(delays_s, 0.0) * 1e9).astype(np.int64)
+        delays_s = camera.delay_s + camera.delay_spread_s * rng.uniform(-1.0, 1.0, len(taken))
+        arrivals = taken + np.rint(np.maximum(delays_s, 0.0) * 1e9).astype(np.int64)
         arrived: npt.NDArray[np.int64] = np.maximum.accumulate(arrivals)
         return arrived
 

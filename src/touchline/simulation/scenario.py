@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from touchline.config import Settings, load_settings
+from touchline.config import Settings, fill_in, load_settings
 from touchline.errors import InputError
 from touchline.simulation.robot.sensors import Range, SensorSettings
 from touchline.yaml_files import read_yaml_mapping
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
+AS_BUILT = Path(__file__).parent / "as_built.yaml"
 Place = tuple[float, float, float]
 Level = Annotated[float, Field(ge=0, le=100)]
 _Tilt = Annotated[float, Field(ge=-10, le=10)]
@@ -39,6 +42,19 @@ class MirrorSettings(Settings):
     horizon_px: float = Field(210.0, gt=0, le=2000, description="[hyperbolic] pixel radius of the horizon")
     tilt_deg: tuple[_Tilt, _Tilt] = Field((0.0, 0.0), description="lean of the mirror about its apex (degrees)")
     shift_mm: tuple[_Shift, _Shift] = Field((0.0, 0.0), description="displacement of the mirror (mm)")
+    tilt_spread_deg: float = Field(
+        0.0, ge=0, le=3, description="standard deviation of a further lean about x and y, from the seed (degrees)"
+    )
+    shift_spread_mm: float = Field(
+        0.0, ge=0, le=3, description="standard deviation of a further displacement along x and y, from the seed (mm)"
+    )
+    vibration_deg: float = Field(
+        0.0, ge=0, le=2, description="standard deviation of its lean about x and y while the robot drives (degrees)"
+    )
+    vibration_s: float = Field(0.05, gt=0, le=10, description="time after which that lean is another (s)")
+    range_spread: float = Field(
+        0.0, ge=0, le=0.1, description="[design, calibrate-range] standard deviation of the ranges' relative error"
+    )
 
     @model_validator(mode="after")
     def _only_what_is_used(self) -> MirrorSettings:
@@ -67,17 +83,25 @@ class CameraSettings(Settings):
     bloom: float = Field(
         0.0, ge=0, le=0.5, description="part of the light that the lens scatters around what is bright"
     )
+    known_from: Literal["design", "calibrate-mirror", "calibrate-range"] = Field(
+        "design", description="what camera.yaml tells: the mirror as designed, or as a calibration has found it"
+    )
+    line_noise_px: float | None = Field(
+        None, ge=0, le=5, description="[points] deviation of line points at right angles to the line; none: as rendered"
+    )
     black_sectors_deg: tuple[tuple[float, float], ...] = Field(
         (), description="directions [from, to] in the base frame, counter-clockwise, that are black in every image"
     )
     delay_s: float = Field(0.0, ge=0, le=1, description="mean time from an image's stamp to its arrival (s)")
     delay_spread_s: float = Field(0.0, ge=0, le=1, description="half width of the even distribution of that time (s)")
+    stamped: Literal["taken", "arrived"] = Field("taken", description="what an image's stamp tells: when it was ...")
 
     @model_validator(mode="after")
     def _fits_together(self) -> CameraSettings:
-        if _is_set(self, "mirror") and (self.kind != "omni" or self.file is not None):
-            reason = "a pinhole camera has none" if self.kind != "omni" else "camera.file tells the camera already"
-            raise ValueError(f"'mirror' is not used: {reason}")
+        for key in ("mirror", "known_from"):
+            if _is_set(self, key) and (self.kind != "omni" or self.file is not None):
+                reason = "a pinhole camera has none" if self.kind != "omni" else "camera.file tells the camera already"
+                raise ValueError(f"'{key}' is not used: {reason if key == 'mirror' else 'it is about a mirror'}")
         if self.delay_spread_s > self.delay_s:
             raise ValueError(f"delay_spread_s ({self.delay_spread_s:g}) is more than delay_s ({self.delay_s:g})")
         return self
@@ -189,6 +213,8 @@ class HallSettings(Settings):
     scuffed: float = Field(0.0, ge=0, le=1, description="how much of the lines' paint is rubbed off, in patches")
     dirt: float = Field(0.0, ge=0, le=1, description="how dark dirt makes the lines, in stretches of a metre")
     cables: int = Field(0, ge=0, le=20, description="cables that lie on the carpet, from its edge inwards")
+    stands: bool = Field(False, description="whether white stands with people rise behind the field's far sides")
+    beside: bool = Field(False, description="whether another field lies beside this one, with its white lines")
     carpet_border_m: float | None = Field(
         None, ge=0.05, le=5, description="the carpet ends so far outside the lines (m); none: as the field says"
     )
@@ -212,6 +238,9 @@ class Scenario(Settings):
     name: str = Field("", description="name of the run; of a file without one, the file's")
     description: str = Field("", description="one sentence for sequence.yaml")
     seed: int = Field(1, ge=0, description="of everything random")
+    ideal: bool = Field(
+        False, description="whether the robot is as designed; else it is as built: `AS_BUILT` stands behind the file"
+    )
     seconds: float = Field(20.0, gt=0, le=86400, description="length of the run (s)")
     field: str = Field("msl-18x12", description="a preset of `touchline fields` or a field.yaml")
     clutter: bool = Field(True, description="whether things stand around the field")
@@ -223,6 +252,16 @@ class Scenario(Settings):
     hall: HallSettings = HallSettings()
     sensors: SensorSettings = SensorSettings()
     calibration: CalibrationSettings = CalibrationSettings()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in_what_is_behind(cls, values: Any) -> Any:
+        """Put in what isn't named: of a robot as built, or what the scenario says of an ideal one under `ideally`."""
+        if not isinstance(values, dict):
+            return values
+        filled = deepcopy({key: value for key, value in values.items() if key != "ideally"})
+        fill_in(filled, values.get("ideally", {}) if filled.get("ideal") is True else _as_built(filled))
+        return filled
 
     @field_validator("name")
     @classmethod
@@ -252,6 +291,34 @@ class Scenario(Settings):
         return {name: np.random.default_rng(child) for name, child in zip(names, children, strict=True)}
 
 
+@cache
+def _as_built_file() -> Mapping[str, Any]:
+    return read_yaml_mapping(AS_BUILT)
+
+
+def _as_built(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What stands behind a scenario, a tree of what it names; nothing behind a humanoid's and behind a calibration."""
+    camera, calibration, others = (_group(values, key) for key in ("camera", "calibration", "others"))
+    if camera.get("kind", "omni") != "omni" or calibration.get("kind", "none") != "none":
+        return {}
+    behind = deepcopy(dict(_as_built_file()))
+    unwanted = ["delay_spread_s"] * ("delay_s" in camera) + ["mirror", "known_from"] * ("file" in camera)
+    for key in unwanted:
+        del behind["camera"][key]
+    if "robots" in others:  # who names them says, too, whether they move
+        del behind["others"]
+    if "light" in values:  # lamps and windows are those of a hall that is no larger than it has to be
+        behind["hall"].update(stands=False, beside=False)
+    if "mishaps" in values:
+        behind["mishaps"] = behind.pop("disturbances")
+    return behind
+
+
+def _group(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    group = values.get(key)
+    return group if isinstance(group, dict) else {}
+
+
 def scenario_names() -> list[str]:
     """The scenarios that come with Touchline."""
     return sorted(path.stem for path in SCENARIO_FOLDER.glob("*.yaml"))
@@ -274,6 +341,8 @@ def open_scenario(
     if section is not None and not isinstance(tree.get(section), dict):
         raise InputError(f"{path}: tells no scenario; only recordings that were simulated hold theirs")
     given = [f"{key}={value}" for key, value in (("seed", seed), ("seconds", seconds)) if value is not None]
+    if section is not None and "ideal" not in tree[section]:
+        given.append("ideal=true")  # written before robots were as built
     scenario = _with_paths_from(path.parent, load_settings(Scenario, path, [*changes, *given], section))
     return scenario if scenario.name else scenario.model_copy(update={"name": path.stem})
 

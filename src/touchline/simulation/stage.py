@@ -13,13 +13,14 @@ from touchline.field import FieldModel
 from touchline.simulation.robot.others import Others
 from touchline.simulation.scenario import LightSettings, Scenario
 from touchline.simulation.world.calibration_layout import Layout
-from touchline.simulation.world.hall import cables, default_world
+from touchline.simulation.world.hall import cables, default_world, field_beside, stands
 from touchline.simulation.world.lights import Lamp, LightChange, Lights, Window, hall_lamps
 from touchline.simulation.world.world import PAINTS, BallActor, RobotActor, World
 
 _MARKERS = ("magenta", "cyan")
 _MSL_M, _HUMANOID_M = (0.26, 0.80), (0.24, 0.92)  # radius and height of the others' bodies, as in the recordings
 _PERSON_M = (0.25, 1.72)
+_ASIDE_M = 4.5  # by how much the hall is wider on each side where there are stands, or another field
 PERSON_PARTS = ((0.17, 0.86), (0.2, 1.72))  # radius and top (m) of the cylinders that a person hides lines with
 # what of them hides lines, as upright cylinders from foot to head: shares of radius and height (`world.robot_blocks`);
 # of a humanoid legs, trunk with arms, and head, each as broad as it looks in the mean over all directions
@@ -43,7 +44,9 @@ def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: La
     """Everything that can be seen. Raises InputError for lights and sizes that make no hall."""
     # the seed of carpet and clutter: from the scenario's, but no number that any other part draws from
     seed = int(np.random.SeedSequence([scenario.seed, 7]).generate_state(1)[0]) >> 1
-    world = default_world(field, seed, clutter=scenario.clutter)
+    hall = scenario.hall
+    roomy = hall.stands or hall.beside
+    world = default_world(field, seed, clutter=scenario.clutter, aside_m=_ASIDE_M if roomy else 0.0)
     robots, balls = others.at(0.0)
     humanoid = scenario.camera.kind == "pinhole"
     actors = [
@@ -58,9 +61,11 @@ def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: La
         RobotActor(float(x), float(y), float(heading), *_PERSON_M, PAINTS["blue"], PAINTS["red"], shape="person")
         for x, y, heading in robots[scenario.others.robots :]
     ]
-    hall = scenario.hall
+    more = field_beside(field, world.hall) if hall.beside else ()
+    more += stands(world.hall, np.random.default_rng([seed, 31])) if hall.stands else ()
     world = dataclasses.replace(
         world,
+        clutter=(*world.clutter, *more),
         lights=_lights(scenario.light, world.hall),
         robots=(*actors, *people),
         balls=tuple(BallActor(float(x), float(y)) for x, y in balls),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -34,14 +36,24 @@ class SimulatedCameraModel:
     0 is a global shutter. The time of an image is the middle of its exposure (of its middle row).
     """
 
-    def __init__(self, grid: RayGrid, sensor: ImageSensor, side: int, blur_steps: int, readout_s: float) -> None:
+    def __init__(
+        self, make_grid: Callable[[], RayGrid], sensor: ImageSensor, side: int, blur_steps: int, readout_s: float
+    ) -> None:
+        """make_grid: what each pixel looks along; asked for with the first image, so that who wants none won't wait."""
         self.sensor = sensor
         self.blur_steps = blur_steps
         self.readout_s = readout_s
-        self._grid = grid
-        self._renderer = Renderer(grid, side)
+        self._make_grid, self._side = make_grid, side
         self._scene: Scene | None = None
         self._bearings: npt.NDArray[np.float64] | None = None
+
+    @cached_property
+    def _grid(self) -> RayGrid:
+        return self._make_grid()
+
+    @cached_property
+    def _renderer(self) -> Renderer:
+        return Renderer(self._grid, self._side)
 
     @property
     def width(self) -> int:
@@ -52,6 +64,10 @@ class SimulatedCameraModel:
     def height(self) -> int:
         """Rows of the image."""
         return self._grid.shape[0]
+
+    def bent_rays(self, swing_rad: tuple[float, float]) -> npt.NDArray[np.float32] | None:
+        """(H, W, 6) by how much the rays differ where a mirror swings by so much about x and y; None: not at all."""
+        return None
 
     def render(
         self,
@@ -93,6 +109,7 @@ class SimulatedCameraModel:
         if self._scene is None or self._scene.world is not world:
             self._scene = Scene(world)
         self._scene.update(state)
+        self._renderer.bend(self.bent_rays(state.mirror_swing_rad))
         if motion is None:
             poses = field_from_body(robot_pose, attitude)[np.newaxis]
             image = self._renderer.render(self._scene, poses)

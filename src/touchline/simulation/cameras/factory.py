@@ -33,8 +33,11 @@ from touchline.yaml_files import read_yaml_mapping
 SimulatedCamera = SimulatedOmniCamera | SimulatedPinholeCamera
 
 
-def open_simulated_camera(settings: CameraSettings) -> SimulatedCamera:
-    """The camera of a scenario. Raises InputError for a file that describes none and a mirror that can't be solved."""
+def open_simulated_camera(settings: CameraSettings, mount: MirrorMount | None = None) -> SimulatedCamera:
+    """The camera of a scenario, its mirror sitting as `mount` says (none: as designed).
+
+    Raises InputError for a file that describes none and a mirror that can't be solved.
+    """
     options: dict[str, Any] = {
         "readout_s": 1e-3 * settings.rolling_shutter_ms,
         "sensor": ImageSensor(vignetting=settings.vignetting, bloom=settings.bloom),
@@ -43,7 +46,9 @@ def open_simulated_camera(settings: CameraSettings) -> SimulatedCamera:
         return _from_file(Path(settings.file), settings.kind, options)
     if settings.kind == "pinhole":
         return SimulatedPinholeCamera(**options)
-    return _mirror_camera(settings, options)
+    mirror = settings.mirror
+    profile = _solved(mirror.profile, mirror.metres_per_px, mirror.horizon_px)
+    return SimulatedOmniCamera.from_mirror(profile, mount, **options)
 
 
 def project_ground(camera: SimulatedCamera, points: FloatArray, attitude: tuple[float, float]) -> FloatArray:
@@ -70,15 +75,6 @@ def _from_file(path: Path, kind: str, options: Mapping[str, Any]) -> SimulatedCa
     if model == "omni":
         return SimulatedOmniCamera.from_mapping(tree, path, **options)
     return SimulatedPinholeCamera.from_mapping(tree, path, **options)
-
-
-def _mirror_camera(settings: CameraSettings, options: Mapping[str, Any]) -> SimulatedCamera:
-    mirror = settings.mirror
-    tilt_x, tilt_y = np.radians(mirror.tilt_deg)
-    shift_x, shift_y = 1e-3 * np.array(mirror.shift_mm)
-    mount = MirrorMount(float(tilt_x), float(tilt_y), float(shift_x), float(shift_y))
-    profile = _solved(mirror.profile, mirror.metres_per_px, mirror.horizon_px)
-    return SimulatedOmniCamera.from_mirror(profile, mount, **options)
 
 
 @lru_cache(maxsize=16)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -24,6 +27,9 @@ from touchline.yaml_files import read_yaml_mapping
 _RIM_PX = 11.5  # the recorded head's mirror reaches this far beyond its outer radius, then the rim begins
 _RODS_RAD = (0.019, 2.107, -2.065)
 _SAMPLES = 4
+_SETTLED_PX = 1e-7
+_SWING_RAD = 0.002  # between the leans that a swinging mirror's effect is worked out from, a tenth of a degree
+_NODE_PX = 8  # between the pixels that it is worked out for
 
 
 class SimulatedOmniCamera(SimulatedCameraModel):
@@ -51,12 +57,7 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         self.design = design
         self.height_m = height_m
         self.mirror = mirror
-        rays = self._rays().astype(np.float32)
-        slack = 0.01 if mirror is None else 0.01 + float(mirror[0].radius_m[-1])
-        origin = np.array([0.0, 0.0, height_m])
-        edge = None if mirror is None else mirror[0].head.outer_px
-        grid = RayGrid(rays, 1.0 / design.outer_radius_px, origin, slack, with_glare(_head_layer(design, edge), rays))
-        super().__init__(grid, sensor or ImageSensor(), side, blur_steps, readout_s)
+        super().__init__(self._ray_grid, sensor or ImageSensor(), side, blur_steps, readout_s)
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> SimulatedOmniCamera:
@@ -113,23 +114,82 @@ class SimulatedOmniCamera(SimulatedCameraModel):
     def project(self, points: npt.ArrayLike) -> FloatArray:
         """Pixels (N, 2) u, v of ground points (N, 2), base frame (m); NaN where they are not seen.
 
-        Of an ideal head the table's closed form; of a mirror mounted askew Newton's method about it (to 1e-6 px).
+        Of an ideal head the table's closed form; of a mirror mounted askew Newton's method from there on (to 1e-6 px).
         """
         pixels = self.design.image_from_ground(points)
         if self.mirror is None or self.mirror[1].is_ideal:
             return pixels
         wanted = np.asarray(points, dtype=np.float64)
-        for _ in range(12):
+        jacobian = self._jacobian(pixels)
+        for k in range(16):
             error = self.ground_from_image(pixels) - wanted
-            steps = [np.array([0.05, 0.0]), np.array([0.0, 0.05])]
-            columns = [
-                (self.ground_from_image(pixels + step) - self.ground_from_image(pixels - step)) / 0.1 for step in steps
-            ]
-            jacobian = np.stack(columns, axis=-1)
-            seen = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(error).all(axis=1)
-            pixels[~seen] = np.nan
-            pixels[seen] -= np.linalg.solve(jacobian[seen], error[seen][..., np.newaxis])[..., 0]
+            if k in (1, 8):  # else it hardly changes
+                jacobian = self._jacobian(pixels)
+            step = _solved(jacobian, error)
+            pixels = pixels - step
+            if not np.nanmax(np.abs(step), initial=0.0) > _SETTLED_PX:
+                break
         return pixels
+
+    def shift_by_swing(self, pixels: FloatArray) -> FloatArray:
+        """(N, 2, 2) by how many pixels what is seen at pixels (N, 2) moves for each radian that the mirror leans more
+        about x (first column) and about y. NaN where no ground is seen; zeros without a mirror.
+        """
+        if self.mirror is None:
+            return np.zeros((len(pixels), 2, 2))
+        jacobian, polar = self._jacobian(pixels), self._polar(pixels)
+        columns = [-_solved(jacobian, ground_of_rays(ahead) - ground_of_rays(behind)) / (2.0 * _SWING_RAD)
+                   for ahead, behind in self._swung(*polar)]  # fmt: skip
+        return np.stack(columns, axis=-1)
+
+    def bent_rays(self, swing_rad: tuple[float, float]) -> npt.NDArray[np.float32] | None:
+        """(H, W, 6) by how much the rays differ where the mirror swings by so much about x and y; None: not at all."""
+        if self.mirror is None or not any(swing_rad):
+            return None
+        return np.float32(swing_rad[0]) * self._rays_by_swing[0] + np.float32(swing_rad[1]) * self._rays_by_swing[1]
+
+    @cached_property
+    def _rays_by_swing(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """(H, W, 6) by how much each ray turns for each radian that the mirror leans more about x, and about y.
+
+        Worked out on every _NODE_PX-th pixel, bilinear in between; nothing where a ray passes the mirror.
+        """
+        v, u = np.mgrid[0 : self.design.height + _NODE_PX : _NODE_PX, 0 : self.design.width + _NODE_PX : _NODE_PX]
+        nodes = np.column_stack((u.ravel(), v.ravel())).astype(np.float64)
+        size = (u.shape[1] * _NODE_PX, u.shape[0] * _NODE_PX)
+        grids = []
+        for ahead, behind in self._swung(*self._polar(nodes)):
+            turned = np.nan_to_num((ahead - behind) / (2.0 * _SWING_RAD)).astype(np.float32).reshape(*u.shape, 6)
+            to_nodes = np.array([[_NODE_PX, 0, 0], [0, _NODE_PX, 0]], dtype=np.float32)
+            planes = [np.asarray(cv2.warpAffine(turned[..., k], to_nodes, size), dtype=np.float32) for k in range(6)]
+            grids.append(np.stack(planes, axis=-1)[: self.design.height, : self.design.width])
+        return grids[0], grids[1]
+
+    def _swung(self, radius: FloatArray, bearing: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Rays (N, 6) with the mirror leaning a little more, and a little less, about x; then about y."""
+        assert self.mirror is not None
+        profile, mount = self.mirror
+        for name in ("tilt_x", "tilt_y"):
+            lean = float(getattr(mount, name))
+            more, less = (replace(mount, **{name: lean + sign * _SWING_RAD}) for sign in (1.0, -1.0))
+            yield mirror_rays(profile, more, radius, bearing), mirror_rays(profile, less, radius, bearing)
+
+    def _jacobian(self, pixels: FloatArray) -> FloatArray:
+        """(N, 2, 2) derivative of the ground point (m) by the pixel; NaN where no ground is seen."""
+        steps = [np.array([0.05, 0.0]), np.array([0.0, 0.05])]
+        columns = [
+            (self.ground_from_image(pixels + step) - self.ground_from_image(pixels - step)) / 0.1 for step in steps
+        ]
+        return np.stack(columns, axis=-1)
+
+    def _ray_grid(self) -> RayGrid:
+        rays = self._rays().astype(np.float32)
+        slack = 0.01 if self.mirror is None else 0.01 + float(self.mirror[0].radius_m[-1])
+        origin = np.array([0.0, 0.0, self.height_m])
+        edge = None if self.mirror is None else self.mirror[0].head.outer_px
+        d = self.design
+        still = _head_layer((d.width, d.height), d.center, d.inner_radius_px, edge or d.outer_radius_px + _RIM_PX)
+        return RayGrid(rays, 1.0 / d.outer_radius_px, origin, slack, with_glare(still.copy(), rays))
 
     def _polar(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Radius (px) and bearing (rad, base frame) of pixels (N, 2)."""
@@ -172,6 +232,14 @@ def omni_mapping(design: OmniCamera) -> dict[str, Any]:
     }
 
 
+def _solved(jacobian: FloatArray, error: FloatArray) -> FloatArray:
+    """Steps (N, 2) that make good errors (N, 2), by Jacobians (N, 2, 2); NaN where either is."""
+    steps = np.full(error.shape, np.nan)
+    seen = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(error).all(axis=1)
+    steps[seen] = np.linalg.solve(jacobian[seen], error[seen][..., np.newaxis])[..., 0]
+    return steps
+
+
 def _table_rays(
     design: OmniCamera, height_m: float, pixels: FloatArray, radius: FloatArray, bearing: FloatArray
 ) -> FloatArray:
@@ -193,20 +261,23 @@ def _table_rays(
     return rays
 
 
-def _head_layer(design: OmniCamera, edge_px: float | None = None) -> npt.NDArray[np.float32]:
+@lru_cache(maxsize=4)
+def _head_layer(
+    size: tuple[int, int], center: tuple[float, float], inner_px: float, edge_px: float
+) -> npt.NDArray[np.float32]:
     """Reflectance red, green, blue (premultiplied) and share of the pixel, (H, W, 4), of what turns with the robot.
 
     An octagonal body a little smaller than the inner radius, three rods half a hundredth of the radius thick on each
     side at the body and twice that at the rim, a dark rim at edge_px and darkness beyond. 4 x 4 samples each pixel.
     """
-    edge = design.outer_radius_px + _RIM_PX if edge_px is None else edge_px
-    layer = np.zeros((design.height, design.width, 4))
+    width, height = size
+    layer = np.zeros((height, width, 4))
     offsets = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
-    u, v = np.meshgrid(np.arange(design.width, dtype=np.float64), np.arange(design.height, dtype=np.float64))
+    u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     for dv in offsets:
         for du in offsets:
-            x, y = u + du - design.center[0], v + dv - design.center[1]
-            layer += _head_colours(x, y, design.inner_radius_px, edge)
+            x, y = u + du - center[0], v + dv - center[1]
+            layer += _head_colours(x, y, inner_px, edge_px)
     return (layer / _SAMPLES**2).astype(np.float32)
 
 

@@ -34,7 +34,8 @@ class SimulatedPinholeCamera(SimulatedCameraModel):
         readout_s: float = 0.0,
     ) -> None:
         self.design = design or humanoid_camera()
-        super().__init__(_ray_grid(self.design), sensor or ImageSensor(), side, blur_steps, readout_s)
+        grid = _ray_grid(self.design)
+        super().__init__(lambda: grid, sensor or ImageSensor(), side, blur_steps, readout_s)
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> SimulatedPinholeCamera:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,7 +19,14 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import LinePointSettings
 from touchline.perception.line_points import BLUR_PX, COARSEST_PX_M, NOISE_M, STEEPEST_CROSSING
-from touchline.simulation.observation.crossings import COLUMNS, Ground, find_crossings, inside_sector, scale_table
+from touchline.simulation.observation.crossings import (
+    COLUMNS,
+    Ground,
+    find_crossings,
+    hidden,
+    inside_sector,
+    scale_table,
+)
 from touchline.simulation.observation.fixed_noise import mosaic_table
 from touchline.simulation.observation.goal_clutter import NET_PLACES, PLACES, place_strays, seen_thread, thread_table
 from touchline.simulation.observation.point_errors import ObservationNoise, PointErrors, perturbed
@@ -31,6 +40,19 @@ _MOST_ANYWHERE = 32  # false points of an image, elsewhere
 _NO_BODIES = np.zeros((0, 4))
 
 
+class BuiltCamera(NamedTuple):
+    """A camera as built, where it is not quite the one that was designed.
+
+    project: pixels (N, 2) at which it truly sees ground points (N, 2), base frame. shift_by_swing: (N, 2, 2) by how
+    many pixels what is seen at pixels (N, 2) moves for each radian that its mirror leans more about x and y; None: it
+    doesn't swing. known: the camera that its pixels are read with; None: the one that was designed.
+    """
+
+    project: Callable[[FloatArray], FloatArray]
+    shift_by_swing: Callable[[FloatArray], FloatArray] | None = None
+    known: OmniCamera | None = None
+
+
 class ObservedLines:
     """A virtual detector for one camera and one field: `observe` gives line points for a pose."""
 
@@ -42,12 +64,12 @@ class ObservedLines:
         detector: LinePointSettings | None = None,
         view_rad: float = math.pi,
         seed: int = 0,
-        as_built: Callable[[FloatArray], FloatArray] | None = None,
+        as_built: BuiltCamera | None = None,
+        beside: FloatArray | None = None,
     ) -> None:
         """view_rad: how far to each side the camera sees. seed: of those errors that come again at the same place.
 
-        as_built: pixels (N, 2) at which the camera truly sees ground points (N, 2), base frame, where it is not quite
-        the one it is taken for; none: it is.
+        as_built: what the camera really is; none: as designed. beside: lines (S, 4) of another field, x, y from and to.
         """
         self.camera, self.field, self.seed = camera, field, seed
         self.noise = noise or ObservationNoise()
@@ -69,15 +91,21 @@ class ObservedLines:
         mouth = np.array([abs(field.goals[0].x), *sorted(field.goals[0].y_posts)] if field.goals else [0.0] * 3)
         carpet = (0.5 * field.length + field.border, 0.5 * field.width + field.border)
         self._ground = Ground(self._rays, self._circles, limits, paint, mouth, carpet, self._scales)
-        lookup = (camera.lookup_constants, camera.bearings_rad, camera.lookup_table)
+        lookup, known = (
+            _lookup(camera),
+            _lookup(camera if as_built is None or as_built.known is None else as_built.known),
+        )
+        nodes = None if as_built is None else _nodes(camera)
         self._posts = np.array([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts]).reshape(-1, 4)
         self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
         self._errors = PointErrors(
-            n.numbers(s.noise_px, NOISE_M), len(self._rays), seed, mosaic_table(seed), lookup, self._scales,
-            _askew(camera, as_built), _STEP_PX,
+            n.numbers(s.noise_px, NOISE_M), len(self._rays), seed, mosaic_table(seed), lookup, known, self._scales,
+            np.zeros((0, 0, 2)) if nodes is None or as_built is None else _askew(camera, nodes, as_built.project),
+            _STEP_PX,
         )  # fmt: skip
+        self._built, self._beside = as_built, np.zeros((0, 4)) if beside is None else beside
         self._found = np.empty((2048, COLUMNS))
-        self._places = np.empty((PLACES * len(goals) + _MOST_ANYWHERE, 2))
+        self._places = np.empty((PLACES * len(goals) + _MOST_ANYWHERE + len(self._rays), 2))
 
     def crossings(
         self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
@@ -96,11 +124,13 @@ class ObservedLines:
         rng: np.random.Generator,
         bodies: FloatArray | None = None,
         black_rad: FloatArray | None = None,
+        swing_rad: tuple[float, float] = (0.0, 0.0),
     ) -> LinePoints:
         """Line points seen from a pose in the field.
 
         bodies: (K, 4) x, y (field frame), radius, height (m) of what hides the ground behind it; posts do anyway.
-        black_rad: (B, 2) directions from, to (base frame, counter-clockwise) in which nothing is seen.
+        black_rad: (B, 2) directions from, to (base frame, counter-clockwise) in which nothing is seen. swing_rad: how
+        much the mirror leans about x and y beyond its mount.
         """
         n, sectors = self.noise, self._sectors(black_rad)
         covered = black_rad is not None and len(black_rad) > 0
@@ -110,16 +140,67 @@ class ObservedLines:
             (self._posts, _NO_BODIES if bodies is None else bodies, n.height_m), sectors, rng.random((anywhere, 2)),
             (self._covered_goals if covered else self._goals, self._threads, self.seed), self._found, self._places,
         )  # fmt: skip
+        for place in self._seen_beside(pose, bodies):
+            self._places[false_count] = place
+            false_count += 1
         total = count + false_count
         if total == 0:
             return empty_points()
+        errors = self._errors
+        if any(swing_rad) and self._swings is not None:
+            errors = errors._replace(askew=self._still_askew + self._swings @ np.array(swing_rad))
         rows = np.empty((total, 9))
         kept = perturbed(
-            self._found[:count], self._places[:false_count], sectors, self._errors, rng.standard_normal(3),
+            self._found[:count], self._places[:false_count], sectors, errors, rng.standard_normal(3),
             rng.standard_normal((total, 2)), rows,
         )  # fmt: skip
         rows = rows[:kept]
         return LinePoints(rows[:, :2], rows[:, 2:6].reshape(-1, 2, 2), rows[:, 6], rows[:, 7:9])
+
+    @cached_property
+    def _farthest_found_m(self) -> float:
+        """Range (m) beyond which a pixel is too long on the ground for lines to be found."""
+        steps_m = np.diff(self.camera.range_m, axis=1).max(axis=0) / np.diff(self.camera.radius_px)
+        coarse = np.flatnonzero(steps_m > self.noise.coarse_half_m)
+        return float(self.camera.range_m[:, coarse[0] if len(coarse) else -1].min())
+
+    @cached_property
+    def _swings(self) -> FloatArray | None:
+        """(R, C, 2, 2) by how many pixels the nodes move with the lean of the mirror; None: it doesn't swing."""
+        if self._built is None or self._built.shift_by_swing is None:
+            return None
+        nodes = _nodes(self.camera)
+        shifts: FloatArray = self._built.shift_by_swing(nodes.reshape(-1, 2)).reshape(*nodes.shape, 2)
+        finite: FloatArray = np.nan_to_num(shifts)
+        return finite
+
+    @cached_property
+    def _still_askew(self) -> FloatArray:
+        """(R, C, 2) as of `PointErrors.askew`, of a mirror that sits as designed, too."""
+        askew = self._errors.askew
+        return askew if len(askew) else np.zeros(_nodes(self.camera).shape)
+
+    def _seen_beside(self, pose: Pose, bodies: FloatArray | None) -> FloatArray:
+        """(N, 2) where rays meet the lines of the field beside (base frame, m), behind no body: the nearest on each."""
+        if len(self._beside) == 0:
+            return np.zeros((0, 2))
+        ends = pose.inverse().transform(self._beside.reshape(-1, 2)).reshape(-1, 4)
+        out = np.column_stack((np.cos(self._rays[:, 0]), np.sin(self._rays[:, 0])))
+        along = ends[:, 2:] - ends[:, :2]
+        cross = out[:, :1] * along[:, 1] - out[:, 1:] * along[:, 0]  # (P, S)
+        start = ends[:, 0] * along[:, 1] - ends[:, 1] * along[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = start / cross
+            part = (ends[:, 0] * out[:, 1:] - ends[:, 1] * out[:, :1]) / cross
+        last = np.minimum(self._rays[:, 2:3], self._farthest_found_m)
+        met = (part >= 0.0) & (part <= 1.0) & (reach > self._rays[:, 1:2]) & (reach < last)
+        nearest = np.where(met, reach, np.inf).min(axis=1)
+        places = out[np.isfinite(nearest)] * nearest[np.isfinite(nearest), np.newaxis]
+        hiding = occluders(_NO_BODIES if bodies is None else bodies, self.noise.height_m)
+        at = pose.transform(places)
+        clear = [not hidden(pose.x, pose.y, x, y, hiding) for x, y in at]
+        seen: FloatArray = places[np.array(clear, dtype=np.bool_)]
+        return seen
 
     def goal_places(
         self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
@@ -167,18 +248,25 @@ def _goals(field: FieldModel) -> tuple[FloatArray, FloatArray]:
     return rows, segment_table(np.array(bars, dtype=np.float64).reshape(-1, 4), _BAR_M[0], BAR)
 
 
-def _askew(camera: OmniCamera, as_built: Callable[[FloatArray], FloatArray] | None) -> FloatArray:
-    """(R, C, 2) by how many pixels the camera as built sees a ground point elsewhere; empty if it does not."""
-    if as_built is None:
-        return np.zeros((0, 0, 2))
+def _lookup(camera: OmniCamera) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return camera.lookup_constants, camera.bearings_rad, camera.lookup_table
+
+
+def _nodes(camera: OmniCamera) -> FloatArray:
+    """(R, C, 2) pixels, _STEP_PX apart, where it is known what a camera as built sees; moved to where it sees any."""
     v, u = np.mgrid[0 : camera.height + _STEP_PX : _STEP_PX, 0 : camera.width + _STEP_PX : _STEP_PX]
-    nodes = np.column_stack((u.ravel(), v.ravel()))
+    nodes = np.stack((u, v), axis=-1)
     from_center = nodes - np.array(camera.center)
-    radius = np.hypot(from_center[:, 0], from_center[:, 1])
+    radius = np.hypot(from_center[..., 0], from_center[..., 1])
     inside = np.clip(radius, camera.radius_px[0] + 0.5, camera.radius_px[-1] - 3.0) / np.maximum(radius, 1e-9)
-    nearest = np.array(camera.center) + from_center * inside[:, np.newaxis]
-    shifts = as_built(camera.ground_from_image(nearest)) - nearest
-    grid: FloatArray = np.nan_to_num(shifts).reshape(*u.shape, 2)
+    nearest: FloatArray = np.array(camera.center) + from_center * inside[..., np.newaxis]
+    return nearest
+
+
+def _askew(camera: OmniCamera, nodes: FloatArray, project: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """(R, C, 2) by how many pixels the camera as built sees a ground point elsewhere; empty if it does not."""
+    flat = nodes.reshape(-1, 2)
+    grid: FloatArray = np.nan_to_num(project(camera.ground_from_image(flat)) - flat).reshape(nodes.shape)
     return np.zeros((0, 0, 2)) if np.abs(grid).max() < 1e-6 else np.ascontiguousarray(grid)
 
 

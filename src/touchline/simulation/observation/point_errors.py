@@ -152,8 +152,9 @@ class PointErrors(NamedTuple):
     """How a camera and a detector err, the same for all images.
 
     numbers: of `ObservationNoise.numbers`. first_circle: number of the first scan path that is a circle. seed, mosaic:
-    of what stays the same, see `mosaic_table`. camera: constants, bearings, ranges of the OmniCamera's look-up; scales:
-    of `scale_table`. askew (R, C, 2): shift in pixels of what the camera as built sees; step_px: from node to node.
+    of what stays the same, see `mosaic_table`. camera: constants, bearings, ranges of the OmniCamera's look-up; known:
+    of the one that pixels are read with. scales: of `scale_table`. askew (R, C, 2): shift in pixels of what the camera
+    as built sees; step_px: from node to node.
     """
 
     numbers: FloatArray
@@ -161,6 +162,7 @@ class PointErrors(NamedTuple):
     seed: int
     mosaic: FloatArray
     camera: tuple[FloatArray, FloatArray, FloatArray]
+    known: tuple[FloatArray, FloatArray, FloatArray]
     scales: FloatArray
     askew: FloatArray
     step_px: float
@@ -173,7 +175,7 @@ def perturbed(found, strays, sectors, errors, shared, normals, out):  # type: ig
     found (M, COLUMNS) of `find_crossings`; strays (K, 2): places of false points (m, base frame). sectors (B, 2): black
     directions. shared (3,) and normals (N, 2): this image's chance, standard normal.
     """
-    numbers, camera, scales = errors.numbers, errors.camera, errors.scales
+    numbers, camera, known, scales = errors.numbers, errors.camera, errors.known, errors.scales
     frame, kept_ratio, phase = numbers[5] * shared[0], numbers[3], numbers[4]
     seed, mosaic = errors.seed, errors.mosaic
     again, anew = math.sqrt(kept_ratio), math.sqrt(1.0 - kept_ratio)
@@ -211,7 +213,7 @@ def perturbed(found, strays, sectors, errors, shared, normals, out):  # type: ig
         if len(errors.askew):
             nudge_u, nudge_v = _nudged(u, v, errors.askew, errors.step_px)
             u, v = u + nudge_u, v + nudge_v
-        x, y = ground_from_pixel(u, v, camera[0], camera[1], camera[2])
+        x, y = ground_from_pixel(u, v, known[0], known[1], known[2])
         if math.isnan(x):
             continue
         point = out[kept]

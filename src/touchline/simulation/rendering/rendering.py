@@ -70,7 +70,7 @@ class Renderer:
 
     def __init__(self, grid: RayGrid, side: int = 2) -> None:
         self.grid = grid
-        self._samples = sample_rays(grid, side)
+        self._upright = self._samples = sample_rays(grid, side)
         self._still = np.ascontiguousarray(grid.still[..., :3])
         self._image = np.zeros((*grid.shape, 3), dtype=np.float32)
         seen = self._samples.rays.astype(np.float64)
@@ -78,6 +78,14 @@ class Renderer:
         level = np.maximum(np.hypot(seen[3], seen[4]), 1e-9)
         self._aside_m = float(np.max(np.abs(x * seen[4] - y * seen[3]) / level, initial=0.0))
         self._heights_m = float(seen[2].min(initial=np.inf)), float(seen[2].max(initial=-np.inf))
+
+    def bend(self, change: Float32Array | None) -> None:
+        """From now on let every pixel look along its ray plus a change (H, W, 6), a small one; None: along its ray."""
+        if change is None:
+            self._samples = self._upright
+            return
+        added = np.repeat(change.reshape(-1, 6)[self._upright.pixels], self._upright.each, axis=0)
+        self._samples = self._upright._replace(rays=self._upright.rays + added.T)
 
     def render(self, scene: Scene, poses: FloatArray) -> Float32Array:
         """Radiance (H, W, 3) of a scene from poses (1 or H, 12): rotation field_from_body by rows, then translation.

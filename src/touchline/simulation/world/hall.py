@@ -7,26 +7,66 @@ import math
 import numpy as np
 
 from touchline.field import FieldModel
+from touchline.geometry import FloatArray
 from touchline.simulation.world.lights import Lights, hall_lamps
 from touchline.simulation.world.world import PAINTS, Block, Colour, GroundMark, World
 
 _PANELS = ("white", "light grey", "grey", "green", "blue", "red", "yellow", "cyan", "orange", "brown", "black")
 _CLOTHES = ("red", "orange", "blue", "brown", "white", "green", "black", "yellow", "light grey")
 _CABLE_STEP_M = 0.15
+BESIDE_GAP_M = 2.0  # between the carpets of two fields
 
 
-def hall_for(field_model: FieldModel, margin_m: float = 1.8, height_m: float = 6.0) -> tuple[float, float, float]:
-    """A hall whose walls stand margin_m beyond the carpet."""
+def hall_for(
+    field_model: FieldModel, margin_m: float = 1.8, height_m: float = 6.0, aside_m: float = 0.0
+) -> tuple[float, float, float]:
+    """A hall whose walls stand margin_m beyond the carpet, those along the field aside_m farther off."""
     return (
         field_model.length + 2.0 * (field_model.border + margin_m),
-        field_model.width + 2.0 * (field_model.border + margin_m),
+        field_model.width + 2.0 * (field_model.border + margin_m + aside_m),
         height_m,
     )
 
 
-def default_world(field_model: FieldModel, seed: int = 0, lights: Lights | None = None, clutter: bool = True) -> World:
+def beside_lines(field_model: FieldModel) -> FloatArray:
+    """(S, 4) lines x1, y1, x2, y2 of a like field to the left of this one, BESIDE_GAP_M between both carpets."""
+    away = field_model.width + 2.0 * field_model.border + BESIDE_GAP_M
+    lines: FloatArray = field_model.segments + np.array([0.0, away, 0.0, away])
+    return lines
+
+
+def field_beside(field_model: FieldModel, hall: tuple[float, float, float]) -> tuple[Block, ...]:
+    """As much of the field beside this one as the hall has room for: its carpet and its lines, as thin slabs."""
+    edge, wall = 0.5 * field_model.width + field_model.border + BESIDE_GAP_M, 0.5 * hall[1] - 0.05
+    slabs = [Block("box", 0.0, 0.5 * (edge + wall), 0.0, hall[0] - 0.1, wall - edge, 0.0, 0.002, (PAINTS["carpet"],))]
+    for x1, y1, x2, y2 in beside_lines(field_model):
+        low, high = min(y1, y2), min(max(y1, y2), wall)
+        if low > wall - field_model.line_width:
+            continue
+        x, y, across = 0.5 * float(x1 + x2), 0.5 * float(low + high), field_model.line_width
+        length, width = max(float(abs(x2 - x1)), across), max(float(high - low), across)
+        slabs.append(Block("box", x, y, 0.0, length, width, 0.002, 0.004, (PAINTS["white"],)))
+    return tuple(slabs)
+
+
+def stands(hall: tuple[float, float, float], rng: np.random.Generator) -> tuple[Block, ...]:
+    """Three white tiers along the southern wall, two thirds of its length, with people on them."""
+    blocks = []
+    for tier in range(3):
+        y, top = -0.5 * hall[1] + 0.45 + 0.8 * (2 - tier), 0.35 + 0.35 * tier
+        blocks.append(Block("box", 0.0, y, 0.0, 0.66 * hall[0], 0.8, 0.0, top, (PAINTS["white"],)))
+        for x in np.arange(-0.31, 0.31, 0.09) * hall[0]:
+            if rng.random() < 0.7:
+                clothes = (_paint(rng, _CLOTHES), _paint(rng, _CLOTHES))
+                blocks.append(Block("box", float(x), y, 0.0, 0.45, 0.3, top, top + 0.85, clothes))
+    return tuple(blocks)
+
+
+def default_world(
+    field_model: FieldModel, seed: int = 0, lights: Lights | None = None, clutter: bool = True, aside_m: float = 0.0
+) -> World:
     """A furnished hall around a field: lamps, walls, clutter from the seed; no robots, no balls."""
-    hall = hall_for(field_model, 1.0 if field_model.length > 12.0 else 1.4)
+    hall = hall_for(field_model, 1.0 if field_model.length > 12.0 else 1.4, aside_m=aside_m)
     lights = lights or Lights(hall_lamps(*hall))
     world = World(field_model, hall, lights, board_height=0.12 if field_model.length > 12.0 else 0.0, seed=seed)
     if not clutter:

@@ -168,7 +168,7 @@ class WorldState:
 
     robots: x, y, heading of each robot of the world; balls: x, y of each. Empty: where the world says.
     covered: the camera sees nothing. occluded_rad: directions (start, end) in the base frame, counter-clockwise, that a
-    cover hides over all ranges.
+    cover hides over all ranges. mirror_swing_rad: lean of the camera's mirror about x and y beyond that of its mount.
     """
 
     time_s: float = 0.0
@@ -176,6 +176,7 @@ class WorldState:
     balls: Sequence[tuple[float, float]] = ()
     covered: bool = False
     occluded_rad: Sequence[tuple[float, float]] = field(default_factory=tuple)
+    mirror_swing_rad: tuple[float, float] = (0.0, 0.0)
 
 
 def robot_blocks(robot: RobotActor) -> tuple[Block, ...]:
