@@ -257,3 +257,17 @@ def test_the_command_learns_from_marks(tmp_path: Path, capsys: pytest.CaptureFix
     assert "4 marked regions in 1 image" in capsys.readouterr().out
     assert main([*arguments, "--output", str(tmp_path / "new" / "colours.npz")]) == 0
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"colours.npz", "colours.png"}
+
+
+def test_a_humanoid_s_colours_are_learned_from_its_images(small_data: Path, tmp_path: Path) -> None:
+    recording = small_data / "humanoid_9x6_walk"
+    found = calibrate_recording(open_source(recording))
+    assert "8 images of humanoid_9x6_walk" in found.learned_from
+    assert found.colours.green[1] > 1.2 * found.colours.green[2]
+    assert found.colours.white.min() > 200.0
+    classes = found.colours.classify(found.image)
+    assert (classes[300:] == GREEN).mean() > 0.7
+    one = str(recording / "images" / "000000.jpg")
+    wanted = ["calibrate", "colour", one, "--camera", str(recording / "camera.yaml"), "-o", str(tmp_path / "c.npz")]
+    assert main(wanted) == 0
+    assert load_colours(tmp_path / "c.npz").green == pytest.approx(found.colours.green, abs=8.0)

@@ -223,3 +223,29 @@ def test_a_run_tells_of_slips_before_it_starts(
     change(recording / "wheels.csv", ["a", "b"], lambda way: 1000.0 * way)
     assert main(["run", str(recording), "-o", str(tmp_path / "run")]) == 0
     assert "warning: wheels.csv: a way of" in capsys.readouterr().err
+
+
+# --- a perspective camera ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("file", "spoil", "said"),
+    [
+        ("camera.yaml", lambda text: text.replace("z: 1.1", "z: 110"), "110 m high. It looks like centimetres"),
+        ("camera.yaml", lambda text: text.replace("pitch: 0.488692", "pitch: 28"), "reaches 28. It looks like degrees"),
+        ("camera_pose.csv", lambda text: "t,x,y,z,roll,pitch,yaw\n0.1,0,0,1100,0,0.4,0\n", "like millimetres; z is in"),
+        (
+            "camera_pose.csv",
+            lambda text: "t,x,y,z,roll,pitch,yaw\n0.1,0,0,1.1,0,24,-50\n",
+            "reaches 50. It looks like deg",
+        ),
+    ],
+)
+def test_where_a_camera_is_in_other_units(
+    small_data: Path, tmp_path: Path, file: str, spoil: Callable[[str], str], said: str
+) -> None:
+    folder = Path(shutil.copytree(small_data / "humanoid_9x6_walk", tmp_path / "walk"))
+    assert find_slips(open_source(folder)) == []
+    path = folder / file
+    path.write_text(spoil(path.read_text() if path.exists() else ""))
+    assert [said in str(slip) for slip in find_slips(open_source(folder))] == [True]

@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import Camera
+from touchline.camera import Camera, GroundView, PinholeCamera
 from touchline.errors import InputError, TouchlineError
+from touchline.field import FieldModel, open_field
 from touchline.messages import did_you_mean, shown
+from touchline.motion import LeanFilter
+from touchline.motion.attitude import view_at
 from touchline.opened_files import OwnFolder
-from touchline.perception import LinePointDetector
+from touchline.perception import LineGraphDetector, LineGraphSettings, LinePointDetector
 from touchline.perception.colour import ColourModel
 from touchline.perception.covered import is_covered
 from touchline.perception.marked_colours import CLASSES, Region, marked_colour_model
@@ -23,6 +26,7 @@ from touchline.types import ImageArray
 from touchline.yaml_files import read_yaml
 
 REGIONS = "regions.yaml"
+_ANY_FIELD = "humanoid-kid-9x6"  # of a lone image: its lines' width
 _IMAGES = 8  # of a recording, spread over it: more teach nothing new
 
 
@@ -44,6 +48,8 @@ def calibrate_recording(recording: Recording, regions_file: Path | None = None) 
     if file is not None:
         return calibrate_marked(recording.folder, file, recording.follows_links)
     chosen = np.unique(np.linspace(0, len(recording) - 1, _IMAGES).astype(int))
+    if isinstance(recording.camera, PinholeCamera):
+        return _from_perspective(_seen(recording, set(chosen.tolist())), recording.field, recording.name)
     images = [image for k in chosen if (image := recording.image(int(k))) is not None and not is_covered(image)]
     if not images:
         raise InputError(f"{recording.path}: none of its images shows anything; touchline check tells why")
@@ -54,7 +60,12 @@ def calibrate_recording(recording: Recording, regions_file: Path | None = None) 
 def calibrate_unmarked(
     images: Sequence[ImageArray], camera: Camera, name: str, line_width_m: float = 0.125
 ) -> ColourCalibration:
-    """From the field itself: its green is the most frequent one around the robot, white what crosses it as lines do."""
+    """From the field itself: its green is the most frequent one around the robot, white what crosses it as lines do.
+
+    A perspective camera is where camera.yaml says.
+    """
+    if isinstance(camera, PinholeCamera):
+        return _from_perspective([(image, GroundView(camera)) for image in images], open_field(_ANY_FIELD), name)
     detector = LinePointDetector(camera, line_width_m=line_width_m)
     try:
         detector.learn(images)
@@ -64,6 +75,30 @@ def calibrate_unmarked(
         raise type(error)(f"{name}: {error}") from None
     assert detector.colours is not None
     return ColourCalibration(detector.colours, images[0], f"{name}, without marks")
+
+
+def _seen(recording: Recording, chosen: set[int]) -> list[tuple[ImageArray, GroundView]]:
+    """Some images of a recording with the camera at each."""
+    leaning, found = LeanFilter(), []
+    for index, frame in enumerate(recording.again()):
+        leaning.add(frame)
+        if index in chosen and frame.image is not None and not is_covered(frame.image):
+            found.append((frame.image, view_at(recording.camera, frame, leaning.lean(frame.stamp_ns))))
+    if not found:
+        raise InputError(f"{recording.path}: none of its images shows anything; touchline check tells why")
+    return found
+
+
+def _from_perspective(seen: Sequence[tuple[ImageArray, GroundView]], field: FieldModel, name: str) -> ColourCalibration:
+    """What `nimbro-lines` would learn from these images."""
+    detector = LineGraphDetector(seen[0][1].camera, LineGraphSettings(learning_frames=len(seen)), field)
+    for image, view in seen:
+        problem = detector.detect(image, view).problem
+        if problem is not None:
+            raise InputError(f"{name}: {problem}")
+    assert detector.classes is not None
+    words = f"{len(seen)} images of {name}" if len(seen) > 1 else name
+    return ColourCalibration(detector.classes.model, seen[0][0], f"{words}, without marks")
 
 
 def calibrate_marked(folder: Path, regions_file: Path, follow_links: bool = False) -> ColourCalibration:

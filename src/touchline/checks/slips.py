@@ -17,11 +17,13 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.messages import length_unit
 from touchline.perception.covered import is_covered
+from touchline.sources.camera_poses import CAMERA_POSES
 from touchline.sources.description import CAMERA
 from touchline.sources.folder import IMAGE_LIST, SENSOR_COLUMNS, Recording
 from touchline.sources.observations import OBSERVATIONS
 from touchline.sources.units import TIME_UNITS, first_rows, time_unit
 from touchline.systems import RobotSetup
+from touchline.yaml_files import read_yaml_mapping
 
 _SENSOR_STEP_S = (2.0e-3, 2.0)  # shortest and longest distance of two samples
 _IMAGE_STEP_S = (1.0e-2, 10.0)  # of two images; slower ones are rather a time lapse than milliseconds
@@ -36,6 +38,8 @@ _DEGREES = (20.0, 160.0)
 _FASTEST_M_S = 15.0
 _TRAVELLED_M = 0.3
 _FARTHEST_FOOT_M = 5.0  # where a mirror sees the ground beside the robot: 0.3 to 1 m
+_HIGHEST_M = 5.0  # of a camera on a robot
+_CAMERA_ANGLES = ("roll", "pitch", "yaw")
 _LOOKED_AT = 5
 _GREY_LEVELS = 1.0  # mean difference of the channels; carpet in the dimmest light has 4
 _ONE_WINDOW_S = 1.0
@@ -76,6 +80,7 @@ def find_slips(recording: Recording) -> list[Slip]:
         *_lengths(heads),
         *_points(recording),
         *_ranges(recording),
+        *_mounts(recording),
         *_colours(recording),
     ]
 
@@ -222,6 +227,34 @@ def _ranges(recording: Recording) -> Iterator[Slip]:
             what = f"range_table has {at_foot:.4g} m at the robot's foot (inner_radius_px)"
             unit = length_unit(at_foot, 0.3 * _FARTHEST_FOOT_M)
             yield Slip(CAMERA, what, f"It looks like {unit}; range_m is in metres.")
+
+
+def _mounts(recording: Recording) -> Iterator[Slip]:
+    """Where a perspective camera is: `mount` of camera.yaml, and camera_pose.csv."""
+    if recording.camera_kind != "pinhole":
+        return
+    places: list[tuple[str, str, float, float]] = []
+    if recording.camera_file is not None:
+        try:
+            tree = read_yaml_mapping(recording.camera_file)
+            mount = {key: float(value) for key, value in tree["mount"].items()}
+            places.append((CAMERA, "mount", abs(mount["z"]), max(abs(mount[angle]) for angle in _CAMERA_ANGLES)))
+        except (InputError, KeyError, TypeError, ValueError, AttributeError):
+            pass  # the check of the camera says so
+    table = recording.table(CAMERA_POSES)
+    if table is not None:
+        rows = first_rows(table, ("z", *_CAMERA_ANGLES))
+        if len(rows := np.abs(rows[np.isfinite(rows).all(axis=1)])):
+            places.append((CAMERA_POSES, "table", float(np.median(rows[:, 0])), float(rows[:, 1:].max())))
+    for file, name, height_m, largest_rad in places:
+        if height_m > _HIGHEST_M:
+            unit = length_unit(height_m, _HIGHEST_M)
+            yield Slip(
+                file, f"the {name} has the camera {height_m:.4g} m high", f"It looks like {unit}; z is in metres."
+            )
+        if largest_rad > _LARGEST_RAD:
+            what = f"the {name}'s roll, pitch or yaw reaches {largest_rad:.3g}"
+            yield Slip(file, what, "It looks like degrees; angles are in radians.")
 
 
 def _colours(recording: Recording) -> Iterator[Slip]:

@@ -119,7 +119,8 @@ def _most_frequent_green(pixels: FloatArray) -> FloatArray:
             break
     else:
         raise NoCarpetError(
-            "no green carpet found around the robot: is the camera covered, or its center or inner_radius_px wrong?"
+            "no green carpet found around the robot: is the camera covered, or is camera.yaml wrong (center and "
+            "inner_radius_px of a mirror, mount of a perspective camera)?"
         )
     blue, red = chromaticity(pixels[greenish]).T
     histogram, edges, _ = np.histogram2d(blue, red, bins=_CELLS, range=[[0.0, 0.6], [0.0, 0.6]])

@@ -242,7 +242,7 @@ class Recording:
         }
         if (listed := frames.get(name)) is not None:
             return listed.table
-        return self._tables.get(name)
+        return self._camera_poses if name == CAMERA_POSES else self._tables.get(name)
 
     @property
     def stated_rate_hz(self) -> float | None:
