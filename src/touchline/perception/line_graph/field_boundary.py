@@ -21,11 +21,20 @@ from touchline.perception.line_graph.colour_classes import (
     WHITE,
     CountArray,
 )
+from touchline.perception.line_graph.image_plane import Lens, plane_from_pixel
 
 _GAP = 4  # cells in a row that are no field: the boundary is reached
 _WIDE, _FIRST, _LAST = 4, 4, 8  # s: columns i - 4 .. i + 4, rows j - 8 .. j - 4
 _CARPET = 0.15  # share of green from which on a cell shows carpet
 _MEDIAN = 2  # cells to each side of the median filter
+_EDGES = 3  # of the carpet in one image
+_FREE, _ON_EDGE, _BEYOND = range(3)  # of where a column ends: below all edges, on one, above one or unknown
+_ON, _ABOVE = 0.75, 1.5  # cells from an edge: up to here on it, from here on above it
+_PAIRS_APART, _EVERY = 8, 3  # columns between two that an edge is laid through; every such column is tried
+_LEAST_ON = 0.12  # share of the columns that show an edge
+_SOLID = 0.3  # share of green in a cell of carpet that is not beside its edge
+_CARPET_COUNTS = 3  # a column with carpet above an edge speaks against it as so many do that end above it
+_LOWERED = 4  # steps: the lens bends edges a little
 
 
 class BoundaryThresholds(NamedTuple):
@@ -105,6 +114,92 @@ def scan_columns(
                 full = max(np.float64(counts[GREEN, last + 1, column]), 0.5 * FULL)
                 end -= 1.0 - min(1.0, np.float64(counts[GREEN, last, column]) / full)
         ends[column] = end
+
+
+@njit(cache=True, error_model="numpy")
+def cut_to_edges(lens: Lens, counts: CountArray, ends: FloatArray) -> None:
+    """Cut what rises above the carpet's edges off the heights ends (columns,), in place. Ours, no part of the paper.
+
+    The carpet is convex, so each of its edges, straight in the undistorted plane, bounds all of it from above: green
+    boxes behind the field and white walls are cut off, what stands on the field hides an edge and is left as it is.
+    An edge is where many columns end and few end above, fewer yet with carpet all the way up.
+    """
+    rows, columns = counts.shape[1:]
+    points, carpet = np.empty((columns, 2)), np.empty(columns)
+    state = np.empty(columns, dtype=np.int64)
+    for i in range(columns):
+        points[i] = _end_in_plane(lens, rows, i, ends[i])
+        carpet[i] = _end_in_plane(lens, rows, i, _carpet_end(counts, i, ends[i]))[1]
+        known = 0.0 < ends[i] < rows - 0.5 and not np.isnan(points[i, 0] + points[i, 1])
+        state[i] = _FREE if known else _BEYOND
+    edges = np.empty((_EDGES, 2))
+    count = 0
+    while count < _EDGES and _next_edge(points, carpet, state, CELL_PX / lens.pinhole[1], edges[count]):
+        count += 1
+    for i in range(columns):
+        for _ in range(_LOWERED):
+            x, y = _end_in_plane(lens, rows, i, ends[i])
+            over = 0.0
+            for edge in edges[:count]:
+                over = max(over, edge[0] + edge[1] * x - y)
+            over *= lens.pinhole[1] / CELL_PX
+            if not over > _ABOVE:
+                break
+            ends[i] = max(ends[i] - over, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _end_in_plane(lens: Lens, rows: int, column: int, end: float) -> tuple[float, float]:
+    return plane_from_pixel(lens, CELL_PX * column + 0.5 * (CELL_PX - 1), CELL_PX * (rows - end) - 0.5)
+
+
+@njit(cache=True)
+def _carpet_end(counts: CountArray, column: int, end: float) -> float:
+    """How high green reaches in a column without two cells in a row that are none."""
+    rows = counts.shape[1]
+    last, zeros, begun = rows, 0, False
+    for row in range(rows - 1, rows - 1 - int(end + 0.5), -1):
+        if counts[GREEN, row, column] >= _SOLID * FULL:
+            last, zeros, begun = row, 0, True
+        elif begun:
+            zeros += 1
+            if zeros == 2:
+                break
+    return np.float64(rows - last)
+
+
+@njit(cache=True, error_model="numpy")
+def _next_edge(
+    points: FloatArray, carpet: FloatArray, state: npt.NDArray[np.int64], cell: float, edge: FloatArray
+) -> bool:
+    """Lay an edge y = edge[0] + edge[1] x through the free ones of points (columns, 2) if many are on it.
+
+    carpet: (columns,) y up to where each column is carpet. state: (columns,) of the points; is brought up to date.
+    cell: size of one in the plane.
+    """
+    columns = len(points)
+    best = 0
+    for i in range(0, columns - _PAIRS_APART, _EVERY):
+        for j in range(i + _PAIRS_APART, columns, _EVERY):
+            if state[i] != _FREE or state[j] != _FREE:
+                continue
+            slope = (points[j, 1] - points[i, 1]) / (points[j, 0] - points[i, 0])
+            offset = points[i, 1] - slope * points[i, 0]
+            on = against = 0
+            for k in range(columns):
+                if state[k] != _BEYOND:
+                    y = offset + slope * points[k, 0]
+                    on += state[k] == _FREE and abs(y - points[k, 1]) < _ON * cell
+                    if y - points[k, 1] > _ABOVE * cell:
+                        against += _CARPET_COUNTS if y - carpet[k] > _ABOVE * cell else 1
+            if on - against > best and on >= _LEAST_ON * columns:
+                best = on - against
+                edge[0], edge[1] = offset, slope
+    for k in range(columns):
+        over = edge[0] + edge[1] * points[k, 0] - points[k, 1]
+        if best > 0 and over >= -_ON * cell:
+            state[k] = _BEYOND if over > _ABOVE * cell else max(state[k], _ON_EDGE)
+    return best > 0
 
 
 @njit(cache=True)

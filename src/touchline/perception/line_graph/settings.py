@@ -22,7 +22,8 @@ class LineGraphPaper(Settings):
         False,
         json_schema_extra={"paper": True},
         description="true as in the paper: columns are scanned from the image's lower edge, and end where the three "
-        "thresholds end; false: the robot's own body is passed over, the end is trimmed to the last carpet",
+        "thresholds end; false: the robot's own body is passed over, the end is trimmed to the last carpet and to the "
+        "carpet's straight edges",
     )
     fixed_low_pass: bool = Field(
         False,

@@ -24,6 +24,7 @@ from touchline.perception.line_graph.colour_classes import (
 from touchline.perception.line_graph.field_boundary import (
     BoundaryThresholds,
     binarize,
+    cut_to_edges,
     field_colour,
     scan_columns,
     smooth_boundary,
@@ -101,6 +102,8 @@ def _boundary(counts: CountArray, plane: ImagePlane, settings: LineGraphSettings
     horizon, rough, ends = np.empty(columns), np.empty(columns), np.empty(columns)
     horizon_rows(plane, columns, rows, np.inf, horizon)
     scan_columns(field, counts, horizon, settings.paper.plain_boundary, rough)
+    if not settings.paper.plain_boundary:
+        cut_to_edges(plane.lens, counts, rough)
     smooth_boundary(rough, ends)
     return ends, horizon
 
