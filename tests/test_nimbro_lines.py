@@ -72,7 +72,7 @@ def test_it_tracks_from_a_start_pose(field: str) -> None:
 
 def test_the_papers_form_tracks_less_precisely() -> None:
     preset = preset_values(NimbroLinesSettings, "paper")
-    assert preset["paper"] == {"refine": False}
+    assert preset["paper"] == {"refine": False, "twin": False}
     settings = load_settings(NimbroLinesSettings, preset="paper")
     system = open_system("nimbro-lines", RobotSetup(open_field(FIELDS[0])), settings)
     system.reset(near_start(FIELDS[0]))
@@ -86,6 +86,33 @@ def test_coloured_goals_and_poles_find_the_robot_from_nowhere() -> None:
     assert any(believed[:80])
     wrong = errors_m(FIELDS[0], estimates) > 0.5
     assert not np.any(wrong & np.array(believed))
+
+
+@pytest.mark.parametrize("others", [(), ("features.use.crossings=false",)])
+def test_colours_take_it_from_the_twin_that_it_was_told_to_the_right_end(others: tuple[str, ...]) -> None:
+    """Lines and crossings fit both; it tracked the twin for whole games, all but some posts explained."""
+    truth = [Pose(*pose) for pose in walk(FIELDS[0])[0]]
+    estimates = localized(FIELDS[0], Prior(truth[0].mirrored()), *others)
+    wrong = errors_m(FIELDS[0], estimates) > 0.5
+    believed = np.array([e.status is Status.TRACKING for e in estimates])
+    assert np.sum(wrong & believed) <= 8
+    assert np.all((believed & ~wrong)[-40:])
+    doubted = [e for e, w, b in zip(estimates, wrong, believed, strict=True) if w and not b]
+    assert all(len(e.hypotheses) == 1 for e in doubted)
+
+
+def test_a_pose_that_nothing_confirms_for_some_time_is_believed_no_longer() -> None:
+    """The robot may have fallen, and enter again anywhere at a side line."""
+    system = open_system("nimbro-lines", RobotSetup(open_field(FIELDS[0])), NimbroLinesSettings())
+    system.reset(near_start(FIELDS[0]))
+    believed = []
+    for i, frame in enumerate(walk(FIELDS[0])[1][:100]):
+        blind = 20 <= i < 60  # 5 s
+        estimate = system.step(replace(frame, observation=Observation(frame.stamp_ns)) if blind else frame)
+        believed.append(estimate.status is Status.TRACKING)
+    assert all(believed[5:50])
+    assert not any(believed[54:61])
+    assert all(believed[75:])
 
 
 def test_a_symmetric_fields_twin_is_named_unless_the_half_is_told() -> None:

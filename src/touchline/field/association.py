@@ -8,6 +8,7 @@ have four sets as well; how many crossings a set has depends on the field.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -94,11 +95,15 @@ class FieldAssociations:
     @property
     def tell_ends_apart(self) -> bool:
         """Whether a landmark's colours tell the two ends of a field apart whose lines don't."""
+        return self.tells_ends_apart([kind.value for kind in LandmarkKind])
+
+    def tells_ends_apart(self, kinds: Collection[str]) -> bool:
+        """The same of landmarks of these kinds alone."""
         places = self.tables.places_m[self.crossing_count :]
         for (kind, colors), place in zip(self._landmarks, places, strict=True):
             across = np.hypot(*(places + place).T)
             same = [k == kind and c == colors for k, c in self._landmarks]
-            if not np.any((across < CELL_M) & np.array(same)):
+            if kind in kinds and not np.any((across < CELL_M) & np.array(same)):
                 return True
         return False
 

@@ -24,15 +24,16 @@ from touchline.field.association import FieldAssociations
 from touchline.geometry import Pose
 from touchline.localization.fusion.feature_filter import FeatureFilter
 from touchline.localization.fusion.feature_tracker import BeliefSettings, FeatureTracker
+from touchline.localization.fusion.twin_odds import TwinOdds
 from touchline.localization.matching.global_search import OWN_HALF
-from touchline.localization.particles.feature_model import FeatureView, field_lines
+from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.particles.features import Features, FeatureSettings
 from touchline.localization.particles.nimbro_particles import NimbroParticles, NimbroParticleSettings
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Observation, Prior, Samples, as_prior
+from touchline.types import Estimate, Frame, Observation, Prior, Samples, Status, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where no camera.yaml tells: that of a robot between kid and adult size
 
@@ -44,6 +45,12 @@ class NimbroPaper(Settings):
         True,
         json_schema_extra={"paper": False},
         description="the pose by least squares on the features about the particles' main mode; off: the mode's mean",
+    )
+    twin: bool = Field(
+        True,
+        json_schema_extra={"paper": False},
+        description="the pose is compared in every frame with its twin at the other end, where colours alone tell them "
+        "apart, and not believed before that is refuted; off: the particles alone tell",
     )
 
 
@@ -75,9 +82,13 @@ class NimbroLines:
             height_m = float(camera.base_from_camera.translation_m[2])
         associations, lines = FieldAssociations(field), field_lines(field)
         self.features = Features(associations, s.features, height_m)
-        self.particles = NimbroParticles(field, associations, rng, s.particles, s.features.paper.covariances)
+        told_apart = self.features.tell_ends_apart
+        symmetric = field.is_symmetric and not told_apart
+        model = FeatureModel(associations.tables, lines, polar=not s.features.paper.covariances)
+        self.particles = NimbroParticles(field, model, rng, symmetric, s.particles)
         feature_filter = FeatureFilter(associations.tables, lines, height_m, s.features.noise.lean_rad)
-        self.tracker = FeatureTracker(feature_filter, self.particles.symmetric, s.belief, s.paper.refine)
+        twin = TwinOdds(model) if s.paper.twin and field.is_symmetric and told_apart else None
+        self.tracker = FeatureTracker(feature_filter, symmetric, s.belief, s.paper.refine, twin)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -102,8 +113,11 @@ class NimbroLines:
         frame = self._with_lean(frame)  # roll and pitch at the image, section 4.4
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # features, sections 3 and 4
         view = self.features.of(observation)  # egocentric, with noise and confidence, sections 4.4 and 5.3
-        mode = self.particles.update(view, self._side())  # observation model, resampling, equations (4) to (8)
-        self.tracker.update(view, mode)  # ours: least squares about the main mode; whether it is believed
+        searching = self.tracker.status is not Status.TRACKING
+        mode = self.particles.update(view, self._side(), searching)  # observation model, resampling, (4) to (8)
+        self.tracker.update(view, mode, frame.stamp_ns)  # ours: least squares about the main mode; is it believed
+        if self.tracker.turned:
+            self.particles.start_at(self.tracker.pose, self.tracker.filter.covariance)
         if self.tracker.is_lost:
             self._search()  # augmented MCL, section 5: anywhere on the field
         return self._report(observation, view, clock)

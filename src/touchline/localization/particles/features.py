@@ -93,6 +93,14 @@ class Features:
         """What counts of an observation."""
         return FeatureView(self._points(seen.crossings, seen.landmarks), self._lines(seen.lines))
 
+    @property
+    def tell_ends_apart(self) -> bool:
+        """Whether colours that count tell the two ends of the field apart."""
+        use = self.settings.use
+        return self.associations.tells_ends_apart(
+            (*(_POSTS if use.posts else ()), *((LandmarkKind.POLE.value,) if use.poles else ()))
+        )
+
     def _points(self, crossings: Crossings, landmarks: Landmarks) -> PointFeatures:
         kept, found = self._associations(crossings, landmarks)
         positions = np.concatenate((crossings.positions_m, landmarks.positions_m))[kept]

@@ -16,11 +16,11 @@ from pydantic import Field
 
 from touchline.config import Settings
 from touchline.field import FieldModel
-from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching.global_search import Region
 from touchline.localization.matching.matcher import as_pose
-from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
+from touchline.localization.particles.feature_model import FeatureModel, FeatureView
+from touchline.localization.particles.feature_poses import FeaturePoses, PoseProposals
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.localization.particles.particle_set import ParticleSet, mean_and_covariance
@@ -37,6 +37,7 @@ CELL_M, CELL_RAD = 0.5, math.pi / 6.0  # of the histogram that finds modes
 START_PARTICLES = 4000  # at a start from nowhere, until they are drawn anew for the first time
 SLOW, FAST = 0.02, 0.2  # forgetting of the long- and the short-term likelihood per cycle: some 50 and 5 images
 MAX_RANDOM_RATIO = 0.2  # of the particles; more would leave too few to a pose that is right
+PROPOSED_RATIO = 0.2  # of the particles while searching: at poses that the features of the frame propose
 
 
 class StepNoise(MotionNoise):
@@ -79,6 +80,12 @@ class NimbroParticlePaper(Settings):
         description="random particles by the likelihood of one observation, so that frames that show more are no "
         "worse; off by that of all, as in the paper",
     )
+    proposals: bool = Field(
+        True,
+        json_schema_extra={"paper": False},
+        description="while searching, random particles start where the features of the frame fit the field, too; off: "
+        "anywhere, as in the paper",
+    )
 
 
 class NimbroParticleSettings(Settings):
@@ -96,11 +103,15 @@ class NimbroParticleSettings(Settings):
 
 
 class Mode(NamedTuple):
-    """A cluster of particles: mean, covariance (3, 3) in (m, m, rad), field frame, and its share of all weight."""
+    """A cluster of particles: mean, covariance (3, 3) in (m, m, rad), field frame, and its share of all weight.
+
+    twin_weight: the share of those about its twin, half a turn about the centre mark.
+    """
 
     pose: Pose
     covariance: FloatArray
     weight: float
+    twin_weight: float = 0.0
 
 
 class SidedPoses(NamedTuple):
@@ -116,9 +127,15 @@ class SidedPoses(NamedTuple):
         poses = self.uniform.draw(rng, count)
         if self.about is not None:
             poses[:, 2] += math.pi * rng.integers(0, 2, count)
-            far = np.cos(poses[:, 2] - self.about.heading) < 0.0
-            poses[far] = poses[far] * (-1.0, -1.0, 1.0) + (0.0, 0.0, math.pi)
+            poses = on_side(poses, self.about)
         return poses
+
+
+def on_side(poses: FloatArray, about: Pose) -> FloatArray:
+    """Of each pose (N, 3) and its twin the one that faces the way of another pose."""
+    far = np.cos(poses[:, 2:] - about.heading) < 0.0
+    chosen: FloatArray = np.where(far, poses * (-1.0, -1.0, 1.0) + (0.0, 0.0, math.pi), poses)
+    return chosen
 
 
 class NimbroParticles:
@@ -127,17 +144,16 @@ class NimbroParticles:
     def __init__(
         self,
         field: FieldModel,
-        associations: FieldAssociations,
+        model: FeatureModel,
         rng: np.random.Generator,
+        symmetric: bool,
         settings: NimbroParticleSettings | None = None,
-        covariances: bool = True,
     ) -> None:
-        """covariances: features by their covariances, else by equations (5) to (7)."""
+        """symmetric: nothing tells both ends of the field apart."""
         self.settings = s = settings or NimbroParticleSettings()
-        self.rng = rng
-        self.symmetric = field.is_symmetric and not associations.tell_ends_apart
+        self.rng, self.symmetric, self.sensor_model = rng, symmetric, model
         self._reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
-        self.sensor_model = FeatureModel(associations.tables, field_lines(field), polar=not covariances)
+        self.proposals = PoseProposals(model, self._reach_m) if s.paper.proposals else None
         self.particles = ParticleSet(np.zeros((1, 3)))
         number = CertaintyNumber(s.min_particles, max(s.min_particles, s.max_particles), UNCERTAIN_M)
         self.injection = AugmentedInjection(
@@ -146,7 +162,7 @@ class NimbroParticles:
         self.filter: ParticleFilter[FeatureView] = ParticleFilter(
             self.particles,
             MotionModel(s.motion),
-            self.sensor_model,
+            model,
             Resampling(EVERY_CYCLE if s.paper.resample_always else 0.5, number),
             rng,
             self.injection,
@@ -168,12 +184,15 @@ class NimbroParticles:
         """Equation (3): every particle moves by the odometry's motion, with noise of its own."""
         self.filter.predict(motion)
 
-    def update(self, view: FeatureView, about: Pose | None = None) -> Mode:
+    def update(self, view: FeatureView, about: Pose | None = None, searching: bool = False) -> Mode:
         """Equations (4) to (8) and resampling; returns the main mode. A view without features changes nothing.
 
-        about: the pose on whose side of a symmetric field random particles start; None: on both.
+        about: the pose on whose side of a symmetric field random particles start; None: on both. searching: whether
+        there is no pose that is believed.
         """
         if view.size:
+            if searching and self.proposals is not None:
+                self._inject(self.proposals.of(view), about)
             self.injection.poses = SidedPoses(UniformPoses(self._reach_m), about if self.symmetric else None)
             self.injection.observations = view.size if self.settings.paper.per_observation else 1
             self.filter.weigh(view)
@@ -194,7 +213,20 @@ class NimbroParticles:
             return Mode(found.pose, found.covariance, 0.0)
         mean, covariance = mean_and_covariance(poses, inside / weight)
         floor = np.maximum(MIN_DEVIATIONS**2 - np.diag(covariance), 0.0)
-        return Mode(as_pose(mean), covariance + np.diag(floor), weight)
+        pose = as_pose(mean)
+        return Mode(pose, covariance + np.diag(floor), weight, self._weight_near(pose.mirrored()))
+
+    def _weight_near(self, pose: Pose) -> float:
+        away = self.particles.poses - pose
+        near = np.hypot(away[:, 0], away[:, 1]) < MODE_M
+        near &= np.cos(away[:, 2]) > math.cos(MODE_RAD)
+        return float(self.particles.weights[near].sum())
+
+    def _inject(self, proposed: FeaturePoses, about: Pose | None) -> None:
+        count = int(PROPOSED_RATIO * len(self.particles))
+        if len(proposed.poses) and count:
+            poses = proposed.draw(self.rng, count)
+            self.filter.inject(poses if about is None or not self.symmetric else on_side(poses, about))
 
     def _start(self, poses: FloatArray) -> None:
         self.filter.start(poses)
