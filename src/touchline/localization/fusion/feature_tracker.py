@@ -29,7 +29,9 @@ RECENT_FEATURES = 12.0  # the same over a short time: two images that a pose exp
 SURE_WEIGHT = 0.8  # share of the particles' weight in one mode from which there is a pose at all
 SURE_M = 0.5  # standard deviation of a position above which no pose is believed: right is within 0.5 m
 SURE_RAD = 0.3  # the same of the heading
-SAME_SIDE_M = 2.0  # how far another place may be away for the robot to be still at the end that it was at: it slipped
+# how far another place may be away for the robot to be still at the end that it was at: it slipped. Of all places that a
+# robot may be carried to, the twins of less than one in a hundred are so near
+SLIP_M, SLIP_RAD = 1.0, 0.5
 
 _NOTHING = Explained(0.0, 0.0, math.nan)
 
@@ -175,8 +177,7 @@ class FeatureTracker:
         near = None if elsewhere or mode.weight < SURE_WEIGHT else mode.pose
         self._count(self.filter.update(view, near), rival)
         if self._is_refuted():
-            if self.symmetric and mode.pose.distance_to(self.pose) > SAME_SIDE_M:
-                self.side_known = False
+            self.side_known &= not self.symmetric or self._is_near(mode.pose, SLIP_M, SLIP_RAD)
             self._take(mode)
 
     def _take(self, mode: Mode) -> None:
@@ -218,8 +219,11 @@ class FeatureTracker:
 
     def _is_elsewhere(self, mode: Mode) -> bool:
         """Whether the particles' main mode is another place."""
-        turned = abs(wrap_angle(mode.pose.heading - self.pose.heading))
-        return mode.weight >= SURE_WEIGHT and (mode.pose.distance_to(self.pose) > MODE_M or turned > MODE_RAD)
+        return mode.weight >= SURE_WEIGHT and not self._is_near(mode.pose, MODE_M, MODE_RAD)
+
+    def _is_near(self, pose: Pose, reach_m: float, reach_rad: float) -> bool:
+        turned = abs(wrap_angle(pose.heading - self.pose.heading))
+        return self.pose.distance_to(pose) <= reach_m and turned <= reach_rad
 
     def _judge(self, stamp_ns: int) -> None:
         s = self.settings
