@@ -23,14 +23,15 @@ from touchline.motion.odometry import Motion
 from touchline.types import Hypothesis, Prior, Status
 
 CONFIRMING_FEATURES = 20.0  # that a new pose must be judged by until it is believed: two or three images
+AGAIN_FEATURES = 6.0  # the same of one that was believed before the robot was blind: at the very place expected
 MEMORY_FEATURES = 40.0  # over which it is averaged how much a pose explains: some five images
 REFUTING_FEATURES = 15.0  # that another place has to explain as well as the pose: two images
 RECENT_FEATURES = 12.0  # the same over a short time: two images that a pose explains nothing of are enough to doubt it
 SURE_WEIGHT = 0.8  # share of the particles' weight in one mode from which there is a pose at all
 SURE_M = 0.5  # standard deviation of a position above which no pose is believed: right is within 0.5 m
 SURE_RAD = 0.3  # the same of the heading
-# how far another place may be away for the robot to be still at the end that it was at: it slipped. Of all places that a
-# robot may be carried to, the twins of less than one in a hundred are so near
+# how far another place may be away for the robot to be still at the end that it was at: it slipped. Of all places that
+# a robot may be carried to, the twins of less than one in a hundred are so near
 SLIP_M, SLIP_RAD = 1.0, 0.5
 
 _NOTHING = Explained(0.0, 0.0, math.nan)
@@ -119,7 +120,8 @@ class FeatureTracker:
         self.residual_m = math.nan
         self.turned = False
         self._confirmed_ns: int | None = None
-        self._start_counting(CONFIRMING_FEATURES if told else 0.0, told)
+        self._start_counting(CONFIRMING_FEATURES if told else 0.0)
+        self._forget_twin(told)
 
     @property
     def pose(self) -> Pose:
@@ -168,7 +170,8 @@ class FeatureTracker:
         """There is no pose any more."""
         self.has_pose, self.status = False, Status.LOST
         self.side_known = not self.symmetric
-        self._start_counting(0.0)
+        self._start_counting()
+        self._forget_twin()
 
     def _follow(self, view: FeatureView, mode: Mode) -> None:
         """Least squares on the features, beside a mode of the particles that may be elsewhere."""
@@ -188,7 +191,8 @@ class FeatureTracker:
         weight = mode.weight + (mode.twin_weight if self._has_twins else 0.0)
         if weight >= SURE_WEIGHT and self._is_narrow(mode.covariance):
             self.has_pose = True
-            self._start_counting(0.0)
+            self._start_counting()
+            self._forget_twin()
 
     @property
     def _has_twins(self) -> bool:
@@ -232,18 +236,16 @@ class FeatureTracker:
         if self.status is Status.TRACKING:
             if doubted or any(agreement.is_below(s.lost_ratio) for agreement in (self._long, self._recent)):
                 self.status = Status.SEARCHING
-        elif self.has_pose and not doubted and self._long.seen >= CONFIRMING_FEATURES and self._is_confirmed():
+        elif self.has_pose and not doubted and self._long.seen >= self._needed and self._is_confirmed():
             self.status = Status.TRACKING
 
     def _doubt_if_blind(self, stamp_ns: int) -> None:
         """A pose that nothing has confirmed for some time has to be confirmed anew."""
         if self._explained_any or self._confirmed_ns is None:
             self._confirmed_ns = stamp_ns
-        elif stamp_ns - self._confirmed_ns > 1e9 * self.settings.blind_s:
-            if self.status is Status.TRACKING:
-                self.status = Status.SEARCHING
-            self._long.start()
-            self._recent.start()
+        elif self.status is Status.TRACKING and stamp_ns - self._confirmed_ns > 1e9 * self.settings.blind_s:
+            self.status = Status.SEARCHING
+            self._start_counting(0.0, AGAIN_FEATURES)
 
     def _is_confirmed(self) -> bool:
         ratio = self.settings.confirmed_ratio
@@ -253,12 +255,16 @@ class FeatureTracker:
         position = math.sqrt(covariance[0, 0] + covariance[1, 1])
         return position < SURE_M and math.sqrt(covariance[2, 2]) < SURE_RAD
 
-    def _start_counting(self, features: float, told: bool = False) -> None:
-        """So many features have been seen and explained, by a pose that was told by a person or not."""
+    def _start_counting(self, features: float = 0.0, needed: float = CONFIRMING_FEATURES) -> None:
+        """So many features have been seen and explained; so many are needed until the pose is believed."""
+        self._needed = needed
         self._long.start(features)
         self._recent.start(min(features, RECENT_FEATURES))
         self._explained_any = False
         self._rival, self._own_beside = _NOTHING, 0.0
+
+    def _forget_twin(self, told: bool = False) -> None:
+        """Nothing speaks for the pose against its twin, unless it was told by a person."""
         if self.twin is not None:
             self.twin.reset(told)
 
