@@ -11,7 +11,7 @@ import numpy as np
 from touchline.geometry import Pose, wrap_angle
 from touchline.motion.history import MotionHistory
 from touchline.motion.odometry import Motion
-from touchline.motion.samples import NANOSECONDS
+from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS
 from touchline.motion.wheel_odometry import Rolled
 
 
@@ -49,7 +49,13 @@ class DeadReckoning:
         return self._summed_pose().compose(self._extrapolated)
 
     def set_pose(self, pose: Pose) -> None:
-        """Change the offset so that the pose at the last frame is this one (figure 4: from the fusion)."""
+        """Change the offset so that the pose at the last frame is this one (figure 4: from the fusion).
+
+        Where the wheels have been silent for longer than their motion is extrapolated, the pose holds their way, too:
+        what they tell of it later is not added.
+        """
+        if self.stamp_ns is not None and self.stamp_ns - self._summed_ns > int(EXTRAPOLATION_S * NANOSECONDS):
+            self._summed_ns, self._extrapolated = self.stamp_ns, Pose(0.0, 0.0, 0.0)
         summed = pose.compose(self._extrapolated.inverse())
         self.offset = [value - total for value, total in zip(summed, self.sums, strict=True)]
 
