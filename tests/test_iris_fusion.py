@@ -24,7 +24,7 @@ from touchline.types import Estimate, Frame, LinePoints, Mode, Observation, Prio
 PAPER = (
     "particles.paper.max_units=255", "particles.paper.tempering_threshold=0", "particles.paper.roughening=0",
     "particles.paper.nearby_ratio=0", "fusion.paper.beta_period_s=null", "fusion.paper.bias_gain_per_s=0",
-    "restart.paper.heading_rad=null", "restart.paper.image_cycles=1",
+    "fusion.paper.camera_errors=false", "restart.paper.heading_rad=null", "restart.paper.image_cycles=1",
 )  # fmt: skip
 
 

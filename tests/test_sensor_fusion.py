@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from touchline.geometry import Pose, wrap_angle
+from touchline.localization.fusion import field_side, restart
 from touchline.localization.fusion import modes as limits
-from touchline.localization.fusion import restart
+from touchline.localization.fusion.field_side import FieldSide
 from touchline.localization.fusion.modes import SensorFusion, SensorFusionPaper, SensorFusionSettings, blended
-from touchline.localization.fusion.restart import RestartPaper, RestartRule, RestartSettings
+from touchline.localization.fusion.restart import RestartRule
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion.dead_reckoning import without_bias
 from touchline.motion.odometry import Motion
@@ -289,39 +290,87 @@ def test_particles_start_anew_after_several_images_that_contradict_them_or_after
 ):
     rule = RestartRule()
     poor = restart.MIN_RATIO - 0.1
-    assert [rule.is_refuted(poor, None) for _ in range(restart.FRAMES)] == [False] * (restart.FRAMES - 1) + [True]
+    assert [rule.is_refuted(poor) for _ in range(restart.FRAMES)] == [False] * (restart.FRAMES - 1) + [True]
     rule.reset()
     for _ in range(restart.FRAMES - 1):
-        rule.is_refuted(poor, None)
-    assert not rule.is_refuted(0.9, None)
-    assert not rule.is_refuted(poor, None)
+        rule.is_refuted(poor)
+    assert not rule.is_refuted(0.9)
+    assert not rule.is_refuted(poor)
     for found_since in (False, True):
         rule.reset()
         for _ in range(restart.BLIND_FRAMES):
             rule.see_nothing()
         if found_since:
             rule.found()
-        assert rule.is_refuted(poor, None) is not found_since
+        assert rule.is_refuted(poor) is not found_since
     rule.reset()
-    lost = [rule.is_refuted(0.95, None, lost=True) for _ in range(restart.FRAMES)]  # fits well, but elsewhere
+    lost = [rule.is_refuted(0.95, lost=True) for _ in range(restart.FRAMES)]  # fits well, but elsewhere
     assert lost == [False] * (restart.FRAMES - 1) + [True]
 
 
 def test_the_wrong_end_of_the_field_is_left_when_the_compass_says_so() -> None:
-    rule = RestartRule()
-    answers = [rule.is_refuted(0.95, math.pi) for _ in range(restart.HEADING_FRAMES)]
-    assert answers == [False] * (restart.HEADING_FRAMES - 1) + [True]
-    assert rule.at_wrong_end
-    rule.start()
-    assert not rule.at_wrong_end
-    ends = []
-    for _ in range(restart.HEADING_FRAMES):
-        ends.append(rule.at_right_end)
-        assert not rule.is_refuted(0.95, 0.1)
-    assert ends == [False] * restart.HEADING_FRAMES
-    assert rule.at_right_end
-    paper = RestartRule(RestartSettings(paper=RestartPaper(heading_rad=None)))
-    assert not any(paper.is_refuted(0.95, math.pi) for _ in range(50))
+    side, frames = FieldSide(1.6), field_side.HEADING_FRAMES
+    answers = []
+    for _ in range(frames):
+        side.hear(math.pi)
+        answers.append(side.wrong)
+    assert answers == [False] * (frames - 1) + [True]
+    side.search(known=False)
+    assert not side.wrong
+    for _ in range(frames):
+        assert not side.known
+        side.hear(0.1)
+        assert not side.wrong
+    assert side.known
+    paper = FieldSide(None)
+    for _ in range(50):
+        paper.hear(math.pi)
+        assert not paper.wrong
+
+
+def heard(side: FieldSide, off_compass_rad: float, frames: int) -> list[bool]:
+    """So many images with such a compass; whether the robot was at the wrong end after each."""
+    answers = []
+    for _ in range(frames):
+        side.hear(off_compass_rad)
+        answers.append(side.wrong)
+    return answers
+
+
+def test_a_compass_that_turns_round_while_the_robot_is_followed_is_doubted_and_not_believed() -> None:
+    side = FieldSide(1.6)
+    assert not any(heard(side, 0.1, 100))
+    assert not any(heard(side, math.pi, 100))  # ten seconds
+    assert side.doubted
+    assert not side.known  # the twin is named meanwhile
+    heard(side, 0.1, field_side.HEADING_FRAMES)
+    assert side.known
+    assert not side.doubted
+    answers = heard(side, math.pi, 105 + field_side.PATIENCE_FRAMES + 1)  # one that goes on for longer is right
+    assert answers.index(True) == len(answers) - 1
+
+
+def test_a_robot_that_is_lost_while_the_compass_is_doubted_waits_until_the_compass_changes_its_mind() -> None:
+    for found_off in (0.0, math.pi):  # at the end that the false compass says, or at the other
+        side = FieldSide(1.6)
+        heard(side, 0.1, 100)
+        heard(side, math.pi, 20)
+        side.search(known=True)
+        assert not any(heard(side, found_off, 50))
+        assert not side.known
+        answers = heard(side, math.pi - found_off, field_side.HEADING_FRAMES)
+        assert answers[-1] is (found_off == 0.0)  # the compass is right again: the other end, or this one
+        assert side.known is not answers[-1]
+
+
+def test_who_was_told_a_pose_that_the_compass_denies_is_at_one_of_two_ends() -> None:
+    side = FieldSide(1.6)
+    side.start(known=True, told=True)
+    assert heard(side, math.pi, field_side.HEADING_FRAMES)[-1]
+    side.search(known=True)
+    heard(side, 0.0, 50)
+    assert not side.known
+    assert heard(side, math.pi, field_side.HEADING_FRAMES)[-1]  # a compass that was false at first, and no longer is
 
 
 def test_searches_start_anew_after_some_cycles_each_with_wider_headings(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,9 @@ from pydantic import Field
 
 from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
-from touchline.localization.fusion.modes import MIN_POINTS, SensorFusion, SensorFusionSettings
+from touchline.localization.fusion.camera_errors import CameraErrors, CameraFit
+from touchline.localization.fusion.field_side import FieldSide
+from touchline.localization.fusion.modes import MIN_POINTS, SensorFusion, SensorFusionSettings, difference, shared_out
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
 from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
@@ -54,6 +56,7 @@ from touchline.types import (
 _STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 
 
+NEAR_FITTED_M = 0.06  # the same while the camera's errors are unknown, of points that they are fitted to
 NEAR_M = 0.1  # distance within which a point lies on a line: calibration, blur
 # standard deviation of the first headings about the one known before the robot was lost, without a compass, beside what
 # odometry may have gone wrong: a robot may have been turned, hardly to the other goal
@@ -113,8 +116,10 @@ class IrisFusion:
         self.history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
         self.odometry = DeadReckoning(self.history)
         self.rng = rng
+        self.camera_errors = CameraErrors(field, settings.fusion.paper.camera_errors)
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)
+        self.side = FieldSide(settings.restart.paper.heading_rad)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -125,7 +130,10 @@ class IrisFusion:
         self.history.clear()
         self.odometry.reset(prior.pose)
         self.fusion.forget()
-        self.status, self.side_known = Status.SEARCHING, True
+        self.camera_errors.reset()
+        self.fit: CameraFit | None = None
+        self.status = Status.SEARCHING
+        self.side.start(known=True, told=prior.pose is not None)
         self.stamp_ns: int | None = None
         self.searching = prior.pose is None
         self.restart.reset()
@@ -145,8 +153,10 @@ class IrisFusion:
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: figures 6 and 7
         compass_rad = self.history.at(frame.stamp_ns).heading_rad
         vision, residual_m = self._particle_filter(observation.points, motion, compass_rad)  # figure 8, (7) to (14)
-        self.fusion.update(self.odometry.pose, motion, vision, duration_s, motion.by_gyro)  # figure 11, (15) to (19)
-        self._correct()  # figure 1: the odometry's offset
+        self.fusion.update(  # fuse: figure 11, (15) to (19)
+            self.odometry.pose, motion, vision, duration_s, motion.by_gyro, self._image_covariance(vision)
+        )
+        self._correct(compass_rad)  # figure 1: the odometry's offset
         return self._report(observation, residual_m, clock)
 
     def _odometry(self, frame: Frame) -> tuple[Motion, float]:
@@ -157,7 +167,7 @@ class IrisFusion:
         return self.odometry.advance(frame.stamp_ns, self.fusion.bias_rad_s), duration_s
 
     def _report(self, observation: Observation, residual_m: float, clock: Stopwatch) -> Estimate:
-        covariance = (self.unknown if self.searching else self.fusion.covariance).copy()
+        covariance = (self.unknown if self.searching else self.fusion.believed_covariance).copy()
         mirrored = Hypothesis(self.fusion.pose.mirrored(), residual_m, covariance=mirrored_covariance(covariance))
         return Estimate(
             observation.stamp_ns,
@@ -166,7 +176,7 @@ class IrisFusion:
             self.status,
             residual_m,
             len(observation.points),
-            () if self.side_known else (mirrored,),
+            () if self.side.known else (mirrored,),
             perception_ms=clock.perception_ms,
             localization_ms=clock.localization_ms,
             observation=observation,
@@ -184,7 +194,7 @@ class IrisFusion:
             return None, float("nan")
         if not self.searching:
             vision, residual_m = self._cycles(points, 1 if motion.missing_s == 0.0 else image_cycles)
-            if self._is_still_tracked(vision, compass_rad):
+            if self._is_still_tracked(vision):
                 return vision, residual_m
             self.searching, self.status = True, Status.LOST
             self._start(compass_rad)
@@ -200,37 +210,55 @@ class IrisFusion:
         if self.region is not None:
             self.particles.keep_within(self.region, self.moved)
 
-    def _is_still_tracked(self, vision: ParticleEstimate, compass_rad: float | None) -> bool:
-        """Whether the robot is still followed; the compass may tell at which end of the field."""
-        off_compass_rad = None if compass_rad is None else wrap_angle(self.odometry.pose.heading - compass_rad)
-        refuted = self.restart.is_refuted(vision.inlier_ratio, off_compass_rad, self.status is Status.LOST)
-        self.side_known |= self.restart.at_right_end
+    def _is_still_tracked(self, vision: ParticleEstimate) -> bool:
+        """Whether the robot is still followed, at the right end of the field."""
+        refuted = self.restart.is_refuted(vision.inlier_ratio, self.status is Status.LOST) or self.side.wrong
         return not refuted and self._began_in_start_region(vision.pose)
 
     def _began_in_start_region(self, pose: Pose) -> bool:
-        """Whether a robot that is here now has begun in the start region, if there is one."""
-        return self.region is None or self.region.contains(pose.compose(self.moved.inverse()))
+        """Whether a robot that is here now, also as the points would have it, has begun in the start region, if any."""
+        if self.region is None:
+            return True
+        poses = [pose] if self.fit is None else [pose, self.fit.pose]
+        return all(self.region.contains(each.compose(self.moved.inverse())) for each in poses)
 
     def _cycles(self, points: LinePoints, count: int) -> tuple[ParticleEstimate, float]:
         """So many cycles on one image."""
+        chosen = points_chosen(points, self.settings.max_points)
+        positions_m = np.ascontiguousarray(self.camera_errors.corrected(chosen.positions_m))
         for _ in range(count - 1):
-            self._cycle(points)
+            self._cycle(positions_m)
             self._move(_STILL)
-        return self._cycle(points)
+        found = self._cycle(positions_m)
+        self.fit = self.camera_errors.fit(chosen, found.pose)
+        near = self.fit is not None and self.fit.pose.distance_to(found.pose) <= NEAR_M
+        if self.fit is None or (self.camera_errors.settled and not near):
+            errors_m, near_m = self.particles.errors_m(positions_m, found.pose), NEAR_M
+        else:
+            errors_m, near_m = self.fit.residuals_m, NEAR_FITTED_M
+        inlier_ratio = float(np.mean(errors_m <= near_m))
+        return found._replace(points=len(points), inlier_ratio=inlier_ratio), float(errors_m.mean())
 
-    def _cycle(self, points: LinePoints) -> tuple[ParticleEstimate, float]:
+    def _cycle(self, positions_m: FloatArray) -> ParticleEstimate:
         """Equations (7) to (14)."""
         self.restart.count_cycle()
-        chosen = evenly_chosen(points.positions_m, self.settings.max_points)
-        found = self.particles.update(chosen)
-        errors_m = self.particles.errors_m(chosen, found.pose)
-        inlier_ratio = float(np.mean(errors_m <= NEAR_M))
-        return found._replace(points=len(points), inlier_ratio=inlier_ratio), float(errors_m.mean())
+        return self.particles.update(positions_m)
+
+    def _image_covariance(self, vision: ParticleEstimate | None) -> FloatArray | None:
+        """(3, 3) of the pose that the particles say: what points and camera leave open, and how far off them it is."""
+        if vision is None or self.fit is None:
+            return None
+        aside = difference(vision.pose, self.fit.pose)
+        covariance: FloatArray = self.fit.covariance[:3, :3] + shared_out(aside)
+        return covariance
 
     def _start(self, compass_rad: float | None) -> None:
         """Spread the particles over the field, or the start region; the compass helps with the first headings alone."""
-        self.fusion.search_anew(self.restart.failed, displaced=self.restart.at_wrong_end)
-        heading_rad, deviation_rad = self._first_headings(compass_rad, self.restart.start())
+        self.fusion.search_anew(self.restart.failed, displaced=self.side.wrong)
+        known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
+        believed_rad = None if self.side.doubted and not self.side.wrong else compass_rad
+        self.side.search(known)
+        heading_rad, deviation_rad = self._first_headings(believed_rad, self.restart.start())
         if self.region is not None and heading_rad is not None:
             heading_rad -= self.moved.heading
         self.particles.restart(heading_rad, self.region, deviation_rad)
@@ -238,7 +266,6 @@ class IrisFusion:
             self.particles.predict(Motion(self.moved, np.zeros((3, 3)), 0.0))
         if self.fusion.has_pose:
             self.particles.put_nearby(self.odometry.pose)  # it may have been right
-        self.side_known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
 
     def _first_headings(self, compass_rad: float | None, widening: float) -> tuple[float | None, float]:
         """Mean and standard deviation (rad) of the headings that a search starts with: the compass's, or the last."""
@@ -251,18 +278,31 @@ class IrisFusion:
             )
         return None, math.pi
 
-    def _correct(self) -> None:
+    def _correct(self, compass_rad: float | None) -> None:
         """Figure 1: the offset of the odometry from the fused pose; some particles stay about it. And the status."""
         if self.fusion.mode is not Mode.ODOMETRY:
+            if self.fit is not None and self.fusion.confirmed:
+                self.camera_errors.learn(self.fit)
             self.odometry.set_pose(self.fusion.pose)
             self.status, self.searching = Status.TRACKING, False
             self.restart.found()
+            self.side.hear(None if compass_rad is None else wrap_angle(self.fusion.pose.heading - compass_rad))
             if self.fusion.confirmed:
                 self.region = None
-        elif self.fusion.lost and self.status is Status.TRACKING:
+        elif (self.fusion.lost or self.fusion.doubtful) and self.status is Status.TRACKING:
             self.status = Status.LOST
         if self.fusion.has_pose:
             self.particles.put_nearby(self.fusion.pose)
+
+
+def points_chosen(points: LinePoints, most: int) -> LinePoints:
+    """No more than so many of some points, evenly over their order."""
+    if len(points) <= most:
+        return points
+    rows = np.arange(most) * len(points) // most
+    return LinePoints(
+        points.positions_m[rows], points.covariances_m2[rows], points.confidences[rows], points.pixels[rows]
+    )
 
 
 def evenly_chosen(positions_m: FloatArray, most: int) -> FloatArray:

@@ -54,6 +54,11 @@ class SensorFusionPaper(Settings):
         description="time between corrections of the odometry (s) that β is meant for: after a longer one its share is "
         "β to the power of their ratio, since its errors have grown; none is the paper's constant",
     )
+    camera_errors: bool = Field(
+        True,
+        description="learn from the lines how far the mirror is tilted and the ranges are too long, and take it off; "
+        "false as in the paper, whose particles are off by what the calibration leaves",
+    )
     bias_gain_per_s: float = Field(
         0.2,
         ge=0,
@@ -129,8 +134,9 @@ class SensorFusion:
 
     `bias_rad_s`: how fast the odometry's heading was seen to run away from the particles'.
 
-    The covariance is a bound that holds however the errors depend on each other: those of odometry do, from step to
-    step, and the particles are moved by it.
+    `covariance` is what the pose's error is expected to be, `bound` (3, 3) a bound of it that holds however the errors
+    depend on each other: those of odometry do, from step to step, and the particles are moved by it. The bound alone
+    judges what an image may contradict, and when the odometry is lost.
     """
 
     def __init__(self, settings: SensorFusionSettings | None = None) -> None:
@@ -141,6 +147,8 @@ class SensorFusion:
         """No pose is known."""
         self.pose = Pose(0.0, 0.0, 0.0)
         self.covariance: FloatArray = np.eye(3) * 100.0
+        self.bound: FloatArray = self.covariance
+        self.dispute: FloatArray = np.zeros(3)
         self.mode = Mode.ODOMETRY
         self.has_pose = False
         self.bias_rad_s = 0.0
@@ -151,7 +159,7 @@ class SensorFusion:
 
     def place(self, pose: Pose, covariance: FloatArray) -> None:
         """A start pose with its covariance (3, 3)."""
-        self.pose, self.covariance, self.has_pose = pose, covariance, True
+        self.pose, self.covariance, self.bound, self.has_pose = pose, covariance, covariance, True
 
     def search_anew(self, failed: int, displaced: bool) -> None:
         """The particles start anew over the field, after so many searches that failed.
@@ -166,39 +174,56 @@ class SensorFusion:
         """Images have to follow each other anew."""
         self.agreeing = 0
         self.contradicting = 0
+        self._unused = 0
         self._seen: Pose | None = None
 
     def update(
-        self, odometry: Pose, motion: Motion, vision: ParticleEstimate | None, duration_s: float, by_gyro: bool = True
+        self,
+        odometry: Pose,
+        motion: Motion,
+        vision: ParticleEstimate | None,
+        duration_s: float,
+        by_gyro: bool = True,
+        image_covariance: FloatArray | None = None,
     ) -> Mode:
         """Fuse one frame. odometry: [x_o y_o θ_o], corrected after the last frame; motion: since then, in duration_s.
 
-        vision: None without usable points. by_gyro: whether the turn is the gyro's, all of it.
+        vision: None without usable points. by_gyro: whether the turn is the gyro's, all of it. image_covariance (3, 3):
+        of the pose that the particles say, camera included; none: as wide as the particles are spread.
         """
         self._spread_by(motion)
+        self.dispute = np.zeros(3)
         self._uncorrected_s += duration_s
         self._turned_by_gyro &= by_gyro
         if vision is None or not self._is_good(vision):
             if vision is not None:
+                unused = self._unused + (vision.inlier_ratio < MIN_RATIO)
                 self._forget_images()
+                self._unused = unused
             elif self._seen is not None:  # nothing was seen that speaks against the images before
                 self._seen = self._seen.compose(motion.pose)
             self.mode, self.pose = Mode.ODOMETRY, odometry
             return self.mode
         self._compare(odometry, motion, vision)
         self.mode = self._next_mode(trusted=motion.missing_s == 0.0)
-        self._take(odometry, vision)
+        self._unused = self._unused + 1 if self.mode is Mode.ODOMETRY else 0
+        self._take(odometry, vision, vision.covariance if image_covariance is None else image_covariance)
         return self.mode
 
     @property
     def lost(self) -> bool:
         """Whether the odometry has been alone for too long."""
-        return _spread_m(self.covariance) > self.settings.lost_m
+        return _spread_m(self.bound) > self.settings.lost_m
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether images speak against the odometry, in one way or another, and none has agreed since."""
+        return self._unused >= FRAMES
 
     @property
     def heading_deviation_rad(self) -> float:
         """Standard deviation of the pose's heading (rad)."""
-        return _spread_rad(self.covariance)
+        return _spread_rad(self.bound)
 
     @property
     def confirmed(self) -> bool:
@@ -221,8 +246,8 @@ class SensorFusion:
         s = self.settings
         blind_m = 3.0 * _spread_m(motion.covariance) if motion.missing_s else 0.0  # what may have been driven unseen
         blind_rad = 3.0 * _spread_rad(motion.covariance) if motion.missing_s else 0.0
-        reach_m = min(AGREEMENT_M + 3.0 * _spread_m(self.covariance), s.lost_m + blind_m)
-        reach_rad = min(AGREEMENT_RAD + 3.0 * _spread_rad(self.covariance), TURNED_RAD + blind_rad, _QUARTER_TURN)
+        reach_m = min(AGREEMENT_M + 3.0 * _spread_m(self.bound), s.lost_m + blind_m)
+        reach_rad = min(AGREEMENT_RAD + 3.0 * _spread_rad(self.bound), TURNED_RAD + blind_rad, _QUARTER_TURN)
         agrees = self.has_pose and _near(odometry, vision.pose, reach_m, reach_rad)
         expected = None if self._seen is None else self._seen.compose(motion.pose)
         steady = expected is not None and _near(
@@ -235,6 +260,11 @@ class SensorFusion:
             self.contradicting = self.contradicting + 1 if steady else 1
         self._seen = vision.pose
 
+    @property
+    def believed_covariance(self) -> FloatArray:
+        """(3, 3) of the pose, with what odometry and image differ by: whichever of both is wrong."""
+        return self.covariance + shared_out(self.dispute)
+
     def _next_mode(self, trusted: bool) -> Mode:
         """The mode for an image that may be used; trusted: the odometry has not missed anything."""
         alone = self.mode is Mode.OMNIVISION
@@ -244,8 +274,9 @@ class SensorFusion:
             return Mode.OMNIVISION
         return Mode.BOTH
 
-    def _take(self, odometry: Pose, vision: ParticleEstimate) -> None:
+    def _take(self, odometry: Pose, vision: ParticleEstimate, image_covariance: FloatArray) -> None:
         """Equations (15) to (19), or one of the two alone."""
+        self.dispute = difference(vision.pose, odometry)
         if self.mode is Mode.ODOMETRY:
             self.pose = odometry
             return
@@ -257,7 +288,9 @@ class SensorFusion:
         if s.paper.beta_period_s is not None:
             beta **= max(self._uncorrected_s / s.paper.beta_period_s, 1.0)
         self.pose = blended(odometry, vision.pose, beta)
-        self.covariance = beta * self.covariance + (1.0 - beta) * vision.covariance
+        self.bound = beta * self.bound + (1.0 - beta) * vision.covariance
+        self.covariance = beta * self.covariance + (1.0 - beta) * image_covariance
+        self.dispute *= math.sqrt(beta * (1.0 - beta))
         self._uncorrected_s, self._turned_by_gyro = 0.0, True
 
     def _learn_bias(self, odometry: Pose, particles: Pose) -> None:
@@ -267,18 +300,27 @@ class SensorFusion:
         self.bias_rad_s = min(max(learned, -MAX_BIAS_RAD_S), MAX_BIAS_RAD_S)
 
     def _spread_by(self, motion: Motion) -> None:
-        """The odometry's errors add up: the covariance of a sum is at most (1 + a) P + (1 + 1/a) Q, for any a > 0."""
+        """The odometry's errors add up: the covariance of a sum is at most (1 + a) P + (1 + 1/a) Q, for any a > 0.
+
+        From one image to the next they are new; while it goes on alone they are the same errors again and again.
+        """
+        self.bound = self._moved(self.bound, motion, dependent=True)
+        self.covariance = self._moved(self.covariance, motion, dependent=self.mode is Mode.ODOMETRY)
+
+    def _moved(self, covariance: FloatArray, motion: Motion, dependent: bool) -> FloatArray:
+        """A covariance (3, 3) of the pose after a motion."""
         cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
         by_pose = np.eye(3)
         by_pose[0, 2] = -sine * motion.pose.x - cosine * motion.pose.y
         by_pose[1, 2] = cosine * motion.pose.x - sine * motion.pose.y
         turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        p, q = by_pose @ self.covariance @ by_pose.T, turn @ motion.covariance @ turn.T
-        if p.any() and q.any():
-            a = math.sqrt(np.trace(q) / np.trace(p))
-            self.covariance = (1.0 + a) * p + (1.0 + 1.0 / a) * q
-        else:
-            self.covariance = p + q
+        p, q = by_pose @ covariance @ by_pose.T, turn @ motion.covariance @ turn.T
+        if not (dependent and p.any() and q.any()):
+            moved: FloatArray = p + q
+            return moved
+        a = math.sqrt(np.trace(q) / np.trace(p))
+        bound: FloatArray = (1.0 + a) * p + (1.0 + 1.0 / a) * q
+        return bound
 
 
 def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:
@@ -290,6 +332,17 @@ def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:
         beta * odometry.y + (1.0 - beta) * particles.y,
         wrap_angle(math.atan2(sine, cosine)),
     )
+
+
+def difference(one: Pose, other: Pose) -> FloatArray:
+    """One less the other (3,), m, m, rad."""
+    return np.array([one.x - other.x, one.y - other.y, wrap_angle(one.heading - other.heading)])
+
+
+def shared_out(apart: FloatArray) -> FloatArray:
+    """Covariance (3, 3) by which a difference (3,) is as far off as a pose errs on average."""
+    shared: FloatArray = np.outer(apart, apart) / len(apart)
+    return shared
 
 
 def _spread_m(covariance: FloatArray) -> float:

@@ -21,9 +21,6 @@ BLIND_FRAMES = 2
 MAX_CYCLES = 16  # cycles after which a search that found nothing starts anew: it takes 4 to 9
 # factor by which every new start widens the first headings about the compass, or about the heading known before
 WIDENING = 1.5
-# images in a row with such a difference until the search starts, or without it until a compass that comes late has told
-# at which end the robot is
-HEADING_FRAMES = 5
 
 
 class RestartPaper(Settings):
@@ -52,8 +49,8 @@ class RestartSettings(Settings):
         "heading_rad": "paper.heading_rad",
     }
     removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__, "least_share", "frames", "blind_frames", "most_cycles", "widening", "heading_frames"
-    )
+        __name__, "least_share", "frames", "blind_frames", "most_cycles", "widening"
+    ) | constants_now("touchline.localization.fusion.field_side", "heading_frames")
 
     paper: RestartPaper = RestartPaper()
 
@@ -70,39 +67,22 @@ class RestartRule:
         self._starts = 0
         self._cycles = 0
         self._contradicted = 0
-        self._turned = 0
-        self._straight = 0
         self._blind = 0
 
     def see_nothing(self) -> None:
         """An image without usable points."""
         self._blind += 1
 
-    def is_refuted(self, inlier_ratio: float, off_compass_rad: float | None, lost: bool = False) -> bool:
+    def is_refuted(self, inlier_ratio: float, lost: bool = False) -> bool:
         """Judge one image with points while the robot is followed; True if the particles must start anew.
 
-        inlier_ratio: share of points on lines; off_compass_rad: heading minus compass, None without one. lost: the pose
-        has become so unsure that images which don't bring it back contradict it, however well they fit elsewhere.
+        inlier_ratio: share of points on lines. lost: the pose has become so unsure that images which don't bring it
+        back contradict it, however well they fit elsewhere.
         """
-        s = self.settings
         enough = 1 if self._blind >= BLIND_FRAMES else FRAMES
         self._blind = 0
         self._contradicted = self._contradicted + 1 if lost or inlier_ratio < MIN_RATIO else 0
-        if s.paper.heading_rad is not None and off_compass_rad is not None:
-            heading_inconsistent = abs(off_compass_rad) > s.paper.heading_rad
-            self._turned = self._turned + 1 if heading_inconsistent else 0
-            self._straight = 0 if heading_inconsistent else self._straight + 1
-        return self._contradicted >= enough or self.at_wrong_end
-
-    @property
-    def at_wrong_end(self) -> bool:
-        """Whether the compass says that the robot is followed at the wrong end of a symmetric field."""
-        return self._turned >= HEADING_FRAMES
-
-    @property
-    def at_right_end(self) -> bool:
-        """Whether the compass says that it is followed at the right end."""
-        return self._straight >= HEADING_FRAMES
+        return self._contradicted >= enough
 
     def start_is_due(self) -> bool:
         """Whether a search has not begun yet, or has gone on for too long. To be asked before every image of it."""
@@ -120,7 +100,7 @@ class RestartRule:
     def start(self) -> float:
         """A search starts, or starts anew; returns how many times wider than at first the headings shall be."""
         self._starts += 1
-        self._cycles = self._contradicted = self._turned = self._straight = 0
+        self._cycles = self._contradicted = 0
         return WIDENING ** (self._starts - 1)
 
     def found(self) -> None:

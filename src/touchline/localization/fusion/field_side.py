@@ -1,0 +1,72 @@
+"""At which end of a symmetric field the robot is: the compass is a witness there, not the judge.
+
+Lines look the same from both ends. Whoever has followed the robot from image to image since the compass last agreed
+has three witnesses for its end, lines, gyro and wheels, and needs more than a compass that suddenly says otherwise.
+Ismail et al. 2021 ask the compass at the start alone; this rule is ours.
+"""
+
+from __future__ import annotations
+
+# images in a row with such a difference until the compass contradicts, or without it until it agrees
+HEADING_FRAMES = 5
+# by so many images a contradiction has to last longer than the agreement before it, to be believed after all: 20 s
+PATIENCE_FRAMES = 200
+MOST_AGREED = 600  # images of agreement that count: a minute
+
+
+class FieldSide:
+    """Judges the compass while the robot is followed. `known`: whether the pose's end is; else the twin is named, too.
+
+    `doubted`: the compass contradicts a pose that it had agreed with.
+    """
+
+    def __init__(self, heading_rad: float | None) -> None:
+        """heading_rad: difference from the compass that shows the wrong end; none: the compass is not asked."""
+        self.heading_rad = heading_rad
+        self.start(known=True)
+
+    def start(self, known: bool, told: bool = False) -> None:
+        """Follow a robot from now on. known: whether its end is. told: by a person, not by the compass."""
+        self.known, self._told = known, told
+        self.doubted = self._unsettled = False
+        self._forget()
+
+    def search(self, known: bool) -> None:
+        """The robot was lost and is searched for. A compass that was doubted remains so until it changes its mind."""
+        jumped = self._unsettled and self.wrong
+        self._unsettled = not jumped and (self.doubted or self._unsettled or (self._told and self.wrong))
+        self.doubted = self.doubted and not self.wrong
+        self.known, self._told = known and not self._unsettled, False
+        self._forget()
+
+    def _forget(self) -> None:
+        self._confirmed = self._had_agreed = self._had_turned = False
+        self._agreed = self._against = self._straight = self._turned = 0
+
+    def hear(self, off_compass_rad: float | None) -> None:
+        """One image of a robot that is followed: its heading minus the compass; None without one."""
+        if self.heading_rad is None or off_compass_rad is None:
+            return
+        if abs(off_compass_rad) > self.heading_rad:
+            self._straight, self._turned, self._against = 0, self._turned + 1, self._against + 1
+        else:
+            self._straight, self._turned, self._agreed = self._straight + 1, 0, min(self._agreed + 1, MOST_AGREED)
+        if self._straight >= HEADING_FRAMES:
+            self._had_agreed = True
+            if not self._unsettled or self._had_turned or self._agreed > PATIENCE_FRAMES:
+                self.known = self._confirmed = True
+                self.doubted = self._unsettled = self._told = False
+                self._against = 0
+        if self._turned >= HEADING_FRAMES:
+            self._had_turned = True
+            self.doubted |= self._confirmed
+            self.known &= not (self._confirmed or self._unsettled)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the robot is followed at the wrong end."""
+        if self._turned < HEADING_FRAMES:
+            return False
+        if self._confirmed:
+            return self._against > self._agreed + PATIENCE_FRAMES
+        return not self._unsettled or self._had_agreed or self._against > PATIENCE_FRAMES
