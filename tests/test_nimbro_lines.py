@@ -15,6 +15,7 @@ from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.localization.particles.feature_model import FeatureModel, field_lines
+from touchline.localization.particles.feature_poses import PoseProposals
 from touchline.localization.particles.features import Features, FeatureSettings
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -127,6 +128,21 @@ def test_a_symmetric_fields_twin_is_named_unless_the_half_is_told() -> None:
     assert told.pose.distance_to(truth.mirrored()) < 0.3
 
 
+def test_both_ends_are_named_after_it_was_carried_away_where_nothing_tells_them_apart() -> None:
+    system = open_system("nimbro-lines", RobotSetup(open_field(FIELDS[1])), NimbroLinesSettings())
+    system.reset(near_start(FIELDS[1]))
+    truth, frames = walk(FIELDS[1])
+    for i, frame in enumerate(frames[:100]):
+        where = i if i < 40 else i + 60  # 1.9 m away
+        estimate = system.step(replace(frame, observation=frames[where].observation))
+        if i < 40:
+            assert not estimate.hypotheses
+    assert estimate.status is Status.TRACKING
+    (twin,) = estimate.hypotheses
+    there = Pose(*truth[where])
+    assert min(estimate.pose.distance_to(there), twin.pose.distance_to(there)) < 0.3
+
+
 def test_kinds_can_be_switched_off() -> None:
     only_lines = ("features.use.crossings=false", "features.use.posts=false", "features.use.poles=false")
     estimates = localized(FIELDS[1], near_start(FIELDS[1]), *only_lines, "features.use.marks=false")
@@ -173,6 +189,13 @@ def test_colours_tell_the_ends_apart_where_there_are_any() -> None:
     assert not FieldAssociations(open_field(FIELDS[1])).tell_ends_apart
 
 
+def test_colours_that_do_not_count_tell_nothing_apart() -> None:
+    made = FieldAssociations(open_field(FIELDS[0]))
+    without_posts = ["use.posts=false"]
+    for changes, told in (([], True), (without_posts, True), ([*without_posts, "use.poles=false"], False)):
+        assert Features(made, load_settings(FeatureSettings, None, changes)).tell_ends_apart is told
+
+
 HERE = Pose(-2.0, 0.7, 0.3)
 
 
@@ -210,6 +233,25 @@ def test_the_likelihood_is_greatest_at_the_true_pose(covariances: bool) -> None:
     poses = np.array(HERE) + np.concatenate((np.zeros((1, 3)), np.random.default_rng(0).normal(0.0, 0.3, (300, 3))))
     found = model.log_likelihoods(view, poses)
     assert np.argmax(found) == 0
+
+
+@pytest.mark.parametrize("seen_by", ["lines=true", "lines=false", "crossings=false", "points"])
+def test_features_propose_the_pose_that_they_are_seen_from(seen_by: str) -> None:
+    """By a line and points, by an oriented crossing, by a line and a post, by points that are far apart."""
+    field, seen = open_field(FIELDS[1]), seen_from_here()
+    changes = ["use.lines=false"] if seen_by == "points" else [f"use.{seen_by}"]
+    if seen_by == "points":
+        seen = replace(seen, crossings=replace(seen.crossings, orientations_rad=np.full(3, np.nan)))
+    made = FieldAssociations(field)
+    model = FeatureModel(made.tables, field_lines(field), polar=False)
+    found = PoseProposals(model, np.array([5.5, 4.0])).of(
+        Features(made, load_settings(FeatureSettings, None, changes)).of(seen)
+    )
+    away = np.hypot(*(found.poses[:, :2] - HERE[:2]).T) + np.abs(np.angle(np.exp(1j * (found.poses[:, 2] - HERE[2]))))
+    assert away.min() < 1e-4
+    assert found.log_likelihoods[np.argmin(away)] > found.log_likelihoods.max() - 0.1
+    drawn = found.draw(np.random.default_rng(0), 50)
+    assert drawn.shape == (50, 3)
 
 
 def test_equations_5_to_8_against_plain_python() -> None:
@@ -293,7 +335,7 @@ def test_what_cannot_be_is_told_in_one_sentence() -> None:
     image = np.repeat(np.random.default_rng(0).integers(60, 200, (480, 752, 1)), 3, axis=2).astype(np.uint8)
     camera = Simulation(open_scenario("humanoid-walk", 3, 1.0)).camera
     mirror = Simulation(open_scenario("match", 3, 1.0, ["ideal=true"])).camera
-    with pytest.raises(InputError, match="lines in images of a perspective camera; this camera is a omni"):
+    with pytest.raises(InputError, match="lines in images of a perspective camera; this camera is an omni"):
         open_system("nimbro-lines", RobotSetup(field, mirror))
     system = open_system("nimbro-lines", RobotSetup(field, camera))
 
