@@ -218,6 +218,20 @@ def test_images_without_carpet_or_of_another_size_are_told(cross_image: ImageArr
         detected(cross_image[:400])
 
 
+@pytest.mark.parametrize("share", [0.3, 0.5])
+def test_a_carpet_that_is_more_grey_than_green_is_a_carpet(cross_image: ImageArray, share: float) -> None:
+    """One real carpet has a saturation of 0.07 to 0.2, the paint beside it 0.04."""
+    grey = cross_image.mean(axis=2, keepdims=True)
+    pale = np.rint(share * cross_image + (1.0 - share) * grey).astype(np.uint8)
+    points = detected(pale)
+    assert len(points) >= 75
+    assert np.median(distances(points, CROSS)) < 0.01
+    noisy = 120.0 + 12.0 * np.random.default_rng(2).standard_normal((480, 480, 3))
+    for tint in ((0, 0, 0), (0, 0, 12), (12, 0, 0)):  # a grey floor under any lamp is none
+        with pytest.raises(NoCarpetError):
+            detected(np.clip(noisy + tint, 0, 255).astype(np.uint8))
+
+
 def test_frames_without_something_to_see_say_why(cross_image: ImageArray) -> None:
     detector = HsvLineDetector(CAMERA)
     seen = detector.observe(Frame(0, image=cross_image))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import cv2
 import numpy as np
@@ -17,7 +17,10 @@ from touchline.types import ImageArray
 
 _HUE_BINS = 180  # OpenCV counts hue in steps of 2° and the rest in 256 levels
 _GREENISH_DEG = (70.0, 190.0)  # from yellowish to bluish green: where a carpet's hue is looked for at all
-_LEAST_COLOUR = 0.15  # saturation of the dullest carpet
+_VIVID = 0.15  # saturation from which on a hue is surely no chance
+_FAINT = 0.06  # saturation of the greyest carpet: one real one has 0.07 to 0.2, the light's own cast is less
+_MORE = 4.0  # by so much pixels of a faint green must outnumber the vivid ones to be the carpet
+_FAINT_SHARE = 0.2  # of faintly green pixels about the robot: noise makes some of every grey
 _DARKEST = 20  # value, of 255: below, hue is noise
 _LEAST_SHARE = 0.05  # of greenish pixels about the robot: less, and no carpet is seen
 
@@ -97,6 +100,24 @@ def fixed_thresholds(settings: FixedThresholds) -> Thresholds:
     return Thresholds((round(s.hue_low_deg / 2), round(s.hue_high_deg / 2)), *(round(255 * share) for share in shares))
 
 
+class _Green(NamedTuple):
+    """The most frequent greenish hue (of OpenCV's 180), and pixels (N,) near it, and of any greenish hue."""
+
+    mode: int
+    carpet: npt.NDArray[np.bool_]
+    greenish: npt.NDArray[np.bool_]
+
+
+def _most_frequent_green(hue: ImageArray, saturation: ImageArray, value: ImageArray, least_saturation: float) -> _Green:
+    """Among pixels (N,) that have at least such a saturation."""
+    low, high = (round(deg / 2) for deg in _GREENISH_DEG)
+    greenish = (hue >= low) & (hue <= high) & (saturation > 255 * least_saturation) & (value > _DARKEST)
+    counts = np.convolve(np.bincount(hue[greenish], minlength=_HUE_BINS), np.ones(5), mode="same")
+    mode = int(np.argmax(counts))
+    near = np.abs(hue.astype(np.int16) - mode) <= MIN_HUE_WIDTH_DEG / 2
+    return _Green(mode, greenish & near, greenish)
+
+
 def automatic_thresholds(
     hsv: ImageArray, lightness: npt.NDArray[np.uint8], settings: AutomaticThresholds
 ) -> Thresholds:
@@ -106,14 +127,16 @@ def automatic_thresholds(
     """
     s = settings
     hue, saturation, value = hsv.T
-    low, high = (round(deg / 2) for deg in _GREENISH_DEG)
-    greenish = (hue >= low) & (hue <= high) & (saturation > 255 * _LEAST_COLOUR) & (value > _DARKEST)
-    if np.count_nonzero(greenish) < _LEAST_SHARE * max(len(hue), 1):
+    vivid, faint = (_most_frequent_green(hue, saturation, value, least) for least in (_VIVID, _FAINT))
+    enough = np.count_nonzero(vivid.greenish) >= _LEAST_SHARE * max(len(hue), 1)
+    counts = [np.count_nonzero(found.carpet) for found in (vivid, faint)]
+    if (not enough or counts[1] > _MORE * counts[0]) and counts[1] >= _FAINT_SHARE * max(len(hue), 1):
+        mode, carpet, _ = faint
+    elif enough:
+        mode, carpet, _ = vivid
+    else:
         raise NoCarpetError("no green carpet found around the robot: is the camera covered, or its center wrong?")
-    counts = np.convolve(np.bincount(hue[greenish], minlength=_HUE_BINS), np.ones(5), mode="same")
-    mode = int(np.argmax(counts))
     width = MIN_HUE_WIDTH_DEG / 2
-    carpet = greenish & (np.abs(hue.astype(np.int16) - mode) <= width)
     width = max(width, HUE_SIGMAS * float(np.std(hue[carpet])))
     usual = float(np.quantile(lightness[carpet], CARPET_QUANTILE))
     return Thresholds(
