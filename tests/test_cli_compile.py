@@ -15,14 +15,17 @@ from touchline.systems import SYSTEMS
 RUN = [sys.executable, "-m", "touchline.cli"]
 
 
-def test_compile_names_every_system_and_leaves_nothing_to_compile(tmp_path: Path) -> None:
+def test_compile_names_every_system_and_leaves_nothing_to_compile(tmp_path: Path, small_data: Path) -> None:
     done = subprocess.run([*RUN, "compile"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert [name for name in SYSTEMS if f"{name}: ready after" not in done.stdout] == []
     example = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
-    ran = subprocess.run([*RUN, "run", str(example), "-o", str(tmp_path / "run")], capture_output=True, text=True)
-    assert ran.returncode == 0, ran.stderr
-    assert "compiling" not in ran.stderr
+    walk = [str(small_data / "humanoid_9x6_walk"), "--start=-2.6,-1.2,2.84"]
+    for system, recording in (("nubot-mti", [str(example)]), ("nimbro-lines", walk)):
+        wanted = ["run", *recording, "--system", system, "-o", str(tmp_path / system)]
+        ran = subprocess.run([*RUN, *wanted], capture_output=True, text=True)
+        assert ran.returncode == 0, ran.stderr
+        assert "compiling" not in ran.stderr
 
 
 def test_a_first_start_says_once_what_it_waits_for() -> None:

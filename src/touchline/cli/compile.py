@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from touchline.camera import Camera
-    from touchline.geometry import FloatArray
+    from touchline.camera import PinholeCamera
+    from touchline.field import FieldModel
+    from touchline.geometry import FloatArray, Pose
     from touchline.types import ImageArray
 
 
@@ -62,36 +63,53 @@ def _run_example(system: str) -> None:
 
 
 def _walk_example(system: str) -> None:
-    """A walking humanoid: what a detector of its own finds, and drawn images."""
-    from touchline.geometry import Pose
+    """A humanoid that walks towards a coloured goal, and what its detector finds in drawn images."""
+    import numpy as np
+
+    from touchline.camera import PinholeCamera
+    from touchline.field import open_field
+    from touchline.geometry import Pose, Pose3
     from touchline.localizer import Localizer
-    from touchline.simulation.run import Simulation
-    from touchline.simulation.scenario import open_scenario
+    from touchline.perception import LineGraphDetector, LineGraphSettings
+    from touchline.types import Frame
 
-    walk = Simulation(open_scenario("humanoid-walk", 0, 2.0), "points")
-    robot = Localizer(walk.field, camera=walk.camera, system=system)
-    for frame, pose in zip(walk, walk.truth.poses, strict=False):
-        robot.add_odometry(frame.stamp_ns, *pose.tolist())
-        seen = Pose(*pose.tolist()).inverse()
-        lines = [seen.transform(line) for line in walk.field.polylines(0.1)]
-        image = _drawn(walk.camera, lines)
-        robot.add_attitude(frame.stamp_ns, 0.0, 0.0)
-        robot.localize(frame.stamp_ns, observation=frame.observation)
-        robot.localize(frame.stamp_ns + 1, image)
+    field = open_field("indoor-9x6")
+    mount = Pose3.from_roll_pitch_yaw(0.0, 0.35, 0.0, (0.0, 0.0, 1.1))
+    camera = PinholeCamera(640, 480, 420.0, 420.0, 319.5, 239.5, np.zeros(5), mount, use_attitude=False)
+    detector = LineGraphDetector(camera, LineGraphSettings(), field)
+    robot = Localizer(field, system=system)
+    for k in range(10):
+        stamp_ns, pose = k * 100_000_000, Pose(-1.2 + 0.1 * k, 0.3, 0.3)
+        seen = detector.observe(Frame(stamp_ns, image=_drawn(field, camera, pose)))
+        robot.add_odometry(stamp_ns, pose.x, pose.y, pose.heading)
+        robot.localize(stamp_ns, observation=seen)
 
 
-def _drawn(camera: Camera, lines: list[FloatArray]) -> ImageArray:
-    """An image of carpet and lines, polylines (M, 2) in the robot frame (m), as a camera on a level robot sees them."""
+def _drawn(field: FieldModel, camera: PinholeCamera, pose: Pose) -> ImageArray:
+    """An image of carpet, and of the lines and posts before a robot."""
     import cv2
     import numpy as np
 
     image = np.full((camera.height, camera.width, 3), (60, 140, 50), np.uint8)
-    for line in lines:
-        pixels = camera.image_from_ground(line)
-        near = np.hypot(*line.T) < 5.0
-        for start, end in zip(pixels[:-1][near[:-1]], pixels[1:][near[:-1]], strict=True):
-            if np.isfinite([start, end]).all() and np.abs([start, end]).max() < 5000.0:
-                cv2.line(image, start.astype(int).tolist(), end.astype(int).tolist(), (235, 235, 235), 8)
+    colors = {"yellow": (20, 200, 230), "blue": (190, 80, 40)}
+    seen = pose.inverse()
+    shapes: list[tuple[FloatArray, tuple[int, int, int]]] = []
+    for line in field.polylines(0.1):
+        along = np.diff(line, axis=0)
+        aside = 0.5 * field.line_width * np.column_stack((-along[:, 1], along[:, 0])) / np.hypot(*along.T)[:, None]
+        corners = np.stack((line[:-1] - aside, line[1:] - aside, line[1:] + aside, line[:-1] + aside), axis=1)
+        shapes += [(np.column_stack((seen.transform(four), np.zeros(4))), (235, 235, 235)) for four in corners]
+    for post in field.posts:
+        x, y = seen.transform(np.array([[post.x, post.y]]))[0]
+        at = np.linspace(0.0, post.height, len(post.colors_from_ground) + 1)
+        for low, high, color in zip(at[:-1], at[1:], post.colors_from_ground, strict=True):
+            half = 0.5 * post.diameter
+            four = np.array([[x, y - half, low], [x, y + half, low], [x, y + half, high], [x, y - half, high]])
+            shapes.append((four, colors.get(color, (235, 235, 235))))
+    for shape, paint in shapes:
+        pixels = camera.image_from_base(shape)
+        if np.isfinite(pixels).all() and np.abs(pixels).max() < 5000.0:
+            cv2.fillConvexPoly(image, np.round(16.0 * pixels).astype(np.int32), paint, cv2.LINE_AA, 4)
     return image
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from touchline.perception.line_graph.graph import Graph, IntArray
+
+BoolArray = npt.NDArray[np.bool_]
 
 
 class Chains(NamedTuple):
@@ -29,10 +32,10 @@ def find_chains(graph: Graph) -> Chains:
 
 
 @njit(cache=True)
-def _follow(graph: Graph, begin: int, link: int, used, nodes, at: int) -> int:  # type: ignore[no-untyped-def]
-    """Write the chain that leaves a node by one of its links; used: (N, 8) links that were walked. Returns its end."""
-    nodes[at] = begin
-    at += 1
+def _follow(graph: Graph, begin: int, link: int, used: BoolArray, nodes: IntArray) -> int:
+    """Write the chain that leaves a node by one of its links, and return its length; used: (N, 8) links walked."""
+    nodes[0] = begin
+    at = 1
     node, out = begin, link
     while True:
         following = graph.links[node, out]
@@ -59,7 +62,7 @@ def _trace(graph: Graph, nodes: IntArray, starts: IntArray) -> int:
                 continue
             for k in range(graph.degrees[node]):
                 if not used[node, k]:
-                    at = _follow(graph, node, k, used, nodes, at)
+                    at += _follow(graph, node, k, used, nodes[at:])
                     count += 1
                     starts[count] = at
     return count

@@ -109,7 +109,7 @@ def _leave_out(ground: FloatArray, lines_m: FloatArray, long_m: float, tangents:
             px, py = ground[node, 0] - x, ground[node, 1] - y
             along, slack = (px * dx + py * dy) / length, _NEAR_M + _NEAR_RATIO * math.hypot(px + x, py + y)
             if abs(px * dy - py * dx) < slack * length and -slack < along < length + slack:
-                tangents[node] = np.nan
+                tangents[node, 0] = tangents[node, 1] = np.nan
 
 
 @njit(cache=True, error_model="numpy")

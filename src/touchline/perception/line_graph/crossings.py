@@ -31,6 +31,7 @@ from touchline.perception.line_graph.profiles import (
     signal_at,
 )
 from touchline.perception.line_graph.settings import LineGraphSettings
+from touchline.perception.line_graph.sorting import order_of
 from touchline.perception.line_graph.structure import Structure
 from touchline.types import Crossings, Lines, no_crossings
 
@@ -137,8 +138,8 @@ def verified(pixels: Pixels, plane: ImagePlane, x: float, y: float, found: Float
             if not moved < _FARTHEST_MOVE * pixels.width_m:
                 break
             if moved < _SETTLED * pixels.width_m or turn == _TURNS - 1:
-                one, _ = judge_arms(inner[:count, 0])
-                other, orientation = judge_arms(outer[:count, 0])
+                one, _ = judge_arms(inner[:count, 0].copy())
+                other, orientation = judge_arms(outer[:count, 0].copy())
                 if one > 0 and one == other:
                     found[0], found[1], found[2], found[3], found[4] = one, cx, cy, orientation, confidence
                     return True
@@ -157,7 +158,7 @@ def _along_lines(pixels: Pixels, plane: ImagePlane, x: float, y: float, ends_m: 
         dx, dy = ends_m[k, 1, 0] - ends_m[k, 0, 0], ends_m[k, 1, 1] - ends_m[k, 0, 1]
         away[k] = abs((x - ends_m[k, 0, 0]) * dy - (y - ends_m[k, 0, 1]) * dx) / math.hypot(dx, dy)
     angles, count = np.empty(4), 0
-    for k in np.argsort(away)[:2]:
+    for k in order_of(away)[:2]:
         heading = math.atan2(ends_m[k, 1, 1] - ends_m[k, 0, 1], ends_m[k, 1, 0] - ends_m[k, 0, 0])
         for angle in (heading, heading + math.pi):
             shown = read_arm(pixels, plane, x, y, angle)
@@ -254,7 +255,9 @@ def walk_round(
         if values[k] < _GREEN:
             plain += 1
             carpet += is_carpet(pixels, u, v)
-    start = int(np.argmin(values))
+    start = 0
+    for k in range(_SAMPLES):
+        start = k if values[k] < values[start] else start
     if values[start] > _GREEN or carpet < _CARPET * plain:
         return -1, False
     count, inside, begin, wide = 0, False, 0.0, False
@@ -299,18 +302,25 @@ def judge_arms(angles_rad: FloatArray) -> tuple[int, float]:
     n = len(angles_rad)
     if n < 2 or n > 4:
         return 0, np.nan
-    angles = np.sort(np.arctan2(np.sin(angles_rad), np.cos(angles_rad)))
-    gaps = np.empty(n)
+    angles, gaps = np.empty(n), np.empty(n)
     for k in range(n):
-        gaps[k] = angles[(k + 1) % n] - angles[k] + (2.0 * math.pi if k == n - 1 else 0.0)
+        angles[k] = math.atan2(math.sin(angles_rad[k]), math.cos(angles_rad[k]))
+    order = order_of(angles)
+    smallest, largest = 0, 0
+    for k in range(n):
+        last = k == n - 1
+        gaps[k] = angles[order[0 if last else k + 1]] - angles[order[k]] + (2.0 * math.pi if last else 0.0)
+        smallest = k if gaps[k] < gaps[smallest] else smallest
+        largest = k if gaps[k] > gaps[largest] else largest
     quarter = 0.5 * math.pi
-    smallest, largest = gaps.argmin(), gaps.argmax()
     if n == 2 and abs(gaps[smallest] - quarter) < _STRAIGHT_RAD:
-        bisector = angles[smallest] + 0.5 * gaps[smallest]
+        bisector = angles[order[smallest]] + 0.5 * gaps[smallest]
         return 2, math.atan2(math.sin(bisector), math.cos(bisector))
     if n == 3 and abs(gaps[largest] - math.pi) < _STRAIGHT_RAD and gaps[smallest] > quarter - _STRAIGHT_RAD:
-        return 3, angles[(largest + 2) % 3]  # the stem is the arm between the two small gaps
+        return 3, angles[order[(largest + 2) % 3]]  # the stem is the arm between the two small gaps
     if n == 4 and abs(gaps[smallest] - quarter) < _STRAIGHT_RAD and abs(gaps[largest] - quarter) < _STRAIGHT_RAD:
-        mean = math.atan2(np.sin(4.0 * angles).sum(), np.cos(4.0 * angles).sum()) / 4.0
-        return 4, mean % quarter
+        s, c = 0.0, 0.0
+        for angle in angles:
+            s, c = s + math.sin(4.0 * angle), c + math.cos(4.0 * angle)
+        return 4, math.atan2(s, c) / 4.0 % quarter
     return 0, np.nan

@@ -22,6 +22,7 @@ from touchline.perception.line_graph.colour_classes import (
     CountArray,
 )
 from touchline.perception.line_graph.image_plane import Lens, plane_from_pixel
+from touchline.perception.line_graph.sorting import median_of
 
 _GAP = 4  # cells in a row that are no field: the boundary is reached
 _WIDE, _FIRST, _LAST = 4, 4, 8  # s: columns i - 4 .. i + 4, rows j - 8 .. j - 4
@@ -208,7 +209,7 @@ def smooth_boundary(ends: FloatArray, smoothed: FloatArray) -> None:
     columns = len(ends)
     calm, soft = np.empty(columns), np.empty(columns)
     for i in range(columns):
-        calm[i] = np.median(ends[max(i - _MEDIAN, 0) : min(i + _MEDIAN + 1, columns)])
+        calm[i] = median_of(ends[max(i - _MEDIAN, 0) : min(i + _MEDIAN + 1, columns)])
     for i in range(columns):
         soft[i] = 0.25 * calm[max(i - 1, 0)] + 0.5 * calm[i] + 0.25 * calm[min(i + 1, columns - 1)]
     corner = 0

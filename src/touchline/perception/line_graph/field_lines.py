@@ -122,19 +122,29 @@ def _place_lines(pixels, plane, candidates, limits, confidences, points):  # typ
             continue
         if not limits.subpixel:
             if _is_long(line, plane, limits):
-                candidates[kept], confidences[kept] = line, 0.8
+                confidences[kept] = 0.8
+                _copy(line, candidates[kept])
                 kept += 1
             continue
-        confidence, count = refine_line(pixels, plane, line, kept, points, total)
+        confidence, count = refine_line(pixels, plane, line, points[total:])
         if confidence == 0.0 or _is_covered(line, candidates[:kept], covered):
             continue
-        if np.mean(points[total:count, 3] * points[total:count, 4]) < _LEAST_EVER or not _is_long(line, plane, limits):
+        own, paint = points[total : total + count], 0.0
+        for point in own:
+            point[2] = kept
+            paint += point[3] * point[4]
+        if paint < _LEAST_EVER * count or not _is_long(line, plane, limits) or _is_bent(own, line, plane, limits):
             continue
-        if _is_bent(points[total:count], line, plane, limits):
-            continue
-        candidates[kept], confidences[kept] = line, confidence
-        kept, total = kept + 1, count
+        confidences[kept] = confidence
+        _copy(line, candidates[kept])
+        kept, total = kept + 1, total + count
     return kept, total
+
+
+@njit(cache=True)
+def _copy(line: FloatArray, to: FloatArray) -> None:
+    for k in range(len(line)):  # copying it at once would take two seconds to compile
+        to[k] = line[k]
 
 
 @njit(cache=True, error_model="numpy")

@@ -15,6 +15,7 @@ from numba import njit
 
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph.skeleton import NO_SKELETON
+from touchline.perception.line_graph.sorting import order_of
 
 MOST_NODES = 1500
 MOST_LINKS = 8
@@ -297,7 +298,7 @@ def bridge_gaps(smooth: FloatArray, graph: Graph, count: int) -> None:
             if cost < np.inf:
                 costs[found], pairs[found, 0], pairs[found, 1] = cost, end, other
                 found += 1
-    order = np.argsort(costs[:found])
+    order = order_of(costs[:found])
     k = 0
     while k < found:
         end, other = pairs[order[k], 0], pairs[order[k], 1]

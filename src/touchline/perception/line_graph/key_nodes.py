@@ -119,9 +119,9 @@ def _corners(graph: Graph, found: FloatArray) -> int:
 
 
 @njit(cache=True)
-def _along(graph: Graph, node: int, link: int, way: IntArray) -> int:
-    """Up to three nodes that follow a node along one of its links, into way (3,); returns how many."""
-    before, here, count = node, int(graph.links[node, link]), 0
+def _along(graph: Graph, node: int, following: int, way: IntArray) -> int:
+    """Up to three nodes that follow a node by way of one connected to it, into way (3,); returns how many."""
+    before, here, count = node, following, 0
     while count < len(way):
         way[count] = here
         count += 1
@@ -135,7 +135,7 @@ def _along(graph: Graph, node: int, link: int, way: IntArray) -> int:
 def _is_sharp(graph: Graph, node: int) -> bool:
     """Whether a node of degree two is where two straight ways meet at an angle."""
     one, other = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
-    a, b = _along(graph, node, 0, one), _along(graph, node, 1, other)
+    a, b = _along(graph, node, graph.links[node, 0], one), _along(graph, node, graph.links[node, 1], other)
     if a == 0 or b == 0:
         return False
     places, x0, y0 = graph.places, graph.places[node, 0], graph.places[node, 1]

@@ -127,9 +127,11 @@ def azimuth_bins(plane: ImagePlane, rows: int, columns: int, step: float) -> tup
             aside = h[1, 0] * x + h[1, 1] * y + h[1, 2] - foot[1] * w
             off = math.atan2(aside, ahead) - middle
             azimuths[row, column] = math.atan2(math.sin(off), math.cos(off))
-    least = np.nanmin(azimuths)
+    least, most = np.inf, -np.inf
+    for azimuth in azimuths.ravel():  # min and max ignore what is no number
+        least, most = min(least, azimuth), max(most, azimuth)
     bins = np.zeros((rows, columns), dtype=np.int64)
-    count = int((np.nanmax(azimuths) - least) / step) + 1
+    count = int((most - least) / step) + 1
     for row in range(rows):
         for column in range(columns):
             if not math.isnan(azimuths[row, column]):

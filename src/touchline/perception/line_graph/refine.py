@@ -12,6 +12,7 @@ from touchline.perception.line_graph.graph import IntArray
 from touchline.perception.line_graph.image_plane import ImagePlane, plane_from_pixel, transformed
 from touchline.perception.line_graph.lines import fit_line
 from touchline.perception.line_graph.profiles import LINE, NO_LINE, OUTSIDE, Pixels, read_profile
+from touchline.perception.line_graph.sorting import median_of
 
 _STEP_PX = 6.0  # between profiles
 _FEWEST, _MOST = 6, 48
@@ -20,55 +21,50 @@ _ROUNDS = 3
 _OUTLIER_PX = 2.0
 _MISSES, _GAP_WIDTHS = 2, 4.0  # so many profiles and line widths in a row without a line: it has ended
 _MOST_BEYOND = 60
+_ROW = 6
 
 POINT_COLUMNS = 5
 """Of a point of a line: pixel u, v, the line's number, contrast, width against the expected."""
 
 
 @njit(cache=True, error_model="numpy")
-def refine_line(
-    pixels: Pixels, plane: ImagePlane, line: FloatArray, number: int, points: FloatArray, count: int
-) -> tuple[float, int]:
+def refine_line(pixels: Pixels, plane: ImagePlane, line: FloatArray, points: FloatArray) -> tuple[float, int]:
     """Place a line (4,) x0, y0, x1, y1 of the image plane by profiles, in place.
 
-    Its points are appended to points (P, POINT_COLUMNS) after `count` rows. Returns the share of profiles that show it,
-    0 where it is none, and how many rows there are then.
+    Its points go into points (P, POINT_COLUMNS), but for the line's number. Returns the share of profiles that show it,
+    0 where it is none, and how many points there are.
     """
     focal = plane.lens.pinhole[0]
     length_px = focal * math.hypot(line[2] - line[0], line[3] - line[1])
     steps = min(max(int(length_px / _STEP_PX), _FEWEST), _MOST)
-    found, middles = np.empty(5), np.empty((steps + 2 * _MOST_BEYOND, 2))
-    pixel = np.empty((len(middles), 4))
-    hits, misses, outside = 0, 0, 0
+    found, rows = np.empty(5), np.empty((steps + 2 * _MOST_BEYOND, _ROW))
+    hits, misses = 0, 0
     for k in range(steps):
-        share = (k + 0.5) / steps
-        shown = _read_at(pixels, plane, line, share, found)
+        shown = _read_at(pixels, plane, line, (k + 0.5) / steps, found)
         if shown == LINE:
-            middles[hits, 0], middles[hits, 1] = plane_from_pixel(plane.lens, found[0], found[1])
-            pixel[hits, 0], pixel[hits, 1], pixel[hits, 2], pixel[hits, 3] = (
-                found[0],
-                found[1],
-                found[4],
-                found[2] / found[3],
-            )
+            _write(plane, found, rows[hits])
             hits += 1
         misses += shown == NO_LINE
-        outside += shown == OUTSIDE
     if hits < _LEAST_POINTS or hits < misses or hits < 0.4 * steps:
-        return 0.0, count
-    use = _fit_robustly(middles[:hits], _OUTLIER_PX / focal, line)
+        return 0.0, 0
+    use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
     if len(use) < max(_LEAST_POINTS, 0.6 * hits):
-        return 0.0, count
-    total = hits
+        return 0.0, 0
     for backward in (True, False):
-        total = _extend(pixels, plane, line, length_px, backward, middles, pixel, total)
-    use = _fit_robustly(middles[:total], _OUTLIER_PX / focal, line)
-    for k in use:
-        if count < len(points):
-            points[count, 0], points[count, 1] = pixel[k, 0], pixel[k, 1]
-            points[count, 2], points[count, 3], points[count, 4] = number, pixel[k, 2], pixel[k, 3]
-            count += 1
-    return len(use) / (total + misses), count
+        hits += _extend(pixels, plane, line, backward, rows[hits:])
+    use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
+    count = min(len(use), len(points))
+    for k in range(count):
+        row = rows[use[k]]
+        points[k, 0], points[k, 1], points[k, 3], points[k, 4] = row[2], row[3], row[4], row[5]
+    return len(use) / (hits + misses), count
+
+
+@njit(cache=True, error_model="numpy")
+def _write(plane: ImagePlane, found: FloatArray, row: FloatArray) -> None:
+    """What a profile found: where in the plane, which pixel, contrast, width against the expected, into row (6,)."""
+    row[0], row[1] = plane_from_pixel(plane.lens, found[0], found[1])
+    row[2], row[3], row[4], row[5] = found[0], found[1], found[4], found[2] / found[3]
 
 
 @njit(cache=True, error_model="numpy")
@@ -98,68 +94,70 @@ def _on_ground(plane: ImagePlane, line: FloatArray, one: float, other: float) ->
 @njit(cache=True, error_model="numpy")
 def sagitta(points: FloatArray) -> float:
     """By how much points (N, 2) of a line bend, as a share of its length: the middle's distance from the chord."""
-    x, y, dx, dy = fit_line(points, np.arange(len(points)))
-    along, off = (points[:, 0] - x) * dx + (points[:, 1] - y) * dy, (points[:, 1] - y) * dx - (points[:, 0] - x) * dy
-    low, high = along.min(), along.max()
-    half = 0.5 * (high - low)
-    s = (along - 0.5 * (low + high)) / half
-    # least squares of off = a + b (s² - mean s²)
-    square = s * s - np.mean(s * s)
-    return float(abs(np.sum(square * off) / np.sum(square * square)) / (2.0 * half))
+    n = len(points)
+    x, y, dx, dy = fit_line(points, np.arange(n))
+    low, high = np.inf, -np.inf
+    for k in range(n):
+        along = (points[k, 0] - x) * dx + (points[k, 1] - y) * dy
+        low, high = min(low, along), max(high, along)
+    half, middle = 0.5 * (high - low), 0.5 * (low + high)
+    # least squares of off = a + b s²; the sums are those of s², s⁴, off and off s²
+    squares, fourths, offs, products = 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        square = (((points[k, 0] - x) * dx + (points[k, 1] - y) * dy - middle) / half) ** 2
+        off = (points[k, 1] - y) * dx - (points[k, 0] - x) * dy
+        squares, fourths = squares + square, fourths + square * square
+        offs, products = offs + off, products + off * square
+    bend = (products - offs * squares / n) / (fourths - squares * squares / n)
+    return abs(bend) / (2.0 * half)
 
 
 @njit(cache=True, error_model="numpy")
-def _fit_robustly(middles: FloatArray, outlier: float, line: FloatArray) -> IntArray:
-    """Fit a line to middles (N, 2), those far off left out, into line (4,); returns which were used."""
-    use = np.arange(len(middles))
+def _fit_robustly(rows: FloatArray, outlier: float, line: FloatArray) -> IntArray:
+    """Fit a line to the middles (N, 2 and more), those far off left out, into line (4,); returns which were used."""
+    use, off = np.arange(len(rows)), np.empty(len(rows))
     for _ in range(_ROUNDS):
-        x, y, dx, dy = fit_line(middles, use)
-        off = np.abs((middles[:, 0] - x) * dy - (middles[:, 1] - y) * dx)
-        limit = max(outlier, 2.5 * np.median(off))
-        use = np.flatnonzero(off <= limit)
-    x, y, dx, dy = fit_line(middles, use)
+        x, y, dx, dy = fit_line(rows, use)
+        for k in range(len(rows)):
+            off[k] = abs((rows[k, 0] - x) * dy - (rows[k, 1] - y) * dx)
+        limit = max(outlier, 2.5 * median_of(off))
+        near = np.empty(len(rows), dtype=np.int64)
+        count = 0
+        for k in range(len(rows)):
+            if off[k] <= limit:
+                near[count] = k
+                count += 1
+        use = near[:count]
+    x, y, dx, dy = fit_line(rows, use)
     if (line[2] - line[0]) * dx + (line[3] - line[1]) * dy < 0.0:
         dx, dy = -dx, -dy
     low, high = np.inf, -np.inf
-    for k in use:
-        along = (middles[k, 0] - x) * dx + (middles[k, 1] - y) * dy
+    for used in use:
+        along = (rows[used, 0] - x) * dx + (rows[used, 1] - y) * dy
         low, high = min(low, along), max(high, along)
     line[0], line[1], line[2], line[3] = x + low * dx, y + low * dy, x + high * dx, y + high * dy
     return use
 
 
 @njit(cache=True, error_model="numpy")
-def _extend(pixels, plane, line, length_px, backward, middles, pixel, total):  # type: ignore[no-untyped-def]
-    """Profiles beyond an end, until the line has ended; returns how many middles there are then."""
+def _extend(pixels: Pixels, plane: ImagePlane, line: FloatArray, backward: bool, rows: FloatArray) -> int:
+    """Profiles beyond an end, until the line has ended, into rows (N, 6); returns how many there are."""
     found = np.empty(5)
-    focal, gap_m = plane.lens.pinhole[0], _GAP_WIDTHS * pixels.width_m
-    step = _STEP_PX / max(focal * math.hypot(line[2] - line[0], line[3] - line[1]), 1.0)
-    missed, hit = 0, 0
+    length_px = plane.lens.pinhole[0] * math.hypot(line[2] - line[0], line[3] - line[1])
+    gap_m, step, begin = _GAP_WIDTHS * pixels.width_m, _STEP_PX / max(length_px, 1.0), 1.0
+    if backward:
+        step, begin = -step, 0.0
+    missed, hit, count = 0, 0, 0
     for k in range(1, _MOST_BEYOND):
-        shown = _read_at(pixels, plane, line, -k * step if backward else 1.0 + k * step, found)
+        shown = _read_at(pixels, plane, line, begin + k * step, found)
         if shown == OUTSIDE:
             break
         if shown == LINE:
             missed, hit = 0, k
-            middles[total, 0], middles[total, 1] = plane_from_pixel(plane.lens, found[0], found[1])
-            pixel[total, 0], pixel[total, 1], pixel[total, 2], pixel[total, 3] = (
-                found[0],
-                found[1],
-                found[4],
-                found[2] / found[3],
-            )
-            total += 1
-        else:
-            missed += 1
-            if (
-                missed >= _MISSES
-                and _on_ground(
-                    plane,
-                    line,
-                    -hit * step if backward else 1.0 + hit * step,
-                    -k * step if backward else 1.0 + k * step,
-                )
-                > gap_m
-            ):
-                break
-    return total
+            _write(plane, found, rows[count])
+            count += 1
+            continue
+        missed += 1
+        if missed >= _MISSES and _on_ground(plane, line, begin + hit * step, begin + k * step) > gap_m:
+            break
+    return count

@@ -33,7 +33,10 @@ def low_pass(white: FloatArray, passes: npt.NDArray[np.int64], smooth: FloatArra
     """
     rows, columns = white.shape
     now, along = white.copy(), np.empty((rows, columns))
-    for turn in range(1, int(passes.max()) + 1):
+    most = 0
+    for row in range(rows):
+        most = max(most, passes[row])
+    for turn in range(1, most + 1):
         for row in range(rows):
             for column in range(columns):
                 left, right = max(column - 1, 0), min(column + 1, columns - 1)
@@ -44,7 +47,8 @@ def low_pass(white: FloatArray, passes: npt.NDArray[np.int64], smooth: FloatArra
                 now[row, column] = 0.25 * along[above, column] + 0.5 * along[row, column] + 0.25 * along[below, column]
         for row in range(rows):
             if passes[row] == turn:
-                smooth[row] = now[row]
+                for column in range(columns):  # copying a row at once would take a second to compile
+                    smooth[row, column] = now[row, column]
 
 
 @njit(cache=True)
