@@ -72,6 +72,18 @@ def test_beyond_the_edges_the_table_goes_on_as_documented() -> None:
     assert ranges_along(radii, ranges, table)[0, [0, -1]] == pytest.approx([0.3, 4.8], rel=0.08)
 
 
+def test_one_polynomial_through_all_edges_amplifies_their_noise() -> None:
+    """The formula as Lu et al. 2013 name it, beside the four nearest edges."""
+    rng = np.random.default_rng(1)
+    radii, ranges = np.linspace(50.0, 190.0, 15), 0.5 * np.exp(np.linspace(0.0, 2.3, 15))
+    at = np.linspace(52.0, 188.0, 400)
+    true = 0.5 * np.exp((at - 50.0) * 2.3 / 140.0)
+    for noise_px, best in ((0.0, 0), (0.1, 4)):
+        seen = (radii + noise_px * rng.standard_normal(15))[np.newaxis]
+        worst = {n: np.abs(ranges_along(seen, ranges, at, n)[0] / true - 1.0).max() for n in (0, 4)}
+        assert worst[best] < worst[4 - best] if noise_px else worst[0] < 1e-6
+
+
 def test_directions_that_reach_less_far_are_continued_to_the_last_edge_of_the_others() -> None:
     radii = np.array([[50.0, 60.0, 70.0, 80.0, 90.0], [62.0, 76.0, 90.0, 104.0, 118.0]])
     table = table_radii(radii, np.array([0.6, 0.8, 1.1, 1.6, 2.4]))

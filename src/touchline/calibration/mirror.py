@@ -25,7 +25,7 @@ from touchline.calibration.strip_axis import StripAxis, axis_points, common_cent
 from touchline.calibration.strip_edges import edge_name, measure_edges
 from touchline.calibration.strip_recording import ground_start, read_bearings, rough_center, sensor_gamma
 from touchline.camera import OmniCamera
-from touchline.camera.model_free import Edges, calibrated_camera
+from touchline.camera.model_free import SUPPORT, Edges, calibrated_camera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, circular_mean, wrap_angles
 from touchline.sources import Recording
@@ -75,11 +75,13 @@ class MirrorCalibration:
     unusable: tuple[str, ...] = ()
 
 
-def calibrate_mirror(recording: Recording, skip_unusable: bool = False) -> MirrorCalibration:
+def calibrate_mirror(recording: Recording, skip_unusable: bool = False, support: int = SUPPORT) -> MirrorCalibration:
     """Calibrate from a recording with `bearing_rad` in images.csv and the strip's edges in sequence.yaml.
 
-    skip_unusable: leave out images that do not show the strip instead of refusing. Raises InputError naming the image
-    for a strip that isn't found, edges out of order, a wrong bearing; and for too few directions.
+    skip_unusable: leave out images that do not show the strip instead of refusing. support: nearest edges that each
+    Lagrange polynomial along a direction goes through, 0 for all of them (Lu et al. 2013, section 3.2).
+    Raises InputError naming the image for a strip that isn't found, edges out of order, a wrong bearing; and for too
+    few directions.
     """
     strip = read_strip(recording.sequence, recording.path / "sequence.yaml")
     bearings = read_bearings(recording)
@@ -96,7 +98,7 @@ def calibrate_mirror(recording: Recording, skip_unusable: bool = False) -> Mirro
     _settle(found)
     sightings, bad = _measure_all(recording, found, strip, skip_unusable)
     sightings, turned, radii, wrong = _agreeing(sightings, strip, recording, skip_unusable)
-    camera, filled = _camera(sightings, turned, radii, center, strip, recording)
+    camera, filled = _camera(sightings, turned, radii, center, strip, recording, support)
     error_rad = wrap_angles([s.bearing_rad for s in sightings] - turned.bearings_rad)
     return MirrorCalibration(
         camera, strip, tuple(sightings), start, float(np.sqrt(np.mean(np.square(error_rad)))), filled,
@@ -140,7 +142,7 @@ def _agreeing(
 
 def _camera(
     sightings: Sequence[Sighting], turned: _Turned, radii_px: FloatArray, center: FloatArray, strip: Strip,
-    recording: Recording,
+    recording: Recording, support: int,
 ) -> tuple[OmniCamera, int]:  # fmt: skip
     """The camera, and how many edges were taken from the other directions."""
     bearings, angles = turned.bearings_rad, np.array([s.axis.angle_rad for s in sightings])
@@ -166,6 +168,7 @@ def _camera(
         handedness=turned.handedness,
         mount_yaw_rad=turned.mount_yaw_rad,
         inner_radius_px=ground_start(recording, [s.index for s in sightings], center, np.median(radii, axis=0)),
+        support=support,
     )
     return camera, int(spoilt.sum())
 

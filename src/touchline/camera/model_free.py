@@ -22,9 +22,9 @@ WITHIN = 0.5  # ... and inside the first one to so many times that
 def lagrange(x: FloatArray, y: FloatArray, at: FloatArray, support: int = SUPPORT) -> FloatArray:
     """Lagrange interpolation (M, ...) at (M,) through the `support` nearest of the points x (N,) ascending, y (N, ...).
 
-    Nearest: as many on one side as on the other, as far as there are any.
+    Nearest: as many on one side as on the other, as far as there are any. support 0: one polynomial through all points.
     """
-    n = min(support, len(x))
+    n = min(support, len(x)) or len(x)
     first = np.clip(np.searchsorted(x, at) - n // 2, 0, len(x) - n)
     if n % 2:  # an odd number leans to the side of the nearer point
         first = np.clip(np.argmin(np.abs(x[:, np.newaxis] - at), axis=0) - n // 2, 0, len(x) - n)
@@ -59,7 +59,7 @@ def table_radii(radii_px: FloatArray, ranges_m: FloatArray) -> FloatArray:
     return np.arange(max(np.floor(first), 0.0), np.ceil(last) + 1.0)
 
 
-def ranges_along(radii_px: FloatArray, ranges_m: FloatArray, at_px: FloatArray) -> FloatArray:
+def ranges_along(radii_px: FloatArray, ranges_m: FloatArray, at_px: FloatArray, support: int = SUPPORT) -> FloatArray:
     """Ranges (B, R) at radii (R,) in each direction, from its edges at radii (B, E) and ranges (E,).
 
     Between the edges the logarithm of the range is interpolated: relative errors count. Inside the first edge the
@@ -72,7 +72,7 @@ def ranges_along(radii_px: FloatArray, ranges_m: FloatArray, at_px: FloatArray) 
     near, far = _first_slopes(radii_px, ranges_m), _last_slopes(radii_px, ranges_m)
     start, end = WITHIN * ranges_m[0], BEYOND * ranges_m[-1]
     for d, edges in enumerate(radii_px):
-        row = np.exp(lagrange(edges, np.log(ranges_m), np.clip(at_px, edges[0], edges[-1])))
+        row = np.exp(lagrange(edges, np.log(ranges_m), np.clip(at_px, edges[0], edges[-1]), support))
         inside, past = at_px < edges[0], at_px > edges[-1]
         row[inside] = ranges_m[0] + near[d] * (at_px[inside] - edges[0])
         row[past] = 1.0 / np.maximum(1.0 / ranges_m[-1] + far[d] * (at_px[past] - edges[-1]), 1.0 / end)
@@ -83,12 +83,15 @@ def ranges_along(radii_px: FloatArray, ranges_m: FloatArray, at_px: FloatArray) 
     return np.array(rows)
 
 
-def offsets_along(radii_px: FloatArray, offsets_rad: FloatArray, at_px: FloatArray) -> FloatArray:
+def offsets_along(
+    radii_px: FloatArray, offsets_rad: FloatArray, at_px: FloatArray, support: int = SUPPORT
+) -> FloatArray:
     """Bearing offsets (B, R) at radii (R,) in each direction, from those at its edges (B, E) at radii (B, E); inside
     the first and beyond the last edge as there.
     """
     clipped = [np.clip(at_px, edges[0], edges[-1]) for edges in radii_px]
-    return np.array([lagrange(edges, row, at) for edges, row, at in zip(radii_px, offsets_rad, clipped, strict=True)])
+    rows = zip(radii_px, offsets_rad, clipped, strict=True)
+    return np.array([lagrange(edges, row, at, support) for edges, row, at in rows])
 
 
 class Edges(NamedTuple):
@@ -112,15 +115,17 @@ def calibrated_camera(
     handedness: int,
     mount_yaw_rad: float,
     inner_radius_px: float,
+    support: int = SUPPORT,
 ) -> OmniCamera:
     """The camera whose tables agree with the edges.
 
     size: width, height. inner_radius_px: where the robot's own body ends; the field is seen from there on, or from
-    the table's first radius if that is larger, up to the table's last radius.
+    the table's first radius if that is larger, up to the table's last radius. support: edges of a direction that each
+    polynomial along it goes through; 0 for all of them.
     """
     radii = table_radii(edges.radii_px, edges.ranges_m)
-    logs = np.log(ranges_along(edges.radii_px, edges.ranges_m, radii))
-    offsets = offsets_along(edges.radii_px, edges.offsets_rad, radii)
+    logs = np.log(ranges_along(edges.radii_px, edges.ranges_m, radii, support))
+    offsets = offsets_along(edges.radii_px, edges.offsets_rad, radii, support)
     rows = np.arange(ROWS) * (2.0 * np.pi / ROWS)
     table = np.empty((ROWS, len(radii), 2))
     for k in range(len(radii)):  # at each radius the strips are seen in slightly other directions

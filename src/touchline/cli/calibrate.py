@@ -39,6 +39,10 @@ def mirror(
     skip_unusable: Annotated[
         bool, typer.Option("--skip-unusable", help="Leave out images that don't show the strip.")
     ] = False,
+    support: Annotated[
+        int,
+        typer.Option(min=0, max=100, metavar="N", help="Nearest edges in each polynomial; 0: all, as Lagrange has it."),
+    ] = 4,
     follow_links: FollowLinks = False,
 ) -> None:
     """Write a camera.yaml with ranges and bearings for every direction, from images of a strip of known edges."""
@@ -51,7 +55,7 @@ def mirror(
     from touchline.view.picture_files import save_picture
 
     source = open_source(recording, follow_links)
-    calibration = calibrate_mirror(source, skip_unusable)
+    calibration = calibrate_mirror(source, skip_unusable, support)
     for message in calibration.unusable:
         errors_console().print(f"left out: {message}", style="yellow", markup=False)
     sighting = calibration.sightings[0]
