@@ -26,13 +26,15 @@ from synthetic import (
 from touchline.camera import OmniCamera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
-from touchline.perception import HsvLineDetector, HsvLineSettings, observe
+from touchline.perception import HsvLineDetector, HsvLinePaper, HsvLineSettings, observe
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.ray_runs import RUN_COLUMNS, RayPictures, Rays, RunLimits, white_runs
 from touchline.sources import open_source
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
 CAMERA = mirror_camera()
+
+BY_HAND = HsvLinePaper(thresholds="fixed")
 
 
 def detected(image: ImageArray, camera: OmniCamera = CAMERA, **settings: object) -> LinePoints:
@@ -78,10 +80,10 @@ def test_thresholds_follow_the_light(light: float) -> None:
 
 def test_fixed_thresholds_hold_for_one_light_as_the_paper_says(cross_image: ImageArray) -> None:
     dim = paint_ground(CAMERA, line_field(CROSS, light=0.3))
-    assert len(detected(cross_image, thresholds="fixed")) >= 80
-    assert len(detected(dim, thresholds="fixed")) == 0
+    assert len(detected(cross_image, paper=BY_HAND)) >= 80
+    assert len(detected(dim, paper=BY_HAND)) == 0
     by_hand = {"min_value": 0.05, "min_lightness": 0.2}
-    assert len(detected(dim, thresholds="fixed", fixed=by_hand)) >= 75
+    assert len(detected(dim, paper=BY_HAND, fixed=by_hand)) >= 75
 
 
 def sunny(points: FloatArray) -> FloatArray:

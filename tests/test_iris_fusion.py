@@ -22,9 +22,9 @@ from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
 from touchline.types import Estimate, Frame, LinePoints, Mode, Observation, Prior, Samples, Status, empty_points
 
 PAPER = (
-    "particles.paper.max_units=255", "particles.paper.tempering_threshold=0", "particles.paper.roughening=0",
-    "particles.paper.nearby_ratio=0", "fusion.paper.beta_period_s=null", "fusion.paper.bias_gain_per_s=0",
-    "fusion.paper.camera_errors=false", "restart.paper.heading_rad=null", "restart.paper.image_cycles=1",
+    "paper.particles.max_units=255", "paper.particles.tempering_threshold=0", "paper.particles.roughening=0",
+    "paper.particles.nearby_ratio=0", "paper.fusion.beta_period_s=null", "paper.fusion.bias_gain_per_s=0",
+    "paper.fusion.camera_errors=false", "paper.restart.heading_rad=null", "paper.restart.image_cycles=1",
 )  # fmt: skip
 
 
@@ -256,7 +256,7 @@ def test_with_a_compass_there_is_no_rival() -> None:
 def test_a_robot_told_the_wrong_end_of_the_field_is_put_right_by_the_compass_and_stays_there_without() -> None:
     run = simulation("indoor-9x6", 2)
     here = truth(run, len(run) - 1)
-    for sets, right in (((), here), (("restart.paper.heading_rad=null",), here.mirrored())):
+    for sets, right in (((), here), (("paper.restart.heading_rad=null",), here.mirrored())):
         made = system(run, *sets, prior=Prior(pose=truth(run, 0).mirrored()))
         assert off_m([made.step(frame) for frame in run][-1], right) < 0.05
 

@@ -168,7 +168,7 @@ def error_m(estimate: Estimate, pose: Pose) -> float:
 
 def test_figure_3_particles_then_matching_then_five_bad_frames_then_particles_again() -> None:
     here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
-    made = system("failure.paper.single_criterion_failure=false")
+    made = system("paper.failure.single_criterion_failure=false")
     found = stand(made, here, range(10), 0.3)
     assert found[-1].status is Status.TRACKING
     assert error_m(found[-1], here) < 0.02
@@ -262,8 +262,8 @@ def test_particles_alone_that_agree_on_a_place_that_does_not_fit_are_not_believe
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """One cycle of few particles: the heaviest takes all weight, wherever it is."""
-    poor = ("particles.particles=20", "particles.paper.refined_clusters=0")
-    poor += ("particles.paper.independent_points=null",)
+    poor = ("particles.particles=20", "paper.particles.refined_clusters=0")
+    poor += ("paper.particles.independent_points=null",)
     monkeypatch.setattr(particle_localizer, "CONFIRMATIONS", 1000)
     for seed in range(10):
         pose = Pose(2.0, 1.0, 0.3)
@@ -314,7 +314,7 @@ def test_a_pose_that_is_not_believed_is_published_as_uncertain_as_the_field_is_l
 
 def test_a_single_particle_follows_once_it_is_certain() -> None:
     pose = Pose(2.0, 1.0, 0.3)
-    made = alone("particles.adaptive.enabled=true", "particles.paper.resampling_threshold=1")
+    made = alone("particles.adaptive.enabled=true", "paper.particles.resampling_threshold=1")
     estimates = stand(made, pose, range(20), 0.3)
     assert len(made.particles.particles) == 1
     assert max(error_m(e, pose) for e in estimates[10:]) < 0.1
@@ -323,7 +323,7 @@ def test_a_single_particle_follows_once_it_is_certain() -> None:
 def test_a_single_particle_that_was_kidnapped_finds_back() -> None:
     """Its spread is that of a bin: there is something to start anew from."""
     here, there = Pose(2.0, 1.0, 0.3), Pose(-5.0, -3.0, -2.0)
-    made = alone("particles.adaptive.enabled=true", "particles.paper.resampling_threshold=1")
+    made = alone("particles.adaptive.enabled=true", "paper.particles.resampling_threshold=1")
     before = stand(made, here, range(20), 0.3)[-1]
     assert len(made.particles.particles) == 1
     assert np.sqrt(np.diag(before.covariance)) == pytest.approx([0.144, 0.144, 0.0756], rel=0.01)

@@ -23,7 +23,7 @@ from touchline.localization.fusion.match_input import MatchInput, refine_with_ti
 from touchline.localization.fusion.particle_follower import ParticleFollower
 from touchline.localization.fusion.particle_localizer import ParticleLocalizer, ParticleSearch, ParticleSearchSettings
 from touchline.localization.fusion.tracker import Tracker
-from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltSettings
+from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
 from touchline.localization.particles import NubotParticles
 from touchline.motion import Motion, MotionHistory
 from touchline.types import Frame, LinePoints, Prior, Samples
@@ -42,7 +42,7 @@ def match_input(
     positions_m = points_seen(FIELD, pose, np.random.default_rng(seed), noise=0.005)
     n = len(positions_m)
     points = LinePoints(positions_m, np.tile(np.eye(2) * 1e-4, (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
-    tilt = MirrorTilt(FIELD, MirrorTiltSettings(enabled=tilted))
+    tilt = MirrorTilt(FIELD, MirrorTiltSettings(paper=MirrorTiltPaper(enabled=tilted)))
     return MatchInput(points, np.full(n, 1.0 / n), usable, compass_rad, tilt, CompassCorrection())
 
 

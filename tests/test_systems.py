@@ -127,14 +127,17 @@ def test_a_pose_that_was_kept_says_nothing_new_of_the_end_of_the_field() -> None
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
-        ("nubot-mti", "failure.lone_rules=false", "failure.paper.single_criterion_failure=false"),
+        ("nubot-mti", "failure.lone_rules=false", "paper.failure.single_criterion_failure=false"),
         ("nubot-mti", "matching.uncertainty.least_position_m=0.1", "matching.uncertainty.min_position_m=0.1"),
-        ("nubot-mcl", "particles.fresh_share=0.2", "particles.paper.random_particle_ratio=0.2"),
+        ("nubot-mcl", "particles.fresh_share=0.2", "paper.particles.random_particle_ratio=0.2"),
         ("nubot-mcl", "most_cycles=9", "max_cycles=9"),
         ("nubot-mcl", "widening=1", "paper.widening=1"),
-        ("iris-fusion", "lines.least_green=0", "lines.paper.min_green=0"),
-        ("iris-fusion", "restart.heading_rad=null", "restart.paper.heading_rad=null"),
+        ("iris-fusion", "lines.least_green=0", "paper.lines.min_green=0"),
+        ("iris-fusion", "restart.heading_rad=null", "paper.restart.heading_rad=null"),
         ("iris-fusion", "most_points=50", "max_points=50"),
+        ("iris-fusion", "lines.thresholds=fixed", "paper.lines.thresholds=fixed"),
+        ("nubot-mti", "mirror_tilt.enabled=false", "paper.mirror_tilt.enabled=false"),
+        ("nubot-mcl", "particles.paper.refined_clusters=0", "paper.particles.refined_clusters=0"),
     ],
 )
 def test_renamed_settings_are_accepted_under_their_old_names(name: str, old: str, new: str) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from touchline.checks.slips import find_slips
-from touchline.config import Settings, load_settings, preset_values
+from touchline.config import Settings, load_settings, preset_values, settings_tree
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
@@ -161,7 +161,7 @@ class PreparedRun:
                 "field": self.source.field.name,
             },
             "system": self.info.name,
-            "settings": self.settings.model_dump(mode="json"),
+            "settings": settings_tree(self.settings),
             "learns_colours": self.system.detector is not None and self.system.detector.learns_colours,
             "notices": list(self.notices),
             "prior": {"pose": None if pose is None else list(pose), "own_half": self.prior.own_half},

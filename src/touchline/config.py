@@ -1,4 +1,9 @@
-"""Settings: pydantic trees with the paper's values as defaults; defaults < file < --set KEY=VALUE."""
+"""Settings: pydantic trees of a system's parts; defaults < preset < file < --set KEY=VALUE.
+
+What we have added to a paper is switched in the group `paper` of the part that it belongs to. Whoever sets it finds all
+of them in one block: `paper.particles.roughening` is `roughening` in the group `paper` of the part `particles`. The
+preset `paper` is the value that turns an addition off (`added`).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from touchline.errors import InputError
@@ -59,7 +65,13 @@ def constants_now(module: str, *keys: str) -> dict[str, str]:
     return dict.fromkeys(keys, f"nobody had a reason to change it; it is a constant of {name}.py now")
 
 
+PAPER = "paper"  # the group of switches, and the preset that turns them all to the paper's form
 _ABSENT = object()
+
+
+def added(default: Any, *, paper: Any, description: str, **limits: Any) -> Any:
+    """A setting that switches an addition of ours. paper: the value with which the system does what its paper says."""
+    return Field(default, json_schema_extra={PAPER: paper}, description=description, **limits)
 
 
 class _Renamings:
@@ -71,9 +83,10 @@ class _Renamings:
 
     def add(self, group: type[Settings], old: str, new: str) -> None:
         start = next(_paths_to(group, self.model), "")
-        self.sentences.append(
-            f"setting '{start}{old}' is called '{start}{new}' now; the old name will be refused some day"
-        )
+        self.told(shown_key(f"{start}{old}"), shown_key(f"{start}{new}"))
+
+    def told(self, old: str, new: str) -> None:
+        self.sentences.append(f"setting '{old}' is called '{new}' now; the old name will be refused some day")
 
 
 def _paths_to(group: type[Settings], model: type[Settings], prefix: str = "") -> Iterator[str]:
@@ -131,7 +144,7 @@ def load_settings(
 ) -> SettingsT:
     """Settings from the defaults, then a preset, then a YAML file (or one section of it), then `a.b=value` overrides.
 
-    preset: a name under which fields hold another value (`json_schema_extra={"paper": value}`). elsewhere: other
+    preset: a name under which fields hold another value (`added`). elsewhere: other
     settings by the name of what they belong to, for whoever mixes them up. notices: is appended a sentence for each key
     that stands under an old name.
 
@@ -141,8 +154,8 @@ def load_settings(
     tree = read_yaml_mapping(file) if file is not None else {}
     if section is not None:
         tree = tree[section]
-    if preset is not None:
-        fill_in(tree, preset_values(model, preset))
+    renamings = _Renamings(model)
+    tree = _handed_out(model, tree, renamings)
     changed = set()
     for item in overrides:
         key, separator, text = item.partition("=")
@@ -153,10 +166,13 @@ def load_settings(
             value = yaml_value(text)
         except YamlError as error:
             raise InputError(f"--set {item:.200}: the value is not readable ({error.what})") from None
-        path = key.strip().split(".")
-        _put(tree, path, value, item)
-        changed.add(tuple(path))
-    renamings = _Renamings(model)
+        said: dict[str, Any] = {}
+        _put(said, key.strip().split("."), value, item)
+        for path, each in _values(_handed_out(model, said, renamings)):
+            _put(tree, list(path), each, item)
+            changed.add(path)
+    if preset is not None:
+        tree = _merged(preset_values(model, preset), tree)
     try:
         loaded = model.model_validate(tree, context=renamings)
     except ValidationError as error:
@@ -178,7 +194,7 @@ def settings_from_mapping(model: type[SettingsT], changes: Mapping[str, Any]) ->
         _put(tree, str(key).split("."), value, f"{key}={value}")
     renamings = _Renamings(model)
     try:
-        loaded = model.model_validate(tree, context=renamings)
+        loaded = model.model_validate(_handed_out(model, tree, renamings), context=renamings)
     except ValidationError as error:
         raise InputError(f"settings: {_explain(model, error, None, (), set(), {})}") from None
     for sentence in renamings.sentences:
@@ -186,26 +202,26 @@ def settings_from_mapping(model: type[SettingsT], changes: Mapping[str, Any]) ->
     return loaded
 
 
-def settings_rows(model: type[Settings], prefix: str = "") -> Iterator[tuple[str, Any, str]]:
-    """Each leaf setting as (dotted key, default, description), in the order of the tree."""
-    for name, info in model.model_fields.items():
-        key = f"{prefix}{name}"
-        if isinstance(info.annotation, type) and issubclass(info.annotation, Settings):
-            yield from settings_rows(info.annotation, f"{key}.")
-        else:
-            yield key, info.get_default(call_default_factory=True), info.description or ""
+def settings_rows(model: type[Settings]) -> Iterator[tuple[str, Any, str]]:
+    """Each leaf setting as (dotted key, default, description): in the order of the tree, the block `paper` last."""
+    rows = [(shown_key(key), info) for key, info in _leaves(model)]
+    for key, info in sorted(rows, key=lambda row: row[0].startswith(f"{PAPER}.")):
+        yield key, info.get_default(call_default_factory=True), info.description or ""
 
 
-def preset_values(model: type[Settings], preset: str) -> dict[str, Any]:
-    """The tree of all values that stand under a preset's name; empty if there are none."""
+def settings_tree(settings: Settings) -> dict[str, Any]:
+    """All values as they would stand in a settings file, the block `paper` last."""
+    tree, block = _without_paper(settings.model_dump(mode="json"))
+    return {**tree, PAPER: block} if block else tree
+
+
+def preset_values(model: type[Settings], preset: str = PAPER) -> dict[str, Any]:
+    """The tree of all values that stand under a preset's name, each in its part's group; empty if there are none."""
     tree: dict[str, Any] = {}
-    for name, info in model.model_fields.items():
+    for key, info in _leaves(model):
         extra = info.json_schema_extra
-        if isinstance(info.annotation, type) and issubclass(info.annotation, Settings):
-            if inside := preset_values(info.annotation, preset):
-                tree[name] = inside
-        elif isinstance(extra, dict) and preset in extra:
-            tree[name] = extra[preset]
+        if isinstance(extra, dict) and preset in extra:
+            _put(tree, key.split("."), extra[preset], key)
     return tree
 
 
@@ -218,6 +234,78 @@ def fill_in(tree: dict[str, Any], values: Mapping[str, Any]) -> None:
                 fill_in(inside, value)
         else:
             tree.setdefault(key, value)
+
+
+def shown_key(key: str) -> str:
+    """A key as users have it: `particles.paper.roughening` is `paper.particles.roughening`."""
+    return ".".join(map(str, _in_block(tuple(key.split(".")))))
+
+
+def _leaves(model: type[Settings], prefix: str = "") -> Iterator[tuple[str, FieldInfo]]:
+    for name, info in model.model_fields.items():
+        if isinstance(info.annotation, type) and issubclass(info.annotation, Settings):
+            yield from _leaves(info.annotation, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", info
+
+
+def _without_paper(tree: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A tree without its groups `paper`, and what stands in them as one block."""
+    block: dict[str, Any] = dict(tree.get(PAPER, {}))
+    rest: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping) and key != PAPER:
+            rest[key], inside = _without_paper(value)
+            if inside:
+                block[key] = inside
+        elif key != PAPER:
+            rest[key] = value
+    return {key: value for key, value in rest.items() if value != {}}, block
+
+
+def _handed_out(model: type[Settings], tree: Mapping[str, Any], renamings: _Renamings) -> dict[str, Any]:
+    """A tree as users write it with each switch of the block `paper` in its part's own group.
+
+    Those that were written there already are told of: they have moved.
+    """
+    block, rest = tree.get(PAPER), {key: value for key, value in tree.items() if key != PAPER}
+    for path, _ in _values(rest):
+        if PAPER in path:
+            renamings.told(".".join(path), shown_key(".".join(path)))
+    return rest if block is None else _merged(rest, _with_parts(model, block))
+
+
+def _values(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """The path of each value of a tree, with the value."""
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _values(value, (*path, str(key)))
+        else:
+            yield (*path, str(key)), value
+
+
+def _with_parts(model: type[Settings], block: Any) -> dict[str, Any]:
+    """What stands in a block `paper`, as a tree of a group's parts; what belongs to none of them stays in `paper`."""
+    if not isinstance(block, Mapping):
+        return {PAPER: block}
+    tree: dict[str, Any] = {}
+    own = _group_at(model, (PAPER,))
+    for key, value in block.items():
+        part = _group_at(model, (str(key),)) if key != PAPER else None
+        if part is not None and (own is None or key not in own.model_fields):
+            tree[key] = _with_parts(part, value)
+        else:
+            tree.setdefault(PAPER, {})[key] = value
+    return tree
+
+
+def _merged(tree: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """A tree with the values of another one, which win."""
+    both = dict(tree)
+    for key, value in over.items():
+        inside = both.get(key)
+        both[key] = _merged(inside, value) if isinstance(inside, Mapping) and isinstance(value, Mapping) else value
+    return both
 
 
 def _put(tree: dict[str, Any], path: list[str], value: Any, item: str) -> None:
@@ -241,7 +329,7 @@ def _explain(
     for problem in error.errors():
         location = problem["loc"]
         ours = any(location[: len(path)] == path or location == path[: len(location)] != () for path in changed)
-        line = yaml_line(file, (*section, *location)) if file is not None and not ours else None
+        line = yaml_line(file, (*section, *_in_block(location))) if file is not None and not ours else None
         told = _sentence(model, problem, elsewhere)
         sentences.append(told if line is None else f"line {line}: {told}")
         if file is not None and not ours and len(sentences) == 1:
@@ -250,10 +338,17 @@ def _explain(
     return "; ".join(sentences[:_SAID]) + more
 
 
+def _in_block(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """Where users have what stands in a part's group `paper`: in the one block."""
+    return (PAPER, *(part for part in location if part != PAPER)) if PAPER in location else location
+
+
 def _sentence(model: type[Settings], problem: ErrorDetails, elsewhere: Mapping[str, type[Settings]]) -> str:
     known = [key for key, _, _ in settings_rows(model)]
-    key = ".".join(str(part) for part in problem["loc"])
+    key = shown_key(".".join(str(part) for part in problem["loc"]))
     if problem["type"] == "extra_forbidden":
+        if problem["loc"][-1] == PAPER and isinstance(problem["input"], Mapping):  # a part without switches
+            key = f"{key}.{next(iter(problem['input']), '')}"
         group, leaf = _group_at(model, problem["loc"][:-1]), str(problem["loc"][-1])
         if group is not None and leaf in group.removed:
             return f"setting '{key}' was removed: {group.removed[leaf]}"
@@ -282,7 +377,8 @@ def _group_at(model: type[Settings], path: Sequence[int | str]) -> type[Settings
         if isinstance(part, int):
             annotation = get_args(annotation)[0] if get_args(annotation) else None
         elif isinstance(annotation, type) and issubclass(annotation, Settings):
-            annotation = annotation.model_fields[part].annotation
+            info = annotation.model_fields.get(part)
+            annotation = None if info is None else info.annotation
     return annotation if isinstance(annotation, type) and issubclass(annotation, Settings) else None
 
 

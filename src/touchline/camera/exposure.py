@@ -17,7 +17,7 @@ from pydantic import Field
 from touchline.camera.base import Camera
 from touchline.camera.exposure_search import EntropySearch, PathSettings, SearchSettings, Tried
 from touchline.camera.omni import require_omni
-from touchline.config import Settings
+from touchline.config import Settings, added
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.types import ImageArray
@@ -49,8 +49,9 @@ class Watch(StrEnum):
 class ExposureSettings(Settings):
     """When the light is believed to have changed, and how the search goes."""
 
-    watch: Watch = Field(
+    watch: Watch = added(
         Watch.BOTH,
+        paper=Watch.CENTRE,
         description="whose mean brightness is watched: centre (the robot's own top, the paper), field, or both: under "
         "patches of sun the top can darken while the field gets brighter",
     )
@@ -60,11 +61,18 @@ class ExposureSettings(Settings):
         description="change of that mean, as a share of it, which starts a search: 0.15 is a third more light; "
         "driving over the field changes it by up to 0.1",
     )
-    overexposed_threshold: float | None = Field(
+    overexposed_threshold: float | None = added(
         0.08,
+        paper=None,
         gt=0,
         description="change of the share of overexposed pixels of the field which starts a search, too, unless only "
         "the centre is watched; sun between shadows may leave every mean as it is. none: as in the paper",
+    )
+    whole_image: bool = added(
+        False,
+        paper=True,
+        description="true as in the paper: entropy of the whole image; false: of the ring that shows the field, "
+        "without the robot and what the mirror doesn't see",
     )
     check_every: int = Field(5, ge=1, description="images from one look at the brightness to the next")
     gamma: float = Field(2.2, ge=1, description="exponent between light and grey levels, for the first step's length")
@@ -189,7 +197,7 @@ class ExposureControl:
 
     def _note(self, place: float, image: ImageArray) -> None:
         assert self._search is not None
-        entropy = image_entropy(image, self._field)
+        entropy = image_entropy(image, None if self.settings.whole_image else self._field)
         self._search.tell(place, entropy)
         self.tried.append(Tried(place, *self.settings.path.at(place), entropy))
 

@@ -13,15 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, model_validator
 
-from touchline.config import Settings
+from touchline.config import Settings, added
 from touchline.errors import InputError
 
 
 class PathSettings(Settings):
     """The path exposure = a · gain + b, and what the camera can do. The paper's path is a = 1, b = 0."""
 
-    a_ms: float = Field(
+    a_ms: float = added(
         4.0,
+        paper=1.0,
         gt=0,
         description="exposure for each unit of gain (ms): more is less noise and more motion blur; 4 keeps a lamp-lit "
         "hall below 16 ms. For a camera whose gain counts up to 50 the paper has 1",
@@ -86,15 +87,17 @@ class SearchSettings(Settings):
     longest_first_step_stops: float = Field(
         4.0, gt=0, description="most that is believed of the brightness's change (stops): lamps on or off"
     )
-    step_from_brightness: bool = Field(
+    step_from_brightness: bool = added(
         True,
+        paper=False,
         description="whether the first step is as long as the brightness says; the paper takes only its direction",
     )
     same_nats: float = Field(
         0.01, ge=0, description="difference in entropy (nats) of two images of the same, at the most: noise"
     )
-    elsewhere_nats: float | None = Field(
+    elsewhere_nats: float | None = added(
         0.4,
+        paper=None,
         ge=0,
         description="entropy (nats) above the best place's that a gap elsewhere must promise to be looked into: sun "
         "beside shade may make a second peak: much, since such promises are generous. none: the paper's single climb",

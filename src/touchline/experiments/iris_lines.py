@@ -31,7 +31,7 @@ CONDITIONS = {
 }
 THRESHOLDS = {
     "automatic": HsvLineSettings(),
-    "set by hand under 1": HsvLineSettings(thresholds="fixed"),
+    "set by hand under 1": HsvLineSettings(paper=HsvLinePaper(thresholds="fixed")),
     "automatic, no green wanted beside": HsvLineSettings(paper=HsvLinePaper(min_green=0)),
 }
 TRUE_M, FALSE_M = 0.1, 0.3

@@ -123,7 +123,7 @@ class WheelOdometry:
         """
         if self.pair is None:
             return Pose(0.0, 0.0, 0.0)
-        half = 0.5 * step.turn_rad
+        half = 0.5 * step.turn_rad if self.settings.paper.chord else 0.0
         dx, dy = self.pair.displacement(step.a_m, step.b_m, step.turn_rad, heading_rad + half)
         ratio = math.sin(half) / half if abs(half) > 1e-6 else 1.0
         return Pose(ratio * dx, ratio * dy, wrap_angle(step.turn_rad))

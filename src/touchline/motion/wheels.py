@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.motion.integrated import IntegratedSensor
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS
 from touchline.motion.wheel_pair import WheelPair
@@ -17,6 +17,17 @@ _ZEROED_M_S = 1.0  # a step to exactly zero at less than this speed is no restar
 
 
 MAX_SPEED_M_S = 10.0  # a counter that steps faster than this was restarted: twice what robots reach
+
+
+class WheelPaper(Settings):
+    """Switches to the paper's exact form."""
+
+    chord: bool = added(
+        True,
+        paper=False,
+        description="a step points along the heading in its middle and is as long as its arc's chord, exact at "
+        "constant velocity; false as in equations (2) and (3): along the heading at its start, as long as the way",
+    )
 
 
 class WheelSettings(Settings):
@@ -44,6 +55,7 @@ class WheelSettings(Settings):
     slip_m: float = Field(
         0.004, ge=0, description="random error of a wheel after one metre of its way (m), growing with the root of it"
     )
+    paper: WheelPaper = WheelPaper()
 
     def pair(self, directions_rad: tuple[float, float] | None) -> WheelPair | None:
         """The wheels with directions of a and b (rad), None if nobody knows them.

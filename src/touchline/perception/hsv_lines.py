@@ -9,6 +9,7 @@ section II.B.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from touchline.camera import Camera, OmniCamera, open_camera, require_omni
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
@@ -66,19 +67,29 @@ NOISE_M = 0.01  # standard deviation of a point on the ground that comes from no
 class HsvLinePaper(Settings):
     """Switches to the paper's exact form."""
 
-    min_green: int = Field(
+    min_green: int = added(
         1,
+        paper=0,
         ge=0,
         le=1_000,
         description="least green samples within flank_px on each side of a run; 0 as in the paper, which takes every "
         "white run in the hull: goals, nets and robots, too",
+    )
+    short_runs: bool = added(
+        True, paper=False, description="runs longer than six line widths are none; false as in the paper: all are"
+    )
+    thresholds: Literal["automatic", "fixed"] = added(
+        "automatic",
+        paper="fixed",
+        description="automatic: taken from every image's own histograms; fixed: set by hand for one lighting, as the "
+        "paper does and names as its weakness",
     )
 
 
 class HsvLineSettings(Settings):
     """Detection of lines by thresholds. Lengths in the image are in pixels, for images of about 500 pixels."""
 
-    renamed: ClassVar[Mapping[str, str]] = {"least_green": "paper.min_green"}
+    renamed: ClassVar[Mapping[str, str]] = {"least_green": "paper.min_green", "thresholds": "paper.thresholds"}
 
     removed: ClassVar[Mapping[str, str]] = {
         **constants_now(
@@ -96,11 +107,6 @@ class HsvLineSettings(Settings):
         "least_contrast": "a covered camera is told by the same contrast everywhere (perception/covered.py)",
     }
 
-    thresholds: Literal["automatic", "fixed"] = Field(
-        "automatic",
-        description="automatic: taken from every image's own histograms; fixed: set by hand for one lighting, as the "
-        "paper does and names as its weakness",
-    )
     fixed: FixedThresholds = FixedThresholds()
     automatic: AutomaticThresholds = AutomaticThresholds()
     ray_step_deg: float = Field(2.5, ge=0.036, le=45, description="angle between rays (degrees); the paper's 2.5")
@@ -213,7 +219,7 @@ class HsvLineDetector:
         return picture
 
     def _choose(self, hsv: ImageArray, lightness: ImageArray) -> Thresholds:
-        if self.settings.thresholds == "fixed":
+        if self.settings.paper.thresholds == "fixed":
             return fixed_thresholds(self.settings.fixed)
         thin = hsv[::_THIN, ::_THIN].reshape(-1, 3)[self._ring], lightness[::_THIN, ::_THIN].reshape(-1)[self._ring]
         return automatic_thresholds(*thin, self.settings.automatic)
@@ -237,7 +243,8 @@ class HsvLineDetector:
         pictures = RayPictures(masks.lines, masks.green, masks.lightness)
         u0, v0 = camera.center
         rays = Rays(self.rays, float(u0), float(v0), float(camera.inner_radius_px), self.outer_px)
-        limits = RunLimits(FLANK_PX, GAP_PX, MAX_RUN * self.line_width_m, s.paper.min_green)
+        longest_m = MAX_RUN * self.line_width_m if s.paper.short_runs else math.inf
+        limits = RunLimits(FLANK_PX, GAP_PX, longest_m, s.paper.min_green)
         lookup = camera.lookup_constants, camera.bearings_rad, camera.lookup_table
         count = white_runs(pictures, rays, limits, lookup, self._found)
         return self._found[:count]

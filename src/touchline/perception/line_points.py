@@ -7,7 +7,7 @@ green-white-green transitions. Colours are learned from the recording's own firs
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from touchline.camera import Camera, require_omni
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.errors import TouchlineError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import (
@@ -33,7 +33,7 @@ from touchline.perception.colour import (
 from touchline.perception.detector import check_size
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
 from touchline.perception.profiles import COLUMNS, PathSamples, ProfileLimits, find_line_profiles, sample_paths
-from touchline.perception.scan_lines import ScanLines, build_scan_lines, usable_radius
+from touchline.perception.scan_lines import FILL_FROM, ScanLines, build_scan_lines, usable_radius
 from touchline.perception.stages import (
     BODY_PAINT,
     BOUNDARY_PAINT,
@@ -46,6 +46,7 @@ from touchline.perception.stages import (
     painted,
     points_picture,
 )
+from touchline.perception.transitions import find_transitions
 from touchline.types import ImageArray, LinePoints
 
 # least height of a line over its green in standard deviations of the noise on it: one sample in 30 000 reaches 4 by
@@ -63,6 +64,26 @@ BLUR_PX = 3.5  # how much wider blur may make a line: lens, motion and demosaici
 COARSEST_PX_M = 0.25
 FIELD_GAP_M = 0.6  # a gap in the green longer than this ends the field: wider than any line in blur and shadow
 NOISE_M = 0.01  # standard deviation of a point on the ground that comes from no pixel: carpet, calibration
+
+
+class LinePointPaper(Settings):
+    """Switches to the papers' exact form."""
+
+    detector: Literal["profiles", "transitions"] = added(
+        "profiles",
+        paper="transitions",
+        description="transitions as in the papers: where the colour class changes from green to white and back, to "
+        "whole pixels; profiles: two edges at half height on the ground, a width, and green beside them",
+    )
+    more_scan_lines: bool = added(
+        True,
+        paper=False,
+        description="circles about the robot, and short rays between the others in the outer half; false as in the "
+        "papers: the radial scan lines alone",
+    )
+    within_green: bool = added(
+        True, paper=False, description="points beyond the end of the green are left out; false: wherever they lie"
+    )
 
 
 class LinePointSettings(Settings):
@@ -105,6 +126,7 @@ class LinePointSettings(Settings):
     noise_px: float = Field(
         0.3, gt=0, description="standard deviation of a point in the image (px): two edges at half height"
     )
+    paper: LinePointPaper = LinePointPaper()
 
 
 class LinePointDetector:
@@ -117,8 +139,9 @@ class LinePointDetector:
         s = self.settings
         self.line_width_m = s.line_width_m or line_width_m
         self.outer_px = usable_radius(mirror, COARSEST_PX_M)
+        circles, fill_from = (s.circles, FILL_FROM) if s.paper.more_scan_lines else (0, 1.0)
         self.scan_lines: ScanLines = build_scan_lines(
-            mirror, s.radial_scan_lines, s.circles, mirror.inner_radius_px, self.outer_px
+            mirror, s.radial_scan_lines, circles, mirror.inner_radius_px, self.outer_px, fill_from
         )
         self._see_body(np.zeros((mirror.height, mirror.width), dtype=np.bool_))
         self.colours: ColourModel | None = None
@@ -174,7 +197,7 @@ class LinePointDetector:
     def detect(self, image: ImageArray) -> LinePoints:
         """Line points of an image (H, W, 3), B, G, R. Raises TouchlineError before `learn`."""
         check_size(image, self.camera)
-        found = self._crossings(smoothed(image, self._smoothing_px))
+        found = self._crossings(smoothed(image, self._smoothing_px), self.settings.paper.detector == "transitions")
         covariances = self.camera.ground_covariances(found[:, 2:4], self.settings.noise_px, NOISE_M)
         confidences = np.clip(found[:, 4], 0.0, 1.0)
         return LinePoints(found[:, :2].copy(), covariances, confidences, found[:, 2:4].copy())
@@ -216,7 +239,7 @@ class LinePointDetector:
         """Share of the last image's samples that were green."""
         return float(np.mean(self._samples.classes == GREEN))
 
-    def _crossings(self, image: ImageArray) -> FloatArray:
+    def _crossings(self, image: ImageArray, transitions: bool = False) -> FloatArray:
         model, lines, s, camera = self.colours, self.scan_lines, self.settings, self.camera
         if model is None:
             raise TouchlineError("the detector has learned no colours yet: call learn() with a few images first")
@@ -229,6 +252,25 @@ class LinePointDetector:
             model.table,
             self._samples,
         )
+        if transitions:
+            found = find_transitions(lines, self._samples.classes, camera, MAX_RUN_PX)
+        else:
+            found = self._profiles(model)
+        if not s.paper.within_green:
+            return found
+        green_ends(
+            lines.starts,
+            s.radial_scan_lines,
+            self._samples.classes,
+            self._gaps,
+            camera.inner_radius_px,
+            self.green_ends_px,
+        )
+        kept: FloatArray = found[inside_green(found, *camera.center, self.green_ends_px, 2.0)]
+        return kept
+
+    def _profiles(self, model: ColourModel) -> FloatArray:
+        lines, s, camera = self.scan_lines, self.settings, self.camera
         limits = ProfileLimits(
             min_contrast=max(s.min_contrast, MIN_SIGMAS * self._noise),
             flank_px=FLANK_PX,
@@ -242,17 +284,7 @@ class LinePointDetector:
             lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,
             (camera.lookup_constants, camera.bearings_rad, camera.lookup_table), self._found,
         )  # fmt: skip
-        found = self._found[:count]
-        green_ends(
-            lines.starts,
-            s.radial_scan_lines,
-            self._samples.classes,
-            self._gaps,
-            camera.inner_radius_px,
-            self.green_ends_px,
-        )
-        kept: FloatArray = found[inside_green(found, *camera.center, self.green_ends_px, 2.0)]
-        return kept
+        return self._found[:count]
 
     def _see_body(self, body: npt.NDArray[np.bool_]) -> None:
         self.body, self._masked = body, self.scan_lines.at_samples(body)

@@ -15,6 +15,7 @@ from touchline.camera import OmniCamera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 
+FILL_FROM = 0.5  # share of the outer radius from which short rays stand between the others
 _MOST_SAMPLES = 10_000_000
 _CIRCLE_OVERLAP_PX = 60  # a circle goes on past its start so that a line lying there is seen whole
 
@@ -42,7 +43,7 @@ class ScanLines:
 
 
 def build_scan_lines(
-    camera: OmniCamera, radial: int, circles: int, inner_px: float, outer_px: float, fill_from: float = 0.5
+    camera: OmniCamera, radial: int, circles: int, inner_px: float, outer_px: float, fill_from: float = FILL_FROM
 ) -> ScanLines:
     """`radial` rays from `inner_px` to `outer_px`, as many short ones between them that start at `fill_from` of the
     outer radius, and `circles` circles at equal distances in the image. All stay two pixels inside the image.

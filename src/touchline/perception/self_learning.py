@@ -8,7 +8,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from touchline.camera import Camera
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.errors import InputError
 from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
@@ -20,6 +20,17 @@ FADED_GREEN = 0.6  # share of the usual green below which the light is believed 
 # images in a row with faded green before the colours are learned again: a robot that hides the view for a moment
 # changes nothing
 FADED_FRAMES = 5
+
+
+class LearningPaper(Settings):
+    """Switches to the papers' exact form."""
+
+    again: bool = added(
+        True,
+        paper=False,
+        description="colours are learned again when the green fades: the light has changed; false: what was learned "
+        "first stays, as the papers' colours, which are calibrated before a game",
+    )
 
 
 class LearningSettings(Settings):
@@ -41,6 +52,7 @@ class LearningSettings(Settings):
         description="a colour table written by touchline calibrate colour, kept for the whole run; none: colours are "
         "learned from the first images, and again when the green fades",
     )
+    paper: LearningPaper = LearningPaper()
 
 
 class SelfLearningDetector:
@@ -91,7 +103,7 @@ class SelfLearningDetector:
             return Observation(frame.stamp_ns, problem=problem)
         detector = self.detector
         points = with_lean(detector.detect(image), frame, detector.camera, detector.settings.noise_px, NOISE_M)
-        if self._kept is None:
+        if self._kept is None and self.settings.paper.again:
             self._watch_green(image)
         return Observation(frame.stamp_ns, points, problem=problem)
 

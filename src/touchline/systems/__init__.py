@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from touchline.config import Settings, settings_from_mapping
+from touchline.config import PAPER, Settings, load_settings, settings_from_mapping
 from touchline.errors import InputError
 from touchline.given import given_name, given_seed, refused
 from touchline.messages import did_you_mean
@@ -119,6 +119,11 @@ def system_info(name: str) -> SystemInfo:
     return SYSTEMS[name]
 
 
+def paper_settings(name: str, *changes: str) -> Settings:
+    """The settings with which a system does exactly what its paper says, but for changes `KEY=VALUE`."""
+    return load_settings(system_info(name).settings, None, changes, preset=PAPER)
+
+
 def open_system(
     name: str,
     setup: RobotSetup,
@@ -160,5 +165,6 @@ __all__ = [
     "RobotSetup",
     "SystemInfo",
     "open_system",
+    "paper_settings",
     "system_info",
 ]

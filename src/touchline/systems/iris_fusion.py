@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.fusion.camera_errors import CameraErrors, CameraFit
 from touchline.localization.fusion.field_side import FieldSide
@@ -64,6 +64,16 @@ KNOWN_HEADING_RAD = 0.8
 OWN_HALF_M = 0.1  # how far beyond the centre line a robot may stand of which its own half is told
 
 
+class IrisPaper(Settings):
+    """Switches to the paper's exact form."""
+
+    all_points: bool = added(
+        False,
+        paper=True,
+        description="true as in the paper: every point has its say; false: no more than max_points, evenly chosen",
+    )
+
+
 class IrisFusionSettings(Settings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
@@ -91,6 +101,7 @@ class IrisFusionSettings(Settings):
     particles: IrisParticleSettings = IrisParticleSettings()
     fusion: SensorFusionSettings = SensorFusionSettings()
     restart: RestartSettings = RestartSettings()
+    paper: IrisPaper = IrisPaper()
     start_position_m: float = Field(
         0.3, gt=0, description="standard deviation of x and y of a pose told by a person (m)"
     )
@@ -224,7 +235,8 @@ class IrisFusion:
 
     def _cycles(self, points: LinePoints, count: int) -> tuple[ParticleEstimate, float]:
         """So many cycles on one image."""
-        chosen = points_chosen(points, self.settings.max_points)
+        most = len(points) if self.settings.paper.all_points else self.settings.max_points
+        chosen = points_chosen(points, most)
         positions_m = np.ascontiguousarray(self.camera_errors.corrected(chosen.positions_m))
         for _ in range(count - 1):
             self._cycle(positions_m)

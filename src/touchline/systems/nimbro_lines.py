@@ -16,10 +16,9 @@ from dataclasses import replace
 from typing import cast
 
 import numpy as np
-from pydantic import Field
 
 from touchline.camera import PinholeCamera
-from touchline.config import Settings
+from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
 from touchline.geometry import Pose
 from touchline.localization.fusion.feature_filter import FeatureFilter
@@ -41,14 +40,14 @@ CAMERA_HEIGHT_M = 1.0  # where no camera.yaml tells: that of a robot between kid
 class NimbroPaper(Settings):
     """Switches to the paper's exact form."""
 
-    refine: bool = Field(
+    refine: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="the pose by least squares on the features about the particles' main mode; off: the mode's mean",
     )
-    twin: bool = Field(
+    twin: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="the pose is compared in every frame with its twin at the other end, where colours alone tell them "
         "apart, and not believed before that is refuted; off: the particles alone tell",
     )

@@ -22,7 +22,7 @@ from touchline.localization.fusion.global_localizer import GlobalLocalizer, Pred
 from touchline.localization.fusion.grid_localizer import GridLocalizer
 from touchline.localization.fusion.match_input import MatchInput, MatchInputs
 from touchline.localization.fusion.tracker import Tracker
-from touchline.localization.matching.global_search import GlobalSearch, GlobalSearchSettings
+from touchline.localization.matching.global_search import SAMPLE_C_M, GlobalSearch, GlobalSearchSettings
 from touchline.localization.matching.matcher import Match, Matcher
 from touchline.localization.matching.mirror_tilt import MirrorTilt
 from touchline.motion import MotionHistory
@@ -54,7 +54,8 @@ class NubotMti:
         self.tilt = MirrorTilt(field, s.mirror_tilt)
         self.compass_correction = CompassCorrection(s.compass)
         self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
-        matcher = Matcher(field.distance_map(), s.matching)
+        c_m = SAMPLE_C_M if s.global_search.paper.one_c else s.matching.c_m
+        matcher = Matcher(field.distance_map(), s.matching.model_copy(update={"c_m": c_m}))
         search = GlobalSearch(matcher, field.length, field.width, s.global_search)
         self.tracker = Tracker(matcher, s.fusion, s.odometry)
         self.failure = FailureMonitor(search, s.failure)

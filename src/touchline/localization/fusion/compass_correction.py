@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.geometry import wrap_angle
 from touchline.localization.matching.matcher import Match
 
@@ -17,6 +17,17 @@ GOOD_FRAMES = 5  # good frames in a row before the compass is corrected, as many
 # difference that can't be the compass's error, so that nothing is learned from it: twice the worst of usual errors, as
 # global_search.heading_tolerance_rad; half a turn means the wrong end of the field
 MAX_CORRECTION_RAD = 0.6
+
+
+class CompassPaper(Settings):
+    """Switches to the paper's exact form."""
+
+    bounded: bool = added(
+        True,
+        paper=False,
+        description="nothing is learned from a difference of more than 0.6 rad, as at the other end of the field; "
+        "false as in the paper: from any",
+    )
 
 
 class CompassSettings(Settings):
@@ -31,6 +42,7 @@ class CompassSettings(Settings):
         description="share of the difference that a frame corrects; averages over the compass noise of half a degree, "
         "yet follows a drift within a second",
     )
+    paper: CompassPaper = CompassPaper()
 
 
 class CompassCorrection:
@@ -52,7 +64,8 @@ class CompassCorrection:
     def update(self, mean_distance_m: float, heading_rad: float, compass_rad: float) -> bool:
         """Learn from one match and the compass's own reading at its time; whether the offset was corrected."""
         difference = wrap_angle(heading_rad - self.heading(compass_rad))
-        good = mean_distance_m < GOOD_DEVIATION_M and abs(difference) < MAX_CORRECTION_RAD
+        believable = abs(difference) < MAX_CORRECTION_RAD or not self.settings.paper.bounded
+        good = mean_distance_m < GOOD_DEVIATION_M and believable
         self.good_frames = self.good_frames + 1 if good else 0
         if self.good_frames < GOOD_FRAMES:
             return False

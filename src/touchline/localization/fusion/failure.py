@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 
 MAX_DEVIATION_M = 0.35  # mean distance that makes a frame bad whatever the compass says
 # mean distance from which a frame is suspect: look-alike places leave 0.15 to 0.35, but clutter about a right pose up
@@ -30,11 +30,12 @@ MAX_MISSING_S = 1.0
 class FailurePaper(Settings):
     """Switches to the paper's exact form."""
 
-    single_criterion_failure: bool = Field(
+    single_criterion_failure: bool = added(
         True,
+        paper=False,
         description="let a large mean distance, a heading far from the compass, frames without usable points or "
-        "odometry count as bad by themselves: a robot put down elsewhere with nearly its old heading never trips the "
-        "papers' rule",
+        "odometry count as bad by themselves, and a start pose be refuted by one bad frame: a robot put down elsewhere "
+        "with nearly its old heading never trips the papers' rule",
     )
 
 

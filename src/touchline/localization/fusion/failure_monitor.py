@@ -50,7 +50,8 @@ class FailureMonitor:
         if failed and self.keep_unless_better and match is not None:
             plausible = view.heading_is_plausible(pose.heading, MAX_HEADING_ERROR_RAD)
             failed = not plausible or self._fits_elsewhere(view, match)
-        failed = failed or (self.start_pose_unconfirmed and self.detector.bad_frames > 0)
+        doubted = self.start_pose_unconfirmed and self.settings.paper.single_criterion_failure
+        failed = failed or (doubted and self.detector.bad_frames > 0)
         self.start_pose_unconfirmed = self.start_pose_unconfirmed and match is None
         self.failures += failed
         return failed

@@ -35,12 +35,12 @@ class GridLocalizer:
 
     def localize(self, view: MatchInput, prediction: Prediction, region: Region | None = None) -> Localization | None:
         """Search the whole field, or a region of it."""
-        s, tracked = self.search.settings, prediction.match
+        s, tracked = self.search.settings, prediction.match if self.search.settings.paper.confirmed else None
         if tracked is not None and not view.heading_is_plausible(tracked.pose.heading, MAX_HEADING_ERROR_RAD):
             tracked = None
         fix = self.search.locate_any_heading(view.positions_m, view.weights, view.heading_rad, region)
         if tracked is not None and (fix is None or tracked.error <= _equal_error(fix.match.error)):
-            match, accepted, kept = tracked, tracked.error < s.accepted_error, True
+            match, accepted, kept = tracked, tracked.error < s.accepts_below, True
             self._confirmations += 1
         elif fix is not None:
             match = refine_with_tilt(self.search.matcher, view, fix.match.pose.as_array(), fix.match.error)
@@ -48,7 +48,7 @@ class GridLocalizer:
             self._confirmations = 0
         else:
             return None
-        confirmed = accepted or self._confirmations >= s.confirmations
+        confirmed = accepted or self._confirmations >= s.confirmations or not s.paper.confirmed
         if confirmed:
             self._confirmations = 0
         others = () if fix is None else self._hypotheses(view, fix, match)

@@ -72,7 +72,7 @@ class MatchInputs:
 def refine_with_tilt(matcher: Matcher, view: MatchInput, pose: FloatArray, error: float) -> Match:
     """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
     tilt = view.tilt
-    if tilt.settings.enabled and error < MAX_ERROR:
+    if tilt.settings.paper.enabled and error < MAX_ERROR:
         positions_m = tilt.corrected(view.points.positions_m, tilt.update(view.points, as_pose(pose)))
         refined, refined_error, _ = matcher.descend(positions_m, view.weights, pose)
         if refined_error <= error:

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion.odometry import Motion
@@ -48,19 +48,22 @@ FRAMES = 3
 class SensorFusionPaper(Settings):
     """Switches to the paper's exact form."""
 
-    beta_period_s: float | None = Field(
+    beta_period_s: float | None = added(
         0.1,
+        paper=None,
         gt=0,
         description="time between corrections of the odometry (s) that β is meant for: after a longer one its share is "
         "β to the power of their ratio, since its errors have grown; none is the paper's constant",
     )
-    camera_errors: bool = Field(
+    camera_errors: bool = added(
         True,
+        paper=False,
         description="learn from the lines how far the mirror is tilted and the ranges are too long, and take it off; "
         "false as in the paper, whose particles are off by what the calibration leaves",
     )
-    bias_gain_per_s: float = Field(
+    bias_gain_per_s: float = added(
         0.2,
+        paper=0.0,
         ge=0,
         description="how much of the difference of both headings corrects the gyro's bias (rad/s per rad), at which "
         "the odometry's heading runs away: settles within some seconds; 0 is the paper's form",

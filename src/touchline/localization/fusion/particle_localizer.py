@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.geometry import Pose
 from touchline.localization.fusion.failure import MAX_HEADING_ERROR_RAD
 from touchline.localization.fusion.global_localizer import Localization, Prediction
@@ -28,17 +28,30 @@ SAME_M = 0.5
 class ParticleSearchPaper(Settings):
     """Switches to the paper's exact form."""
 
-    keep_unless_better: bool = Field(
+    keep_unless_better: bool = added(
         True,
+        paper=False,
         description="start the particles after bad frames only if some other place explains the points far better: "
         "near a goal that hidden sectors cut in two, clutter makes frames bad at the right pose, too. The paper starts "
         "them in any case",
     )
-    widening: float = Field(
+    widening: float = added(
         2.0,
+        paper=1.0,
         ge=1,
         description="factor by which every new start widens the first headings about the compass, which may err by "
         "more than thought; 1 as in the paper",
+    )
+    judged: bool = added(
+        True,
+        paper=False,
+        description="converged particles are believed once the match that they lead to fits (accepted_error), or they "
+        "come to it again; false as in the paper: as soon as they have converged",
+    )
+    given_up: bool = added(
+        True,
+        paper=False,
+        description="particles that have not converged within max_cycles start anew; false as in the paper: they go on",
     )
 
 
@@ -58,8 +71,7 @@ class ParticleSearchSettings(Settings):
         gt=0,
         le=1,
         description="weighted mean error with matching's c, at the match that their mean leads to, below which the "
-        "converged particles are believed, as nubot-mti's global search; above it they start anew. 1 believes them "
-        "always, as the paper does",
+        "converged particles are believed, as nubot-mti's global search; above it they start anew",
     )
     max_cycles: int = Field(
         15,
@@ -97,7 +109,7 @@ class ParticleSearch:
         """A new search spreads the particles over the field, and so does one that has gone on for too long."""
         if prediction.lost or not self.cycles:
             self.reset()
-        elif self.cycles < self.settings.max_cycles:
+        elif self.cycles < self.settings.max_cycles or not self.settings.paper.given_up:
             return
         self._start(view, prediction if prediction.lost or self.starts > 0 else None, region)
 
@@ -124,7 +136,8 @@ class ParticleSearch:
 
         If it is not, they start anew with the next frame.
         """
-        if match.error < self.settings.accepted_error or self._came_again(match.pose):
+        fits = match.error < self.settings.accepted_error or not self.settings.paper.judged
+        if fits or self._came_again(match.pose):
             return True
         self.cycles = self.settings.max_cycles
         return False

@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
 
 # a match beyond the gate is believed if the prediction's mean error is more than this factor, or BETTER_MARGIN, above
@@ -24,10 +24,23 @@ SCALE_DRIFT = 0.0003  # change of the odometry's scales from frame to frame: ano
 
 
 class FusionPaper(Settings):
-    """Switches to the paper's exact form."""
+    """Switches to the papers' exact form."""
 
-    learn_odometry_scale: bool = Field(
+    compass_start: bool = added(
         True,
+        paper=False,
+        description="matching starts with the compass heading, too, where that differs from the prediction or the "
+        "first start fits badly: a shove turns the robot, which only the compass feels; false: at the prediction alone",
+    )
+    shoves: bool = added(
+        True,
+        paper=False,
+        description="a match beyond the gate is a shove, a slide along a lone line, or nothing; false as in the "
+        "papers: every match is fused as it is",
+    )
+    learn_odometry_scale: bool = added(
+        True,
+        paper=False,
         description="estimate by how much the odometry tells travel forward and sideways, and turns, too long; "
         "without it their errors, which come again in every frame, are taken for noise and pull the pose",
     )
@@ -146,7 +159,7 @@ class PoseFilter:
         fusion, so that the pose follows at once where the lines observe it, and the odometry keeps what they don't.
         """
         innovation = self._innovation(pose)
-        if self.distance2_to(pose, covariance) > self.settings.gate:
+        if self.settings.paper.shoves and self.distance2_to(pose, covariance) > self.settings.gate:
             if not trusted:
                 return False
             self._joint[:3, :3] += np.outer(innovation, innovation)

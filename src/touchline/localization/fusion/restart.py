@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from pydantic import Field
-
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 
 MIN_RATIO = 0.6  # share of points on lines below which an image contradicts the particles
 # such images in a row after which the particles start anew over the field, or images while the pose is lost
@@ -26,18 +24,26 @@ WIDENING = 1.5
 class RestartPaper(Settings):
     """Switches to the paper's exact form."""
 
-    image_cycles: int = Field(
+    image_cycles: int = added(
         2,
+        paper=1,
         ge=1,
         le=10_000,
         description="cycles per image while searching, or with nothing known of the motion: halves the time to find "
         "the robot; 1 as in the paper",
     )
-    heading_rad: float | None = Field(
+    heading_rad: float | None = added(
         1.6,
+        paper=None,
         gt=0,
         description="difference from the compass (rad) that shows the wrong end of a symmetric field, where the lines "
         "look the same; none as in the paper, whose compass serves at the start alone",
+    )
+    again: bool = added(
+        True,
+        paper=False,
+        description="particles start anew over the field when images contradict them, or a search has found nothing; "
+        "false as in the paper: they start once",
     )
 
 
@@ -82,11 +88,11 @@ class RestartRule:
         enough = 1 if self._blind >= BLIND_FRAMES else FRAMES
         self._blind = 0
         self._contradicted = self._contradicted + 1 if lost or inlier_ratio < MIN_RATIO else 0
-        return self._contradicted >= enough
+        return self.settings.paper.again and self._contradicted >= enough
 
     def start_is_due(self) -> bool:
         """Whether a search has not begun yet, or has gone on for too long. To be asked before every image of it."""
-        return self._starts == 0 or self._cycles >= MAX_CYCLES
+        return self._starts == 0 or (self._cycles >= MAX_CYCLES and self.settings.paper.again)
 
     def count_cycle(self) -> None:
         """The particles have taken one more cycle."""

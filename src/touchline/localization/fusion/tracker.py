@@ -66,7 +66,8 @@ class Tracker:
         pose, error, _ = self.matcher.descend(positions_m, view.weights, predicted.as_array())
         heading = predicted.heading if view.heading_rad is None else view.heading_rad
         turn_rad = abs(wrap_angle(heading - predicted.heading))
-        if turn_rad > SHOVED_RAD or (error > POOR_ERROR and turn_rad > 0.0):
+        differs = turn_rad > SHOVED_RAD or (error > POOR_ERROR and turn_rad > 0.0)
+        if differs and self.settings.paper.compass_start:
             # a shove turns the robot, too; the compass feels what the odometry doesn't
             turned = predicted._replace(heading=heading)
             other, other_error, _ = self.matcher.descend(positions_m, view.weights, turned.as_array())
@@ -78,7 +79,8 @@ class Tracker:
         """Kalman fusion of prediction and match; without a match the prediction stays."""
         if match is None:
             return
-        if self.filter.distance2_to(match.pose, match.covariance) <= self.settings.gate:
+        s = self.settings
+        if not s.paper.shoves or self.filter.distance2_to(match.pose, match.covariance) <= s.gate:
             self.filter.update(match.pose, match.covariance)
         elif not self._fuse_observable_directions(view, match):
             error = self.matcher.error(view.positions_m, view.weights, self.filter.pose.as_array())

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.errors import InputError
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -23,6 +23,30 @@ SHIFT_M = 0.35  # shift of all samples in x and in y from round to round; the pa
 # width c of the error function that ranks the samples: the paper's C = 255 read in cm, its unit of length; the nearest
 # sample is up to 0.7 m away, where the 0.25 m of matching can't tell near from far
 SAMPLE_C_M = 2.55
+PAPER_ERROR = 0.012  # mean error with this c between the paper's right poses (0.006) and wrong ones (above 0.018)
+
+
+class GlobalSearchPaper(Settings):
+    """Switches to the paper's exact form."""
+
+    one_c: bool = added(
+        False,
+        paper=True,
+        description="true as in the paper: one c for ranking the samples, for matching and for judging it, its C = 255 "
+        "in cm, 2.55 m; a pose is accepted below an error of 0.012 then, between the paper's 0.006 when right and "
+        "0.018 when wrong. false: matching.c_m for matching and accepted_error",
+    )
+    near_compass: bool = added(
+        True,
+        paper=False,
+        description="refined poses keep heading_tolerance_rad to the compass; false as in the paper: they turn freely",
+    )
+    confirmed: bool = added(
+        True,
+        paper=False,
+        description="a pose that is not accepted must hold against the search for some frames (confirmations), and the "
+        "pose that failed is kept unless another is better; false as in the paper: the best of three rounds is it",
+    )
 
 
 class GlobalSearchSettings(Settings):
@@ -57,6 +81,12 @@ class GlobalSearchSettings(Settings):
         description="largest difference of the refined heading from the compass (rad): twice the worst of usual "
         "compass errors, and far from the quarter turn at which lines can be mistaken",
     )
+    paper: GlobalSearchPaper = GlobalSearchPaper()
+
+    @property
+    def accepts_below(self) -> float:
+        """Mean error with the c of matching below which a pose is accepted."""
+        return PAPER_ERROR if self.paper.one_c else self.accepted_error
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +167,7 @@ class GlobalSearch:
             rounds.append(self._round(points, weights, samples, compass_rad, region, record))
             known = rounds[-1].candidates if best is None else (best, *rounds[-1].candidates)
             best = min(known, key=lambda candidate: candidate.error, default=None)
-            accepted = best is not None and best.error < self.settings.accepted_error
+            accepted = best is not None and best.error < self.settings.accepts_below
         if best is None:
             return None
         match = self.matcher.assess(
@@ -179,7 +209,8 @@ class GlobalSearch:
             refined, error, trace = self.matcher.descend(points, weights, start, record)
             pose = as_pose(refined)
             heading_inconsistent = abs(wrap_angle(pose.heading - compass_rad)) > self.settings.heading_tolerance_rad
-            if not heading_inconsistent and (region is None or region.contains(pose)):
+            free = not self.settings.paper.near_compass
+            if (free or not heading_inconsistent) and (region is None or region.contains(pose)):
                 candidates.append(Candidate(pose, error, trace))
         return SearchRound(samples, errors, tuple(candidates))
 

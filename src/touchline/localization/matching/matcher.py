@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.matching.covariance import UncertaintySettings, visual_covariance
@@ -26,6 +26,17 @@ MAX_STEP_M = 0.5  # longest step in x and y: half the distance between lines tha
 MAX_STEP_RAD = 0.25  # longest step of the heading: largest_step_m at 2 m
 MIN_STEP_M = 1e-5  # shortest step in x and y: far below any measurement error
 MIN_STEP_RAD = 1e-5  # shortest step of the heading
+
+
+class MatchingPaper(Settings):
+    """Switches to the papers' exact form."""
+
+    long_first_step: bool = added(
+        False,
+        paper=True,
+        description="true as in Xiong et al., section 5.1: the first step is rather large and leads beyond a pose that "
+        "is near (half a metre, 0.25 rad); false: 0.1 m and 0.05 rad, the usual error of a start",
+    )
 
 
 class MatchingSettings(Settings):
@@ -53,6 +64,7 @@ class MatchingSettings(Settings):
         description="RPROP steps: figure 9 converges after about 10; 25 also settle a start 0.3 m and 10° away",
     )
     uncertainty: UncertaintySettings = UncertaintySettings()
+    paper: MatchingPaper = MatchingPaper()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -78,11 +90,12 @@ class Matcher:
         self.settings = settings or MatchingSettings()
         self.distance_map = distance_map
         s = self.settings
+        longest = np.array([MAX_STEP_M, MAX_STEP_M, MAX_STEP_RAD])
         self._schedule = RpropSchedule(
             s.iterations,
-            np.array([FIRST_STEP_M, FIRST_STEP_M, FIRST_STEP_RAD]),
+            longest if s.paper.long_first_step else np.array([FIRST_STEP_M, FIRST_STEP_M, FIRST_STEP_RAD]),
             np.array([MIN_STEP_M, MIN_STEP_M, MIN_STEP_RAD]),
-            np.array([MAX_STEP_M, MAX_STEP_M, MAX_STEP_RAD]),
+            longest,
             GROW,
             SHRINK,
         )

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.field import FieldModel
 from touchline.field.distances import nearest_line_point
 from touchline.geometry import FloatArray, Pose
@@ -33,9 +33,20 @@ LOOSE_HEADING_RAD = 0.1  # how far the heading may turn from the match meanwhile
 ITERATIONS = 2  # Gauss-Newton steps per frame: enough from the mean of the frames before
 
 
+class MirrorTiltPaper(Settings):
+    """Switches to the papers' exact form."""
+
+    enabled: bool = added(
+        True,
+        paper=False,
+        description="estimate the tilt; without it, as in the papers, a mirror 0.2 degrees off costs 5 cm",
+    )
+
+
 class MirrorTiltSettings(Settings):
     """How much tilt is expected, and how fast it may change. None of this is in the paper."""
 
+    renamed: ClassVar[Mapping[str, str]] = {"enabled": "paper.enabled"}
     removed: ClassVar[Mapping[str, str]] = constants_now(
         __name__,
         "most_error",
@@ -50,8 +61,8 @@ class MirrorTiltSettings(Settings):
         "iterations",
     )
 
-    enabled: bool = Field(True, description="estimate the tilt; without it a mirror 0.2 degrees off costs 5 cm")
     height_m: float = Field(0.75, ge=0, description="height of the mirror (m): MSL robots may be 0.8 m high")
+    paper: MirrorTiltPaper = MirrorTiltPaper()
 
 
 class MirrorTilt:

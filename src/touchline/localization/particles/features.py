@@ -7,7 +7,7 @@ import math
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, added
 from touchline.field.association import Association, FieldAssociations
 from touchline.geometry import FloatArray
 from touchline.localization.particles.feature_model import FeatureView, LineFeatures, PointFeatures
@@ -55,15 +55,15 @@ class FeatureNoiseSettings(Settings):
 class FeaturePaper(Settings):
     """Switches to the paper's exact form."""
 
-    covariances: bool = Field(
+    covariances: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="noise from the observations' own covariances and the lean's error; off is the paper's form: σ_d, "
         "σ_l, λ and σ_β for all, and lines by their perpendiculars (equations 5 to 7)",
     )
-    oriented_t: bool = Field(
+    oriented_t: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="T-crossings have four sets by orientation, as L-crossings; off is the paper's one set",
     )
 

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.field import FieldModel
 from touchline.field.error_map import FARTHEST, error_map
 from touchline.geometry import FloatArray, Pose
@@ -59,29 +59,33 @@ NEARBY_RAD = 0.05  # standard deviation of their heading: the gyro feels turns
 class IrisParticlePaper(Settings):
     """Switches to the paper's exact form."""
 
-    max_units: float = Field(
+    max_units: float = added(
         128.0,
+        paper=255.0,
         gt=0,
         le=FARTHEST,
         description="error (units of the map) from which a point counts no worse: points on goals, robots and beyond "
         "the field lie on no line, many of them on one side; half a metre still leads to the lines; 255 is the paper's",
     )
-    tempering_threshold: float = Field(
+    tempering_threshold: float = added(
         0.1,
+        paper=0.0,
         ge=0,
         le=1,
         description="ratio of effective particles below which the product (9) is tempered (raised to a power below 1): "
         "while few particles are near the robot the best of them must not take all weight; 0 is the paper's form",
     )
-    roughening: float = Field(
+    roughening: float = added(
         0.3,
+        paper=0.0,
         ge=0,
         description="noise of drawn particles: this ratio of their extent (four standard deviations) over the cube "
         "root of their number, so that copies search between the originals (Gordon, Salmond, Smith 1993); 0 is the "
         "paper's form",
     )
-    nearby_ratio: float = Field(
+    nearby_ratio: float = added(
         0.1,
+        paper=0.0,
         ge=0,
         lt=1,
         description="ratio of particles that are moved to about the fused pose in every cycle: they find a robot that "

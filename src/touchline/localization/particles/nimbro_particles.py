@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, added
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching.global_search import Region
@@ -61,28 +61,28 @@ class StepNoise(MotionNoise):
 class NimbroParticlePaper(Settings):
     """Switches to the paper's exact form."""
 
-    resample_always: bool = Field(
+    resample_always: bool = added(
         False,
-        json_schema_extra={"paper": True},
+        paper=True,
         description="draw the particles anew in every cycle, as the paper does; off: once half of them are effective",
     )
-    min_effective_ratio: float = Field(
+    min_effective_ratio: float = added(
         0.05,
+        paper=0.0,
         ge=0,
         lt=1,
-        json_schema_extra={"paper": 0.0},
         description="ratio of particles that an observation must leave effective: its likelihood is tempered, for "
         "features of one frame err together; 0 is the paper's form",
     )
-    per_observation: bool = Field(
+    per_observation: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="random particles by the likelihood of one observation, so that frames that show more are no "
         "worse; off by that of all, as in the paper",
     )
-    proposals: bool = Field(
+    proposals: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="while searching, random particles start where the features of the frame fit the field, too; off: "
         "anywhere, as in the paper",
     )

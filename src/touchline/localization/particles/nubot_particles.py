@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import PAPER, Settings, added, constants_now, load_settings
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.matching.global_search import Region
 from touchline.localization.matching.matcher import Matcher, checked_points
@@ -35,50 +35,73 @@ HEADING_TOLERANCE_RAD = 0.6  # largest turn of a refined particle from the compa
 class NubotParticlePaper(Settings):
     """Switches to the paper's exact form."""
 
-    converged_sigma_m: float | None = Field(
+    converged_sigma_m: float | None = added(
         0.1,
+        paper=None,
         gt=0,
         description="σ (m) once they have converged and lie close: a far line point's own error; none is the paper's "
         "one constant",
     )
-    farthest_sigmas: float | None = Field(
+    farthest_sigmas: float | None = added(
         3.3,
+        paper=None,
         gt=0,
         description="distance, in σ, from which a point counts no worse: points on goals, robots and beyond the field "
         "lie on no line; an error is smaller in 99.9 % of all cases; none is the paper's equation (2)",
     )
-    independent_points: float | None = Field(
+    independent_points: float | None = added(
         20.0,
+        paper=None,
         gt=0,
         description="tempered likelihood: the points count as so many independent ones, since neighbours on one line "
         "err together; none is the paper's equation (3), where one particle takes all weight at once",
     )
-    precise_points: bool = Field(
-        True, description="let precise points weigh more, as in matching; the paper weighs all alike"
+    precise_points: bool = added(
+        True, paper=False, description="let precise points weigh more, as in matching; the paper weighs all alike"
     )
-    resampling_threshold: float = Field(
-        0.5, ge=0, le=1, description="ratio of effective particles below which they are drawn anew: the usual half"
+    resampling_threshold: float = added(
+        0.5,
+        paper=1.0,
+        ge=0,
+        le=1,
+        description="ratio of effective particles below which they are drawn anew: the usual half; 1 as in the paper, "
+        "whose every cycle draws",
     )
-    refined_clusters: int = Field(
+    refined_clusters: int = added(
         5,
+        paper=0,
         ge=0,
         le=1_000,
         description="best clusters whose best particle is moved to its match every cycle; 0 is the paper's form, in "
         "which the drawing alone must come near",
     )
-    random_particle_ratio: float = Field(
+    random_particle_ratio: float = added(
         0.1,
+        paper=0.0,
         ge=0,
         lt=1,
         description="ratio of particles that start at random at every drawing until all agree: 600 may miss the robot; "
         "0 as in the paper",
     )
-    prior_particle_ratio: float = Field(
+    prior_particle_ratio: float = added(
         0.1,
+        paper=0.0,
         ge=0,
         le=1,
         description="ratio of particles that start about the last pose after a failure: it may have been right; 0 as "
         "in the paper",
+    )
+    spread_headings: bool = added(
+        True,
+        paper=False,
+        description="first headings scatter about the compass's by compass_rad, which may err; false as in the paper: "
+        "all are the compass's own",
+    )
+    margin: bool = added(
+        True,
+        paper=False,
+        description="particles start up to 1 m beyond the field's lines, too: robots stand there; false as in the "
+        "paper: on the field",
     )
 
 
@@ -130,17 +153,7 @@ class NubotParticleSettings(Settings):
 
 
 # Equations (1) to (3) as they stand, and nothing but the drawing to come near.
-PAPER_FORM = NubotParticleSettings(
-    paper=NubotParticlePaper(
-        converged_sigma_m=None,
-        farthest_sigmas=None,
-        independent_points=None,
-        precise_points=False,
-        refined_clusters=0,
-        random_particle_ratio=0.0,
-        prior_particle_ratio=0.0,
-    )
-)
+PAPER_FORM = load_settings(NubotParticleSettings, preset=PAPER)
 
 
 class NubotParticles:
@@ -163,7 +176,7 @@ class NubotParticles:
         self.matcher = matcher
         self.rng = rng
         self.symmetric = symmetric
-        self._reach_m = 0.5 * np.array([length_m, width_m]) + BEYOND_M
+        self._reach_m = 0.5 * np.array([length_m, width_m]) + BEYOND_M * s.paper.margin
         self.sensor_model = DistanceMapModel(
             matcher.distance_map,
             s.sigma_m,
@@ -201,7 +214,7 @@ class NubotParticles:
         compass's deviation.
         """
         s = self.settings
-        self._compass_deviation_rad = min(s.compass_rad * widening, math.pi)
+        self._compass_deviation_rad = min(s.compass_rad * s.paper.spread_headings * widening, math.pi)
         self._tolerance_rad = max(HEADING_TOLERANCE_RAD, 2.0 * self._compass_deviation_rad)
         self._region = region or Region()
         self.sensor_model.narrow = False

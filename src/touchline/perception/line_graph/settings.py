@@ -6,48 +6,48 @@ from typing import Literal
 
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, added
 
 
 class LineGraphPaper(Settings):
     """Switches to the paper's exact form; each turns off an addition of ours."""
 
-    colours: Literal["relative", "yuv"] = Field(
+    colours: Literal["relative", "yuv"] = added(
         "relative",
-        json_schema_extra={"paper": "yuv"},
+        paper="yuv",
         description="yuv as in the paper: a luminance threshold for white, an ellipse in U, V for green; relative: "
         "white against the carpet about it, green as rays from black",
     )
-    plain_boundary: bool = Field(
+    plain_boundary: bool = added(
         False,
-        json_schema_extra={"paper": True},
+        paper=True,
         description="true as in the paper: columns are scanned from the image's lower edge, and end where the three "
         "thresholds end; false: the robot's own body is passed over, the end is trimmed to the last carpet and to the "
         "carpet's straight edges",
     )
-    fixed_low_pass: bool = Field(
+    fixed_low_pass: bool = added(
         False,
-        json_schema_extra={"paper": True},
+        paper=True,
         description="true: one low-pass everywhere; false: wider where the field's lines are wide in the image",
     )
-    subpixel: bool = Field(
+    subpixel: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="lines are placed by profiles across them in the whole image; false: by the cells' nodes alone",
     )
-    circle: bool = Field(
+    circle: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="the centre circle is looked for: a landmark, and its arcs are no lines",
     )
-    meetings: bool = Field(
+    meetings: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="crossings are looked for where lines meet, too; false: at key nodes only",
     )
-    paths: bool = Field(
+    paths: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="where no circle gets round, as beside a post, a T is told by white paths alone; false: never",
     )
 

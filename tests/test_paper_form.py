@@ -1,0 +1,119 @@
+"""The papers' own form: the block `paper`, the preset that fills it, and that the systems run with it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.api import prepare
+from touchline.camera.exposure import ExposureSettings, Watch
+from touchline.config import PAPER, load_settings, preset_values, settings_from_mapping, settings_rows, settings_tree
+from touchline.errors import InputError
+from touchline.systems import SYSTEMS, paper_settings
+from touchline.types import Status
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+SHORT = ROOT / "examples" / "omni_msl_track_short"
+
+
+def keys(tree: dict[str, object], prefix: str = "") -> set[str]:
+    """The keys of all values of a tree, with dots."""
+    found = set()
+    for key, value in tree.items():
+        found |= keys(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}"}
+    return found
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_preset_is_the_block_paper(name: str) -> None:
+    """Every switch of the block has the paper's value, which is another one, and the preset changes nothing else."""
+    model = SYSTEMS[name].settings
+    ours, papers = settings_tree(model()), settings_tree(paper_settings(name))
+    block = {key for key, _, _ in settings_rows(model) if key.startswith(f"{PAPER}.")}
+    assert block == {f"{PAPER}.{key}" for key in keys(ours[PAPER])}
+    assert {key: value for key, value in ours.items() if key != PAPER} == {
+        k: v for k, v in papers.items() if k != PAPER
+    }
+    same = [key for key in keys(ours[PAPER]) if value_at(ours[PAPER], key) == value_at(papers[PAPER], key)]
+    assert same == []
+
+
+def value_at(tree: dict[str, object], key: str) -> object:
+    value: object = tree
+    for part in key.split("."):
+        assert isinstance(value, dict)
+        value = value[part]
+    return value
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_every_switch_stands_in_the_tables_of_differences(name: str) -> None:
+    rows = " ".join(line for line in PAGE.splitlines() if line.startswith("|"))
+    named = set(re.findall(r"`(paper\.[a-z_.]+)`", rows))
+    block = {key for key, _, _ in settings_rows(SYSTEMS[name].settings) if key.startswith(f"{PAPER}.")}
+    assert block - named == set()
+
+
+def test_the_tables_of_differences_name_no_other_switch() -> None:
+    known = {key for info in SYSTEMS.values() for key, _, _ in settings_rows(info.settings)}
+    assert set(re.findall(r"`(paper\.[a-z_.]+)`", PAGE)) - known == set()
+
+
+@pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl", "iris-fusion"])
+def test_it_runs_on_the_recording_that_is_bundled(name: str) -> None:
+    run = prepare(SHORT, name, preset=PAPER)
+    assert run.settings == paper_settings(name)
+    estimates = [run.system.step(frame) for frame in run.source]
+    assert np.mean([e.status is Status.TRACKING for e in estimates]) > 0.5
+
+
+def test_a_file_and_the_command_line_win_over_the_preset(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text("paper:\n  particles:\n    roughening: 0.2\n")
+    model = SYSTEMS["iris-fusion"].settings
+    found = settings_tree(load_settings(model, file, ["paper.particles.nearby_ratio=0.3"], preset=PAPER))[PAPER]
+    assert found["particles"] == {
+        "max_units": 255.0, "tempering_threshold": 0.0, "roughening": 0.2, "nearby_ratio": 0.3,
+    }  # fmt: skip
+
+
+def test_settings_come_back_as_they_were_written() -> None:
+    for info in SYSTEMS.values():
+        settings = paper_settings(info.name)
+        assert settings_from_mapping(info.settings, settings_tree(settings)) == settings
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            "paper.particles.roughenin=1",
+            r"unknown setting 'paper\.particles\.roughenin': did you mean 'paper\.particles\.roughening'",
+        ),
+        ("paper.gyro.bias=1", r"unknown setting 'paper\.gyro\.bias'"),
+        ("paper.lines.min_green=x", r"setting 'paper\.lines\.min_green': .* \(got 'x'\)"),
+        ("paper=3", "'paper' is a group of settings, not a value"),
+    ],
+)
+def test_a_mistake_in_the_block_is_told_by_its_key_there(change: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        load_settings(SYSTEMS["iris-fusion"].settings, None, [change])
+
+
+def test_a_mistake_in_the_block_is_told_with_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text("max_points: 50\npaper:\n  lines:\n    min_green: x\n")
+    with pytest.raises(InputError, match=r"own\.yaml, line 4: setting 'paper\.lines\.min_green'"):
+        load_settings(SYSTEMS["iris-fusion"].settings, file)
+
+
+def test_the_exposure_has_a_form_of_the_paper_too() -> None:
+    paper = load_settings(ExposureSettings, preset=PAPER)
+    assert (paper.watch, paper.overexposed_threshold, paper.whole_image) == (Watch.CENTRE, None, True)
+    assert (paper.path.a_ms, paper.search.step_from_brightness, paper.search.elsewhere_nats) == (1.0, False, None)
+    assert preset_values(ExposureSettings) != {}
+    assert np.isfinite(paper.path.stops_range).all()
