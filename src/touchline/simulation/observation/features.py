@@ -71,6 +71,7 @@ class ObservedFeatures:
         """view_rad: how far to each side the camera sees."""
         self.camera, self.field, self.view_rad = camera, field, view_rad
         self.noise = noise or FeatureNoise()
+        self._along = [_steps_along(segment) for segment in field.segments]  # of each straight line
 
     def observe(
         self, pose: Pose, rng: np.random.Generator, bodies: Table = None, black_rad: Table = None, stamp_ns: int = 0
@@ -127,10 +128,10 @@ class ObservedFeatures:
     def _lines(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> Lines:
         """Of each straight line the longest stretch in view."""
         seen = []
-        for x1, y1, x2, y2 in self.field.segments:
-            steps = max(2, math.ceil(math.hypot(x2 - x1, y2 - y1) / _STEP_M) + 1)
-            places = np.linspace((x1, y1), (x2, y2), steps)
-            first, last = _longest_run(self.in_view(pose, places, hiding, black))
+        in_view = self.in_view(pose, np.concatenate([np.zeros((0, 2)), *self._along]), hiding, black)
+        parts = np.split(in_view, np.cumsum([len(places) for places in self._along]))
+        for places, visible in zip(self._along, parts, strict=False):
+            first, last = _longest_run(visible)
             ends = places[[first, last - 1]] if last > first else places[:0]
             if len(ends) == 0 or math.hypot(*(ends[1] - ends[0])) < self.noise.shortest_line_m:
                 continue
@@ -247,6 +248,13 @@ def turned(seen: Observation, angle_rad: float) -> Observation:
             covariances_m2=spread(landmarks.covariances_m2),
         ),
     )
+
+
+def _steps_along(segment: FloatArray) -> FloatArray:
+    """Places (N, 2) along a straight line, from end to end."""
+    x1, y1, x2, y2 = segment.tolist()
+    steps = max(2, math.ceil(math.hypot(x2 - x1, y2 - y1) / _STEP_M) + 1)
+    return np.linspace((x1, y1), (x2, y2), steps)
 
 
 def _longest_run(flags: np.ndarray) -> tuple[int, int]:
