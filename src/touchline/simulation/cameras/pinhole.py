@@ -34,8 +34,8 @@ class SimulatedPinholeCamera(SimulatedCameraModel):
         readout_s: float = 0.0,
     ) -> None:
         self.design = design or humanoid_camera()
-        grid = _ray_grid(self.design)
-        super().__init__(lambda: grid, sensor or ImageSensor(), side, blur_steps, readout_s)
+        _check_lens(self.design)
+        super().__init__(lambda: _ray_grid(self.design), sensor or ImageSensor(), side, blur_steps, readout_s)
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> SimulatedPinholeCamera:
@@ -77,12 +77,18 @@ def humanoid_camera(
     return PinholeCamera(752, 480, 493.0, 493.0, 377.3, 238.6, np.array(distortion), mount)
 
 
+def _check_lens(design: PinholeCamera) -> None:
+    """Raises InputError if no ray is mapped to some pixel of the edges, which the lens bends most."""
+    v, u = np.indices((design.height, design.width), dtype=np.float64)
+    edge = (u == 0.0) | (u == design.width - 1.0) | (v == 0.0) | (v == design.height - 1.0)
+    if not np.isfinite(design.ray(np.column_stack((u[edge], v[edge])))).all():
+        raise InputError("pinhole camera: its distortion maps no ray to some pixels of the image")
+
+
 def _ray_grid(design: PinholeCamera) -> RayGrid:
     shape = (design.height, design.width)
     v, u = np.indices(shape, dtype=np.float64)
     directions = design.ray(np.column_stack((u.ravel(), v.ravel())))
-    if not np.isfinite(directions).all():
-        raise InputError("pinhole camera: its distortion maps no ray to some pixels of the image")
     place = design.base_from_camera.translation_m
     rays = np.hstack((np.broadcast_to(place, directions.shape), directions)).reshape(*shape, 6).astype(np.float32)
     still = with_glare(np.zeros((*shape, 4), dtype=np.float32), rays)
