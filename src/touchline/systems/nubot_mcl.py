@@ -19,10 +19,12 @@ import numpy as np
 
 from touchline.localization.fusion.belief import Belief
 from touchline.localization.fusion.compass_correction import CompassCorrection
+from touchline.localization.fusion.doubt import Doubt
 from touchline.localization.fusion.failure_monitor import FailureMonitor
 from touchline.localization.fusion.global_localizer import Prediction
 from touchline.localization.fusion.match_input import MatchInput, MatchInputs
 from touchline.localization.fusion.particle_localizer import ParticleLocalizer, ParticleSearch, ParticleSearchSettings
+from touchline.localization.fusion.pose_filter import Fusion
 from touchline.localization.fusion.tracker import Tracker
 from touchline.localization.matching.global_search import GlobalSearch
 from touchline.localization.matching.matcher import Match, Matcher
@@ -63,12 +65,15 @@ class NubotMcl:
         self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
         matcher = Matcher(field.distance_map(), s.matching)
         self.tracker = Tracker(matcher, s.fusion, s.odometry)
-        whole_field = GlobalSearch(matcher, field.length, field.width)
+        whole_field = GlobalSearch(matcher, field.length, field.width, symmetric=field.is_symmetric)
         self.failure = FailureMonitor(whole_field, s.failure, s.paper.keep_unless_better)
+        self.doubt = Doubt(whole_field, s.failure)
         self.particles = NubotParticles(
             matcher, field.length, field.width, rng, s.particles, symmetric=field.is_symmetric
         )
-        self.localizer = ParticleLocalizer(ParticleSearch(self.particles, s))
+        self.localizer = ParticleLocalizer(
+            ParticleSearch(self.particles, s), whole_field if s.failure.paper.doubts else None
+        )
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
         self.reset()
 
@@ -81,6 +86,7 @@ class NubotMcl:
         self.tilt.reset()
         self.compass_correction.reset()
         self.tracker.reset(prior)
+        self.doubt.reset()
         self.failure.reset(start_pose_unconfirmed=self.tracker.has_pose)
         self.localizer.reset()
         self.belief.reset(prior)
@@ -95,22 +101,37 @@ class NubotMcl:
         view = self.inputs.of(observation)
         match = self.tracker.match(view)  # match: from the prediction
         if self.belief.is_tracking:
-            self.tracker.fuse(view, match)  # fuse: Kalman filter, covariance from the second derivatives
-            self.compass_correction.learn(match, view.compass_rad)
-            if self.failure.has_failed(view, match, self.tracker.filter.pose, motion.missing_s):  # judge: five cycles
+            fusion = self._fuse(view, match)  # fuse: Kalman filter; the compass is corrected by the lines
+            if self._has_failed(view, match, fusion, motion.missing_s):  # judge: five cycles
                 self.belief.lose()
         if view.usable and not self.belief.is_tracking:
             match = self._localize(view, match)  # search: one cycle of the particles, equations (1) to (3)
         return report(observation, self.tracker.filter, self.belief, match, (), clock)
+
+    def _fuse(self, view: MatchInput, match: Match | None) -> Fusion:
+        """Fuse prediction and match; a match that does not contradict the odometry corrects the compass."""
+        fusion = self.tracker.fuse(view, match)
+        self.compass_correction.learn(None if fusion is Fusion.CONTRADICTS else match, view.compass_rad)
+        return fusion
+
+    def _has_failed(self, view: MatchInput, match: Match | None, fusion: Fusion, missing_s: float) -> bool:
+        """Whether the pose is believed wrong, by the papers' rule or because another place alone fits far better."""
+        refuted = self.doubt.refutes(view, match, self.tracker.filter, fusion)
+        self.belief.doubts, self.belief.notes = self.doubt.reasons, self.compass_correction.doubts
+        return self.failure.has_failed(view, match, self.tracker.filter.pose, missing_s) or refuted
 
     def _localize(self, view: MatchInput, match: Match | None) -> Match:
         """The particles' mean; once they have converged, the match that it leads to. Tracking starts if that fits."""
         lost = self.belief.status is Status.LOST
         prediction = Prediction(self.tracker.filter.pose, self.tracker.filter.covariance, lost, match)
         found = self.localizer.localize(view, prediction, self.belief.region)
+        other_end = self.compass_correction.is_other_end(found.pose.heading, view.compass_rad)
+        if other_end and self.belief.symmetric:
+            found = found.at_other_end()
         self.tracker.start_at(found.pose, found.covariance, found.has_pose)
-        self.belief.take(found, view.compass_rad)
+        self.belief.take(found, view.heading_rad)
         if found.confirmed:
             self.failure.count_anew()
-            self.compass_correction.interrupt()
+            self.doubt.reset()
+            self.compass_correction.start_anew()
         return found.match

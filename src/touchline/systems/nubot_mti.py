@@ -17,10 +17,12 @@ import numpy as np
 
 from touchline.localization.fusion.belief import Belief
 from touchline.localization.fusion.compass_correction import CompassCorrection
+from touchline.localization.fusion.doubt import Doubt
 from touchline.localization.fusion.failure_monitor import FailureMonitor
 from touchline.localization.fusion.global_localizer import GlobalLocalizer, Prediction
 from touchline.localization.fusion.grid_localizer import GridLocalizer
 from touchline.localization.fusion.match_input import MatchInput, MatchInputs
+from touchline.localization.fusion.pose_filter import Fusion
 from touchline.localization.fusion.tracker import Tracker
 from touchline.localization.matching.global_search import SAMPLE_C_M, GlobalSearch, GlobalSearchSettings
 from touchline.localization.matching.matcher import Match, Matcher
@@ -56,10 +58,11 @@ class NubotMti:
         self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
         c_m = SAMPLE_C_M if s.global_search.paper.one_c else s.matching.c_m
         matcher = Matcher(field.distance_map(), s.matching.model_copy(update={"c_m": c_m}))
-        search = GlobalSearch(matcher, field.length, field.width, s.global_search)
+        search = GlobalSearch(matcher, field.length, field.width, s.global_search, field.is_symmetric)
         self.tracker = Tracker(matcher, s.fusion, s.odometry)
         self.failure = FailureMonitor(search, s.failure)
-        self.localizer: GlobalLocalizer = GridLocalizer(search)
+        self.doubt = Doubt(search, s.failure)
+        self.localizer: GlobalLocalizer = GridLocalizer(search, s.failure.paper.doubts)
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
         self.reset()
 
@@ -72,6 +75,7 @@ class NubotMti:
         self.tilt.reset()
         self.compass_correction.reset()
         self.tracker.reset(prior)
+        self.doubt.reset()
         self.failure.reset(start_pose_unconfirmed=self.tracker.has_pose)
         self.localizer.reset()
         self.belief.reset(prior)
@@ -86,13 +90,24 @@ class NubotMti:
         match = self.tracker.match(view)  # match: from the prediction, equation (3)
         hypotheses: tuple[Hypothesis, ...] = ()
         if self.belief.is_tracking:
-            self.tracker.fuse(view, match)  # fuse: Kalman filter (4.2)
-            self.compass_correction.learn(match, view.compass_rad)  # compass correction (4.2)
-            if self.failure.has_failed(view, match, self.tracker.filter.pose, motion.missing_s):  # judge (4.2)
+            fusion = self._fuse(view, match)  # fuse: Kalman filter; the compass is corrected by the lines (4.2)
+            if self._has_failed(view, match, fusion, motion.missing_s):  # judge (4.2)
                 self.belief.lose()
         if view.usable and not self.belief.is_tracking:
             match, hypotheses = self._localize(view, match)  # search: global localization (4.1)
         return report(observation, self.tracker.filter, self.belief, match, hypotheses, clock)
+
+    def _fuse(self, view: MatchInput, match: Match | None) -> Fusion:
+        """Fuse prediction and match; a match that does not contradict the odometry corrects the compass."""
+        fusion = self.tracker.fuse(view, match)
+        self.compass_correction.learn(None if fusion is Fusion.CONTRADICTS else match, view.compass_rad)
+        return fusion
+
+    def _has_failed(self, view: MatchInput, match: Match | None, fusion: Fusion, missing_s: float) -> bool:
+        """Whether the pose is believed wrong, by the papers' rule or because another place alone fits far better."""
+        refuted = self.doubt.refutes(view, match, self.tracker.filter, fusion)
+        self.belief.doubts, self.belief.notes = self.doubt.reasons, self.compass_correction.doubts
+        return self.failure.has_failed(view, match, self.tracker.filter.pose, missing_s) or refuted
 
     def _localize(self, view: MatchInput, match: Match | None) -> tuple[Match | None, tuple[Hypothesis, ...]]:
         """The best pose of the search, or the tracked one if no other is better; believed once it is confirmed."""
@@ -101,13 +116,16 @@ class NubotMti:
         found = self.localizer.localize(view, prediction, self.belief.region)
         if found is None:
             return None, ()
-        if found.kept:
-            self.tracker.fuse(view, found.match)
+        other_end = self.compass_correction.is_other_end(found.pose.heading, view.compass_rad)
+        if other_end and self.belief.symmetric and not found.kept:
+            found = found.at_other_end()
+        if found.kept and self.tracker.fuse(view, found.match) is not Fusion.CONTRADICTS:
             self.compass_correction.learn(found.match, view.compass_rad)
         else:
             self.tracker.start_at(found.pose, found.covariance)
-        self.belief.take(found, view.compass_rad)
+        self.belief.take(found, view.heading_rad)
         if found.confirmed:
             self.failure.count_anew()
-            self.compass_correction.interrupt()
+            self.doubt.reset()
+            self.compass_correction.start_anew()
         return found.match, found.hypotheses

@@ -49,11 +49,12 @@ def report(
         observation.stamp_ns,
         pose_filter.pose,
         belief.covariance(pose_filter),
-        belief.status,
+        belief.told_status,
         residual_m,
         len(observation.points),
         (*hypotheses, *belief.other_end(pose_filter, residual_m)),
         perception_ms=clock.perception_ms,
         localization_ms=clock.localization_ms,
         observation=observation,
+        problems=(*belief.doubts, *belief.notes),
     )

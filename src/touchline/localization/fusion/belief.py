@@ -11,7 +11,8 @@ from touchline.types import Hypothesis, Prior, Status
 
 class Belief:
     """`status`; `region` in which the robot has to be, None for the whole field; `side_known`: whether the pose is
-    known to be at the right end of a symmetric field.
+    known to be at the right end of a symmetric field. `doubts`: why a tracked pose is not believed in this frame;
+    `notes`: which sensors are not.
     """
 
     def __init__(self, symmetric: bool, unknown: FloatArray) -> None:
@@ -28,15 +29,23 @@ class Belief:
         self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
         self.region: Region | None = OWN_HALF if prior.own_half else None
         self.side_known = True
+        self.doubts: tuple[str, ...] = ()
+        self.notes: tuple[str, ...] = ()
 
     @property
     def is_tracking(self) -> bool:
-        """Whether the pose is believed."""
+        """Whether the pose is followed: it is the robot's, or was and is not refuted yet."""
         return self.status is Status.TRACKING
+
+    @property
+    def told_status(self) -> Status:
+        """What the robot is told: a pose in doubt is followed, but not called tracked."""
+        return Status.SEARCHING if self.is_tracking and self.doubts else self.status
 
     def lose(self) -> None:
         """The pose is believed wrong."""
         self.status = Status.LOST
+        self.doubts = ()
 
     def take(self, found: Localization, compass_rad: float | None) -> None:
         """What a search has come to: the pose is believed once it is confirmed."""
@@ -44,11 +53,12 @@ class Belief:
             self.side_known = compass_rad is not None or self.region is not None or not self.symmetric
         self.status = Status.SEARCHING
         if found.confirmed:
-            self.status, self.region = Status.TRACKING, None
+            self.status, self.region, self.doubts = Status.TRACKING, None, ()
 
     def covariance(self, pose_filter: PoseFilter) -> FloatArray:
         """(3, 3) of the pose. One that is not believed is the best guess, but the robot may be anywhere."""
-        return pose_filter.covariance.copy() if self.is_tracking else pose_filter.covariance + self.unknown
+        believed = self.told_status is Status.TRACKING
+        return pose_filter.covariance.copy() if believed else pose_filter.covariance + self.unknown
 
     def other_end(self, pose_filter: PoseFilter, residual_m: float) -> tuple[Hypothesis, ...]:
         """The pose at the other end of a symmetric field, where nothing but the lines, which look the same, tells."""

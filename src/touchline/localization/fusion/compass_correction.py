@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -17,6 +18,16 @@ GOOD_FRAMES = 5  # good frames in a row before the compass is corrected, as many
 # difference that can't be the compass's error, so that nothing is learned from it: twice the worst of usual errors, as
 # global_search.heading_tolerance_rad; half a turn means the wrong end of the field
 MAX_CORRECTION_RAD = 0.6
+MAX_OFFSET_RAD = 0.6  # bound of what is learned in total, for the same reason: it must not creep to another heading
+# frames in which compass and lines agreed since the robot was found, after which a contradiction is the compass's fault
+TRUSTED_FRAMES = 10
+CONTRADICTIONS = 3  # contradictions in a row that mean a fault: fewer than what means failure of the pose
+# difference up to which a compass in doubt agrees with the lines again, and frames in a row of that: usual errors, and
+# long enough that one that sticks does not pass for right while the robot turns through its heading
+AGREEING_RAD = 0.35
+AGREEING_FRAMES = 10
+# frames in which a compass in doubt kept its difference from the lines, after which that is its error: it has jumped
+STEADY_FRAMES = 15
 
 
 class CompassPaper(Settings):
@@ -26,7 +37,13 @@ class CompassPaper(Settings):
         True,
         paper=False,
         description="nothing is learned from a difference of more than 0.6 rad, as at the other end of the field; "
-        "false as in the paper: from any",
+        "false as in the paper: from any, and without bound in total",
+    )
+    may_fail: bool = added(
+        True,
+        paper=False,
+        description="doubt a compass that contradicts lines and odometry after it had agreed with them, instead of the "
+        "pose; false: a compass that jumps by half a turn takes the robot to the other end of the field",
     )
 
 
@@ -46,7 +63,11 @@ class CompassSettings(Settings):
 
 
 class CompassCorrection:
-    """The offset that makes the compass agree with the lines."""
+    """The offset that makes the compass agree with the lines, and whether the compass is to be believed at all.
+
+    The compass is a witness among others. Where the lines fit at the pose that the odometry predicts, and compass and
+    lines had agreed before, a compass that contradicts them has failed: `doubted`. It is asked again once it agrees.
+    """
 
     def __init__(self, settings: CompassSettings | None = None) -> None:
         self.settings = settings or CompassSettings()
@@ -55,22 +76,50 @@ class CompassCorrection:
     def reset(self) -> None:
         """Take the compass as it is, until the lines say otherwise."""
         self.offset_rad = 0.0
-        self.good_frames = 0
+        self.doubted = False
+        self.good_frames = self._agreed = self._contradicted = self._agreeing = self._steady = 0
+        self._fault_rad = 0.0
 
     def heading(self, compass_rad: float) -> float:
         """The corrected compass heading (rad)."""
         return wrap_angle(compass_rad + self.offset_rad)
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the compass is not believed, if it is not."""
+        if not self.doubted:
+            return ()
+        return (f"the compass contradicts lines and odometry by {math.degrees(abs(self._fault_rad)):.0f} degrees",)
+
     def update(self, mean_distance_m: float, heading_rad: float, compass_rad: float) -> bool:
         """Learn from one match and the compass's own reading at its time; whether the offset was corrected."""
         difference = wrap_angle(heading_rad - self.heading(compass_rad))
-        believable = abs(difference) < MAX_CORRECTION_RAD or not self.settings.paper.bounded
-        good = mean_distance_m < GOOD_DEVIATION_M and believable
-        self.good_frames = self.good_frames + 1 if good else 0
-        if self.good_frames < GOOD_FRAMES:
+        plausible = abs(difference) < MAX_CORRECTION_RAD
+        fits, believable = mean_distance_m < GOOD_DEVIATION_M, plausible or not self.settings.paper.bounded
+        if self.settings.paper.may_fail and fits:
+            self._judge(difference, plausible)
+        self.good_frames = self.good_frames + 1 if fits and believable else 0
+        if self.doubted or self.good_frames < GOOD_FRAMES:
             return False
-        self.offset_rad = wrap_angle(self.offset_rad + self.settings.gain * difference)
+        bound_rad = MAX_OFFSET_RAD if self.settings.paper.bounded else math.pi
+        offset_rad = wrap_angle(self.offset_rad + self.settings.gain * difference)
+        self.offset_rad = min(max(offset_rad, -bound_rad), bound_rad)
         return True
+
+    def _judge(self, difference_rad: float, plausible: bool) -> None:
+        """Whether a compass that differs so much from the lines is to be believed."""
+        if self.doubted:
+            self._agreeing = self._agreeing + 1 if abs(difference_rad) < AGREEING_RAD else 0
+            kept = abs(wrap_angle(difference_rad - self._fault_rad)) < AGREEING_RAD
+            self._steady = self._steady + 1 if kept else 0
+            self._fault_rad = difference_rad
+            self.doubted = self._agreeing < AGREEING_FRAMES
+            return
+        self._contradicted = 0 if plausible else self._contradicted + 1
+        self._agreed += plausible
+        if self._contradicted >= CONTRADICTIONS and self._agreed >= TRUSTED_FRAMES:
+            self.doubted, self._fault_rad = True, difference_rad
+            self._contradicted = self._agreeing = self._steady = 0
 
     def learn(self, match: Match | None, compass_rad: float | None) -> None:
         """`update` by the match of a frame, where there is a compass; without a match good frames begin anew."""
@@ -81,4 +130,19 @@ class CompassCorrection:
 
     def interrupt(self) -> None:
         """A frame without a match: good frames must follow each other anew."""
-        self.good_frames = 0
+        self.good_frames = self._contradicted = self._agreeing = 0
+
+    def start_anew(self) -> None:
+        """The robot was found: compass and lines must agree anew until the compass may be doubted."""
+        self.interrupt()
+        self._agreed = 0
+
+    def is_other_end(self, heading_rad: float, compass_rad: float | None) -> bool:
+        """Whether a compass that has jumped speaks for the other end of a symmetric field.
+
+        Its readings tell nothing by themselves, but those that kept their difference from the lines until the robot
+        was lost do.
+        """
+        if compass_rad is None or not self.doubted or self._steady < STEADY_FRAMES:
+            return False
+        return abs(wrap_angle(heading_rad - self.heading(compass_rad) - self._fault_rad)) > 0.5 * math.pi

@@ -37,6 +37,17 @@ class FailurePaper(Settings):
         "odometry count as bad by themselves, and a start pose be refuted by one bad frame: a robot put down elsewhere "
         "with nearly its old heading never trips the papers' rule",
     )
+    doubt: bool = added(
+        True,
+        paper=False,
+        description="believe a pose only if lines fix it, its points lie near them, no other place explains them as "
+        "well and it agrees with the odometry; without it whatever fits best is called tracking, scatter, too",
+    )
+
+    @property
+    def doubts(self) -> bool:
+        """Whether more than the papers' own rule speaks against a pose."""
+        return self.doubt and self.single_criterion_failure
 
 
 class FailureSettings(Settings):

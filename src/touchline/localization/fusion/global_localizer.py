@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, Pose, mirrored_covariance
 from touchline.localization.fusion.match_input import MatchInput
 from touchline.localization.matching.global_search import Region
 from touchline.localization.matching.matcher import Match
@@ -42,6 +42,13 @@ class Localization:
     has_pose: bool
     kept: bool = False
     hypotheses: tuple[Hypothesis, ...] = ()
+
+    def at_other_end(self) -> Localization:
+        """The same at the other end of a symmetric field."""
+        match = replace(
+            self.match, pose=self.match.pose.mirrored(), covariance=mirrored_covariance(self.match.covariance)
+        )
+        return replace(self, pose=self.pose.mirrored(), covariance=mirrored_covariance(self.covariance), match=match)
 
 
 class GlobalLocalizer(Protocol):

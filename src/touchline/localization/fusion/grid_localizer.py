@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from touchline.localization.fusion.doubt import stands_alone
 from touchline.localization.fusion.failure import MAX_HEADING_ERROR_RAD
 from touchline.localization.fusion.global_localizer import Localization, Prediction
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
-from touchline.localization.matching.global_search import GlobalFix, GlobalSearch, Region
+from touchline.localization.fusion.pose_filter import fused_covariance
+from touchline.localization.matching.global_search import GlobalFix, GlobalSearch, Region, equal_error
 from touchline.localization.matching.matcher import Match
 from touchline.motion import Motion
 from touchline.types import Hypothesis
 
-EQUAL_FACTOR = 1.25  # a pose is as good as another up to this factor, plus EQUAL_MARGIN, above its mean error
-EQUAL_MARGIN = 0.02  # what noise alone changes in the mean error
-_SAME_POSE_M = 0.5  # nearer than that two refined samples are one hypothesis
+MOST_HYPOTHESES = 5  # that are named beside the pose: those refined in one round
 
 
 class GridLocalizer:
@@ -22,8 +22,10 @@ class GridLocalizer:
     some frames in a row.
     """
 
-    def __init__(self, search: GlobalSearch) -> None:
+    def __init__(self, search: GlobalSearch, doubt: bool = True) -> None:
+        """doubt: a pose is confirmed only if no other fits as well; the papers take the best."""
         self.search = search
+        self.doubt = doubt
         self.reset()
 
     def reset(self) -> None:
@@ -39,7 +41,7 @@ class GridLocalizer:
         if tracked is not None and not view.heading_is_plausible(tracked.pose.heading, MAX_HEADING_ERROR_RAD):
             tracked = None
         fix = self.search.locate_any_heading(view.positions_m, view.weights, view.heading_rad, region)
-        if tracked is not None and (fix is None or tracked.error <= _equal_error(fix.match.error)):
+        if tracked is not None and (fix is None or tracked.error <= equal_error(fix.match.error)):
             match, accepted, kept = tracked, tracked.error < s.accepts_below, True
             self._confirmations += 1
         elif fix is not None:
@@ -51,6 +53,9 @@ class GridLocalizer:
         confirmed = accepted or self._confirmations >= s.confirmations or not s.paper.confirmed
         if confirmed:
             self._confirmations = 0
+        if self.doubt and confirmed:
+            covariance = fused_covariance(prediction.covariance, match.covariance) if kept else match.covariance
+            confirmed = stands_alone(self.search, fix, match, covariance)
         others = () if fix is None else self._hypotheses(view, fix, match)
         return Localization(match.pose, match.covariance, match, confirmed, True, kept, others)
 
@@ -58,15 +63,7 @@ class GridLocalizer:
         """Refined samples elsewhere that explain the points nearly as well as the chosen pose."""
         matcher, positions_m = self.search.matcher, view.positions_m
         found: list[Hypothesis] = []
-        for candidate in sorted(fix.rounds[-1].candidates, key=lambda c: c.error):
-            known = (chosen.pose, *(other.pose for other in found))
-            elsewhere = all(candidate.pose.distance_to(pose) > _SAME_POSE_M for pose in known)
-            if elsewhere and candidate.error <= _equal_error(chosen.error):
-                match = matcher.assess(positions_m, view.weights, candidate.pose.as_array(), candidate.error)
-                found.append(Hypothesis(candidate.pose, match.mean_distance_m, covariance=match.covariance))
+        for candidate in fix.rivals(chosen.pose, chosen.error)[:MOST_HYPOTHESES]:
+            match = matcher.assess(positions_m, view.weights, candidate.pose.as_array(), candidate.error)
+            found.append(Hypothesis(candidate.pose, match.mean_distance_m, covariance=match.covariance))
         return tuple(found)
-
-
-def _equal_error(error: float) -> float:
-    """Mean error up to which another pose explains the points as well as one of this mean error."""
-    return EQUAL_FACTOR * error + EQUAL_MARGIN

@@ -36,8 +36,10 @@ class MatchInput:
 
     @property
     def heading_rad(self) -> float | None:
-        """The corrected compass heading; None without a compass."""
-        return None if self.compass_rad is None else self.correction.heading(self.compass_rad)
+        """The corrected compass heading; None without a compass that is believed."""
+        return (
+            None if self.compass_rad is None or self.correction.doubted else self.correction.heading(self.compass_rad)
+        )
 
     def heading_error_rad(self, heading_rad: float) -> float | None:
         """A heading minus the corrected compass; None without a compass."""

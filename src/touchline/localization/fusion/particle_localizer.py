@@ -9,10 +9,11 @@ from pydantic import Field
 
 from touchline.config import Settings, added, constants_now
 from touchline.geometry import Pose
+from touchline.localization.fusion.doubt import stands_alone
 from touchline.localization.fusion.failure import MAX_HEADING_ERROR_RAD
 from touchline.localization.fusion.global_localizer import Localization, Prediction
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
-from touchline.localization.matching.global_search import Region
+from touchline.localization.matching.global_search import GlobalSearch, Region
 from touchline.localization.matching.matcher import Match, as_pose
 from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
 from touchline.motion import Motion
@@ -173,8 +174,10 @@ class ParticleSearch:
 class ParticleLocalizer:
     """Monte Carlo localization until the particles agree on a pose that fits; matching goes on from there."""
 
-    def __init__(self, search: ParticleSearch) -> None:
+    def __init__(self, search: ParticleSearch, whole_field: GlobalSearch | None = None) -> None:
+        """whole_field: which must know no other place that explains the points as well; the paper has no such test."""
         self.search = search
+        self.whole_field = whole_field
 
     def reset(self) -> None:
         """Forget everything."""
@@ -193,7 +196,15 @@ class ParticleLocalizer:
         matcher = self.search.particles.matcher
         pose, error, _ = matcher.descend(view.positions_m, view.weights, found.pose.as_array())
         match = refine_with_tilt(matcher, view, as_pose(pose).as_array(), error)
-        confirmed = self.search.confirms(match)
+        confirmed = self.search.confirms(match) and self._stands_alone(view, match)
         if confirmed:
             self.search.rest()
         return Localization(match.pose, match.covariance, match, confirmed, has_pose=confirmed)
+
+    def _stands_alone(self, view: MatchInput, match: Match) -> bool:
+        """Whether no other place explains the points as well as this match."""
+        if self.whole_field is None:
+            return True
+        fix = self.whole_field.locate_any_heading(view.positions_m, view.weights, view.heading_rad)
+        held = match.error >= self.search.settings.accepted_error
+        return stands_alone(self.whole_field, fix, match, match.covariance, held)

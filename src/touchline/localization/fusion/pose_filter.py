@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from enum import Enum
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -44,6 +45,12 @@ class FusionPaper(Settings):
         description="estimate by how much the odometry tells travel forward and sideways, and turns, too long; "
         "without it their errors, which come again in every frame, are taken for noise and pull the pose",
     )
+    any_shove: bool = added(
+        False,
+        paper=True,
+        description="believe a match however far it lies from the prediction if its points fit better there; a shove "
+        "moves a robot by 0.6 m at most, and what is farther is searched for",
+    )
 
 
 class FusionSettings(Settings):
@@ -69,6 +76,14 @@ class FusionSettings(Settings):
         0.15, gt=0, description="standard deviation of the heading of a pose told by a person (rad)"
     )
     paper: FusionPaper = FusionPaper()
+
+
+class Fusion(Enum):
+    """What a frame's match says of the prediction: it supports it, the robot was shoved meanwhile, or neither."""
+
+    SUPPORTS = "supports"
+    SHOVED = "shoved"
+    CONTRADICTS = "contradicts"
 
 
 class Scales(NamedTuple):
@@ -183,3 +198,8 @@ class PoseFilter:
 def equal_error(error: float) -> float:
     """Mean error up to which another pose explains the points as well as one of this mean error."""
     return max(BETTER_FACTOR * error, error + BETTER_MARGIN)
+
+
+def fused_covariance(one: FloatArray, other: FloatArray) -> FloatArray:
+    """(3, 3) of the fusion of two poses with covariances (3, 3)."""
+    return one @ np.linalg.solve(one + other, other)

@@ -5,11 +5,14 @@ Xiong et al., section 4.2; Lu et al. 2013, section 4.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
-from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter, Scales, equal_error
+from touchline.localization.fusion.pose_filter import Fusion, FusionSettings, PoseFilter, Scales, equal_error
+from touchline.localization.matching.covariance import is_observed
 from touchline.localization.matching.matcher import Match, Matcher
 from touchline.motion import Motion, OdometrySettings
 from touchline.types import Prior
@@ -20,6 +23,11 @@ SHOVE_HEADING_RAD = 0.2  # how far a shove turns the robot: about ten degrees
 # difference between corrected compass and predicted heading from which matching also starts with the compass heading:
 # beyond its noise of half a degree, below the ten degrees of a shove
 SHOVED_RAD = 0.05
+# no shove moves or turns a robot farther than this, beyond three standard deviations of the prediction: that is another
+# place, or points that are none
+MAX_SHOVE_M = 0.6
+MAX_SHOVE_RAD = 0.8
+LONE_LINE_SHOVE = 0.3  # share of a usual shove that is believed where only one line is seen
 
 
 class Tracker:
@@ -75,20 +83,34 @@ class Tracker:
                 pose, error = other, other_error
         return refine_with_tilt(self.matcher, view, pose, error)
 
-    def fuse(self, view: MatchInput, match: Match | None) -> None:
-        """Kalman fusion of prediction and match; without a match the prediction stays."""
+    def fuse(self, view: MatchInput, match: Match | None) -> Fusion:
+        """Kalman fusion of prediction and match; without a match the prediction stays. What the match says of it."""
         if match is None:
-            return
+            return Fusion.SUPPORTS
         s = self.settings
         if not s.paper.shoves or self.filter.distance2_to(match.pose, match.covariance) <= s.gate:
             self.filter.update(match.pose, match.covariance)
-        elif not self._fuse_observable_directions(view, match):
-            error = self.matcher.error(view.positions_m, view.weights, self.filter.pose.as_array())
-            trusted = error > equal_error(match.error)
-            self.filter.update(match.pose, match.covariance, trusted=trusted)
+            return Fusion.SUPPORTS
+        observed = self._fuse_observable_directions(view, match)
+        if observed is not Fusion.CONTRADICTS:
+            return observed
+        error = self.matcher.error(view.positions_m, view.weights, self.filter.pose.as_array())
+        if error <= equal_error(match.error):
+            return Fusion.SUPPORTS
+        trusted = s.paper.any_shove or self._may_be_shove(match)
+        self.filter.update(match.pose, match.covariance, trusted=trusted)
+        return Fusion.SHOVED if trusted else Fusion.CONTRADICTS
 
-    def _fuse_observable_directions(self, view: MatchInput, match: Match) -> bool:
-        """Fuse a match far from the prediction by what the points observe at the prediction; whether that is enough.
+    def _may_be_shove(self, match: Match) -> bool:
+        """Whether a shove may have moved the robot so far from the prediction, and the lines fix the pose there."""
+        pose = match.pose
+        predicted, variances = self.filter.pose, np.diag(self.filter.covariance)
+        far_m = predicted.distance_to(pose) - 3.0 * math.sqrt(variances[0] + variances[1])
+        turned_rad = abs(wrap_angle(pose.heading - predicted.heading)) - 3.0 * math.sqrt(variances[2])
+        return far_m < MAX_SHOVE_M and turned_rad < MAX_SHOVE_RAD and is_observed(match.covariance)
+
+    def _fuse_observable_directions(self, view: MatchInput, match: Match) -> Fusion:
+        """Fuse a match far from the prediction by what the points observe at the prediction, if that is enough.
 
         RPROP may slide along a lone line to where the same points look unambiguous. First the prediction is taken at
         its word, then as that of a robot that was shoved.
@@ -96,12 +118,14 @@ class Tracker:
         positions_m = view.positions_m
         predicted = self.filter.pose.as_array()
         there = self.matcher.assess(positions_m, view.weights, predicted, match.error).covariance
-        for shove in (0.0, 1.0):
-            grown = np.diag([SHOVE_POSITION_M, SHOVE_POSITION_M, SHOVE_HEADING_RAD]) ** 2 * shove
+        # along a lone line a long shove can't be told from a line that is none
+        whole = self.settings.paper.any_shove or is_observed(there)
+        for shove in (0.0, 1.0 if whole else LONE_LINE_SHOVE):
+            grown = np.diag([SHOVE_POSITION_M, SHOVE_POSITION_M, SHOVE_HEADING_RAD]) ** 2 * shove**2
             fused = self.filter.loosened(grown)
             if not fused.update(match.pose, there, trusted=False):
                 continue
             if self.matcher.error(positions_m, view.weights, fused.pose.as_array()) <= equal_error(match.error):
                 self.filter = fused
-                return True
-        return False
+                return Fusion.SHOVED if shove else Fusion.SUPPORTS
+        return Fusion.CONTRADICTS

@@ -24,6 +24,10 @@ MIN_RESIDUAL_M = 0.01  # smallest believed deviation of a point: the error of th
 UNKNOWN_POSITION_M = 10.0  # standard deviation along a direction that no line observes: the field's size
 UNKNOWN_HEADING_RAD = 3.0  # standard deviation of a heading that no line observes: the full circle
 
+# standard deviations beyond which a pose is none: a robot that may stand a step to either side hits no ball
+MAX_DEVIATION_OF_POSITION_M = 0.5
+MAX_DEVIATION_OF_HEADING_RAD = 0.35
+
 
 class UncertaintySettings(Settings):
     """How curvature becomes a covariance. The paper only says that the second derivatives measure it."""
@@ -91,3 +95,10 @@ def visual_covariance(
     covariance = np.linalg.inv(information)
     covariance[_DIAGONAL] += np.array([s.min_position_m, s.min_position_m, s.min_heading_rad]) ** 2
     return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def is_observed(covariance: FloatArray) -> bool:
+    """Whether a covariance (3, 3), of x, y, heading in (m, m, rad), leaves a pose: not so along a lone line."""
+    (a, b), (_, d) = covariance[:2, :2].tolist()
+    widest_m2 = 0.5 * (a + d) + math.hypot(0.5 * (a - d), b)
+    return bool(widest_m2 < MAX_DEVIATION_OF_POSITION_M**2 and covariance[2, 2] < MAX_DEVIATION_OF_HEADING_RAD**2)

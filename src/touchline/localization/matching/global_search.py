@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -23,6 +23,10 @@ SHIFT_M = 0.35  # shift of all samples in x and in y from round to round; the pa
 # width c of the error function that ranks the samples: the paper's C = 255 read in cm, its unit of length; the nearest
 # sample is up to 0.7 m away, where the 0.25 m of matching can't tell near from far
 SAMPLE_C_M = 2.55
+EQUAL_FACTOR = 1.25  # a pose is as good as another up to this factor, plus EQUAL_MARGIN, above its mean error
+EQUAL_MARGIN = 0.02  # what noise alone changes in the mean error
+SAME_POSE_M = 0.5  # nearer than that two refined samples are one hypothesis
+OFF_FIELD_M = 2.0  # how far beyond the field's lines no robot stands: the carpet ends before
 PAPER_ERROR = 0.012  # mean error with this c between the paper's right poses (0.006) and wrong ones (above 0.018)
 
 
@@ -128,20 +132,48 @@ class SearchRound:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class GlobalFix:
-    """Result of a global search: the best match, whether its error passed the threshold, and the rounds it took."""
+    """Result of a global search: the best match, whether its error passed the threshold, and the rounds it took.
+
+    symmetric: whether the pose at the other end of the field, which looks the same, is no other pose.
+    """
 
     match: Match
     accepted: bool
     rounds: tuple[SearchRound, ...]
+    symmetric: bool = True
+
+    def rivals(self, pose: Pose, error: float, worst_error: float | None = None) -> tuple[Candidate, ...]:
+        """Refined samples elsewhere that explain the points about as well as a pose of this mean error; best first.
+
+        worst_error: mean error up to which they do; None: `equal_error`.
+        """
+        worst = equal_error(error) if worst_error is None else worst_error
+        known = [pose, pose.mirrored()] if self.symmetric else [pose]
+        found: list[Candidate] = []
+        candidates = (candidate for each in self.rounds for candidate in each.candidates)
+        for candidate in sorted(candidates, key=lambda c: c.error):
+            if candidate.error > worst:
+                break
+            if all(candidate.pose.distance_to(other) > SAME_POSE_M for other in known):
+                found.append(candidate)
+                known.append(candidate.pose)
+        return tuple(found)
 
 
 class GlobalSearch:
     """Finds the pose on one field from line points and a compass heading."""
 
     def __init__(
-        self, matcher: Matcher, length_m: float, width_m: float, settings: GlobalSearchSettings | None = None
+        self,
+        matcher: Matcher,
+        length_m: float,
+        width_m: float,
+        settings: GlobalSearchSettings | None = None,
+        symmetric: bool = True,
     ) -> None:
-        """length_m, width_m: of the field, to its lines."""
+        """length_m, width_m: of the field, to its lines. symmetric: half a turn of it shows the same lines."""
+        self.symmetric = symmetric
+        self._reach_m = (0.5 * length_m + OFF_FIELD_M, 0.5 * width_m + OFF_FIELD_M)
         self.settings = settings or GlobalSearchSettings()
         self.matcher = matcher
         self.samples_m = sample_positions(length_m, width_m, self.settings.spacing_m, BEYOND_M)
@@ -173,15 +205,23 @@ class GlobalSearch:
         match = self.matcher.assess(
             points, weights, best.pose.as_array(), best.error, best.iterations if record else None
         )
-        return GlobalFix(match, accepted, tuple(rounds))
+        return GlobalFix(match, accepted, tuple(rounds), self.symmetric)
 
     def locate_any_heading(
         self, positions_m: FloatArray, weights: FloatArray, compass_rad: float | None, region: Region | None = None
     ) -> GlobalFix | None:
         """As `locate`; without a compass the best of 24 headings all around."""
         headings = _ALL_HEADINGS_RAD if compass_rad is None else (compass_rad,)
-        fixes = [self.locate(positions_m, weights, heading, region) for heading in headings]
-        return min((fix for fix in fixes if fix is not None), key=lambda fix: fix.match.error, default=None)
+        tried = (self.locate(positions_m, weights, heading, region) for heading in headings)
+        fixes = [fix for fix in tried if fix is not None]
+        if len(fixes) < 2:
+            return fixes[0] if fixes else None
+        best = min(fixes, key=lambda fix: fix.match.error)
+        return replace(best, rounds=tuple(each for fix in fixes for each in fix.rounds))
+
+    def covers(self, pose: Pose) -> bool:
+        """Whether a robot may stand there: on the field, or not far beyond."""
+        return abs(pose.x) <= self._reach_m[0] and abs(pose.y) <= self._reach_m[1]
 
     def _samples(self, shift_m: float, region: Region | None) -> FloatArray:
         samples = self.samples_m + shift_m
@@ -242,3 +282,8 @@ def sample_errors(
     """
     found = grid_errors(points, distance_map.table, samples_m, np.array([heading_rad]), c_m)
     return np.asarray(found[0])
+
+
+def equal_error(error: float) -> float:
+    """Mean error up to which another pose explains the points as well as one of this mean error."""
+    return EQUAL_FACTOR * error + EQUAL_MARGIN
