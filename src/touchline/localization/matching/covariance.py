@@ -20,6 +20,7 @@ _DIAGONAL = np.diag_indices(3)
 # share of the mean over all directions are not counted, so that a few stray points don't fix what no line observes;
 # simulated clutter is 5 %
 CLUTTER_RATIO = 0.05
+MIN_CLUTTER = 4  # and so many of few points: two or three beside a lone line's end are no second line
 MIN_RESIDUAL_M = 0.01  # smallest believed deviation of a point: the error of the distance map and carpet
 UNKNOWN_POSITION_M = 10.0  # standard deviation along a direction that no line observes: the field's size
 UNKNOWN_HEADING_RAD = 3.0  # standard deviation of a heading that no line observes: the full circle
@@ -86,7 +87,7 @@ def visual_covariance(
     u = u / scale
     vectors = np.linalg.eigh((u.T * curvature) @ u)[1]
     helps = curvature[:, np.newaxis] * (u @ vectors) ** 2
-    kept = n - math.ceil(CLUTTER_RATIO * n)
+    kept = n - min(max(math.ceil(CLUTTER_RATIO * n), MIN_CLUTTER), n - 1)
     helps.partition(kept - 1, axis=0)
     values = helps[:kept].sum(axis=0)
     values = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0) * (mean_curvature / power)

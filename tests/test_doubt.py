@@ -1,0 +1,115 @@
+"""Honest doubt: what is no view of the field is not called tracking, and a compass is a witness among others."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from touchline.experiments.faults import (
+    Drive,
+    Fault,
+    blob,
+    false_line,
+    far_points,
+    one_line,
+    ring,
+    spliced,
+    stuck_compass,
+    turned_compass,
+    uniform_points,
+)
+from touchline.geometry import Pose, wrap_angle
+from touchline.localization import CompassCorrection
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.systems import RobotSetup, open_system
+from touchline.types import Estimate, Status
+
+BOTH = pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl"])
+
+
+@cache
+def driven(seed: int) -> Drive:
+    """Four seconds of a match."""
+    run = Simulation(open_scenario("match", seed, 4.0, ["ideal=true"]), level="points")
+    return Drive(list(run), np.asarray(run.truth.poses), run.field)
+
+
+def localized(name: str, drive: Drive, *settings: str) -> list[Estimate]:
+    changes = dict(setting.split("=") for setting in settings)
+    made = open_system(name, RobotSetup(drive.field), changes or None, np.random.default_rng(1))
+    return [made.step(frame) for frame in drive.frames]
+
+
+def wrong(drive: Drive, estimates: list[Estimate]) -> int:
+    """Frames called tracking while more than half a metre off, or turned."""
+    found = 0
+    for estimate, (x, y, heading) in zip(estimates, drive.truth.tolist(), strict=True):
+        off = estimate.pose.distance_to(Pose(x, y, heading)) > 0.5
+        off |= abs(wrap_angle(estimate.pose.heading - heading)) > 0.5
+        found += off and estimate.status is Status.TRACKING
+    return found
+
+
+@BOTH
+@pytest.mark.parametrize("start_s", [0.0, 1.5])
+@pytest.mark.parametrize("garbage", [uniform_points, far_points, blob, ring])
+def test_garbage_is_not_tracked(name: str, start_s: float, garbage: object) -> None:
+    drive = Fault("garbage", start_s, 9.0, garbage).laid_into(driven(1), np.random.default_rng(0))  # type: ignore[arg-type]
+    estimates = localized(name, drive)
+    assert wrong(drive, estimates) <= 1
+    assert estimates[-1].status is not Status.TRACKING
+
+
+def test_the_paper_believes_garbage() -> None:
+    drive = Fault("ring", 0.0, 9.0, ring).laid_into(driven(1), np.random.default_rng(0))
+    assert wrong(drive, localized("nubot-mti", drive, "failure.paper.doubt=false")) > 20
+
+
+@BOTH
+def test_a_false_line_moves_nothing_and_is_told(name: str) -> None:
+    drive = Fault("false line", 1.5, 3.0, false_line).laid_into(driven(1), np.random.default_rng(0))
+    estimates = localized(name, drive)
+    assert wrong(drive, estimates) == 0
+    assert any("the lines contradict the odometry" in estimate.problems for estimate in estimates[15:29])
+    assert all(estimate.status is Status.TRACKING for estimate in estimates[35:])
+
+
+@BOTH
+def test_one_line_leaves_a_long_ellipse_or_no_pose(name: str) -> None:
+    drive = Fault("one line", 0.0, 9.0, one_line(0.0)).laid_into(driven(2), np.random.default_rng(0))
+    assert wrong(drive, localized(name, drive)) == 0
+
+
+@BOTH
+@pytest.mark.parametrize("fault", [turned_compass, stuck_compass(1.5)])
+def test_a_compass_that_fails_moves_nothing(name: str, fault: object) -> None:
+    drive = Fault("compass", 1.5, 3.0, fault).laid_into(driven(1), np.random.default_rng(0))  # type: ignore[arg-type]
+    estimates = localized(name, drive)
+    assert wrong(drive, estimates) == 0
+    assert all(estimate.status is Status.TRACKING for estimate in estimates[2:])
+    if fault is turned_compass:
+        assert any("the compass contradicts" in problem for problem in estimates[25].problems)
+        assert not estimates[-1].problems
+        assert wrong(drive, localized(name, drive, "compass.paper.may_fail=false")) > 5
+
+
+@BOTH
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_a_robot_carried_away_in_full_view_is_found_within_ten_frames(name: str, seed: int) -> None:
+    drive = spliced(driven(1), driven(seed), 2.0)
+    estimates = localized(name, drive)
+    assert wrong(drive, estimates) <= 5
+    assert all(estimate.status is Status.TRACKING for estimate in estimates[30:])
+
+
+def test_the_learned_offset_is_bounded_in_total() -> None:
+    one = CompassCorrection()
+    for k in range(400):
+        one.update(0.02, 0.01 * k, 0.0)  # it sticks while the robot turns slowly
+    assert abs(one.offset_rad) <= 0.6 + 1e-9
+    assert one.doubted
+    assert math.isfinite(one.offset_rad)
