@@ -66,7 +66,7 @@ def test_garbage_is_not_tracked(name: str, start_s: float, garbage: object) -> N
 
 def test_the_paper_believes_garbage() -> None:
     drive = Fault("ring", 0.0, 9.0, ring).laid_into(driven(1), np.random.default_rng(0))
-    assert wrong(drive, localized("nubot-mti", drive, "failure.paper.doubt=false")) > 20
+    assert wrong(drive, localized("nubot-mti", drive, "paper.failure.doubt=false")) > 20
 
 
 @BOTH
@@ -94,7 +94,7 @@ def test_a_compass_that_fails_moves_nothing(name: str, fault: object) -> None:
     if fault is turned_compass:
         assert any("the compass contradicts" in problem for problem in estimates[25].problems)
         assert not estimates[-1].problems
-        assert wrong(drive, localized(name, drive, "compass.paper.may_fail=false")) > 5
+        assert wrong(drive, localized(name, drive, "paper.compass.may_fail=false")) > 5
 
 
 @BOTH
