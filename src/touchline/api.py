@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import platform
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,6 +25,7 @@ from touchline.evaluation.runner import OnFrame, RunTally, robot_setup, run_fram
 from touchline.field import FieldModel
 from touchline.geometry import Pose, wrap_angle
 from touchline.given import given_numbers, given_path, given_seed, given_switch, refused
+from touchline.messages import without_numbers
 from touchline.sources import SENSOR_FILES, ProblemKind, Recording, open_source
 from touchline.systems import (
     DEFAULT_SYSTEM,
@@ -143,9 +145,12 @@ class PreparedRun:
         for problem in self.source.problems:
             if problem.kind in _NO_IMAGE and 2 * self.source.problems.counts[problem.kind] > tally.frames:
                 return f"in {self.source.problems.counts[problem.kind]} of them there is none to look at. {problem}"
-        for why, count in tally.unseen.most_common(1):
+        alike = Counter[str]()
+        for why, count in tally.unseen.items():
+            alike[without_numbers(why)] += count
+        for why, count in alike.most_common(1):
             if 2 * count > tally.frames:
-                return f"in {count} of them, {why}"
+                return f"in {count} of them, {next(each for each in tally.unseen if without_numbers(each) == why)}"
         return None
 
     def _description(self, started: str) -> dict[str, Any]:

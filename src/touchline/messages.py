@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import reprlib
 from collections.abc import Sequence
 
@@ -24,6 +25,11 @@ def shown(value: object) -> str:
 def listed(words: Sequence[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def without_numbers(text: str) -> str:
+    """A message with its numbers left out: that of another frame may differ in them alone."""
+    return re.sub(r"\d+(\.\d+)?", "…", text)
 
 
 def counted(count: int, noun: str) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from touchline.checks.features import check_features
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.heading import check_compass, check_compass_lag, check_turns
 from touchline.checks.images import (
@@ -51,6 +52,7 @@ CHECKS: list[Check] = [
     check_field,
     check_truth,
     check_lines,
+    check_features,
     check_projection,
 ]
 

@@ -12,6 +12,7 @@ from touchline.messages import frames_in_words
 from touchline.sources.folder import IMAGE_LIST
 from touchline.sources.observations import OBSERVATIONS
 from touchline.sources.problems import ProblemKind
+from touchline.types import CrossingKind, LandmarkKind
 
 SPOILED_SHARE = 0.2  # of the images; above it a warning is an error
 DARK_MEAN = 40.0
@@ -19,6 +20,7 @@ SATURATED_SHARE = 0.15
 BLURRED_SHARPNESS = 0.4
 LATE_STEP = 1.5  # of the median step between images
 
+_FEATURES = (*(kind.value for kind in CrossingKind), *(kind.value for kind in LandmarkKind), "line")
 _IMAGE_ADVICE = {
     ProblemKind.MISSING_IMAGE: "Copy the missing files, or remove their rows.",
     ProblemKind.BROKEN_IMAGE: "Copy these files again; the recorder may have been stopped while writing.",
@@ -57,8 +59,12 @@ def check_observations(survey: Survey) -> Iterator[Finding]:
     blind, total = survey.seen["nothing"], len(survey.recording)
     what += f" in {total} images" + (f", nothing in {blind} of them" if blind else "")
     if not kinds.get("point"):
-        advice = "The systems of now take line points alone: write points along the lines, too."
-        yield Finding("observations", Severity.ERROR, OBSERVATIONS, f"no line points; {what}", advice)
+        advice = "nimbro-lines takes them; for the other systems write points along the lines, too."
+        if not any(kinds.get(kind) for kind in _FEATURES):
+            advice = "No system finds a pose by these: write line points, or lines, crossings and posts."
+            yield Finding("observations", Severity.ERROR, OBSERVATIONS, f"no line points; {what}", advice)
+            return
+        yield Finding("observations", Severity.NOTE, OBSERVATIONS, f"no line points; {what}", advice)
         return
     yield Finding("observations", Severity.OK, OBSERVATIONS, what)
 

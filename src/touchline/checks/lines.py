@@ -37,6 +37,8 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
     camera = survey.omni
     if not recording.has_observations and (camera is None or recording.linear):
         return
+    if recording.has_observations and not survey.seen["point"]:
+        return  # features alone are another check's
     try:
         field = recording.field
     except InputError:
