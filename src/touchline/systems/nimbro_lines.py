@@ -51,6 +51,12 @@ class NimbroPaper(Settings):
         description="the pose is compared in every frame with its twin at the other end, where colours alone tell them "
         "apart, and not believed before that is refuted; off: the particles alone tell",
     )
+    restart: bool = added(
+        True,
+        paper=False,
+        description="all particles start anew anywhere once the pose explains too little; off: random particles alone "
+        "find a robot that was carried away, as in the paper",
+    )
 
 
 class NimbroLinesSettings(Settings):
@@ -117,8 +123,8 @@ class NimbroLines:
         self.tracker.update(view, mode, frame.stamp_ns)  # ours: least squares about the main mode; is it believed
         if self.tracker.turned:
             self.particles.start_at(self.tracker.pose, self.tracker.filter.covariance)
-        if self.tracker.is_lost:
-            self._search()  # augmented MCL, section 5: anywhere on the field
+        if self.tracker.is_lost and self.settings.paper.restart:
+            self._search()  # ours, beside section 5's random particles
         return self._report(observation, view, clock)
 
     def _with_lean(self, frame: Frame) -> Frame:

@@ -153,6 +153,10 @@ class FeatureTracker:
             self._confirmed_ns = stamp_ns
         elif not self.refine:
             explained = self.filter.explained(view, mode.pose)
+            if not self._is_near(mode.pose, SLIP_M, SLIP_RAD):
+                self._forget_side(mode.pose)
+                self.status = Status.SEARCHING
+                self._start_counting()
             self.filter.start(mode.pose, mode.covariance)
             self._count(explained, None)
         else:
@@ -180,8 +184,12 @@ class FeatureTracker:
         near = None if elsewhere or mode.weight < SURE_WEIGHT else mode.pose
         self._count(self.filter.update(view, near), rival)
         if self._is_refuted():
-            self.side_known &= not self.symmetric or self._is_near(mode.pose, SLIP_M, SLIP_RAD)
+            self._forget_side(mode.pose)
             self._take(mode)
+
+    def _forget_side(self, pose: Pose) -> None:
+        """Where nothing tells the ends apart, a jump to another pose that is no slip leaves both."""
+        self.side_known &= not self.symmetric or self._is_near(pose, SLIP_M, SLIP_RAD)
 
     def _take(self, mode: Mode) -> None:
         """The particles' mode is the pose from now on, to be confirmed."""

@@ -34,7 +34,6 @@ UNCERTAIN_M = 1.0  # deviation of the position from which there are most particl
 MODE_M = 0.6  # radius of a mode of the particles ...
 MODE_RAD = 0.5  # ... and how far its headings reach
 CELL_M, CELL_RAD = 0.5, math.pi / 6.0  # of the histogram that finds modes
-START_PARTICLES = 4000  # at a start from nowhere, until they are drawn anew for the first time
 SLOW, FAST = 0.02, 0.2  # forgetting of the long- and the short-term likelihood per cycle: some 50 and 5 images
 MAX_RANDOM_RATIO = 0.2  # of the particles; more would leave too few to a pose that is right
 PROPOSED_RATIO = 0.2  # of the particles while searching: at poses that the features of the frame propose
@@ -79,6 +78,14 @@ class NimbroParticlePaper(Settings):
         paper=False,
         description="random particles by the likelihood of one observation, so that frames that show more are no "
         "worse; off by that of all, as in the paper",
+    )
+    start_particles: int = added(
+        4000,
+        paper=1000,
+        ge=10,
+        le=10_000_000,
+        description="particles at a start from nowhere, until they are drawn anew for the first time; the paper has no "
+        "more than 1000",
     )
     proposals: bool = added(
         True,
@@ -173,7 +180,7 @@ class NimbroParticles:
     def restart(self, region: Region | None = None) -> None:
         """Spread the particles over the field or a region of it. Of twins on a symmetric field one half is enough."""
         uniform = UniformPoses(self._reach_m, region or Region(), None, self.symmetric)
-        self._start(uniform.draw(self.rng, START_PARTICLES))
+        self._start(uniform.draw(self.rng, self.settings.paper.start_particles))
 
     def start_at(self, pose: Pose, covariance: FloatArray) -> None:
         """Start about a pose that is known with a covariance (3, 3)."""
