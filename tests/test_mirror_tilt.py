@@ -9,6 +9,9 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.fusion.compass_correction import CompassCorrection
+from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
+from touchline.localization.matching.matcher import Matcher
 from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltSettings, bent, normal_equations
 from touchline.types import LinePoints
 
@@ -118,3 +121,30 @@ def test_normal_equations_are_those_of_the_numeric_derivative() -> None:
     weight = (0.1**2 / (0.1**2 + distance**2)) ** 2 / variance
     np.testing.assert_allclose(matrix, np.einsum("n,ni,nj->ij", weight, rows, rows), rtol=1e-4)
     np.testing.assert_allclose(vector, -(weight * distance) @ rows, rtol=1e-4, atol=1e-3)
+
+
+def test_a_frame_among_whose_points_many_lie_on_no_line_has_its_tilt_taken_out_all_the_same() -> None:
+    """The lines of a field beside and nets made up so much of the error that a shaking frame was fused as it came."""
+    pose, rng = Pose(4.0, 5.0, 0.0), np.random.default_rng(2)
+    true = seen(pose)
+    beside = np.column_stack((rng.uniform(-4.0, 4.0, len(true) // 5), rng.uniform(4.0, 5.0, len(true) // 5)))
+    points = line_points(np.concatenate((tilted(true, 0.3, math.radians(0.4)), beside)), noise_m=0.005)
+    weights = np.full(len(points), 1.0 / len(points))
+    matcher, tilt = Matcher(FIELD.distance_map()), MirrorTilt(FIELD)
+    for _ in range(5):
+        tilt.update(line_points(true, noise_m=0.005), pose)
+    view = MatchInput(points, weights, True, None, tilt, CompassCorrection())
+    start, error, _ = matcher.descend(points.positions_m, weights, pose.as_array())
+    assert error > 0.1
+    assert Pose(*start.tolist()).distance_to(pose) > 0.03
+    assert refine_with_tilt(matcher, view, start, error).pose.distance_to(pose) < 0.01
+
+
+def test_a_swing_far_beyond_the_mean_is_followed_in_one_frame() -> None:
+    pose, tilt = Pose(-3.0, 0.5, 0.2), MirrorTilt(FIELD)
+    true = seen(pose, 7.0)
+    for _ in range(30):
+        tilt.update(line_points(true, noise_m=0.005), pose)
+    swung = tilted(true, 0.4, math.radians(0.9))
+    bend = tilt.update(line_points(swung, noise_m=0.005), Pose(-3.1, 0.55, 0.2))
+    assert np.median(np.abs(tilt.corrected(swung, bend) - true)) < 0.012

@@ -12,6 +12,8 @@ from touchline.localization.matching.weights import WeightSettings, precision_we
 from touchline.motion import MotionHistory
 from touchline.types import LinePoints, Observation
 
+CLEARLY_LESS = 0.98  # of an error that many points on no line make up: less than this is no chance
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MatchInput:
@@ -74,9 +76,11 @@ class MatchInputs:
 def refine_with_tilt(matcher: Matcher, view: MatchInput, pose: FloatArray, error: float) -> Match:
     """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
     tilt = view.tilt
-    if tilt.settings.paper.enabled and error < MAX_ERROR:
+    if tilt.settings.paper.enabled and tilt.is_told(view.points.positions_m, as_pose(pose)):
+        # among points on no line it is learned from the first frame on, but a frame alone has to be better by it
+        wanted = error if error < MAX_ERROR else 0.0 if tilt.is_unknown else CLEARLY_LESS * error
         positions_m = tilt.corrected(view.points.positions_m, tilt.update(view.points, as_pose(pose)))
         refined, refined_error, _ = matcher.descend(positions_m, view.weights, pose)
-        if refined_error <= error:
+        if refined_error <= wanted:
             return matcher.assess(positions_m, view.weights, refined, refined_error)
     return matcher.assess(view.positions_m, view.weights, pose, error)

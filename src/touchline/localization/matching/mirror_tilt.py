@@ -21,16 +21,18 @@ from touchline.field.distances import nearest_line_point
 from touchline.geometry import FloatArray, Pose
 from touchline.types import LinePoints
 
-MAX_ERROR = 0.1  # mean error of a match above which the lines are too uncertain to tell a tilt
+MAX_ERROR = 0.1  # mean error of most points above which the lines are too uncertain to tell a tilt
+MOST_POINTS = 0.75  # of the points, the nearest to lines, are those; the others may be nets, or lines of a field beside
 UNKNOWN_PER_M = 0.015  # standard deviation of g before the first frame: a mirror 0.3 degrees off
 VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from frame to frame: vibration of 0.06 degrees
 DRIFT_PER_M = 0.0001  # drift of the mean g per frame: a loosening mount
 WIDTH_M = 0.1  # distance to the line from which a point loses influence; the pose is already matched
-FIRST_WIDTH_M = 0.25  # the same while the tilt is still unknown; Lauer's c
+FIRST_WIDTH_M = 0.25  # the same in the first steps: 0.3 degrees move a line 7 m off by so much; Lauer's c
 MIN_NOISE_M = 0.01  # standard deviation that no point falls below: carpet, calibration
 LOOSE_POSITION_M = 0.2  # how far the pose may move from the match meanwhile: what an unknown tilt may have shifted it
 LOOSE_HEADING_RAD = 0.1  # how far the heading may turn from the match meanwhile: as loose_position_m
-ITERATIONS = 2  # Gauss-Newton steps per frame: enough from the mean of the frames before
+FIRST_ITERATIONS = 3  # Gauss-Newton steps per frame with the first width: from the mean of the frames before
+ITERATIONS = 2  # those after them
 
 
 class MirrorTiltPaper(Settings):
@@ -70,7 +72,7 @@ class MirrorTilt:
 
     def __init__(self, field: FieldModel, settings: MirrorTiltSettings | None = None) -> None:
         self.settings = settings or MirrorTiltSettings()
-        self._lines = field.line_tables
+        self._field, self._lines = field, field.line_tables
         self.reset()
 
     def reset(self) -> None:
@@ -83,6 +85,17 @@ class MirrorTilt:
         bend = self.mean_per_m if bend_per_m is None else bend_per_m
         return bent(positions_m, bend, self.settings.height_m)
 
+    @property
+    def is_unknown(self) -> bool:
+        """Whether hardly any frame has told the mean yet."""
+        return float(np.trace(self.covariance)) > 0.1 * UNKNOWN_PER_M**2
+
+    def is_told(self, positions_m: FloatArray, pose: Pose) -> bool:
+        """Whether points (N, 2), robot frame, at a pose that fits them but for the tilt, can tell it."""
+        squares = np.sort(np.square(self._field.line_distances(pose.transform(self.corrected(positions_m)))))
+        nearest = squares[: max(int(MOST_POINTS * len(squares)), 1)]
+        return float(np.mean(nearest / (nearest + FIRST_WIDTH_M**2))) < MAX_ERROR
+
     def update(self, points: LinePoints, pose: Pose) -> FloatArray:
         """This frame's bend (2,), from points as seen and a pose that fits them but for the bend."""
         s = self.settings
@@ -93,8 +106,7 @@ class MirrorTilt:
         information[3:, 3:] = np.linalg.inv(prior)
         start = np.array([*pose, *self.mean_per_m])
         state = start.copy()
-        unsure = float(np.trace(self.covariance)) > 0.1 * UNKNOWN_PER_M**2
-        widths = [FIRST_WIDTH_M] * 3 * unsure + [WIDTH_M] * ITERATIONS
+        widths = [FIRST_WIDTH_M] * FIRST_ITERATIONS + [WIDTH_M] * ITERATIONS
         covariances_m2 = np.ascontiguousarray(points.covariances_m2)  # another layout would be compiled for again
         for width_m in widths:
             matrix, vector = normal_equations(
