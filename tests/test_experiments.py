@@ -120,7 +120,7 @@ def test_black_sectors_cover_the_stated_share_of_the_view() -> None:
 
 @cache
 def errors_under(number: int) -> ErrorTable:
-    return occlusion._drive(occlusion.CONDITIONS[number], seed=0).errors
+    return occlusion.drive(occlusion.CONDITIONS[number], seed=0, ideal=True).errors
 
 
 @pytest.mark.parametrize("number", range(7), ids=[condition.name for condition in occlusion.CONDITIONS])
@@ -133,7 +133,7 @@ def test_errors_with_up_to_half_the_view_hidden(number: int) -> None:
 
 
 def test_particles_alone_as_the_paper_prints_them_are_less_exact_than_particles_and_matching() -> None:
-    alone = occlusion._drive(occlusion.PAPER_FORM[0], seed=0).errors
+    alone = occlusion.drive(occlusion.PAPER_FORM[0], seed=0, ideal=True).errors
     assert alone.position.mean > 2.0 * errors_under(0).position.mean
 
 

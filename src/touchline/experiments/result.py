@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.geometry import FloatArray
+
+_DRAWS = 2000
+_Z = 1.959964  # of the normal distribution, 95 % between both signs
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,3 +56,29 @@ def percent(values: Sequence[float] | FloatArray) -> str:
     """`spread` of shares, in per cent."""
     shares = np.asarray(values, dtype=np.float64)
     return f"{spread(100.0 * shares, 1)} %" if len(shares) else "–"
+
+
+def interval(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:
+    """Mean over robots and, in brackets, where it lies with 95 %: by bootstrap, robots drawn anew with replacement."""
+    numbers = np.asarray(values, dtype=np.float64)
+    if len(numbers) < 2:
+        return spread(numbers, decimals)
+    drawn = np.random.default_rng(0).choice(numbers, (_DRAWS, len(numbers))).mean(axis=1)
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return f"{numbers.mean():.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
+
+
+def rate(successes: int, tries: int) -> str:
+    """A share in per cent with Wilson's 95 % interval of a binomial one; a dash for no tries."""
+    if tries == 0:
+        return "–"
+    low, high = wilson(successes, tries)
+    return f"{100.0 * successes / tries:.1f} % [{100.0 * low:.1f}, {100.0 * high:.1f}]"
+
+
+def wilson(successes: int, tries: int) -> tuple[float, float]:
+    """Bounds of a binomial share with 95 % (Wilson, 1927)."""
+    share, square = successes / tries, _Z**2 / tries
+    middle = share + 0.5 * square
+    half = _Z * math.sqrt(share * (1.0 - share) / tries + 0.25 * square / tries)
+    return max(0.0, (middle - half) / (1.0 + square)), min(1.0, (middle + half) / (1.0 + square))
