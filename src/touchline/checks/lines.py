@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from touchline.checks.delay import find_delay
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
@@ -17,7 +18,7 @@ from touchline.localization.matching.mirror_tilt import MirrorTilt
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
-from touchline.types import Estimate, Status
+from touchline.types import Estimate, Samples, Status
 
 _MOST_FRAMES = 100  # of the beginning: enough to tell a calibration, and a few tenths of a second
 _LEAST_FRAMES = 5
@@ -29,6 +30,7 @@ _TILT_DEG = 0.1
 _SCALE = 0.01
 _HEADING_DEG, _POOR_HEADING_DEG = 1.0, 3.0
 _SAME_POSE_M = 1.0
+_LATE_S = 0.04  # constant delay of the stamps that is told: 8 cm at 2 m/s
 
 
 def check_lines(survey: Survey) -> Iterator[Finding]:
@@ -44,10 +46,12 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
     except InputError:
         return  # the check of the field says so
     system, tilt = open_system(DEFAULT_SYSTEM, RobotSetup(field, camera)), MirrorTilt(field)
-    estimates, looked = [], 0
+    estimates, looked, odometry = [], 0, []
     for frame in recording.again():
         if looked == _MOST_FRAMES:
             break
+        if frame.odometry is not None:
+            odometry.append(frame.odometry)
         if frame.observation is None and (frame.image is None or is_covered(frame.image)):
             continue
         looked += 1
@@ -72,6 +76,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
     if not recording.has_observations:  # of another detector's points the camera's part is not known
         yield from _range_scale(frames)
         yield _tilt(tilt)
+    yield from _late(estimates, odometry)
     yield from _headings(survey, estimates)
 
 
@@ -124,6 +129,22 @@ def _range_scale(frames: list[tuple[FloatArray, FloatArray, FloatArray]]) -> Ite
         yield Finding(
             "ranges", Severity.WARNING, CAMERA, what, "Calibrate the mirror again, or check the field's size."
         )
+
+
+def _late(estimates: list[Estimate], odometry: list[Samples]) -> Iterator[Finding]:
+    """A constant delay of the images' stamps, by how the poses follow the odometry."""
+    if not odometry:
+        return
+    stamps_ns = np.concatenate([samples.stamp_ns for samples in odometry])
+    found = find_delay(estimates, Samples(stamps_ns, np.concatenate([samples.values for samples in odometry])))
+    if found is None or abs(found.late_s) < _LATE_S + 3.0 * found.deviation_s:
+        return
+    what = (
+        f"images are stamped {1000 * abs(found.late_s):.0f} ± {1000 * found.deviation_s:.0f} ms "
+        f"too {'late' if found.late_s > 0 else 'early'}: the robot is seen where odometry had it by then"
+    )
+    advice = "Stamp an image when it is taken, not when it arrives, or subtract the constant delay from its stamps."
+    yield Finding("delay", Severity.WARNING, "images.csv", what, advice)
 
 
 def _headings(survey: Survey, estimates: list[Estimate]) -> Iterator[Finding]:
