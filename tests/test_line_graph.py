@@ -138,7 +138,9 @@ def test_the_papers_form_finds_crossings_too(small_data: Path) -> None:
     assert scores.crossings["all"].precision > 0.85
 
 
-@pytest.mark.parametrize("name", ["plain_boundary", "fixed_low_pass", "subpixel", "circle", "meetings", "paths"])
+@pytest.mark.parametrize(
+    "name", ["plain_boundary", "fixed_low_pass", "subpixel", "circle", "meetings", "paths", "white_marks"]
+)
 def test_each_switch_to_the_paper_does_something(small_data: Path, name: str) -> None:
     recording = open_source(small_data / "humanoid_hsl_pan")
     plain = LineGraphPaper()

@@ -63,7 +63,7 @@ def _run_example(system: str) -> None:
 
 
 def _walk_example(system: str) -> None:
-    """A humanoid that walks towards a coloured goal, and what its detector finds in drawn images."""
+    """A humanoid that walks towards a coloured goal, and what its detector finds in drawn images; then a white goal."""
     import numpy as np
 
     from touchline.camera import PinholeCamera
@@ -83,6 +83,9 @@ def _walk_example(system: str) -> None:
         seen = detector.observe(Frame(stamp_ns, image=_drawn(field, camera, pose)))
         robot.add_odometry(stamp_ns, pose.x, pose.y, pose.heading)
         robot.localize(stamp_ns, observation=seen)
+    white = open_field("humanoid-kid-9x6")
+    image = _drawn(white, camera, Pose(1.5, 0.3, 0.0))
+    LineGraphDetector(camera, LineGraphSettings(), white).observe(Frame(0, image=image))
 
 
 def _drawn(field: FieldModel, camera: PinholeCamera, pose: Pose) -> ImageArray:

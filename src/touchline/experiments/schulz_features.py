@@ -34,6 +34,7 @@ PAPER = LineGraphSettings(
         circle=False,
         meetings=False,
         paths=False,
+        white_marks=False,
     )
 )
 VARIANTS = {"ours": LineGraphSettings(), "paper": PAPER}

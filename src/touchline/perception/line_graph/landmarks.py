@@ -18,16 +18,30 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph.colour_classes import BLUE, CELL_PX, FULL, YELLOW, CountArray
 from touchline.perception.line_graph.graph import IntArray
-from touchline.perception.line_graph.image_plane import ImagePlane, ground_covariances, plane_from_pixel, transformed
+from touchline.perception.line_graph.image_plane import (
+    ImagePlane,
+    ground_covariances,
+    grounds_from_pixels,
+    plane_from_pixel,
+    transformed,
+)
+from touchline.perception.line_graph.penalty_marks import find_penalty_marks
+from touchline.perception.line_graph.profiles import Pixels
 from touchline.perception.line_graph.settings import LineGraphSettings
-from touchline.types import Colors, LandmarkKind, Landmarks, no_landmarks
+from touchline.perception.line_graph.structure import Structure
+from touchline.perception.line_graph.white_posts import find_white_posts
+from touchline.types import Colors, LandmarkKind, Landmarks, Lines, no_landmarks
 
 _COLOURS = {"yellow": YELLOW, "blue": BLUE}
+_OFF_LINES_PX = 12.0  # penalty marks lie farther from all lines
+_WHITE: Colors = ("white",)
 _BIN_PX = 6.0
 _FILLED = 0.25  # share of colour from which on a cell counts
 _FEWEST_CELLS = 3
+_NEARBY = 10  # bins to each side of which one stands out
 _GAP_CELLS = 1
 _LEAST_HEIGHT, _MOST_WIDTH = 0.5, 2.2  # of what is expected
+_MOST_BESIDE = 0.4  # of its rows: the colour may go on there, a crossbar or something behind
 _EQUAL_BANDS = 2.0
 _SAME_M = 0.4  # two uprights closer than this are one
 _GOAL_M = 0.35  # how far the distance between two posts of a goal may be off, and more with the range
@@ -46,34 +60,100 @@ class Upright(NamedTuple):
     cut: bool
 
 
+class _Landmark(NamedTuple):
+    """One row of `Landmarks`; its error in the image (px) and on the ground (m)."""
+
+    kind: LandmarkKind
+    upright: Upright
+    confidence: float
+    noise: tuple[float, float] = (_FOOT_PX, 0.03)
+
+
 def find_landmarks(
-    counts: CountArray, ends: FloatArray, plane: ImagePlane, field: FieldModel, settings: LineGraphSettings
+    structure: Structure,
+    pixels: Pixels,
+    lines: Lines,
+    plane: ImagePlane,
+    field: FieldModel,
+    settings: LineGraphSettings,
 ) -> Landmarks:
-    """Posts, goals and poles in colour. ends: (columns,) height of the field's boundary, within which they stand."""
-    wanted = {color for post in field.posts for color in post.colors_from_ground} & set(_COLOURS)
-    if not wanted:
+    """Posts, goals and poles in colour; white posts, their goals, and penalty marks. lines: of the same image."""
+    found = _coloured(structure, plane, field, settings)
+    if settings.paper.white_marks:
+        found += _white_posts(pixels, lines, plane, field, settings)
+        found += _penalty_marks(structure, lines, plane, field)
+    found += _goals([one.upright for one in found if one.kind == LandmarkKind.POST], field)
+    if not found:
         return no_landmarks()
-    rows: list[tuple[str, Upright, float]] = []
-    for upright in _uprights(counts, ends, plane, field, settings):
+    noise = np.stack([_covariance(one, plane) for one in found])
+    return Landmarks(
+        np.array([str(one.kind) for one in found]),
+        np.stack([one.upright.place for one in found]),
+        noise,
+        np.array([one.confidence for one in found]),
+        tuple(one.upright.colors for one in found),
+        np.stack([one.upright.pixel for one in found]),
+    )
+
+
+def _covariance(one: _Landmark, plane: ImagePlane) -> FloatArray:
+    """(2, 2) m²."""
+    if one.kind == LandmarkKind.GOAL:
+        return np.eye(2) * (0.05 + 0.03 * float(np.hypot(*one.upright.place))) ** 2
+    covariance: FloatArray = ground_covariances(plane, one.upright.pixel[np.newaxis], *one.noise)[0]
+    return covariance
+
+
+def _coloured(
+    structure: Structure, plane: ImagePlane, field: FieldModel, settings: LineGraphSettings
+) -> list[_Landmark]:
+    if not {color for post in field.posts for color in post.colors_from_ground} & set(_COLOURS):
+        return []
+    found: list[_Landmark] = []
+    for upright in _uprights(structure.counts, structure.ends, plane, field, settings):
         kind = _kind(upright, field)
         if kind is not None:
-            rows.append((kind[0], upright._replace(colors=kind[1]), 0.8))
-    rows += _goals([upright for kind, upright, _ in rows if kind == LandmarkKind.POST], field)
-    if not rows:
-        return no_landmarks()
-    places, pixels = np.stack([r[1].place for r in rows]), np.stack([r[1].pixel for r in rows])
-    noise = ground_covariances(plane, np.stack([np.nan_to_num(p) for p in pixels]), _FOOT_PX, 0.03)
-    for k, row in enumerate(rows):
-        if row[0] == LandmarkKind.GOAL:
-            noise[k] = (0.05 + 0.03 * np.hypot(*row[1].place)) ** 2 * np.eye(2)
-    return Landmarks(
-        np.array([str(r[0]) for r in rows]),
-        places,
-        noise,
-        np.array([r[2] for r in rows]),
-        tuple(r[1].colors for r in rows),
-        pixels,
-    )
+            found.append(_Landmark(kind[0], upright._replace(colors=kind[1]), 0.8))
+    return found
+
+
+def _white_posts(
+    pixels: Pixels, lines: Lines, plane: ImagePlane, field: FieldModel, settings: LineGraphSettings
+) -> list[_Landmark]:
+    white = [post for post in field.posts if post.colors_from_ground == _WHITE]
+    if not white:
+        return []
+    return [
+        _Landmark(LandmarkKind.POST, Upright(ridge.place, ridge.pixel, _WHITE, False), ridge.share, (2.0, 0.03))
+        for ridge in find_white_posts(pixels, lines, plane, white[0], settings.farthest_m)
+    ]
+
+
+def _penalty_marks(structure: Structure, lines: Lines, plane: ImagePlane, field: FieldModel) -> list[_Landmark]:
+    sizes = [size for x, y, size in field.discs if not _on_a_line(field, x, y)]
+    if not sizes:
+        return []
+    middles = find_penalty_marks(structure.counts, structure.ends, plane, float(sizes[0]))
+    middles = np.array([middle for middle in middles if not _near_a_line(middle, lines)]).reshape(-1, 2)
+    places = grounds_from_pixels(plane, middles)
+    return [
+        _Landmark(LandmarkKind.PENALTY_MARK, Upright(place, middle, (), False), 0.7, (1.5, 0.02))
+        for place, middle in zip(places, middles, strict=True)
+    ]
+
+
+def _near_a_line(pixel: FloatArray, lines: Lines) -> bool:
+    """Whether a pixel (2,) lies so near to a line that was found that it may be a piece of its paint."""
+    for start, end in lines.pixels:
+        along = end - start
+        share = float(np.clip((pixel - start) @ along / max(float(along @ along), 1.0), 0.0, 1.0))
+        if np.hypot(*(pixel - start - share * along)) < _OFF_LINES_PX:
+            return True
+    return False
+
+
+def _on_a_line(field: FieldModel, x: float, y: float) -> bool:
+    return bool(field.line_distances(np.array([[x, y]]))[0] < field.line_width)
 
 
 def joined(one: Landmarks, other: Landmarks) -> Landmarks:
@@ -99,7 +179,8 @@ def _uprights(
         return []
     bins, azimuths = azimuth_bins(plane, coloured.shape[0], coloured.shape[1], _BIN_PX / plane.lens.pinhole[0])
     sums = np.bincount(bins.ravel(), weights=coloured.ravel(), minlength=len(azimuths)) / FULL
-    strong = sums > max(_FEWEST_CELLS, 0.3 * sums.max())
+    nearby = np.lib.stride_tricks.sliding_window_view(np.pad(sums, _NEARBY), 2 * _NEARBY + 1).max(axis=1)
+    strong = sums > np.maximum(_FEWEST_CELLS, 0.3 * nearby)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], strong, [False])).astype(np.int8)))
     found: list[Upright] = []
     for first, last in zip(edges[::2], edges[1::2], strict=True):
@@ -168,10 +249,21 @@ def _look_closer(
     width = float(cells[lines].sum() / len(lines))
     if width > _MOST_WIDTH * widest + 2.0 or (len(lines) < _LEAST_HEIGHT * expected and not cut):
         return None
-    if len(lines) < max(_FEWEST_CELLS, 1.5 * width):
+    if len(lines) < max(_FEWEST_CELLS, 1.5 * width) or _goes_on_beside(counts, cells, lines):
         return None
     place = place * (1.0 + 0.5 * min(post.diameter for post in posts) / max(np.hypot(*place), 0.1))
     return Upright(place, pixel, _bands(counts, cells, lines), cut)
+
+
+def _goes_on_beside(counts: CountArray, cells: np.ndarray, lines: IntArray) -> bool:
+    """Whether the colour of cells (rows, columns) is found beside them, too, as a poster's is."""
+    coloured = (counts[YELLOW].astype(np.int64) + counts[BLUE]) > _FILLED * FULL
+    beside = 0
+    for line in lines:
+        inside = np.flatnonzero(cells[line])
+        for column in (inside[0] - 2, inside[-1] + 2):
+            beside += bool(0 <= column < cells.shape[1] and coloured[line, column])
+    return beside > _MOST_BESIDE * len(lines)
 
 
 def _bands(counts: CountArray, cells: np.ndarray, lines: IntArray) -> Colors:
@@ -207,14 +299,14 @@ def _kind(upright: Upright, field: FieldModel) -> tuple[LandmarkKind, Colors] | 
     return None
 
 
-def _goals(posts: list[Upright], field: FieldModel) -> list[tuple[str, Upright, float]]:
+def _goals(posts: list[Upright], field: FieldModel) -> list[_Landmark]:
     """Middles of goals of which both posts are seen, as far apart as they should be."""
-    found: list[tuple[str, Upright, float]] = []
+    found: list[_Landmark] = []
     for a, b in combinations(posts, 2):
         apart = float(np.hypot(*(a.place - b.place)))
         slack = _GOAL_M + 0.05 * max(np.hypot(*a.place), np.hypot(*b.place))
         wide = [abs(goal.y_posts[0] - goal.y_posts[-1]) for goal in field.goals if (goal.color,) == a.colors]
         if a.colors == b.colors and wide and abs(apart - wide[0]) < slack:
             middle = Upright(0.5 * (a.place + b.place), np.full(2, np.nan), a.colors, False)
-            found.append((LandmarkKind.GOAL, middle, 0.8))
+            found.append(_Landmark(LandmarkKind.GOAL, middle, 0.8))
     return found

@@ -1,0 +1,96 @@
+"""Penalty marks: small white patches that lie alone on the carpet, as large as a mark looks there.
+
+Ours: the paper names none. A ball is larger and stands up, the centre mark lies on a line.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.colour_classes import CELL_PX, FULL, GREEN, WHITE, CountArray
+from touchline.perception.line_graph.image_plane import ImagePlane, ground_from_pixel
+
+_LEAST = 8  # white pixels from which on a cell is a patch's
+_CARPET = 0.5  # share of green that each cell about a patch has
+_SMALLEST, _LARGEST = 0.5, 1.7  # area against what is expected
+_LEAST_PX = 20.0  # of that area
+_STANDING = 2.0  # what stands is higher than this, against a mark that lies
+_MOST_CELLS = 100
+
+
+@njit(cache=True, error_model="numpy")
+def find_penalty_marks(counts: CountArray, ends: FloatArray, plane: ImagePlane, diameter: float) -> FloatArray:
+    """(N, 2) pixels of the middles of marks of a diameter (m). ends: (columns,) height of the field's boundary."""
+    rows, columns = counts.shape[1:]
+    visited = np.zeros((rows, columns), dtype=np.bool_)
+    stack = np.empty((rows * columns, 2), dtype=np.int64)
+    found = np.empty((_MOST_CELLS, 2))
+    count = 0
+    for row in range(1, rows - 1):
+        for column in range(1, columns - 1):
+            if visited[row, column] or counts[WHITE, row, column] < _LEAST or rows - row > ends[column]:
+                continue
+            sums = _patch(counts, visited, stack, row, column)
+            if sums[0] > 0.0 and count < _MOST_CELLS and _is_mark(sums, plane, diameter):
+                found[count] = sums[1:3]
+                count += 1
+    return found[:count]
+
+
+@njit(cache=True)
+def _patch(
+    counts: CountArray, visited: npt.NDArray[np.bool_], stack: npt.NDArray[np.int64], row: int, column: int
+) -> FloatArray:
+    """(5,) area, u, v, variances of u and of v of the patch of white cells about one; area 0 if it isn't alone."""
+    rows, columns = counts.shape[1:]
+    stack[0] = row, column
+    visited[row, column] = True
+    count, done, alone = 1, 0, True
+    sums = np.zeros(5)
+    while done < count:
+        r, c = stack[done]
+        done += 1
+        white, u, v = np.float64(counts[WHITE, r, c]), CELL_PX * (c + 0.5) - 0.5, CELL_PX * (r + 0.5) - 0.5
+        sums[0] += white
+        sums[1] += white * u
+        sums[2] += white * v
+        sums[3] += white * u * u
+        sums[4] += white * v * v
+        alone = alone and 0 < r < rows - 1 and 0 < c < columns - 1
+        for nr in range(max(r - 1, 0), min(r + 2, rows)):
+            for nc in range(max(c - 1, 0), min(c + 2, columns)):
+                if visited[nr, nc] and counts[WHITE, nr, nc] >= _LEAST:
+                    continue
+                if counts[WHITE, nr, nc] >= _LEAST:
+                    visited[nr, nc] = True
+                    stack[count] = nr, nc
+                    count += 1
+                else:
+                    alone = alone and counts[GREEN, nr, nc] + counts[WHITE, nr, nc] >= _CARPET * FULL
+    if not alone or count > _MOST_CELLS:
+        return np.zeros(5)
+    sums[1:] /= sums[0]
+    sums[3] -= sums[1] ** 2
+    sums[4] -= sums[2] ** 2
+    return sums
+
+
+@njit(cache=True, error_model="numpy")
+def _is_mark(sums: FloatArray, plane: ImagePlane, diameter: float) -> bool:
+    """Whether a patch has the area and the height of a mark that lies there."""
+    u, v = sums[1], sums[2]
+    x, y = ground_from_pixel(plane, u, v)
+    ux, uy = ground_from_pixel(plane, u + 1.0, v)
+    vx, vy = ground_from_pixel(plane, u, v + 1.0)
+    per_pixel = abs((ux - x) * (vy - y) - (uy - y) * (vx - x))
+    expected = 0.25 * math.pi * diameter**2 / per_pixel
+    if not (expected >= _LEAST_PX and _SMALLEST * expected <= sums[0] <= _LARGEST * expected):
+        return False
+    across, up = 0.5 * diameter / math.hypot(ux - x, uy - y), 0.5 * diameter / math.hypot(vx - x, vy - y)
+    blur = CELL_PX**2 / 12.0
+    return bool(sums[4] - blur < (_STANDING * 0.5 * up) ** 2 + blur and sums[3] - blur < across**2 + blur)

@@ -1,0 +1,183 @@
+"""White goal posts: nothing but their place tells them from walls, so they are looked for where they must stand.
+
+A post stands on a line of the field. Along each line that was found, every place is asked whether a ridge rises from
+it, as wide and as high as a post there would look, along the direction in which uprights appear (section 4.3), and
+whiter than what is on both sides of it. Ours: the paper's goals are coloured.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from touchline.field import Post
+from touchline.geometry import FloatArray
+from touchline.perception.line_graph.image_plane import ImagePlane, pixel_from_plane
+from touchline.perception.line_graph.profiles import Pixels, is_carpet, signal_at
+from touchline.types import Lines
+
+_BEYOND_M = 0.3  # a line that was found may end short of a post
+_STEP = 0.15  # of a post's diameter
+_SAMPLES = 32  # up the post
+_LOWEST, _LOWEST_FREE, _FIRST, _FOOT, _HIGHEST = (
+    -0.25,
+    0.08,
+    0.05,
+    0.25,
+    1.3,
+)  # of its height; about 0 there is the line
+_GLANCE = 0.15  # of its height: where it is white at any rate
+_ENOUGH = 0.7  # share of the samples that are a ridge
+_LEAST_M, _LEAST_PX = 0.4, 24.0  # of a post that must be visible
+_LEAST_WIDTH_PX = 5.0
+_WHITE, _CONTRAST = 0.4, 0.05  # whiteness of a post, and how much whiter than both its sides it is
+_STRONG, _STRONG_SHARE = 0.15, 0.25  # and much whiter at some of the samples
+_INSIDE = 0.2  # of the width to each side of the middle: white, too; the threads of a net are thinner
+_BEHIND = 3  # samples before what is no carpet: a line that runs away from the robot ends with the carpet
+_APART_M = 0.4  # places closer than this are of one post
+
+
+class Ridge(NamedTuple):
+    """place: (2,) m, robot frame. share: of the samples that rise. pixel: (2,) of its foot."""
+
+    place: FloatArray
+    share: float
+    pixel: FloatArray
+
+
+def find_white_posts(pixels: Pixels, lines: Lines, plane: ImagePlane, post: Post, farthest_m: float) -> list[Ridge]:
+    """Posts like this one on the lines, the surest first."""
+    found: list[Ridge] = []
+    for ends in lines.ends_m:
+        length = float(np.hypot(*(ends[1] - ends[0])))
+        if length <= 0.0:
+            continue
+        along = (ends[1] - ends[0]) / length
+        steps = np.arange(-_BEYOND_M, length + _BEYOND_M, _STEP * post.diameter)
+        places = ends[0] + steps[:, np.newaxis] * along
+        places = places[np.hypot(*places.T) <= farthest_m]
+        found += _peaks(places, _ridges(pixels, plane, places, post.diameter, post.height))
+    kept: list[Ridge] = []
+    for ridge in sorted(found, key=lambda ridge: -ridge.share):
+        if all(np.hypot(*(ridge.place - other.place)) > _APART_M for other in kept):
+            kept.append(ridge)
+    return kept
+
+
+def _peaks(places: FloatArray, rows: FloatArray) -> list[Ridge]:
+    """The middle of each run of places (N, 2) with enough of a ridge; rows: (N, 4) share, contrast, u, v."""
+    good = np.concatenate(([False], rows[:, 0] >= _ENOUGH, [False]))
+    edges = np.flatnonzero(np.diff(good.astype(np.int8)))
+    found = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        run = slice(int(first), int(last))
+        weights = rows[run, 1] / rows[run, 1].sum()
+        found.append(Ridge(weights @ places[run], float(rows[run, 0].max()), weights @ rows[run, 2:]))
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _ridges(pixels: Pixels, plane: ImagePlane, places: FloatArray, diameter: float, height: float) -> FloatArray:
+    """(N, 4) share of the visible samples above each place (N, 2) that are a ridge, their contrast, the foot's u, v."""
+    rows = np.zeros((len(places), 4))
+    h, foot = plane.ground, plane.foot
+    above = np.sqrt(np.sum((h[0] - foot[0] * h[2]) ** 2))  # the camera's height, from the homography's scale
+    for i in range(len(places)):
+        u, v = _pixel_above(plane, above, places[i], 0.0)
+        tu, tv = _pixel_above(plane, above, places[i], height)
+        if math.isnan(u + v + tu + tv) or not (0.0 <= u < plane.size[0] and 0.0 <= v < plane.size[1]):
+            continue
+        nu, nv = _pixel_above(plane, above, places[i], _GLANCE * height)
+        if not _whiteness(pixels, nu, nv) > _WHITE:
+            continue
+        away = math.sqrt((places[i, 0] - foot[0]) ** 2 + (places[i, 1] - foot[1]) ** 2 + above**2)
+        width = plane.lens.pinhole[0] * diameter / away
+        if width < _LEAST_WIDTH_PX:
+            continue
+        rows[i, 2], rows[i, 3] = u, v
+        rows[i, 0], rows[i, 1] = _rising(pixels, plane, above, places[i], np.array([height, width]))
+    return rows
+
+
+@njit(cache=True, error_model="numpy")
+def _rising(
+    pixels: Pixels, plane: ImagePlane, above: float, place: FloatArray, size: FloatArray
+) -> tuple[float, float]:
+    """Share of the visible samples above a place that are a ridge, and their contrast; size: height (m), width (px).
+
+    0 where a ridge begins only higher up, as that of a post behind this line, or comes from below, or does not end.
+    """
+    seen, risen = np.zeros(4), np.zeros(4)  # below the foot, at it, higher up, beyond the top
+    strong = behind = 0
+    contrast, lowest, highest = 0.0, -1e9, 1e9
+    for k in range(_SAMPLES):
+        z = _LOWEST + (_HIGHEST - _LOWEST) * k / (_SAMPLES - 1)
+        part = 0 if z < 0.0 else 1 if z < _FOOT else 2 if z < 1.0 else 3
+        if -_LOWEST_FREE < z < _FIRST or 1.0 <= z < 1.1:
+            continue
+        u, v = _pixel_above(plane, above, place, z * size[0])
+        rises, bare = _ridge(pixels, plane, above, place, np.array([z * size[0], size[1], u, v]))
+        if math.isnan(rises):
+            continue
+        seen[part] += 1
+        if 1 <= part <= 2:
+            lowest, highest = max(lowest, v), min(highest, v)
+        if rises > _CONTRAST:
+            risen[part] += 1
+            if 1 <= part <= 2:
+                strong += rises > _STRONG
+                behind += bare
+                contrast += min(rises, 0.5)
+        if part == 2 and (seen[1] < 2 or risen[1] < _ENOUGH * seen[1] or 3 * risen[0] > seen[0]):
+            return 0.0, 0.0
+    total = seen[1] + seen[2]
+    long_enough = total * size[0] * (_HIGHEST - _LOWEST) / _SAMPLES >= _LEAST_M and lowest - highest >= _LEAST_PX
+    if not long_enough or behind < _BEHIND or strong < _STRONG_SHARE * total or 2 * risen[3] > seen[3]:
+        return 0.0, 0.0
+    return (risen[1] + risen[2]) / total, contrast
+
+
+@njit(cache=True, error_model="numpy")
+def _ridge(pixels: Pixels, plane: ImagePlane, above: float, place: FloatArray, at: FloatArray) -> tuple[float, bool]:
+    """How much whiter it is here than on both sides, and whether one of these is no carpet; at: z, width, u, v.
+
+    0 where it is not white all across, NaN outside the image.
+    """
+    z, width, u, v = at
+    au, av = _pixel_above(plane, above, place, z + 0.1)
+    length = math.hypot(au - u, av - v)
+    nu, nv = (v - av) / length, (au - u) / length
+    middle = least = _whiteness(pixels, u, v)
+    for part in (-_INSIDE, _INSIDE):
+        value = _whiteness(pixels, u + part * width * nu, v + part * width * nv)
+        least, middle = min(least, value), middle + value
+    aside = 0.5 * width + max(3.0, 0.25 * width)
+    left, right = (u + aside * nu, v + aside * nv), (u - aside * nu, v - aside * nv)
+    one, other = _whiteness(pixels, left[0], left[1]), _whiteness(pixels, right[0], right[1])
+    if math.isnan(middle + one + other):  # max() would hide a NaN
+        return np.nan, False
+    bare = not (is_carpet(pixels, left[0], left[1]) and is_carpet(pixels, right[0], right[1]))
+    return (middle / 3.0 - max(one, other) if least > _WHITE else 0.0), bare
+
+
+@njit(cache=True, error_model="numpy")
+def _pixel_above(plane: ImagePlane, above: float, place: FloatArray, z: float) -> tuple[float, float]:
+    """Pixel of what is at a height z (m) above a place (2,), seen from a height above; NaN behind the camera."""
+    h, foot = plane.plane, plane.foot
+    w = above - z
+    x, y = foot[0] * w + (place[0] - foot[0]) * above, foot[1] * w + (place[1] - foot[1]) * above
+    depth = h[2, 0] * x + h[2, 1] * y + h[2, 2] * w
+    if depth <= 1e-9:
+        return np.nan, np.nan
+    a, b = (h[0, 0] * x + h[0, 1] * y + h[0, 2] * w) / depth, (h[1, 0] * x + h[1, 1] * y + h[1, 2] * w) / depth
+    return pixel_from_plane(plane.lens, a, b)
+
+
+@njit(cache=True, error_model="numpy")
+def _whiteness(pixels: Pixels, u: float, v: float) -> float:
+    """NaN outside the image."""
+    height, width = pixels.image.shape[:2]
+    return signal_at(pixels, u, v) if 0.0 <= u < width - 1 and 0.0 <= v < height - 1 else np.nan
