@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 LOWEST := .venv-lowest
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test style loops coverage fuzz test-lowest package benchmark clean
+.PHONY: demo test style loops coverage fuzz mutants test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -47,6 +47,10 @@ fuzz: N ?= 20000
 fuzz: SEED ?= 0
 fuzz: $(VENV)/installed
 	$(BIN)/python tests/fuzzing.py $(N) --seed $(SEED) 2>/dev/null
+
+# Deliberate faults in a copy of the code, and which of them no test notices; about ten minutes on two cores.
+mutants: $(VENV)/installed
+	$(BIN)/python tests/mutants.py
 
 benchmark: $(VENV)/installed
 	$(BIN)/pytest benchmarks --benchmark-only --benchmark-sort=name

@@ -9,6 +9,7 @@ from line_scenes import lone_line, view
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization import Match, Matcher, MatchingSettings, WeightSettings, range_weights
+from touchline.localization.matching.kernels import moments
 
 FIELD = open_field("msl-18x12")
 
@@ -88,3 +89,23 @@ def test_it_is_symmetric_and_positive_definite() -> None:
 def test_three_points_fix_nothing() -> None:
     covariance = matched(FIELD, np.array([[1.0, 0.0], [0.0, 1.0], [2.0, 2.0]]), Pose(0, 0, 0)).covariance
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [10.0, 10.0, 3.0])
+
+
+def test_the_curvature_is_the_second_derivative_of_the_error_where_it_is_positive() -> None:
+    """e(t) = 1 - c^2 / (c^2 + t^2), taken off a fine grid of its values."""
+    c_m, step_m = 0.25, 1e-4
+    distances_m = np.array([0.0, 0.05, 0.1, 0.14, 0.2, 0.6])
+    points = np.column_stack((9.0 - distances_m, np.full(6, 4.0)))  # inside of the goal line, far from all others
+    weights = np.array([0.1, 0.2, 0.3, 0.2, 0.1, 0.1])
+    table = FIELD.distance_map().table
+    _, curvature, slope_power, mean_m = moments(points, weights, table, np.zeros(3), c_m)
+    seen_m = FIELD.line_distances(points)
+    error, derivative, second = ([] for _ in range(3))
+    for t in seen_m:
+        e = [1.0 - c_m**2 / (c_m**2 + (t + k * step_m) ** 2) for k in (-1, 0, 1)]
+        error.append(e[1])
+        derivative.append((e[2] - e[0]) / (2.0 * step_m))
+        second.append((e[2] - 2.0 * e[1] + e[0]) / step_m**2)
+    np.testing.assert_allclose(curvature, weights * np.maximum(second, 0.0), atol=0.05)
+    assert slope_power == pytest.approx(float(np.sum((weights * derivative) ** 2)), rel=0.02)
+    assert mean_m == pytest.approx(float(weights @ seen_m), abs=0.002)

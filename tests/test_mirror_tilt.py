@@ -11,6 +11,7 @@ from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
+from touchline.localization.matching import mirror_tilt
 from touchline.localization.matching.matcher import Matcher
 from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltSettings, bent, normal_equations
 from touchline.types import LinePoints
@@ -148,3 +149,12 @@ def test_a_swing_far_beyond_the_mean_is_followed_in_one_frame() -> None:
     swung = tilted(true, 0.4, math.radians(0.9))
     bend = tilt.update(line_points(swung, noise_m=0.005), Pose(-3.1, 0.55, 0.2))
     assert np.median(np.abs(tilt.corrected(swung, bend) - true)) < 0.012
+
+
+def test_a_mount_that_loosens_keeps_the_mean_tilt_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mirror_tilt, "DRIFT_PER_M", 0.002)
+    pose, tilt = Pose(1.0, 0.5, 0.2), MirrorTilt(FIELD)
+    points = line_points(seen(pose), noise_m=0.005)
+    for _ in range(10):
+        tilt.update(points, pose)
+    assert np.all(np.diag(tilt.covariance) >= 0.002**2)

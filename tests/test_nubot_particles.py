@@ -14,6 +14,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.matching.matcher import Matcher
 from touchline.localization.particles.iris_particles import IrisParticleSettings, MeasuredMotionNoise
+from touchline.localization.particles.motion_model import move
 from touchline.localization.particles.nubot_particles import (
     PAPER_FORM,
     NubotParticlePaper,
@@ -234,6 +235,14 @@ def test_particles_move_by_the_odometry_with_noise_in_proportion_to_the_motion()
     heading = math.hypot(by_motion, noise.rotation_at_rest_rad)
     assert away.mean(axis=0) == pytest.approx([0, 0, 0], abs=0.01)
     assert away.std(axis=0) == pytest.approx([position, position, heading], rel=0.03)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.4, -2.0])
+def test_every_particle_moves_as_its_own_pose_composed_with_the_motion(heading: float) -> None:
+    poses, motion = np.array([[1.0, -2.0, heading], [0.0, 0.0, 1.0]]), Pose(0.5, 0.3, 0.2)
+    expected = [Pose(*row).compose(motion) for row in poses]
+    move(poses, motion.as_array(), np.zeros(3), np.zeros((2, 3)))
+    np.testing.assert_allclose(poses, np.array(expected), atol=1e-12)
 
 
 def test_the_odometry_s_own_uncertainty_comes_on_top_and_turns_with_the_robot() -> None:

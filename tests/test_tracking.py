@@ -13,7 +13,7 @@ from line_scenes import lone_line, view
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization import FusionSettings, Matcher, PoseFilter, WeightSettings, range_weights
-from touchline.localization.fusion.pose_filter import Scales
+from touchline.localization.fusion.pose_filter import BETTER_MARGIN, Scales, equal_error
 
 FIELD = open_field("msl-18x12")
 STEP = Pose(0.1, 0.0, 0.02)
@@ -149,3 +149,9 @@ def test_a_drive_along_one_line_leaves_what_the_scale_may_be_wrong_by() -> None:
     for _ in range(100):
         one.predict(Pose(0.1, 0.0, 0.0), np.zeros((3, 3)))
     assert math.sqrt(one.covariance[0, 0]) == pytest.approx(0.3, rel=0.05)
+
+
+def test_small_errors_are_equal_within_a_margin_large_ones_within_a_factor() -> None:
+    assert equal_error(0.0) == BETTER_MARGIN > 0.0
+    assert equal_error(0.001) == pytest.approx(0.001 + BETTER_MARGIN)
+    assert equal_error(0.1) == pytest.approx(0.2)

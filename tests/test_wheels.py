@@ -21,6 +21,7 @@ from touchline.geometry import Pose, wrap_angle
 from touchline.motion import DeadReckoning, GyroSettings, Motion, MotionHistory, WheelSettings, wheel_odometry
 from touchline.motion import gyro as gyro_module
 from touchline.motion.gyro import NOISE_RAD
+from touchline.motion.wheel_odometry import Rolled, RollStep
 from touchline.motion.wheel_pair import WheelPair
 from touchline.sources import open_source
 from touchline.sources.description import wheel_directions_rad
@@ -438,6 +439,21 @@ def test_the_covariance_is_that_of_many_noisy_runs(
     found = np.cov(np.array(ends).T)
     scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
     np.testing.assert_allclose(motion.covariance / scale, found / scale, atol=0.2)
+
+
+@pytest.mark.parametrize("wheel", [0, 1])
+def test_a_wheel_that_rolls_there_and_back_slips_on_the_whole_way(wheel: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each wheel for itself, along its own direction: a along x, b along y."""
+    monkeypatch.setattr(wheel_odometry, "DRIFT_M", 0.0)
+    ways_m, expected = [0.0, 0.0], [0.0, 0.0]
+    ways_m[wheel], expected[wheel] = 0.6, WheelSettings().slip_m ** 2 * 0.6
+    wheels = reckoning((0.0, math.pi / 2)).wheels
+    rolled = Rolled()
+    for step_m in (0.3, -0.3):
+        rolled.add(RollStep(*(step_m * (way_m > 0.0) for way_m in ways_m), 0.0))
+    assert (rolled.a_way_m, rolled.b_way_m) == pytest.approx(ways_m)
+    motion = wheels.motion(Pose(0.0, 0.0, 0.0), rolled, 0.6, 0.0)
+    assert np.diag(motion.covariance)[:2] == pytest.approx(expected, abs=1e-12)
 
 
 # --- from the recording to the system ---------------------------------------------------------------------------------
