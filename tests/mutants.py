@@ -93,7 +93,7 @@ FAULTS = (
     Fault(FAILURE, "self.blind_frames + 1 if blind else 0", "self.blind_frames + 1", T_FAILURE),
     Fault(COMPASS, "self.offset_rad + self.settings.gain", "self.offset_rad - self.settings.gain",
           T_FAILURE, "settles"),
-    Fault(COMPASS, " and abs(difference) < MAX_CORRECTION_RAD", "", T_FAILURE, "wrong_end"),
+    Fault(COMPASS, "abs(difference) < MAX_CORRECTION_RAD or", "True or", T_FAILURE, "wrong_end"),
     # particles
     Fault(MOTION_MODEL, "cosine * ahead - sine * left", "cosine * ahead + sine * left", T_MCL, "composed_with"),
     Fault(MOTION_MODEL, "sine * ahead + cosine * left", "sine * ahead - cosine * left", T_MCL, "composed_with"),
@@ -106,7 +106,7 @@ FAULTS = (
     Fault(RESAMPLING, "if total * total >= min_effective * squares:", "if total * total >= squares:", T_IRIS,
           "tempering_leaves"),
     Fault(SET, "squares += weights[j] * weights[j]", "squares += weights[j]", T_MCL, "effective_sample_size_runs"),
-    Fault(SET, "        xy += wx * dy", "        xy += wx * dx", T_MCL, "agree_with_numpy"),
+    Fault(SET, "xy += wy * dx", "xy += wx * dx", T_MCL, "agree_with_numpy"),
     Fault(SET, "turned -= 2.0 * math.pi * math.floor", "turned -= 0.0 * math.floor", T_MCL, "circular"),
     Fault(SENSOR_MODELS, "total += weights[i] * squares", "total += squares", T_MCL, "numpy_twin"),
     Fault(SENSOR_MODELS, "fy = shift_y + sine * points[i, 0] +", "fy = shift_y - sine * points[i, 0] +", T_MCL,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from touchline.geometry import Pose3
+from touchline.geometry import Pose, Pose3
 
 
 def some_pose(seed: int) -> Pose3:
@@ -40,6 +40,20 @@ def test_composed_and_inverted_poses_move_points_as_their_parts_do() -> None:
     assert first.compose(second).transform(points) == pytest.approx(first.transform(second.transform(points)))
     assert first.inverse().transform(first.transform(points)) == pytest.approx(points)
     assert first.compose(first.inverse()).rotation == pytest.approx(Pose3.identity().rotation, abs=1e-12)
+
+
+def test_planar_poses_are_composed_inverted_and_move_points_as_complex_numbers_do() -> None:
+    first, second, points = Pose(1.0, -2.0, 0.4), Pose(0.3, 0.7, -2.9), np.array([[1.0, 0.0], [-0.5, 2.0]])
+
+    def turned(pose: Pose, x: float, y: float) -> complex:
+        return complex(pose.x, pose.y) + np.exp(1j * pose.heading) * complex(x, y)
+
+    moved = [turned(first, *point) for point in points.tolist()]
+    np.testing.assert_allclose(first.transform(points), [(each.real, each.imag) for each in moved])
+    place = turned(first, second.x, second.y)
+    assert first.compose(second) == pytest.approx((place.real, place.imag, 0.4 - 2.9))
+    assert first.compose(first.inverse()) == pytest.approx((0.0, 0.0, 0.0))
+    assert first.inverse().compose(first) == pytest.approx((0.0, 0.0, 0.0))
 
 
 def test_a_pose_of_the_wrong_shape_is_refused() -> None:
