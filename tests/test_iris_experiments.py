@@ -20,7 +20,7 @@ from touchline.types import Frame, Mode, Samples, Status
 
 @pytest.fixture(scope="module")
 def toured() -> IrisDrive:
-    return iris_points.tour(0)
+    return iris_points.tour(0, "points", iris_points.IDEAL)
 
 
 def mean_errors(driven: IrisDrive, system: str) -> tuple[float, float, float]:
@@ -74,23 +74,26 @@ def test_without_the_recording_the_simulated_table_stands_alone(
 ) -> None:
     monkeypatch.setenv("TOUCHLINE_DATA", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(iris_points, "tour", lambda seed: toured)
+    for name in ("tour", "toured"):
+        monkeypatch.setattr(iris_points, name, lambda *_, **__: toured)
     found = iris_points.iris_points(1)
-    assert [row[0] for row in found.rows if row[0]] == list(SYSTEMS)
+    systems = [row[0] for row in found.rows if row[0]]
+    assert systems[:3] == list(SYSTEMS)
+    assert [name.split(", ")[1] for name in systems[3:]] == ["mirror tilted by 0.5°", "ideal robot"]
     assert "TOUCHLINE_DATA" in found.notes[-1]
     assert [name for name, _ in found.pictures] == ["error-map", "places"]
     assert len(write_result(found, tmp_path / "results")) == 4
 
 
 def test_figure_16_holds_three_tracks(toured: IrisDrive, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(iris_tracks, "tour", lambda seed: toured)
+    monkeypatch.setattr(iris_tracks, "toured", lambda seed: toured)
     found = iris_tracks.iris_tracks(1)
     assert [row[0] for row in found.rows] == list(SYSTEMS)
     assert len(found.pictures[0][1].axes) == 3
 
 
 def test_figure_17_is_by_odometry_alone_while_the_camera_is_covered(monkeypatch: pytest.MonkeyPatch) -> None:
-    driven = iris_tracks.from_a_to_b(0)
+    driven = iris_tracks.from_a_to_b(0, "points", iris_points.IDEAL)
     hidden = ~driven.seen
     seconds = sum(duration for _, duration in iris_tracks.HIDDEN_S)
     assert np.count_nonzero(hidden) == pytest.approx(10 * seconds, abs=1)
@@ -109,7 +112,7 @@ def test_figure_17_is_by_odometry_alone_while_the_camera_is_covered(monkeypatch:
 @pytest.mark.parametrize("scenario", iris_disturbances.SCENARIOS)
 def test_disturbances_one_at_a_time(scenario: str, field: str) -> None:
     for kind in iris_disturbances.KINDS:
-        outcome = iris_disturbances.disturbed_drive(kind, scenario, field, 0)
+        outcome = iris_disturbances.disturbed_drive(kind, scenario, field, 0, "points", iris_points.IDEAL)
         assert outcome.far_s <= (0.5 if kind == "slip" else 0.0), kind
         assert outcome.back_m <= 0.1, kind
         assert outcome.lost_s <= (0.0 if kind == "nothing" else 1.0), kind
@@ -180,17 +183,19 @@ def test_a_drive_that_never_finds_the_robot_holds_nothing() -> None:
 def test_tables_leave_out_drives_that_never_find_the_robot_and_say_so(
     missed: set[int], monkeypatch: pytest.MonkeyPatch, toured: IrisDrive, tmp_path: Path
 ) -> None:
-    def tour(seed: int) -> IrisDrive:
-        return blind(seed) if seed in missed else toured
+    def tour(seed: int, level: str = "", changes: tuple[str, ...] = ()) -> IrisDrive:
+        return toured if level or changes or seed not in missed else blind(seed)
 
+    monkeypatch.setattr(iris_points, "tour", tour)
     for module in (iris_points, iris_tracks):
-        monkeypatch.setattr(module, "tour", tour)
+        monkeypatch.setattr(module, "toured", tour)
     monkeypatch.setattr(iris_points, "recorded_tour", lambda seed: None)
     monkeypatch.setattr(iris_tracks, "from_a_to_b", tour)
     lone = len(missed) == 1
     for experiment in (iris_points.iris_points, iris_tracks.iris_tracks, iris_tracks.iris_track):
         found = experiment(2)
-        assert f"The robot was not found in {len(missed)} of 2 drives; they are left out." in found.notes
+        count = 6 if experiment is iris_points.iris_points else 2
+        assert f"The robot was not found in {len(missed)} of {count} drives; they are left out." in found.notes
         assert ("–" in found.headline.ours) is not lone
         assert "nan" not in str(found.rows)
         assert len(write_result(found, tmp_path / found.name)) >= 1

@@ -158,3 +158,13 @@ def test_a_mount_that_loosens_keeps_the_mean_tilt_open(monkeypatch: pytest.Monke
     for _ in range(10):
         tilt.update(points, pose)
     assert np.all(np.diag(tilt.covariance) >= 0.002**2)
+
+
+def test_rays_from_one_focus_that_turn_move_the_point_below_it_too() -> None:
+    angle = math.radians(0.5)
+    positions = np.array([[0.0, 0.0], [2.0, -1.0], [0.5, 3.0]])
+    seen_askew = tilted(positions, 0.3, -angle)
+    bend = angle / HEIGHT_M * np.array([math.sin(0.3), -math.cos(0.3)])
+    back = [np.abs(bent(seen_askew, sign * bend, HEIGHT_M) - positions).max() for sign in (1.0, -1.0)]
+    assert min(back) < 0.005
+    assert np.hypot(*bent(positions[:1], bend, HEIGHT_M)[0]) == pytest.approx(HEIGHT_M * angle)

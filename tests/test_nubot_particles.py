@@ -135,6 +135,11 @@ def test_weights_are_the_exponentials_over_their_sum(shift: float) -> None:
     assert effective == pytest.approx(1.0 / np.sum(plain**2))
 
 
+def test_the_effective_sample_size_is_the_square_of_the_sum_over_the_sum_of_squares() -> None:
+    log_weights = np.log(np.array([3.0, 1.0, 2.0]))
+    assert normalize(log_weights, np.empty(3)) == pytest.approx(36.0 / 14.0)
+
+
 def test_the_effective_sample_size_runs_from_one_to_all() -> None:
     weights = np.empty(5)
     assert normalize(np.zeros(5), weights) == pytest.approx(5.0)

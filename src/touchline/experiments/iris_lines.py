@@ -8,10 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.calibration.range_figure import range_figure
-from touchline.calibration.range_pairs import Optics, RangePairs
-from touchline.calibration.range_regression import RangeRegression, fit_range
-from touchline.camera import Camera, require_omni
+from touchline.calibration.range_regression import RangeRegression
 from touchline.errors import TouchlineError
+from touchline.experiments.iris_eyes import DIRECTIONS, MARK_NOISE_PX, range_regression
 from touchline.experiments.progress import follow
 from touchline.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.experiments.scenes import BLUE, PAINT, RED, field_axes, new_figure, random_place
@@ -35,8 +34,6 @@ THRESHOLDS = {
     "automatic, no green wanted beside": HsvLineSettings(paper=HsvLinePaper(min_green=0)),
 }
 TRUE_M, FALSE_M = 0.1, 0.3
-_DIRECTIONS = 24
-_MARK_NOISE_PX = 0.3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -83,7 +80,7 @@ def iris_lines(seeds: int) -> ExperimentResult:
             "cm from any (penalty marks count as false). Three robots and a ball stand on the field; exposure and gain "
             "stay as they are under condition 1.",
             f"Ranges by a polynomial of degree {regressions[0].degree}, fitted to {len(STRIP_EDGES_M)} distances in "
-            f"{_DIRECTIONS} directions, each read to {_MARK_NOISE_PX} px: residuals {spread(residuals_cm, 1)} cm (root "
+            f"{DIRECTIONS} directions, each read to {MARK_NOISE_PX} px: residuals {spread(residuals_cm, 1)} cm (root "
             f"mean square). Points beyond {STRIP_EDGES_M[-1]:g} m, the last of them, are dropped.",
             "The paper found condition 3, the dim one, smoothest, and set its thresholds by hand for each condition.",
         ),
@@ -103,7 +100,7 @@ def _one_place(field: FieldModel, seed: int) -> tuple[RangeRegression, dict[tupl
     for condition, scenario in CONDITIONS.items():
         simulation = _standing(scenario, place, seed)
         if regression is None:
-            regression = fit_range(_marked(simulation.camera, np.random.default_rng([seed, 14])))
+            regression = range_regression(simulation, np.random.default_rng([seed, 14]))
         image, pose = simulation.image(0), simulation.truth[0]
         for thresholds, settings in THRESHOLDS.items():
             detector = HsvLineDetector(regression.camera(), settings, field.line_width)
@@ -128,21 +125,6 @@ def _standing(scenario_name: str, place: Pose, seed: int) -> Simulation:
         "camera": scenario.camera.model_copy(update={"mirror": mirror}),
     }
     return Simulation(scenario.model_copy(update=changes))
-
-
-def _marked(camera: Camera, rng: np.random.Generator) -> RangePairs:
-    """Marks at the distances of the calibration strip in many directions, read with a little noise."""
-    bearings = np.repeat(2.0 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS), len(STRIP_EDGES_M))
-    ranges = np.tile(STRIP_EDGES_M, _DIRECTIONS)
-    pixels = camera.image_from_ground(np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings))))
-    mirror = require_omni(camera, "marks are read in images of")
-    offset = pixels + _MARK_NOISE_PX * rng.standard_normal(pixels.shape) - mirror.center
-    optics = Optics(
-        mirror.width, mirror.height, mirror.center, mirror.handedness, mirror.mount_yaw_rad, mirror.inner_radius_px
-    )
-    places = tuple(f"mark {k}" for k in range(len(ranges)))
-    words = f"{len(ranges)} simulated marks"
-    return RangePairs(np.hypot(*offset.T), ranges, np.arctan2(offset[:, 1], offset[:, 0]), places, words, optics)
 
 
 def _row(condition: str, thresholds: str, detections: list[Detection]) -> tuple[str, ...]:

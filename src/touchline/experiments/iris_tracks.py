@@ -9,14 +9,14 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments.iris_points import tour
+from touchline.experiments.iris_eyes import iris_setup
+from touchline.experiments.iris_points import toured
 from touchline.experiments.iris_runs import SYSTEMS, IrisDrive, covered, drive, missed_note
 from touchline.experiments.progress import follow
 from touchline.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, field_axes, new_figure
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import RobotSetup
 from touchline.types import Mode
 
 CYAN = "#00a3c4"
@@ -28,7 +28,7 @@ SECONDS = 16.0
 
 def iris_tracks(seeds: int) -> ExperimentResult:
     """Figure 16: odometry, particle filter and fusion along the tour of iris-points."""
-    every = [tour(seed) for seed in follow(range(seeds), "tours")]
+    every = [toured(seed) for seed in follow(range(seeds), "tours")]
     drives = [driven for driven in every if driven.found]
     rows = []
     for system in SYSTEMS:
@@ -78,16 +78,15 @@ def _three_tracks(driven: IrisDrive) -> Figure:
     return figure
 
 
-def from_a_to_b(seed: int) -> IrisDrive:
-    """A drive across the 9 x 6 m field during which the camera is covered twice."""
-    scenario = open_scenario(SCENARIO, seed, SECONDS, ["ideal=true"])
+def from_a_to_b(seed: int, level: str = "images", changes: tuple[str, ...] = ()) -> IrisDrive:
+    """A drive across the 9 x 6 m field during which the camera is covered twice; level: `images` or `points`."""
+    scenario = open_scenario(SCENARIO, seed, SECONDS, changes)
     waypoints = {"kind": "waypoints", "waypoints": FROM_A_TO_B, "dwell_s": 1.0, "speed_m_s": 1.2}
     motion = type(scenario.motion).model_validate(waypoints)
-    simulation = Simulation(scenario.model_copy(update={"motion": motion}), level="points")
+    simulation = Simulation(scenario.model_copy(update={"motion": motion}), level)
     first, second = (covered(*hidden) for hidden in HIDDEN_S)
     frames = (second(first(frame)) for frame in simulation)
-    truth = simulation.truth.samples()
-    return drive(frames, truth, RobotSetup(simulation.field, None, simulation.wheel_directions_rad), seed)
+    return drive(frames, simulation.truth.samples(), iris_setup(simulation, seed), seed)
 
 
 def iris_track(seeds: int) -> ExperimentResult:
@@ -114,6 +113,7 @@ def iris_track(seeds: int) -> ExperimentResult:
         tuple(rows),
         Headline("images by odometry alone; largest error on the way", "most; –", f"{odometry}; {largest} cm"),
         (
+            "A robot as built, its images at 10 Hz through its own masks, rays and regression. "
             f"The camera is covered for {hidden}, so that the odometry has to do; the paper's image gave the "
             "particle filter so little that odometry was the mode most of the way.",
             "Cyan: omnivision, or omnivision and odometry; magenta: odometry alone; black: the truth.",
