@@ -93,7 +93,7 @@ FAULTS = (
     Fault(FAILURE, "self.blind_frames + 1 if blind else 0", "self.blind_frames + 1", T_FAILURE),
     Fault(COMPASS, "self.offset_rad + self.settings.gain", "self.offset_rad - self.settings.gain",
           T_FAILURE, "settles"),
-    Fault(COMPASS, "abs(difference) < MAX_CORRECTION_RAD or", "True or", T_FAILURE, "wrong_end"),
+    Fault(COMPASS, "plausible or not self.settings", "True or not self.settings", T_FAILURE, "wrong_end"),
     # particles
     Fault(MOTION_MODEL, "cosine * ahead - sine * left", "cosine * ahead + sine * left", T_MCL, "composed_with"),
     Fault(MOTION_MODEL, "sine * ahead + cosine * left", "sine * ahead - cosine * left", T_MCL, "composed_with"),
