@@ -12,16 +12,25 @@ from touchline.errors import InputError
 from touchline.experiments.schulz_features import PAPER, measure
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph import LineGraphDetector, LineGraphPaper, LineGraphSettings
+from touchline.perception.line_graph.arms import judge_arms
+from touchline.perception.line_graph.cell_crossings import white_runs
 from touchline.perception.line_graph.chains import find_chains
-from touchline.perception.line_graph.crossings import judge_arms
+from touchline.perception.line_graph.circle import Circle
+from touchline.perception.line_graph.colour_classes import GREEN, WHITE
 from touchline.perception.line_graph.field_boundary import smooth_boundary
-from touchline.perception.line_graph.graph import Graph, line_graph
+from touchline.perception.line_graph.graph import Graph, connect, line_graph
+from touchline.perception.line_graph.key_nodes import key_nodes
+from touchline.perception.line_graph.lines import split_and_merge
 from touchline.perception.line_graph.profiles import LINE, NO_LINE, find_paint
 from touchline.perception.line_graph.skeleton import low_pass, rank_cells
 from touchline.sources import open_source
 from touchline.types import Frame, Observation
 
 ROWS, COLUMNS = 40, 60
+SWITCHES = [
+    "plain_boundary", "fixed_low_pass", "corner_split", "circles_in_image", "subpixel", "circle", "meetings", "paths",
+    "white_marks",
+]  # fmt: skip
 
 
 def drawn(*strokes: tuple[float, float, float, float], width: float = 1.2) -> FloatArray:
@@ -39,7 +48,7 @@ def drawn(*strokes: tuple[float, float, float, float], width: float = 1.2) -> Fl
 def graph_of(white: FloatArray, passes: int = 1) -> Graph:
     smooth, ranks = np.empty_like(white), np.empty(white.shape, dtype=np.uint8)
     low_pass(white, np.full(ROWS, passes), smooth)
-    rank_cells(smooth, ranks)
+    rank_cells(smooth, ranks, 0.75)
     return line_graph(smooth, ranks)
 
 
@@ -96,6 +105,58 @@ def test_two_lines_close_by_stay_two() -> None:
     assert degrees(graph, least=3) == []
 
 
+def test_a_stray_is_no_skeleton_unless_all_white_counts() -> None:
+    white = np.zeros((ROWS, COLUMNS))
+    white[20, 30] = 2.0
+    smooth, ranks = np.empty_like(white), np.empty(white.shape, dtype=np.uint8)
+    low_pass(white, np.ones(ROWS, dtype=np.int64), smooth)
+    for least, cells in ((0.75, 0), (0.0, 1)):
+        rank_cells(smooth, ranks, least)
+        assert (ranks == 0).sum() == cells
+
+
+def test_a_component_is_split_at_its_corner() -> None:
+    """A short arm's end lies farthest from the fitted line: without the corner, the long arm stays crooked."""
+    graph = graph_of(drawn((5.0, 10.0, 50.0, 10.0), (50.0, 10.0, 50.0, 19.0)))
+    lines = split_and_merge(graph.places, find_chains(graph), 1.0, True)
+    angles = np.degrees(np.arctan2(lines[:, 3] - lines[:, 1], lines[:, 2] - lines[:, 0])) % 180.0
+    assert sorted(np.round(angles / 90.0) % 2) == [0.0, 1.0]
+    without = split_and_merge(graph.places, find_chains(graph), 1.0, False)
+    assert np.hypot(*(without[:, 2:] - without[:, :2]).T).sum() < np.hypot(*(lines[:, 2:] - lines[:, :2]).T).sum()
+
+
+def test_junctions_merge_on_the_skeleton() -> None:
+    places = [(10.0, 10.0), (11.2, 9.4), (12.4, 10.0), (2.0, 10.0), (10.0, 20.0), (12.4, 1.0), (20.0, 10.0)]
+    graph = Graph(np.array(places), np.zeros((7, 8), dtype=np.int64), np.zeros(7, dtype=np.int64))
+    for a, b in ((0, 1), (1, 2), (0, 3), (0, 4), (2, 5), (2, 6)):
+        connect(graph, a, b)
+    cleaned, corners = key_nodes(graph)
+    np.testing.assert_array_equal(corners, [[11.2, 9.4, 4.0, 0.0]])
+    assert cleaned.degrees[0] == 4
+
+
+@pytest.mark.parametrize("arms", [2, 3, 4])
+def test_white_runs_on_a_circle_of_cells_are_the_arms(arms: int) -> None:
+    ends = [(50.0, 20.0), (30.0, 38.0), (10.0, 20.0), (30.0, 2.0)][:arms]
+    white = drawn(*((30.0, 20.0, *end) for end in ends))
+    counts = np.zeros((8, ROWS, COLUMNS), dtype=np.uint8)
+    counts[WHITE], counts[GREEN] = white, 64.0 - white
+    np.testing.assert_allclose(white_runs(counts, 30.0, 20.0), 0.5 * np.pi * np.arange(arms), atol=0.12)
+    assert len(white_runs(counts, 2.0, 20.0)) == 0  # the circle leaves the image
+    counts[GREEN, 17:24, 27:30] = 0
+    counts[GREEN, 24, 26:30] = 0
+    assert len(white_runs(counts, 30.0, 20.0)) in (0, arms)  # a post beside it: no more arms than there are
+
+
+def test_an_arc_drawn_out_beyond_its_circle_is_an_arc_still() -> None:
+    circle = Circle(2.0, 0.0, 0.75, 20, 0.01)
+    along = np.array([[2.75, -0.45], [2.75, 0.7]])
+    assert circle.follows(along)
+    assert not circle.follows(along + np.array([0.4, 0.0]))
+    assert not circle.follows(np.array([[2.0, -2.0], [2.0, 2.0]]))  # the halfway line
+    assert not circle.follows(np.array([[2.6, 0.0], [2.9, 0.0]]))
+
+
 def test_the_boundary_bridges_a_notch_and_keeps_a_bay() -> None:
     ends, smoothed = np.full(40, 20.0), np.empty(40)
     ends[10] = 5.0  # one column: the median's
@@ -138,9 +199,7 @@ def test_the_papers_form_finds_crossings_too(small_data: Path) -> None:
     assert scores.crossings["all"].precision > 0.85
 
 
-@pytest.mark.parametrize(
-    "name", ["plain_boundary", "fixed_low_pass", "subpixel", "circle", "meetings", "paths", "white_marks"]
-)
+@pytest.mark.parametrize("name", SWITCHES)
 def test_each_switch_to_the_paper_does_something(small_data: Path, name: str) -> None:
     recording = open_source(small_data / "humanoid_hsl_pan")
     plain = LineGraphPaper()

@@ -126,7 +126,7 @@ def test_low_pass_and_ranks_as_numpy_does(passes: int) -> None:
         along = 0.25 * padded[:, :-2] + 0.5 * padded[:, 1:-1] + 0.25 * padded[:, 2:]
         expected = 0.25 * along[:-2] + 0.5 * along[1:-1] + 0.25 * along[2:]
     np.testing.assert_allclose(smooth, expected)
-    rank_cells(smooth, ranks)
+    rank_cells(smooth, ranks, 0.75)
     padded = np.pad(smooth, 1, mode="edge")
     count = np.zeros(smooth.shape, dtype=np.int64)
     for row in range(3):

@@ -23,6 +23,7 @@ _TANGENT_COS = math.cos(math.radians(16.0))
 _ROUNDS = 4
 _LONG = 1.4  # of a line, in radii
 _EVERY = 3  # so many nodes apart are those that propose a middle
+_ARC_SAMPLES, _ARC_SHARE, _ARC_COS = 11, 0.6, 0.7  # so much of an arc lies on the circle, and not radially
 _LEAST_M = 0.02  # standard deviation of the best middle
 
 
@@ -35,10 +36,14 @@ class Circle(NamedTuple):
     sectors: int
     deviation_m: float
 
-    def holds(self, points: FloatArray) -> bool:
-        """Whether all points (N, 2) lie about on the circle."""
-        off = np.abs(np.hypot(points[:, 0] - self.x, points[:, 1] - self.y) - self.radius_m)
-        return bool((off < 2.0 * _NEAR_M + 2.0 * _NEAR_RATIO * np.hypot(*points.T)).all())
+    def follows(self, ends_m: FloatArray) -> bool:
+        """Whether a line's ends (2, 2) are those of an arc, though profiles may have drawn it out beyond the circle."""
+        points = np.linspace(ends_m[0], ends_m[1], _ARC_SAMPLES)
+        away = np.hypot(points[:, 0] - self.x, points[:, 1] - self.y)
+        on = np.abs(away - self.radius_m) < 2.0 * _NEAR_M + 2.0 * _NEAR_RATIO * np.hypot(*points.T)
+        along, out = ends_m[1] - ends_m[0], points.mean(axis=0) - (self.x, self.y)
+        radial = abs(along @ out) / max(np.hypot(*along) * np.hypot(*out), 1e-9)
+        return bool(on.mean() >= _ARC_SHARE and radial < _ARC_COS)
 
 
 def circle_landmark(circle: Circle | None) -> Landmarks:
@@ -58,11 +63,7 @@ def circle_landmark(circle: Circle | None) -> Landmarks:
 
 def without_arcs(lines: Lines, circle: Circle) -> Lines:
     """The lines that are no chords of a circle."""
-    middles = lines.ends_m.mean(axis=1)
-    kept = np.array(
-        [not circle.holds(np.vstack((ends, middle))) for ends, middle in zip(lines.ends_m, middles, strict=True)],
-        dtype=np.bool_,
-    )
+    kept = np.array([not circle.follows(ends) for ends in lines.ends_m], dtype=np.bool_)
     return Lines(lines.ends_m[kept], lines.covariances_m2[kept], lines.confidences[kept], lines.pixels[kept])
 
 

@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.perception.line_graph.arms import arms_meet, judge_arms
+from touchline.perception.line_graph.cell_crossings import crossings_in_cells
 from touchline.perception.line_graph.field_lines import cell_pixels
 from touchline.perception.line_graph.image_plane import (
     ImagePlane,
@@ -40,7 +42,6 @@ _KINDS = {2: "L", 3: "T", 4: "X"}  # by the number of arms
 _MOST_CROSSINGS = 40
 _MOST_ARMS = 6
 _WHITE, _GREEN = 0.45, 0.35  # signal above which paint and below which carpet is seen
-_STRAIGHT_RAD = math.radians(24.0)  # two arms that go straight on, or stand at right angles, do so to within this
 _RIGHT_RAD = math.radians(60.0)  # lines that meet at less are no candidates
 _SLACK_M = 0.25  # how far beyond a line's visible end it may meet another
 _SAME_WIDTHS = 4.0  # candidates closer than so many line widths are one crossing
@@ -58,6 +59,8 @@ def find_crossings(
     structure: Structure, lines: Lines, pixels: Pixels, plane: ImagePlane, settings: LineGraphSettings
 ) -> Crossings:
     """Crossings of an image: candidates where lines meet and at key nodes, each verified."""
+    if not settings.paper.circles_in_image:
+        return _as_crossings(crossings_in_cells(structure, plane, settings.crossing_m), plane, settings)
     _, corners = key_nodes(structure.graph)
     ends_m = lines.ends_m
     meetings = _meetings(ends_m if settings.paper.meetings else ends_m[:0], _SLACK_M)
@@ -66,13 +69,18 @@ def find_crossings(
     candidates = np.concatenate((meetings, at_nodes))
     by_paths = len(meetings) if settings.paper.paths else 0
     count = _verify(pixels, plane, candidates, by_paths, ends_m, settings.crossing_m, found)
-    if count == 0:
+    return _as_crossings(found[:count], plane, settings)
+
+
+def _as_crossings(found: FloatArray, plane: ImagePlane, settings: LineGraphSettings) -> Crossings:
+    """Rows of `verified` (K, 5) as crossings."""
+    if not len(found):
         return no_crossings()
-    places = np.ascontiguousarray(found[:count, 1:3])
+    places = np.ascontiguousarray(found[:, 1:3])
     uv = pixels_from_grounds(plane, places)
     covariances = ground_covariances(plane, uv, settings.noise_px, settings.noise_m)
-    kinds = np.array([_KINDS[int(arms)] for arms in found[:count, 0]], dtype="U1")
-    return Crossings(kinds, places, found[:count, 3].copy(), covariances, found[:count, 4].copy(), uv)
+    kinds = np.array([_KINDS[int(arms)] for arms in found[:, 0]], dtype="U1")
+    return Crossings(kinds, places, found[:, 3].copy(), covariances, found[:, 4].copy(), uv)
 
 
 @njit(cache=True, error_model="numpy")
@@ -219,21 +227,6 @@ def _both_circles(pixels, plane, x, y, radii, inner, outer):  # type: ignore[no-
 
 
 @njit(cache=True, error_model="numpy")
-def arms_meet(inner: FloatArray, outer: FloatArray) -> tuple[float, float]:
-    """Where the lines through each arm's places on both circles (K, 3: angle, x, y) meet, by least squares."""
-    a, b, c, p, q = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(len(inner)):
-        dx, dy = outer[k, 1] - inner[k, 1], outer[k, 2] - inner[k, 2]
-        length = math.hypot(dx, dy)
-        nx, ny = -dy / length, dx / length
-        off = nx * inner[k, 1] + ny * inner[k, 2]
-        a, b, c = a + nx * nx, b + nx * ny, c + ny * ny
-        p, q = p + nx * off, q + ny * off
-    det = a * c - b * b
-    return (c * p - b * q) / det, (a * q - b * p) / det
-
-
-@njit(cache=True, error_model="numpy")
 def walk_round(
     pixels: Pixels, plane: ImagePlane, x: float, y: float, radius_m: float, arms: FloatArray
 ) -> tuple[int, bool]:
@@ -290,37 +283,3 @@ def _metres_per_pixel(places: FloatArray, k: int, radius_m: float) -> float:
     """How long a pixel is along the circle at one of the places (N, 2) on it."""
     a, b = places[k % len(places)], places[(k + 1) % len(places)]
     return float(2.0 * math.pi * radius_m / len(places) / max(math.hypot(b[0] - a[0], b[1] - a[1]), 1e-6))
-
-
-@njit(cache=True, error_model="numpy")
-def judge_arms(angles_rad: FloatArray) -> tuple[int, float]:
-    """How many arms (2: L, 3: T, 4: X) the crossing has that leave at these angles, and its orientation (rad).
-
-    No arms where it is none. Orientation as `Crossings` has it: of L the bisector, of T the stem, of X an arm modulo
-    pi/2.
-    """
-    n = len(angles_rad)
-    if n < 2 or n > 4:
-        return 0, np.nan
-    angles, gaps = np.empty(n), np.empty(n)
-    for k in range(n):
-        angles[k] = math.atan2(math.sin(angles_rad[k]), math.cos(angles_rad[k]))
-    order = order_of(angles)
-    smallest, largest = 0, 0
-    for k in range(n):
-        last = k == n - 1
-        gaps[k] = angles[order[0 if last else k + 1]] - angles[order[k]] + (2.0 * math.pi if last else 0.0)
-        smallest = k if gaps[k] < gaps[smallest] else smallest
-        largest = k if gaps[k] > gaps[largest] else largest
-    quarter = 0.5 * math.pi
-    if n == 2 and abs(gaps[smallest] - quarter) < _STRAIGHT_RAD:
-        bisector = angles[order[smallest]] + 0.5 * gaps[smallest]
-        return 2, math.atan2(math.sin(bisector), math.cos(bisector))
-    if n == 3 and abs(gaps[largest] - math.pi) < _STRAIGHT_RAD and gaps[smallest] > quarter - _STRAIGHT_RAD:
-        return 3, angles[order[(largest + 2) % 3]]  # the stem is the arm between the two small gaps
-    if n == 4 and abs(gaps[smallest] - quarter) < _STRAIGHT_RAD and abs(gaps[largest] - quarter) < _STRAIGHT_RAD:
-        s, c = 0.0, 0.0
-        for angle in angles:
-            s, c = s + math.sin(4.0 * angle), c + math.cos(4.0 * angle)
-        return 4, math.atan2(s, c) / 4.0 % quarter
-    return 0, np.nan

@@ -68,7 +68,9 @@ def find_lines(
     radius_m: of the field's circles; 0 if it has none.
     """
     nodes = planes_from_pixels(plane, cell_pixels(structure.graph.places))
-    candidates = split_and_merge(nodes, structure.chains, settings.split_px / plane.lens.pinhole[0])
+    candidates = split_and_merge(
+        nodes, structure.chains, settings.split_px / plane.lens.pinhole[0], settings.paper.corner_split
+    )
     lengths = np.hypot(candidates[:, 2] - candidates[:, 0], candidates[:, 3] - candidates[:, 1])
     candidates = candidates[np.argsort(-lengths, kind="stable")]
     limits = LineLimits(

@@ -20,12 +20,12 @@ _SHARP_COS = math.cos(math.radians(155.0))  # of the angle between the two ways 
 
 
 def key_nodes(graph: Graph) -> tuple[Graph, FloatArray]:
-    """The cleaned graph, and the candidates for crossings (C, 3): column, row (cells) and degree."""
+    """The cleaned graph, and the candidates for crossings (C, 4): column, row (cells), degree, number of the node."""
     cleaned = Graph(graph.places.copy(), graph.links.copy(), graph.degrees.copy())
     remove_spurs(cleaned)
     merge_junctions(cleaned)
     remove_spurs(cleaned)
-    found = np.empty((max(len(graph.degrees), 1), 3))
+    found = np.empty((max(len(graph.degrees), 1), 4))
     return cleaned, found[: _corners(cleaned, found)]
 
 
@@ -66,7 +66,8 @@ def remove_spurs(graph: Graph) -> None:
 
 @njit(cache=True)
 def merge_junctions(graph: Graph) -> None:
-    """Draw junctions that are connected over a short way into one, in the middle between them.
+    """Draw junctions that are connected over a short way into one, at that node of the way that is most in its middle:
+    on the skeleton.
 
     The ways between them go; a crossing never gets more than the connections that lead elsewhere.
     """
@@ -93,13 +94,20 @@ def merge_junctions(graph: Graph) -> None:
 @njit(cache=True)
 def _contract(graph: Graph, node: int, link: int, other: int) -> None:
     """Take the way from a node over one of its links to another junction away, and give this one its connections."""
-    before, here = node, int(graph.links[node, link])
+    x = 0.5 * (graph.places[node, 0] + graph.places[other, 0])
+    y = 0.5 * (graph.places[node, 1] + graph.places[other, 1])
+    before, here, middle = node, int(graph.links[node, link]), node
     disconnect(graph, before, here)
-    while here != other:
+    while True:
+        if math.hypot(graph.places[here, 0] - x, graph.places[here, 1] - y) < math.hypot(
+            graph.places[middle, 0] - x, graph.places[middle, 1] - y
+        ):
+            middle = here
+        if here == other:
+            break
         before, here = here, int(graph.links[here, 0])
         disconnect(graph, before, here)
-    for axis in range(2):
-        graph.places[node, axis] = 0.5 * (graph.places[node, axis] + graph.places[other, axis])
+    graph.places[node, 0], graph.places[node, 1] = graph.places[middle, 0], graph.places[middle, 1]
     while graph.degrees[other] > 0:
         neighbour = int(graph.links[other, 0])
         disconnect(graph, other, neighbour)
@@ -113,7 +121,8 @@ def _corners(graph: Graph, found: FloatArray) -> int:
     for node in range(len(graph.degrees)):
         degree = graph.degrees[node]
         if degree >= 3 or (degree == 2 and _is_sharp(graph, node)):
-            found[count, 0], found[count, 1], found[count, 2] = graph.places[node, 0], graph.places[node, 1], degree
+            found[count, 0], found[count, 1] = graph.places[node, 0], graph.places[node, 1]
+            found[count, 2], found[count, 3] = degree, node
             count += 1
     return count
 

@@ -21,14 +21,15 @@ _SAME_RAD = math.radians(4.0)  # directions of two components that may be merged
 _BESIDE = 1.5  # how far, in splitting distances, one may lie off the other's line
 
 
-def split_and_merge(nodes: FloatArray, chains: Chains, split: float) -> FloatArray:
+def split_and_merge(nodes: FloatArray, chains: Chains, split: float, corners: bool) -> FloatArray:
     """Straight lines (L, 4) x0, y0, x1, y1 of chains of nodes (N, 2), all in the image plane.
 
-    split: distance from the fitted line from which on a component is split.
+    split: distance from the fitted line from which on a component is split. corners: whether one whose end is farthest
+    off is split at its corner; else it loses that end.
     """
     found = np.empty((MOST_LINES, 4))
     parts = np.empty((MOST_LINES, 2), dtype=np.int64)
-    count = _split(nodes, chains, split, parts)
+    count = _split(nodes, chains, split, corners, parts)
     members = np.arange(count)
     _merge(nodes, chains, split, parts[:count], members)
     return found[: _project_ends(nodes, chains, parts[:count], members, found)]
@@ -51,7 +52,7 @@ def fit_line(points: FloatArray, use: IntArray) -> tuple[float, float, float, fl
 
 
 @njit(cache=True)
-def _split(nodes: FloatArray, chains: Chains, split: float, parts: IntArray) -> int:
+def _split(nodes: FloatArray, chains: Chains, split: float, corners: bool, parts: IntArray) -> int:
     """First and last place in chains.nodes of every straight part, into parts (MOST_LINES, 2); returns how many."""
     stack = np.empty((_MOST_STACK, 2), dtype=np.int64)
     count = 0
@@ -75,7 +76,12 @@ def _split(nodes: FloatArray, chains: Chains, split: float, parts: IntArray) -> 
                     parts[count, 0], parts[count, 1] = first, last
                     count += 1
             elif depth + 2 <= _MOST_STACK:
-                if at in (first, last):
+                end = at in (first, last)
+                if end and not corners:
+                    stack[depth, 0], stack[depth, 1] = first + (at == first), last - (at == last)
+                    depth += 1
+                    continue
+                if end:
                     at = _farthest_from_chord(nodes, chains, first, last)
                 stack[depth, 0], stack[depth, 1] = first, at
                 stack[depth + 1, 0], stack[depth + 1, 1] = at, last

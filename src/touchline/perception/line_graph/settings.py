@@ -30,6 +30,23 @@ class LineGraphPaper(Settings):
         paper=True,
         description="true: one low-pass everywhere; false: wider where the field's lines are wide in the image",
     )
+    strays: bool = added(
+        True,
+        paper=False,
+        description="a cell that is hardly white after the low-pass is no skeleton; false: only one without any white",
+    )
+    corner_split: bool = added(
+        True,
+        paper=False,
+        description="a component whose own end lies farthest from its line is split at its corner; false: it loses "
+        "that end",
+    )
+    circles_in_image: bool = added(
+        True,
+        paper=False,
+        description="crossings are verified by circles on the ground in the whole image; false: by a circle and white "
+        "ways in the colour cells",
+    )
     subpixel: bool = added(
         True,
         paper=False,

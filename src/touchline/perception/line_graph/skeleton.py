@@ -12,7 +12,6 @@ from touchline.perception.line_graph.colour_classes import WHITE, CountArray
 NO_SKELETON = 9
 """Rank of a cell that is not on the skeleton."""
 _MOST_EQUAL = 3  # a cell with fewer neighbours that are as white or whiter is on the skeleton
-_LEAST_WHITE = 0.75  # white pixels after the low-pass that count: less is a stray
 
 
 @njit(cache=True)
@@ -52,17 +51,17 @@ def low_pass(white: FloatArray, passes: npt.NDArray[np.int64], smooth: FloatArra
 
 
 @njit(cache=True)
-def rank_cells(smooth: FloatArray, ranks: npt.NDArray[np.uint8]) -> None:
+def rank_cells(smooth: FloatArray, ranks: npt.NDArray[np.uint8], least: float) -> None:
     """How many of the eight neighbours are as white or whiter, into ranks (rows, columns): below three is skeleton.
 
-    NO_SKELETON elsewhere.
+    NO_SKELETON elsewhere. least: whiteness below which a cell is background, as one without any is.
     """
     rows, columns = smooth.shape
     ranks[:] = NO_SKELETON
     for row in range(rows):
         for column in range(columns):
             here = smooth[row, column]
-            if here < _LEAST_WHITE:
+            if not here > 0.0 or here < least:
                 continue
             count = 0
             for r in range(row - 1, row + 2):

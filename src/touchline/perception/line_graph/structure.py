@@ -36,6 +36,7 @@ from touchline.perception.line_graph.skeleton import low_pass, rank_cells, white
 from touchline.types import ImageArray
 
 _MOST_PASSES = 8
+_LEAST_WHITE = 0.75  # white pixels after the low-pass that count: less is a stray
 _DARKEST, _BRIGHTEST = 0.25, 3.0  # of the carpet's light against that of learning
 
 
@@ -74,7 +75,7 @@ def find_structure(
     passes = np.ones(rows, dtype=np.int64) if settings.paper.fixed_low_pass else _passes(plane, rows, line_width_m)
     low_pass(white, passes, smooth)
     ranks = np.empty((rows, columns), dtype=np.uint8)
-    rank_cells(smooth, ranks)
+    rank_cells(smooth, ranks, _LEAST_WHITE if settings.paper.strays else 0.0)
     graph = line_graph(smooth, ranks)
     sees_ground = np.arange(rows)[:, np.newaxis] >= horizon
     return Structure(counts, light, ends, sees_ground, smooth, ranks, graph, find_chains(graph))
