@@ -193,6 +193,8 @@ class FeatureTracker:
 
     def _take(self, mode: Mode) -> None:
         """The particles' mode is the pose from now on, to be confirmed."""
+        if not self._is_near(mode.pose, SLIP_M, SLIP_RAD):
+            self._forget_twin()
         self.filter.start(mode.pose, mode.covariance)
         if self.status is Status.TRACKING:
             self.status = Status.SEARCHING
@@ -200,7 +202,6 @@ class FeatureTracker:
         if weight >= SURE_WEIGHT and self._is_narrow(mode.covariance):
             self.has_pose = True
             self._start_counting()
-            self._forget_twin()
 
     @property
     def _has_twins(self) -> bool:
