@@ -49,3 +49,13 @@ def test_a_narrow_terminal_cuts_no_name_of_a_setting(tmp_path: Path) -> None:
     done = ended(f"{TOUCHLINE} systems nubot-mti", tmp_path, COLUMNS="40")
     assert "…" not in done.stdout.decode()
     assert b"matching.uncertainty.min_position_m " in done.stdout
+
+
+@pytest.mark.parametrize("columns", ["0", "1"])
+def test_a_terminal_without_columns_shows_tables(tmp_path: Path, columns: str) -> None:
+    poses = "".join(f"{k / 10:.1f} {k} 0 0 0 0 0 1\n" for k in range(8))
+    for name in ("a.tum", "b.tum"):
+        (tmp_path / name).write_text(poses)
+    done = ended(f"{TOUCHLINE} evaluate a.tum --truth b.tum", tmp_path, COLUMNS=columns, MPLBACKEND="nonsense")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert "position (cm)" in done.stdout.decode()

@@ -21,6 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     0: done. 1: the run failed. 2: bad arguments or input. 130: interrupted. Errors go to stderr in one message.
     """
     _open_output()
+    os.environ["MPLBACKEND"] = "agg"  # figures are written, not shown; Matplotlib refuses names that it does not know
     with _interruptions() as interrupted:
         try:
             return _run(list(sys.argv[1:] if arguments is None else arguments) or ["--help"], interrupted)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from touchline.evaluation import ErrorTable
 
 DEBUG_VARIABLE = "TOUCHLINE_DEBUG"
+_NARROWEST, _USUAL = 20, 80  # columns of a terminal
 
 
 class _Output(Console):
@@ -27,7 +28,10 @@ def output() -> Console:
 
     Raises BrokenPipeError if its reader has gone.
     """
-    return _Output(highlight=False, soft_wrap=True, markup=False)
+    console = _Output(highlight=False, soft_wrap=True, markup=False)
+    if console.width < _NARROWEST:  # COLUMNS=0, as some services have it, left tables without columns
+        console.width = _USUAL
+    return console
 
 
 def errors_console() -> Console:

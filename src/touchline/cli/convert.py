@@ -107,7 +107,13 @@ def _write(recording: Recording, target: Path, kind: Kind) -> None:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with _kept_whole(target), Progress(*columns, console=errors_console()) as progress:
         task = progress.add_task(recording.name, total=len(recording))
-        _write_kind(recording, target, kind, lambda: progress.advance(task))
+
+        def advance() -> None:
+            if not progress.finished:  # a bag's last samples come after its last image
+                progress.advance(task)
+
+        _write_kind(recording, target, kind, advance)
+        progress.update(task, completed=len(recording))  # of observations no image is told
 
 
 @contextmanager
