@@ -142,7 +142,7 @@ FAULTS = (
     Fault(ERROR_MAP, "(points[i, 0] - origin_x) / resolution_m + 0.5", "(points[i, 0] - origin_x) / resolution_m",
           "test_error_map.py"),
     Fault(DISTANCES, "along = min(max(along, 0.0), 1.0)", "along = max(along, 0.0)", T_FIELD, "known_by_hand"),
-    Fault(DISTANCES, "sweep = arc_sweep(start, end)\n", "sweep = 0.5 * arc_sweep(start, end)\n", T_FIELD, "arcs"),
+    Fault(DISTANCES, "sweep = arc_sweep(start, end)\n", "sweep = 0.5 * arc_sweep(start, end)\n", T_FIELD, "densely"),
     Fault(DISTANCE_MAP, "w01, w10 = fx - w11, fy - w11", "w10, w01 = fx - w11, fy - w11", T_FIELD,
           "bilinear"),
     Fault(RUNS, "half = 0.5 * (levels[peak] + darkest)", "half = 0.25 * (levels[peak] + darkest)", T_HSV, "plain_twin"),

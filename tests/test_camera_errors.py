@@ -60,6 +60,7 @@ def test_until_the_errors_are_known_the_pose_is_as_unsure_as_they_leave_it() -> 
     assert unknown is not None
     assert known is not None
     assert math.sqrt(np.trace(unknown.covariance[:2, :2])) > 3.0 * math.sqrt(np.trace(known.covariance[:2, :2]))
+    assert np.all(np.diag(unknown.covariance)[3:] > 10.0 * np.diag(known.covariance)[3:])
     assert known.errors == pytest.approx(0.0, abs=1e-5)
 
 

@@ -37,6 +37,11 @@ def test_the_sample_nearest_to_a_point_counts() -> None:
     place = found.origin_m + 0.05 * np.array([77, 31])
     around = place + np.array([[0.0, 0.0], [0.024, -0.024], [-0.024, 0.024]])
     assert found.look_up(around).tolist() == [int(found.values[31, 77])] * 3
+    for row, column in ((40, 35), (95, 130)):  # the map slopes along x there, and both ways
+        around = found.origin_m + 0.05 * (
+            np.array([column, row]) + np.array([[0.45, 0.0], [0.0, 0.45], [-0.45, -0.45]])
+        )
+        assert found.look_up(around).tolist() == [int(found.values[row, column])] * 3
     with pytest.raises(ValueError, match=r"\(N, 2\)"):
         found.look_up([1.0, 2.0])
 
