@@ -137,6 +137,22 @@ def test_covariance_grows_with_range_and_has_the_pixels_scale(
     np.testing.assert_allclose(spread, 0.5 * slope, rtol=0.03)
 
 
+def test_a_circle_about_the_robot_is_no_body_though_its_paint_is_far_wider_than_thought() -> None:
+    def ring(points: FloatArray) -> FloatArray:
+        colours = np.tile(np.array(GREEN, dtype=float), (len(points), 1))
+        x, y = points.T
+        colours[(np.abs(np.hypot(x, y) - 0.62) <= 0.06) | (np.abs(x) <= 0.06)] = WHITE
+        return colours
+
+    image = paint_ground(CAMERA, ring)
+    counts = []
+    for width_m in (0.06, 0.12, 0.24):
+        detector = LinePointDetector(CAMERA, line_width_m=width_m)
+        detector.learn([image])
+        counts.append(len(detector.detect(image)))
+    assert min(counts) >= 0.97 * max(counts)
+
+
 def test_the_robots_own_body_is_masked() -> None:
     """A white panel beside the robot, with green around it, hangs together with its body."""
 

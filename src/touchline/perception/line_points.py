@@ -32,7 +32,14 @@ from touchline.perception.colour import (
 )
 from touchline.perception.detector import check_size
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
-from touchline.perception.profiles import COLUMNS, PathSamples, ProfileLimits, find_line_profiles, sample_paths
+from touchline.perception.profiles import (
+    COLUMNS,
+    PathSamples,
+    ProfileLimits,
+    dim_carpet,
+    find_line_profiles,
+    sample_paths,
+)
 from touchline.perception.scan_lines import FILL_FROM, ScanLines, build_scan_lines, usable_radius
 from touchline.perception.stages import (
     BODY_PAINT,
@@ -62,6 +69,11 @@ STEEPEST_CROSSING = 2.2
 BLUR_PX = 3.5  # how much wider blur may make a line: lens, motion and demosaicing together
 # nothing is looked for where a pixel is longer than this on the ground: a point there would be good to 8 cm at best
 COARSEST_PX_M = 0.25
+# a quarter of the chords near the robot are shorter than so many widths of the paint: crossed at right angles, blurred
+SHORT_CHORD = 1.3
+WIDER_PAINT = 1.4  # so many times the width that is set the paint must look before it is taken to be wider
+BAND = 2.2  # white beside the robot so many times longer than wide is a line, if it is not wider than two: no panel
+NEAR_M = 3.0  # where blur adds little to a line's width
 FIELD_GAP_M = 0.6  # a gap in the green longer than this ends the field: wider than any line in blur and shadow
 NOISE_M = 0.01  # standard deviation of a point on the ground that comes from no pixel: carpet, calibration
 
@@ -137,7 +149,7 @@ class LinePointDetector:
         self.camera = mirror = require_omni(camera, "line points are found along rays and circles in images of")
         self.settings = settings or LinePointSettings()
         s = self.settings
-        self.line_width_m = s.line_width_m or line_width_m
+        self.line_width_m = self._paint_m = s.line_width_m or line_width_m
         self.outer_px = usable_radius(mirror, COARSEST_PX_M)
         circles, fill_from = (s.circles, FILL_FROM) if s.paper.more_scan_lines else (0, 1.0)
         self.scan_lines: ScanLines = build_scan_lines(
@@ -167,8 +179,12 @@ class LinePointDetector:
         carpet = learn_carpet(smooth, near, around, noise)  # raises before anything has changed
         self._smoothing_px = smoothing_px
         self._see_body(np.zeros_like(self.body))
-        self.colours = colour_model(carpet)
-        white = self._white_on_lines(smooth)
+        self.colours, self._paint_m = colour_model(carpet), self.line_width_m
+        found = [self._crossings(image).copy() for image in smooth]
+        self._paint_m = self._paint_width(np.concatenate(found))
+        if self._paint_m > self.line_width_m:
+            found = [self._crossings(image).copy() for image in smooth]
+        white = self._white_on_lines(smooth, found)
         if white is not None:
             self.colours = colour_model(carpet, white)
         self._noise = signal_noise(smooth, near, self.colours)
@@ -276,9 +292,10 @@ class LinePointDetector:
             flank_px=FLANK_PX,
             max_run_px=MAX_RUN_PX,
             min_chord_m=0.5 * self.line_width_m,
-            max_chord_m=STEEPEST_CROSSING * self.line_width_m,
+            max_chord_m=STEEPEST_CROSSING * self._paint_m,
             blur_px=BLUR_PX,
             min_cosine=MIN_WHITENESS,
+            carpet=dim_carpet(model),
         )
         count = find_line_profiles(
             lines.samples, lines.starts, lines.closed, self._samples, (model.green, model.white), limits,
@@ -295,11 +312,18 @@ class LinePointDetector:
         ring: npt.NDArray[np.bool_] = (radius > inner_px) & (radius < outer_px)
         return ring
 
-    def _white_on_lines(self, images: Sequence[ImageArray]) -> FloatArray | None:
+    def _paint_width(self, found: FloatArray) -> float:
+        """The paint's width (m): the one that is set, or that of the crossings (M, COLUMNS) if those are far wider."""
+        chords = found[np.hypot(found[:, 0], found[:, 1]) < NEAR_M, 5]
+        if len(chords) < 20:
+            return self.line_width_m
+        seen = float(np.quantile(chords, 0.25)) / SHORT_CHORD
+        return seen if seen > WIDER_PAINT * self.line_width_m else self.line_width_m
+
+    def _white_on_lines(self, images: Sequence[ImageArray], crossings: Sequence[FloatArray]) -> FloatArray | None:
         """B, G, R (3,) of the paint, from the clearest half of the lines that a guessed white has found."""
         colours = []
-        for image in images:
-            found = self._crossings(image)
+        for image, found in zip(images, crossings, strict=True):
             u, v = np.rint(found[:, 2:4]).astype(int).T
             colours.append(np.column_stack((image[v, u], found[:, 4])))
         rows = np.concatenate(colours)
@@ -312,20 +336,40 @@ class LinePointDetector:
     def _own_body(self, images: Sequence[ImageArray]) -> npt.NDArray[np.bool_]:
         """Pixels near the centre that are green in none of the images and hang together with the robot.
 
-        What is as narrow as a line is left out: the robot may stand on one.
+        What is as narrow as a line is left out, and what is white and as narrow as two: the robot may stand on one.
         """
         assert self.colours is not None
+        classes = [self.colours.classify(image) for image in images]
         inner = self.camera.inner_radius_px
         disc = self._ring(-1.0, inner)
         solid = self._ring(-1.0, 2.2 * inner)
-        for image in images:
-            solid &= (self.colours.classify(image) != GREEN) | disc
+        white = ~disc
+        for each in classes:
+            solid &= (each != GREEN) | disc
+            white &= each == WHITE
         metres_per_px = float(np.diff(self.camera.range_m.mean(axis=0)).min() / np.diff(self.camera.radius_px).max())
-        size = int(1.3 * self.line_width_m / max(metres_per_px, 1e-3)) | 1
+        paint_px = self._paint_m / max(metres_per_px, 1e-3)
+        size = int(1.3 * paint_px) | 1
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        solid &= ~_bands(white, 2.6 * paint_px)
         opened = cv2.morphologyEx((solid | disc).astype(np.uint8), cv2.MORPH_OPEN, kernel)
         _, labels = cv2.connectedComponents(opened)
         u0, v0 = (round(c) for c in self.camera.center)
         own = (labels == labels[v0, u0]).astype(np.uint8)
         whole = cv2.dilate(own, kernel).astype(np.bool_) & (solid | disc)  # opening has cut the corners
         return cv2.dilate(whole.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(np.bool_)
+
+
+def _bands(mask: npt.NDArray[np.bool_], widest_px: float) -> npt.NDArray[np.bool_]:
+    """What of a mask (H, W) is no wider than that and hangs together over a way far longer than it is wide."""
+    size = int(widest_px) | 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    narrow = mask & ~cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel).astype(np.bool_)
+    depth = cv2.distanceTransform(narrow.astype(np.uint8), cv2.DIST_L2, 3)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(narrow.astype(np.uint8))
+    width = np.zeros(count)
+    np.maximum.at(width, labels.ravel().astype(np.intp), 2.0 * depth.ravel())
+    long = stats[:, cv2.CC_STAT_AREA] >= BAND * width**2
+    long[0] = False
+    kept: npt.NDArray[np.bool_] = long[labels]
+    return kept

@@ -13,10 +13,11 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.camera.omni import ground_from_pixel
-from touchline.perception.colour import GREEN
+from touchline.perception.colour import DARKEST_GREEN, GREEN, ColourModel, chromaticity
 from touchline.types import ImageArray
 
 BODY = 3  # a fourth class of samples: the robot itself
+DIMMEST_SUM = 10.0  # of B, G and R of carpet in the dark, in the mean of a flank: below, its hue is noise
 COLUMNS = 7  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path
 
 
@@ -31,11 +32,32 @@ class PathSamples(NamedTuple):
     classes: npt.NDArray[np.uint8]
 
 
+class DimCarpet(NamedTuple):
+    """Carpet in the dark: its shares of blue and red, how far from them another dark green may lie, and the sums of
+    B, G and R between which a flank counts as dark.
+    """
+
+    blue: float
+    red: float
+    reach: float
+    min_sum: float
+    max_sum: float
+
+
+def dim_carpet(model: ColourModel) -> DimCarpet:
+    """What a carpet of these colours looks like in the dark: nearer to its own hue than to grey."""
+    blue, red = chromaticity(model.green)
+    usual, grey = float(model.green.sum()), 1.0 / 3.0
+    reach = 0.5 * float(np.hypot(blue - grey, red - grey))
+    return DimCarpet(float(blue), float(red), reach, DIMMEST_SUM, 1.2 * DARKEST_GREEN * usual)
+
+
 class ProfileLimits(NamedTuple):
     """What the profile of a line has to be like: `LinePointSettings` for this paint and this noise.
 
     min_contrast: height as a share of white over green. flank_px: green on each side. max_run_px: from green to green.
     min_chord_m, max_chord_m: way through the paint, which blur_px may make longer. min_cosine: of the excess to white.
+    carpet: its green, to know carpet that is too dark for the colour classes.
     """
 
     min_contrast: float
@@ -45,6 +67,7 @@ class ProfileLimits(NamedTuple):
     max_chord_m: float
     blur_px: float
     min_cosine: float
+    carpet: DimCarpet
 
 
 @njit(cache=True)
@@ -80,13 +103,36 @@ def sample_paths(
 
 
 @njit(cache=True)
-def _flank(samples, first, step, count, span, mean):  # type: ignore[no-untyped-def]
-    """Mean level of `count` samples from `first` on, walking by `step`; NaN unless three quarters of them are green.
+def _dim_flank(samples, first, step, limits, mean):  # type: ignore[no-untyped-def]
+    """As `_flank` for carpet in the dark, by the colour of all samples together: one alone is too coarse to tell."""
+    colours, levels, _ = samples
+    count, carpet = limits.flank_px, limits.carpet
+    if colours[first, 0] + colours[first, 1] + colours[first, 2] > 2.0 * carpet.max_sum:  # nearly always
+        return np.nan
+    level = 0.0
+    mean[:] = 0.0
+    for m in range(count):
+        k = first + step * m
+        level += levels[k] / count
+        for c in range(3):
+            mean[c] += colours[k, c] / count
+    total = mean[0] + mean[1] + mean[2]
+    if not carpet.min_sum <= total <= carpet.max_sum:
+        return np.nan
+    off = np.hypot(mean[0] / total - carpet.blue, mean[2] / total - carpet.red)
+    return level if off <= carpet.reach else np.nan
+
+
+@njit(cache=True)
+def _flank(samples, first, step, limits, span, mean):  # type: ignore[no-untyped-def]
+    """Mean level of `flank_px` samples from `first` on, walking by `step`; NaN unless three quarters of them are green,
+    or all of them together are carpet in the dark.
 
     A flank that holds an edge between light and dark is none, either: beside a dark thing even green looks whitish.
     span: first sample of the scan line, and the first beyond it. mean (3,) is filled with the green samples' mean.
     """
     colours, levels, classes = samples
+    count = limits.flank_px
     last = first + step * (count - 1)
     if min(first, last) < span[0] or max(first, last) >= span[1]:
         return np.nan
@@ -102,7 +148,9 @@ def _flank(samples, first, step, count, span, mean):  # type: ignore[no-untyped-
         darkest, brightest = min(darkest, total), max(brightest, total)
         for c in range(3):
             mean[c] += colours[k, c]
-    if green * 4 < count * 3 or darkest < 0.7 * brightest:
+    if green * 4 < count * 3:
+        return _dim_flank(samples, first, step, limits, mean)
+    if darkest < 0.7 * brightest:
         return np.nan
     for c in range(3):
         mean[c] /= green
@@ -115,22 +163,22 @@ def _foot(samples, peak, step, limits, span, mean):  # type: ignore[no-untyped-d
 
     The first flank that lies low enough below the peak, moved on while blur still lets it fall.
     """
-    levels, count, least = samples.levels, limits.flank_px, 0.5 * limits.min_contrast
+    levels, least = samples.levels, 0.5 * limits.min_contrast
     for m in range(1, limits.max_run_px):
         k = peak + step * m
         if k < span[0] or k >= span[1]:
             break
         if levels[peak] - levels[k] < least:
             continue
-        level = _flank(samples, k, step, count, span, mean)
+        level = _flank(samples, k, step, limits, span, mean)
         if np.isnan(level) or levels[peak] - level < least:
             continue
         for _ in range(2):
-            further = _flank(samples, k + step, step, count, span, mean)
+            further = _flank(samples, k + step, step, limits, span, mean)
             if np.isnan(further) or further >= level:
                 break
             k, level = k + step, further
-        _flank(samples, k, step, count, span, mean)
+        _flank(samples, k, step, limits, span, mean)
         return k, level
     return -1, 0.0
 
@@ -187,6 +235,8 @@ def _edges(samples, peak, limits, span, means, edges):  # type: ignore[no-untype
             return 0.0
         feet, bases = (feet[1], foot), (bases[1], base)
     if feet[1] - feet[0] > limits.max_run_px:
+        return 0.0
+    if max(means[0].sum(), means[1].sum()) <= limits.carpet.max_sum:  # dark on both sides: robots wear white, too
         return 0.0
     for side in range(2):
         edges[side] = _edge(levels, feet[side], bases[side], peak, 1 - 2 * side)
