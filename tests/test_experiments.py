@@ -24,7 +24,7 @@ from touchline.experiments import (
     lighting_runs,
     occlusion,
 )
-from touchline.experiments.result import Headline, percent, spread
+from touchline.experiments.result import Headline, interval, percent, rate, spread, wilson
 from touchline.experiments.samples import searches, xiong_convergence, xiong_samples
 from touchline.experiments.timing import lu2013_timing
 from touchline.experiments.writing import result_page, with_row, write_result
@@ -49,6 +49,16 @@ def test_spread_is_mean_and_standard_deviation_over_the_seeds() -> None:
     assert spread([1.0, 2.0, 3.0]) == "2.00 ± 1.00"
     assert spread([2.5]) == "2.50"
     assert percent([0.98, 1.0]) == "99.0 ± 1.4 %"
+
+
+def test_rates_have_wilsons_interval_and_means_one_by_bootstrap() -> None:
+    assert rate(40, 40) == "100.0 % [91.2, 100.0]"
+    assert rate(0, 10) == "0.0 % [0.0, 27.8]"
+    assert wilson(8, 10) == pytest.approx((0.490, 0.943), abs=1e-3)
+    low, high = (float(v) for v in interval(np.arange(10.0)).partition("[")[2].rstrip("]").split(", "))
+    assert low == pytest.approx(2.7, abs=0.25)
+    assert high == pytest.approx(6.3, abs=0.25)
+    assert interval([2.5]) == "2.50"
 
 
 def test_a_run_replaces_its_row_of_the_results_and_keeps_the_others_in_order() -> None:
@@ -184,11 +194,14 @@ def test_the_search_of_figure_7_has_315_samples_of_which_the_nearest_is_the_best
 
 def test_rprop_settles_within_20_steps_and_wrong_ends_have_thrice_the_error() -> None:
     found = xiong_convergence(3)
-    near = [row for row in found.rows if row[3] != "elsewhere"]
-    wrong = [row for row in found.rows if row[3] == "elsewhere"]
+    ours = [row[1:] for row in found.rows if row[0] == "0.25"]
+    near = [row for row in ours if row[3] != "elsewhere"]
+    wrong = [row for row in ours if row[3] == "elsewhere"]
     assert near
     assert max(int(row[-1]) for row in near) <= 20
     assert all(float(row[5]) > 3.0 * max(float(n[5]) for n in near) for row in wrong)
+    assert {row[0] for row in found.rows} == {"0.25", "2.55"}
+    assert "c = 2.55 m" in found.headline.ours
 
 
 def test_timing_reports_every_part_and_the_curve() -> None:

@@ -198,12 +198,12 @@ class SimulatedOmniCamera(SimulatedCameraModel):
 
     def _rays(self) -> FloatArray:
         """Rays (H, W, 6) in the body frame."""
-        shape = (self.design.height, self.design.width)
+        d, shape = self.design, (self.design.height, self.design.width)
+        if self.mirror is not None:
+            return _mirror_grid(*self.mirror, shape, (*d.center, float(d.handedness), d.mount_yaw_rad))
         v, u = np.indices(shape, dtype=np.float64)
         pixels = np.column_stack((u.ravel(), v.ravel()))
         radius, bearing = self._polar(pixels)
-        if self.mirror is not None:
-            return mirror_rays(*self.mirror, radius, bearing).reshape(*shape, 6)
         return _table_rays(self.design, self.height_m, pixels, radius, bearing).reshape(*shape, 6)
 
 
@@ -259,6 +259,16 @@ def _table_rays(
     rays[:, 3:] = np.column_stack((outwards * np.cos(bearing), outwards * np.sin(bearing), down))
     rays[:, 3:] /= np.linalg.norm(rays[:, 3:], axis=1, keepdims=True)
     return rays
+
+
+@lru_cache(maxsize=2)
+def _mirror_grid(
+    profile: MirrorProfile, mount: MirrorMount, shape: tuple[int, int], axes: tuple[float, float, float, float]
+) -> FloatArray:
+    """Rays (H, W, 6) through a mirror as mounted; axes: centre u, v, handedness, mount_yaw (rad). Not to be changed."""
+    v, u = np.indices(shape, dtype=np.float64)
+    du, dv = u.ravel() - axes[0], v.ravel() - axes[1]
+    return mirror_rays(profile, mount, np.hypot(du, dv), axes[3] + axes[2] * np.arctan2(dv, du)).reshape(*shape, 6)
 
 
 @lru_cache(maxsize=4)
