@@ -154,7 +154,7 @@ def test_kidnapped_robots_are_right_within_10_cycles(system: str, covered: int) 
     assert all(one.success for one in every)
     noticed = [one for one in every if one.waited is not None]
     assert len(noticed) >= 35
-    assert all(one.waited == 0 for one in noticed) == (covered > 0)
+    assert max(one.waited or 0 for one in noticed) <= (0 if covered else 5)
 
 
 def test_a_kidnap_that_nobody_notices_and_that_is_wrong_is_no_success() -> None:
