@@ -192,6 +192,7 @@ def test_features_of_recordings_are_true(small_data: Path, name: str) -> None:
     assert scores.lines.precision > 0.7
     assert scores.lines.recall > 0.7
     assert np.median(np.abs(scores.boundary_px)) < 10.0
+    assert all(tally.found - tally.right <= 1 for tally in scores.landmarks.values())
 
 
 def test_the_papers_form_finds_crossings_too(small_data: Path) -> None:

@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from touchline.geometry import FloatArray
+from touchline.camera import GroundView, PinholeCamera
+from touchline.field import open_field
+from touchline.geometry import FloatArray, Pose3
 from touchline.perception.colour_file import save_colours
 from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
 from touchline.perception.line_graph.colour_classes import (
@@ -16,12 +18,15 @@ from touchline.perception.line_graph.colour_classes import (
     CLASSES,
     FULL,
     GREEN,
+    ORANGE,
     WHITE,
     count_classes,
     learn_classes,
+    suppress_fringes,
 )
 from touchline.perception.line_graph.colour_memory import ColourMemory
 from touchline.perception.line_graph.field_lines import FoundLines, _without_faint
+from touchline.perception.line_graph.image_plane import image_plane
 from touchline.perception.line_graph.skeleton import NO_SKELETON, low_pass, rank_cells
 from touchline.perception.self_learning import FADED_FRAMES
 from touchline.sources import open_source
@@ -134,3 +139,29 @@ def test_low_pass_and_ranks_as_numpy_does(passes: int) -> None:
             if (row, column) != (1, 1):
                 count += padded[row : row + 30, column : column + 40] >= smooth
     np.testing.assert_array_equal(ranks, np.where((count < 3) & (smooth >= 0.75), count, NO_SKELETON))
+
+
+def test_orange_beside_white_is_a_fringe_a_ball_is_none() -> None:
+    counts = np.zeros((CLASSES, 6, 8), dtype=np.uint8)
+    counts[GREEN] = FULL
+    counts[WHITE, :, 1], counts[GREEN, :, 1] = 30, 20
+    counts[ORANGE, 2, 2] = 10  # beside a line, few pixels
+    counts[ORANGE, 2, 5] = 10  # alone on the carpet
+    counts[ORANGE, 4, 2] = 50  # beside a line, most of the cell
+    suppress_fringes(counts)
+    assert counts[ORANGE, 2, 2] == 0
+    assert counts[ORANGE, 2, 5] == 10
+    assert counts[ORANGE, 4, 2] == 50
+
+
+def test_corners_that_the_lens_does_not_show_right_hold_no_colours() -> None:
+    pose = Pose3.from_roll_pitch_yaw(0.0, 0.4, 0.0, (0.0, 0.0, 1.0))
+    bent = np.array([-0.45, 0.0, 0.0, 0.0, 0.0])  # turns back before the corners
+    camera = PinholeCamera(320, 240, 160.0, 160.0, 159.5, 119.5, bent, pose)
+    detector = LineGraphDetector(camera, LineGraphSettings(), open_field("indoor-9x6"))
+    assert not detector._usable[0, 0]
+    assert detector._usable[15, 20]
+    detector.detect(worn_field(), GroundView(camera))
+    plane = image_plane(detector.lens, GroundView(camera))
+    assert detector.classes is not None
+    assert not detector._structure(worn_field(), detector.classes, plane).counts[:, ~detector._usable].any()

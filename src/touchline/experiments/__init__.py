@@ -59,6 +59,9 @@ EXPERIMENTS = {
             "iris-disturbances", "covered camera, slip, drifting gyro", "iris_disturbances", "iris_disturbances"
         ),
         Experiment("iris-timing", "section III.C: time of one update", "iris_timing", "iris_timing"),
+        Experiment(
+            "schulz-features", "sections 3, 4: lines, crossings, boundary found", "schulz_features", "schulz_features"
+        ),
         Experiment("schulz-accuracy", "figure 5: five minutes of walking", "schulz_accuracy", "schulz_accuracy"),
         Experiment("schulz-lines-only", "Table 2, figure 6: by lines alone", "schulz_lines_only", "schulz_lines_only"),
         Experiment("schulz-timing", "Table 1: time of each part", "schulz_timing", "schulz_timing"),

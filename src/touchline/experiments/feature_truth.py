@@ -14,7 +14,7 @@ from touchline.camera import GroundView
 from touchline.field import FieldModel
 from touchline.field.crossings import Crossing
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.types import CrossingKind, Crossings, Lines
+from touchline.types import CrossingKind, Crossings, LandmarkKind, Landmarks, Lines
 
 MATCHED_M, MATCHED_RAD = 0.25, math.radians(20.0)
 _ARM_M = (0.08, 0.12, 0.16, 0.2)  # where the paint of a crossing's arms is looked for
@@ -85,6 +85,35 @@ class TrueFeatures:
         tallies["all"] = Tally(*(sum(values) for values in zip(*tallies.values(), strict=True)))
         return tallies
 
+    def tally_landmarks(self, found: Landmarks, farthest_m: float) -> dict[str, Tally]:
+        """Of posts, poles and penalty marks: matched within 0.25 m, farther off a tenth of the range more.
+
+        There are those whose foot is in view; what hides one is not known: some of these can't be seen.
+        """
+        middle = self.field.line_distances(self.field.discs[:, :2]) < self.field.line_width
+        true = {
+            LandmarkKind.POST: [(p.x, p.y) for p in self.field.posts if p.kind == "goal"],
+            LandmarkKind.POLE: [(p.x, p.y) for p in self.field.poles],
+            LandmarkKind.PENALTY_MARK: self.field.discs[~middle, :2].tolist(),
+        }
+        tallies = {}
+        for kind, field_places in true.items():
+            places = self._in_robot_frame(np.array(field_places, dtype=np.float64).reshape(-1, 2))
+            of_kind = found.positions_m[found.kinds == kind]
+            of_kind = of_kind[np.hypot(*of_kind.T) <= farthest_m]
+            there = [p for p in places if np.hypot(*p) <= farthest_m and self._in_image(p)]
+            right = sum(_is_close(p, places) for p in of_kind)
+            tallies[str(kind)] = Tally(right, len(of_kind), len(there), sum(_is_close(p, of_kind) for p in there))
+        return tallies
+
+    def landmark_errors_m(self, found: Landmarks) -> list[float]:
+        """Distance (m) of each found post, pole and penalty mark from the nearest that there is, within 0.5 m."""
+        true = [(p.x, p.y) for p in self.field.posts] + [(x, y) for x, y, _ in self.field.discs]
+        places = self._in_robot_frame(np.array(true, dtype=np.float64).reshape(-1, 2))
+        single = np.isin(found.kinds, [LandmarkKind.POST, LandmarkKind.POLE, LandmarkKind.PENALTY_MARK])
+        errors = [float(np.hypot(*(places - p).T).min()) for p in found.positions_m[single]] if len(places) else []
+        return [error for error in errors if error <= 0.5]
+
     def tally_lines(self, found: Lines, farthest_m: float) -> Tally:
         """Lines: right where both ends lie on one segment of the field; there where half a metre of one is in view."""
         segments = [self._in_robot_frame(s.reshape(2, 2)) for s in self.field.segments]
@@ -114,6 +143,11 @@ class TrueFeatures:
 
     def _in_robot_frame(self, points: FloatArray) -> FloatArray:
         return self.pose.inverse().transform(points)
+
+    def _in_image(self, place: FloatArray) -> bool:
+        u, v = self.view.image_from_ground(place[np.newaxis])[0]
+        height, width = self.whiteness.shape
+        return bool(0.0 <= u < width and 0.0 <= v < height)
 
     def _visible_length(self, segment: FloatArray, farthest_m: float) -> float:
         """How much (m) of a segment (2, 2), robot frame, is in view and shows paint."""
@@ -158,6 +192,11 @@ class TrueFeatures:
 
 def _is_near(place: FloatArray, others: list[FloatArray] | npt.NDArray[np.floating]) -> bool:
     return any(np.hypot(*(place - other)) <= MATCHED_M for other in others)
+
+
+def _is_close(place: FloatArray, others: FloatArray) -> bool:
+    """Within 0.25 m, and a tenth of the range: a foot is placed by its row in the image."""
+    return any(np.hypot(*(place - other)) <= MATCHED_M + 0.1 * max(np.hypot(*place) - 2.5, 0.0) for other in others)
 
 
 def _lies_on(line: FloatArray, segment: FloatArray) -> bool:
