@@ -17,6 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from touchline.geometry import FloatArray
 from touchline.localization.fusion.belief import Belief
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.fusion.doubt import Doubt
@@ -106,7 +107,11 @@ class NubotMcl:
                 self.belief.lose()
         if view.usable and not self.belief.is_tracking:
             match = self._localize(view, match)  # search: one cycle of the particles, equations (1) to (3)
-        return report(observation, self.tracker.filter, self.belief, match, (), clock)
+        return report(observation, self.tracker.filter, self.belief, match, (), clock, self._unseen)
+
+    @property
+    def _unseen(self) -> FloatArray | None:
+        return self.tilt.unseen if self.settings.matching.uncertainty.paper.residuals else None
 
     def _fuse(self, view: MatchInput, match: Match | None) -> Fusion:
         """Fuse prediction and match; a match that does not contradict the odometry corrects the compass."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from touchline.geometry import FloatArray
 from touchline.localization.fusion.belief import Belief
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.fusion.doubt import Doubt
@@ -95,7 +96,11 @@ class NubotMti:
                 self.belief.lose()
         if view.usable and not self.belief.is_tracking:
             match, hypotheses = self._localize(view, match)  # search: global localization (4.1)
-        return report(observation, self.tracker.filter, self.belief, match, hypotheses, clock)
+        return report(observation, self.tracker.filter, self.belief, match, hypotheses, clock, self._unseen)
+
+    @property
+    def _unseen(self) -> FloatArray | None:
+        return self.tilt.unseen if self.settings.matching.uncertainty.paper.residuals else None
 
     def _fuse(self, view: MatchInput, match: Match | None) -> Fusion:
         """Fuse prediction and match; a match that does not contradict the odometry corrects the compass."""

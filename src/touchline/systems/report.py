@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
+from touchline.geometry import FloatArray
 from touchline.localization.fusion.belief import Belief
 from touchline.localization.fusion.pose_filter import PoseFilter
 from touchline.localization.matching.matcher import Match
@@ -42,13 +43,18 @@ def report(
     match: Match | None,
     hypotheses: tuple[Hypothesis, ...],
     clock: Stopwatch,
+    unseen: FloatArray | None = None,
 ) -> Estimate:
-    """The estimate of a system that matches line points. match: of the points to the lines, None without one."""
+    """The estimate of a system that matches line points. match: of the points to the lines, None without one.
+
+    unseen: covariance (3, 3) of what every image errs by alike; None: nothing.
+    """
+    covariance = belief.covariance(pose_filter)
     residual_m = float("nan") if match is None else match.mean_distance_m
     return Estimate(
         observation.stamp_ns,
         pose_filter.pose,
-        belief.covariance(pose_filter),
+        covariance if unseen is None else covariance + unseen,
         belief.told_status,
         residual_m,
         len(observation.points),

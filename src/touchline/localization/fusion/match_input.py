@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.fusion.compass_correction import CompassCorrection
+from touchline.localization.matching.covariance import MIN_RESIDUAL_M
 from touchline.localization.matching.matcher import Match, Matcher, as_pose
 from touchline.localization.matching.mirror_tilt import MAX_ERROR, MirrorTilt
 from touchline.localization.matching.weights import WeightSettings, precision_weights
@@ -13,6 +16,9 @@ from touchline.motion import MotionHistory
 from touchline.types import LinePoints, Observation
 
 CLEARLY_LESS = 0.98  # of an error that many points on no line make up: less than this is no chance
+MEDIAN_CHI2 = 0.455  # median of a squared normal deviate
+REPEATED = 4.0  # so many points or images err together: neighbours on a line, a head that shakes
+MOST_INFLATION = 40.0  # beyond it the points are none
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -82,5 +88,21 @@ def refine_with_tilt(matcher: Matcher, view: MatchInput, pose: FloatArray, error
         positions_m = tilt.corrected(view.points.positions_m, tilt.update(view.points, as_pose(pose)))
         refined, refined_error, _ = matcher.descend(positions_m, view.weights, pose)
         if refined_error <= wanted:
-            return matcher.assess(positions_m, view.weights, refined, refined_error)
-    return matcher.assess(view.positions_m, view.weights, pose, error)
+            match = matcher.assess(positions_m, view.weights, refined, refined_error)
+            return _inflated(matcher, view, positions_m, match)
+    return _inflated(matcher, view, view.positions_m, matcher.assess(view.positions_m, view.weights, pose, error))
+
+
+def _inflated(matcher: Matcher, view: MatchInput, positions_m: FloatArray, match: Match) -> Match:
+    """A match that is as unsure as its residuals are larger than the points' noise: a head that shakes, a poor camera.
+
+    Their median, so that clutter says nothing.
+    """
+    if not matcher.settings.uncertainty.paper.residuals:
+        return match
+    distances_m, _ = matcher.distance_map.look_up(match.pose.transform(positions_m))
+    covariances_m2 = view.points.covariances_m2
+    variances_m2 = 0.5 * (covariances_m2[:, 0, 0] + covariances_m2[:, 1, 1]) + MIN_RESIDUAL_M**2
+    excess = float(np.median(distances_m * distances_m / variances_m2)) / MEDIAN_CHI2 - 1.0
+    covariance = match.covariance + view.tilt.shaken
+    return replace(match, covariance=covariance, inflation=1.0 + min(max(REPEATED * excess, 0.0), MOST_INFLATION))

@@ -89,7 +89,7 @@ class Tracker:
             return Fusion.SUPPORTS
         s = self.settings
         if not s.paper.shoves or self.filter.distance2_to(match.pose, match.covariance) <= s.gate:
-            self.filter.update(match.pose, match.covariance)
+            self.filter.update(match.pose, match.inflation * match.covariance)
             return Fusion.SUPPORTS
         observed = self._fuse_observable_directions(view, match)
         if observed is not Fusion.CONTRADICTS:

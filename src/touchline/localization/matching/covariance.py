@@ -9,7 +9,7 @@ from typing import ClassVar, TypeAlias
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings, added, constants_now
 from touchline.geometry import FloatArray
 
 Moments: TypeAlias = tuple[FloatArray, FloatArray, float, float]
@@ -28,6 +28,17 @@ UNKNOWN_HEADING_RAD = 3.0  # standard deviation of a heading that no line observ
 # standard deviations beyond which a pose is none: a robot that may stand a step to either side hits no ball
 MAX_DEVIATION_OF_POSITION_M = 0.5
 MAX_DEVIATION_OF_HEADING_RAD = 0.35
+
+
+class UncertaintyPaper(Settings):
+    """Switches to the paper's exact form."""
+
+    residuals: bool = added(
+        True,
+        paper=False,
+        description="a match is as unsure as its residuals are larger than the points' noise, and every pose as the "
+        "mirror's tilt leaves it; false: by the second derivatives alone",
+    )
 
 
 class UncertaintySettings(Settings):
@@ -50,6 +61,8 @@ class UncertaintySettings(Settings):
     min_heading_rad: float = Field(
         0.0005, ge=0, description="smallest believed standard deviation of the heading (rad), as min_position_m"
     )
+
+    paper: UncertaintyPaper = UncertaintyPaper()
 
     @property
     def unknown(self) -> FloatArray:

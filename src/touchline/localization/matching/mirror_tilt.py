@@ -33,6 +33,10 @@ LOOSE_POSITION_M = 0.2  # how far the pose may move from the match meanwhile: wh
 LOOSE_HEADING_RAD = 0.1  # how far the heading may turn from the match meanwhile: as loose_position_m
 FIRST_ITERATIONS = 3  # Gauss-Newton steps per frame with the first width: from the mean of the frames before
 ITERATIONS = 2  # those after them
+# how unsure the pose's shift is that goes with g (m² per unit of g), which no image shows: h² g if the mirror turns
+# about its focus, two or three times that about its apex, and a mirror that leans is mostly displaced as well
+SHIFT_M2 = 1.2
+SHAKING_GAIN = 0.05  # share of a new image in how far the bend of single images lies from the mean
 
 
 class MirrorTiltPaper(Settings):
@@ -79,6 +83,7 @@ class MirrorTilt:
         """Back to an upright mirror of unknown error."""
         self.mean_per_m = np.zeros(2)
         self.covariance = np.eye(2) * UNKNOWN_PER_M**2
+        self._shaking = 0.0
 
     def corrected(self, positions_m: FloatArray, bend_per_m: FloatArray | None = None) -> FloatArray:
         """Points (N, 2) as an upright mirror would have seen them; with the mean bend, or the one given."""
@@ -95,6 +100,18 @@ class MirrorTilt:
         squares = np.sort(np.square(self._field.line_distances(pose.transform(self.corrected(positions_m)))))
         nearest = squares[: max(int(MOST_POINTS * len(squares)), 1)]
         return float(np.mean(nearest / (nearest + FIRST_WIDTH_M**2))) < MAX_ERROR
+
+    @property
+    def unseen(self) -> FloatArray:
+        """Covariance (3, 3) of what the tilt does to every pose alike, in (m, m, rad): no number of images shows it."""
+        variance_m2 = SHIFT_M2**2 * float(self.mean_per_m @ self.mean_per_m + np.trace(self.covariance))
+        return np.diag([variance_m2, variance_m2, 0.0])
+
+    @property
+    def shaken(self) -> FloatArray:
+        """Covariance (3, 3) of what a shaking head does to the pose of one image, as `unseen`."""
+        variance_m2 = SHIFT_M2**2 * self._shaking
+        return np.diag([variance_m2, variance_m2, 0.0])
 
     def update(self, points: LinePoints, pose: Pose) -> FloatArray:
         """This frame's bend (2,), from points as seen and a pose that fits them but for the bend."""
@@ -117,6 +134,7 @@ class MirrorTilt:
         if not np.all(np.isfinite(bend)):
             return self.mean_per_m
         posterior = np.linalg.inv(matrix + information)[3:, 3:]
+        self._shaking += SHAKING_GAIN * (float(np.square(bend - self.mean_per_m).sum()) - self._shaking)
         self._learn(bend, posterior, prior)
         return np.asarray(bend)
 
