@@ -82,9 +82,14 @@ class MatchInputs:
 def refine_with_tilt(matcher: Matcher, view: MatchInput, pose: FloatArray, error: float) -> Match:
     """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
     tilt = view.tilt
-    if tilt.settings.paper.enabled and tilt.is_told(view.points.positions_m, as_pose(pose)):
-        # among points on no line it is learned from the first frame on, but a frame alone has to be better by it
-        wanted = error if error < MAX_ERROR else 0.0 if tilt.is_unknown else CLEARLY_LESS * error
+    fits = error < MAX_ERROR
+    # a camera whose ranges are wrong can look tilted: among points on no line only a known tilt is followed
+    if (
+        tilt.settings.paper.enabled
+        and (fits or not tilt.is_unknown)
+        and tilt.is_told(view.points.positions_m, as_pose(pose))
+    ):
+        wanted = error if fits else CLEARLY_LESS * error
         positions_m = tilt.corrected(view.points.positions_m, tilt.update(view.points, as_pose(pose)))
         refined, refined_error, _ = matcher.descend(positions_m, view.weights, pose)
         if refined_error <= wanted:
