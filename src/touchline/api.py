@@ -126,7 +126,7 @@ class PreparedRun:
     def _finish(self, folder: Path, description: dict[str, Any], tally: RunTally) -> Run:
         summary = {**description, **tally.summary(), "errors": None}
         summary["problems"] = _problems(self.source)
-        summary["why_not_localised"] = None if tally.statuses[Status.TRACKING] else self._why_not_localised(tally)
+        summary["why_not_localised"] = self._why_not_localised(tally)
         write_summary(folder, summary)
         finished = Run(folder)
         finished.truth = None if self.source.truth is None else self.source.truth.samples()
@@ -139,8 +139,8 @@ class PreparedRun:
         return finished
 
     def _why_not_localised(self, tally: RunTally) -> str | None:
-        """The one cause for which no image was localised; None if none is known."""
-        if self.slips:
+        """The one cause for which no image was localised, or most show nothing; None if none is known."""
+        if self.slips and not tally.statuses[Status.TRACKING]:
             return " ".join(self.slips)
         for problem in self.source.problems:
             if problem.kind in _NO_IMAGE and 2 * self.source.problems.counts[problem.kind] > tally.frames:

@@ -199,6 +199,8 @@ def print_run(finished: Run) -> None:
         console.print("mode: " + ", ".join(f"{name} {count}" for name, count in summary["mode"].items() if count))
     if told := other_side_text(summary):
         console.print(told, style="yellow", markup=False)
+    if summary["status"]["tracking"] and (why := summary["why_not_localised"]):
+        console.print(f"most images show nothing: {why}", style="yellow", markup=False)
     problems = summary["problems"]["counts"]
     if problems:
         said = ", ".join(f"{count} × {kind}" for kind, count in problems.items())

@@ -180,7 +180,7 @@ def _time_figures(data: RunData, summary: dict[str, Any]) -> list[str]:
             "Status over time",
             status_figure(data),
             "<span class='key tracking'></span>tracking <span class='key searching'></span>searching "
-            "<span class='key lost'></span>lost. Residual: mean distance of the line points to the nearest line.",
+            "<span class='key lost'></span>lost. Residual: mean distance of points or features from the field's.",
         ),
         _figure(
             "Latency",

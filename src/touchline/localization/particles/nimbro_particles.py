@@ -122,8 +122,8 @@ class Mode(NamedTuple):
 
 
 class SidedPoses(NamedTuple):
-    """Random poses on the side of the field where the robot is known to be: of a pose and its twin the one nearer to
-    `about`, so that random particles don't take a robot to the other end, which looks the same.
+    """Random poses at the end of the field where the robot is known to be: of a pose and its twin the one that faces
+    the way of `about`, so that random particles don't take a robot to the other end, which looks the same.
     """
 
     uniform: UniformPoses

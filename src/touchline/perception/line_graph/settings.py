@@ -67,9 +67,9 @@ class LineGraphPaper(Settings):
         paper=False,
         description="where no circle gets round, as beside a post, a T is told by white paths alone; false: never",
     )
-    white_marks: bool = Field(
+    white_marks: bool = added(
         True,
-        json_schema_extra={"paper": False},
+        paper=False,
         description="white goal posts and penalty marks are looked for; false: coloured posts and poles alone",
     )
 

@@ -22,13 +22,8 @@ from touchline.types import Lines
 _BEYOND_M = 0.3  # a line that was found may end short of a post
 _STEP = 0.15  # of a post's diameter
 _SAMPLES = 32  # up the post
-_LOWEST, _LOWEST_FREE, _FIRST, _FOOT, _HIGHEST = (
-    -0.25,
-    0.08,
-    0.05,
-    0.25,
-    1.3,
-)  # of its height; about 0 there is the line
+_LOWEST, _FOOT, _HIGHEST = -0.25, 0.25, 1.3  # of its height: what is looked at, and the top of its foot
+_LOWEST_FREE, _FIRST = 0.08, 0.05  # of its height below and above 0: there is the line
 _GLANCE = 0.15  # of its height: where it is white at any rate
 _ENOUGH = 0.7  # share of the samples that are a ridge
 _LEAST_M, _LEAST_PX = 0.4, 24.0  # of a post that must be visible
