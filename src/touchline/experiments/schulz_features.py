@@ -14,8 +14,9 @@ from touchline.experiments.feature_truth import Tally, TrueFeatures
 from touchline.experiments.progress import follow
 from touchline.experiments.result import ExperimentResult, Headline
 from touchline.experiments.scenes import new_figure, public_recording
+from touchline.experiments.schulz_runs import settings as system_settings
 from touchline.geometry import Pose
-from touchline.perception.line_graph import LineGraphDetector, LineGraphPaper, LineGraphSettings
+from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
@@ -25,19 +26,7 @@ RECORDINGS = ("humanoid_9x6_walk", "humanoid_hsl_pan")
 FIELDS = ("indoor-9x6", "humanoid-kid-9x6")
 CROSSINGS_M, LINES_M, LANDMARKS_M = 3.0, 5.0, 5.0
 _SECONDS = 4.0
-PAPER = LineGraphSettings(
-    paper=LineGraphPaper(
-        colours="yuv",
-        plain_boundary=True,
-        fixed_low_pass=True,
-        subpixel=False,
-        circle=False,
-        meetings=False,
-        paths=False,
-        white_marks=False,
-    )
-)
-VARIANTS = {"ours": LineGraphSettings(), "paper": PAPER}
+VARIANTS = {"ours": system_settings().line_graph, "paper": system_settings("paper").line_graph}
 LANDMARKS = {"post": "posts", "pole": "poles", "penalty_mark": "penalty marks"}
 _NOTHING = Tally(0, 0, 0, 0)
 
