@@ -118,9 +118,10 @@ class Tracker:
         positions_m = view.positions_m
         predicted = self.filter.pose.as_array()
         there = self.matcher.assess(positions_m, view.weights, predicted, match.error).covariance
-        # along a lone line a long shove can't be told from a line that is none
-        whole = self.settings.paper.any_shove or is_observed(there)
-        for shove in (0.0, 1.0 if whole else LONE_LINE_SHOVE):
+        # where the lines fix the pose a match after a shove needs no help; along a lone line a long shove can't be told
+        # from a line that is none
+        shoves = (1.0,) if self.settings.paper.any_shove else () if is_observed(there) else (LONE_LINE_SHOVE,)
+        for shove in (0.0, *shoves):
             grown = np.diag([SHOVE_POSITION_M, SHOVE_POSITION_M, SHOVE_HEADING_RAD]) ** 2 * shove**2
             fused = self.filter.loosened(grown)
             if not fused.update(match.pose, there, trusted=False):
