@@ -9,7 +9,7 @@ import pytest
 
 from touchline.camera import OmniCamera
 from touchline.errors import InputError
-from touchline.experiments.schulz_features import PAPER, measure
+from touchline.experiments.schulz_features import VARIANTS, measure
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph import LineGraphDetector, LineGraphPaper, LineGraphSettings
 from touchline.perception.line_graph.arms import judge_arms
@@ -196,7 +196,7 @@ def test_features_of_recordings_are_true(small_data: Path, name: str) -> None:
 
 
 def test_the_papers_form_finds_crossings_too(small_data: Path) -> None:
-    scores = measure(open_source(small_data / "humanoid_hsl_pan"), PAPER)
+    scores = measure(open_source(small_data / "humanoid_hsl_pan"), VARIANTS["paper"])
     assert scores.crossings["all"].precision > 0.85
 
 
