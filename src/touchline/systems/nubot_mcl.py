@@ -17,7 +17,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from touchline.geometry import FloatArray
 from touchline.localization.fusion.belief import Belief
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.fusion.doubt import Doubt
@@ -102,22 +101,12 @@ class NubotMcl:
         view = self.inputs.of(observation)
         match = self.tracker.match(view)  # match: from the prediction
         if self.belief.is_tracking:
-            fusion = self._fuse(view, match)  # fuse: Kalman filter; the compass is corrected by the lines
+            fusion = self.tracker.follow(view, match)  # fuse: Kalman filter; the compass is corrected by the lines
             if self._has_failed(view, match, fusion, motion.missing_s):  # judge: five cycles
                 self.belief.lose()
         if view.usable and not self.belief.is_tracking:
             match = self._localize(view, match)  # search: one cycle of the particles, equations (1) to (3)
-        return report(observation, self.tracker.filter, self.belief, match, (), clock, self._unseen)
-
-    @property
-    def _unseen(self) -> FloatArray | None:
-        return self.tilt.unseen if self.settings.matching.uncertainty.paper.residuals else None
-
-    def _fuse(self, view: MatchInput, match: Match | None) -> Fusion:
-        """Fuse prediction and match; a match that does not contradict the odometry corrects the compass."""
-        fusion = self.tracker.fuse(view, match)
-        self.compass_correction.learn(None if fusion is Fusion.CONTRADICTS else match, view.compass_rad)
-        return fusion
+        return report(observation, self.tracker.filter, self.belief, match, (), clock, self.tracker.unseen(view))
 
     def _has_failed(self, view: MatchInput, match: Match | None, fusion: Fusion, missing_s: float) -> bool:
         """Whether the pose is believed wrong, by the papers' rule or because another place alone fits far better."""

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from touchline.geometry import FloatArray
 from touchline.localization.fusion.belief import Belief
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.fusion.doubt import Doubt
@@ -89,24 +88,14 @@ class NubotMti:
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points (4.1)
         view = self.inputs.of(observation)
         match = self.tracker.match(view)  # match: from the prediction, equation (3)
-        hypotheses: tuple[Hypothesis, ...] = ()
+        rivals: tuple[Hypothesis, ...] = ()
         if self.belief.is_tracking:
-            fusion = self._fuse(view, match)  # fuse: Kalman filter; the compass is corrected by the lines (4.2)
+            fusion = self.tracker.follow(view, match)  # fuse: Kalman filter; the lines correct the compass (4.2)
             if self._has_failed(view, match, fusion, motion.missing_s):  # judge (4.2)
                 self.belief.lose()
         if view.usable and not self.belief.is_tracking:
-            match, hypotheses = self._localize(view, match)  # search: global localization (4.1)
-        return report(observation, self.tracker.filter, self.belief, match, hypotheses, clock, self._unseen)
-
-    @property
-    def _unseen(self) -> FloatArray | None:
-        return self.tilt.unseen if self.settings.matching.uncertainty.paper.residuals else None
-
-    def _fuse(self, view: MatchInput, match: Match | None) -> Fusion:
-        """Fuse prediction and match; a match that does not contradict the odometry corrects the compass."""
-        fusion = self.tracker.fuse(view, match)
-        self.compass_correction.learn(None if fusion is Fusion.CONTRADICTS else match, view.compass_rad)
-        return fusion
+            match, rivals = self._localize(view, match)  # search: global localization (4.1)
+        return report(observation, self.tracker.filter, self.belief, match, rivals, clock, self.tracker.unseen(view))
 
     def _has_failed(self, view: MatchInput, match: Match | None, fusion: Fusion, missing_s: float) -> bool:
         """Whether the pose is believed wrong, by the papers' rule or because another place alone fits far better."""

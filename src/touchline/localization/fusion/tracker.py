@@ -101,6 +101,16 @@ class Tracker:
         self.filter.update(match.pose, match.covariance, trusted=trusted)
         return Fusion.SHOVED if trusted else Fusion.CONTRADICTS
 
+    def follow(self, view: MatchInput, match: Match | None) -> Fusion:
+        """`fuse`, and a match that does not contradict the odometry corrects the compass."""
+        fusion = self.fuse(view, match)
+        view.correction.learn(None if fusion is Fusion.CONTRADICTS else match, view.compass_rad)
+        return fusion
+
+    def unseen(self, view: MatchInput) -> FloatArray | None:
+        """Covariance (3, 3) that no number of matches shows, in (m, m, rad); None if that is not looked at."""
+        return view.tilt.unseen if self.matcher.settings.uncertainty.paper.residuals else None
+
     def _may_be_shove(self, match: Match) -> bool:
         """Whether a shove may have moved the robot so far from the prediction, and the lines fix the pose there."""
         pose = match.pose
