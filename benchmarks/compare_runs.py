@@ -6,7 +6,7 @@
 
 Each checkout runs its own copy of this script, so that interfaces may differ between them. Written are poses,
 covariances, statuses and residuals of all systems on the recordings found in TOUCHLINE_DATA (or in shared/data beside
-the checkout) and on four scenarios at observation level; matching, global search and particles on the points set.
+the checkout) and on five scenarios at observation level; matching, global search and particles on the points set.
 `--only TEXT` takes the rows whose name contains the text. Exit status 1 if anything differs.
 """
 
@@ -26,6 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("TOUCHLINE_DATA", ROOT.parent / "shared" / "data"))
 SYSTEMS = ("nubot-mti", "nubot-mcl", "iris-fusion")
 SCENARIOS = ("match", "kidnap", "straight-tracks", "occlusion-25")
+HUMANOID_FIELDS = ("indoor-9x6", "humanoid-kid-9x6")
 SECONDS = 30.0
 POINT_FRAMES = 200
 Rows = Iterator[tuple[str, Callable[[], np.ndarray]]]
@@ -68,6 +69,21 @@ def scenarios() -> Rows:
                 f"{scenario} {name}",
                 lambda scenario=scenario, name=name: drive(
                     Simulation(open_scenario(scenario, 0, SECONDS, ["ideal=true"]), "points"), name
+                ),
+            )
+
+
+def humanoids() -> Rows:
+    from touchline.simulation.run import Simulation
+    from touchline.simulation.scenario import open_scenario
+
+    for field in HUMANOID_FIELDS:
+        for changes in ([], ["disturbances.kidnap_every_s=10", "disturbances.covered_images=10"]):
+            yield (
+                f"humanoid-walk {field}{' kidnapped' if changes else ''} nimbro-lines",
+                lambda field=field, changes=changes: drive(
+                    Simulation(open_scenario("humanoid-walk", 0, SECONDS, [f"field={field}", *changes]), "points"),
+                    "nimbro-lines",
                 ),
             )
 
@@ -116,7 +132,7 @@ def write(path: Path, only: str) -> None:
     if not (DATA / "points").is_dir():
         print(f"The full recordings are not in {DATA}, so only scenarios run; TOUCHLINE_DATA names their folder.")
     rows = {}
-    for source in (point_sets, scenarios, recordings):
+    for source in (point_sets, scenarios, humanoids, recordings):
         for name, measure in source():
             if only in name:
                 rows[name] = measure()

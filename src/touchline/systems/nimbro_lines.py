@@ -21,8 +21,9 @@ from touchline.camera import PinholeCamera
 from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
 from touchline.geometry import Pose
+from touchline.localization.fusion.feature_belief import BeliefSettings
 from touchline.localization.fusion.feature_filter import FeatureFilter
-from touchline.localization.fusion.feature_tracker import BeliefSettings, FeatureTracker
+from touchline.localization.fusion.feature_tracker import FeatureTracker
 from touchline.localization.fusion.twin_odds import TwinOdds
 from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
@@ -139,7 +140,7 @@ class NimbroLines:
         self.particles.restart()
 
     def _side(self) -> Pose | None:
-        return self.tracker.pose if self.tracker.side_known and self.tracker.has_pose else None
+        return self.tracker.pose if self.tracker.ends.known and self.tracker.has_pose else None
 
     def _report(self, observation: Observation, view: FeatureView, clock: Stopwatch) -> Estimate:
         tracker = self.tracker
@@ -148,7 +149,7 @@ class NimbroLines:
             tracker.pose,
             tracker.covariance,
             tracker.status,
-            tracker.residual_m,
+            tracker.belief.residual_m,
             view.size + len(observation.points),
             tracker.hypotheses,
             perception_ms=clock.perception_ms,
