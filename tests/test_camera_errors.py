@@ -12,6 +12,7 @@ import pytest
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.localization.fusion.camera_errors import UNKNOWN_PER_M, CameraErrors, corrected
+from touchline.localization.fusion.field_side import COMPASS_FALSE
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
@@ -122,8 +123,8 @@ def test_a_compass_that_turns_round_for_some_seconds_does_not_turn_the_robot() -
     ]
     estimates, errors = driven(frames, run)
     assert np.hypot(*errors[20:, :2].T).max() < 0.1
-    assert [len(e.hypotheses) for e in estimates[50:85]] == [1] * 35  # the doubt is told
-    assert estimates[-1].hypotheses == ()
+    assert [[twin.probability for twin in e.hypotheses] for e in estimates[50:85]] == [[None]] * 35  # the doubt is told
+    assert [twin.probability for twin in estimates[-1].hypotheses] == [COMPASS_FALSE]
 
 
 @pytest.mark.parametrize("kind", ["uniform", "ring"])

@@ -23,6 +23,7 @@ from touchline.experiments.faults import (
 )
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization import CompassCorrection
+from touchline.localization.fusion.field_side import COMPASS_FALSE
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
@@ -113,3 +114,27 @@ def test_the_learned_offset_is_bounded_in_total() -> None:
     assert abs(one.offset_rad) <= 0.6 + 1e-9
     assert one.doubted
     assert math.isfinite(one.offset_rad)
+
+
+def test_clutter_beside_the_lines_does_not_hide_that_the_compass_has_failed() -> None:
+    """Lines of the next field leave a large mean distance; the compass was asked, as if nothing had agreed with it."""
+    one = CompassCorrection()
+    for _ in range(12):
+        one.update(0.2, 0.3, 0.3, error=0.08)
+    for _ in range(3):
+        one.update(0.2, 0.3, 0.3 + math.pi, error=0.08)
+    assert one.doubted
+
+
+@pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl", "iris-fusion"])
+def test_a_compass_false_from_the_first_frame_leaves_both_ends_named(name: str) -> None:
+    drive = Fault("compass", 0.0, 9.0, turned_compass).laid_into(driven(1), np.random.default_rng(0))
+    estimates = localized(name, drive)
+    tracked = [
+        (e, Pose(*t)) for e, t in zip(estimates, drive.truth.tolist(), strict=True) if e.status is Status.TRACKING
+    ]
+    assert len(tracked) > 30
+    for estimate, truth in tracked:
+        twin = estimate.hypotheses[-1]
+        assert min(estimate.pose.distance_to(truth), twin.pose.distance_to(truth)) < 0.3
+        assert twin.probability == COMPASS_FALSE

@@ -13,6 +13,7 @@ import pytest
 from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.localization.fusion.field_side import COMPASS_FALSE
 from touchline.motion import DeadReckoning, MotionHistory
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import MotionSettings, open_scenario
@@ -137,6 +138,13 @@ def test_without_any_odometry_omnivision_goes_on_alone(field: str) -> None:
         assert max(off_m(e, truth(run, k)) for k, e in enumerate(estimates) if k >= 10) < 0.1
 
 
+def twin(estimate: Estimate) -> float | None:
+    """Probability of the one hypothesis, the pose at the other end."""
+    (other,) = estimate.hypotheses
+    assert other.pose == estimate.pose.mirrored()
+    return other.probability
+
+
 def test_without_a_compass_both_ends_of_the_field_are_named() -> None:
     for seed in range(3):
         run = simulation("indoor-9x6", seed)
@@ -157,7 +165,9 @@ def test_a_compass_that_is_heard_late_tells_which_end_it_is() -> None:
         estimates = [made.step(replace(frame, compass=None) if k < 50 else frame) for k, frame in enumerate(run)]
         mirrored.append(off_m(estimates[49], truth(run, 49)) > 0.5)
         assert all(len(e.hypotheses) == 1 for e in estimates[10:50])
-        assert all(e.hypotheses == () and off_m(e, truth(run, k)) < 0.05 for k, e in enumerate(estimates) if k >= 65)
+        assert all(
+            twin(e) == COMPASS_FALSE and off_m(e, truth(run, k)) < 0.05 for k, e in enumerate(estimates) if k >= 65
+        )
     assert {True, False} == set(mirrored)
 
 
@@ -247,10 +257,12 @@ def test_the_gyro_s_bias_is_taken_off_what_the_gyro_told_and_nothing_else(what: 
     assert turns["silent"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_with_a_compass_there_is_no_rival() -> None:
+def test_with_a_compass_alone_the_twin_is_as_likely_as_a_compass_that_was_false_from_the_start() -> None:
     run = simulation("indoor-9x6", 0)
     made = system(run)
-    assert [made.step(frame) for frame in run][-1].hypotheses == ()
+    assert {twin(made.step(frame)) for frame in run} == {COMPASS_FALSE}
+    made = system(run, prior=Prior(pose=truth(run, 0)))
+    assert all(made.step(frame).hypotheses == () for frame in run)
 
 
 def test_a_robot_told_the_wrong_end_of_the_field_is_put_right_by_the_compass_and_stays_there_without() -> None:

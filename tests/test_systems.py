@@ -16,6 +16,7 @@ from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.localization.fusion.belief import Belief
+from touchline.localization.fusion.field_side import COMPASS_FALSE
 from touchline.localization.fusion.global_localizer import Localization
 from touchline.localization.fusion.pose_filter import PoseFilter
 from touchline.localization.matching.matcher import Match
@@ -98,30 +99,42 @@ def test_a_pose_is_believed_once_it_is_confirmed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("symmetric", "compass_rad", "prior", "known"),
+    ("symmetric", "compass_rad", "prior", "named"),
     [
-        (True, 0.3, None, True),
-        (True, None, None, False),
-        (False, None, None, True),
-        (True, None, Prior(own_half=True), True),
+        (True, 0.3, None, [COMPASS_FALSE]),
+        (True, None, None, [None]),
+        (False, None, None, []),
+        (True, None, Prior(own_half=True), []),
     ],
 )
 def test_compass_own_half_or_an_asymmetric_field_tell_the_end_of_the_field(
-    symmetric: bool, compass_rad: float | None, prior: Prior | None, known: bool
+    symmetric: bool, compass_rad: float | None, prior: Prior | None, named: list[float | None]
 ) -> None:
     belief = Belief(symmetric, UNKNOWN)
     belief.reset(prior)
     belief.take(found(), compass_rad)
     others = belief.other_end(PoseFilter(HERE, CERTAIN), 0.04)
-    assert [other.pose for other in others] == ([] if known else [HERE.mirrored()])
+    assert [other.probability for other in others] == named
+    assert all(other.pose == HERE.mirrored() for other in others)
     assert belief.region is None
+
+
+@pytest.mark.parametrize(("prior", "trusted"), [(Prior(HERE), True), (Prior(HERE), False), (None, True)])
+def test_a_compass_that_agreed_with_a_told_pose_tells_the_end_from_then_on(prior: Prior | None, trusted: bool) -> None:
+    belief = Belief(symmetric=True, unknown=UNKNOWN)
+    belief.reset(prior)
+    belief.take(found(kept=prior is not None), 0.3)
+    belief.lose(compass_trusted=trusted)
+    belief.take(found(), 0.3)
+    told = prior is not None and trusted
+    assert belief.twin_probability == (0.0 if told else COMPASS_FALSE)
 
 
 def test_a_pose_that_was_kept_says_nothing_new_of_the_end_of_the_field() -> None:
     belief = Belief(symmetric=True, unknown=UNKNOWN)
     belief.reset(Prior(HERE))
     belief.take(found(kept=True), None)
-    assert belief.side_known
+    assert belief.twin_probability == 0.0
 
 
 @pytest.mark.parametrize(

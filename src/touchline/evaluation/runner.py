@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.fusion.field_side import COMPASS_FALSE
 from touchline.motion import FrameOrder, LeanFilter
 from touchline.perception.covered import is_covered
 from touchline.sources import Recording
@@ -235,7 +236,9 @@ def _step_through(
 
 
 def fits_other_side(estimate: Estimate) -> bool:
-    """Whether a located robot may as well stand at the other end of the field, as far as the system can tell."""
+    """Whether a located robot may as well stand at the other end of the field, as far as the system can tell: by more
+    than a compass that was built in the wrong way round.
+    """
     if estimate.status is not Status.TRACKING:
         return False
     x, y, heading = estimate.pose.mirrored()
@@ -243,4 +246,5 @@ def fits_other_side(estimate: Estimate) -> bool:
         math.hypot(other.pose.x - x, other.pose.y - y) < _SAME_PLACE_M
         and abs(wrap_angle(other.pose.heading - heading)) < _SAME_HEADING_RAD
         for other in estimate.hypotheses
+        if other.probability is None or other.probability > COMPASS_FALSE
     )

@@ -179,7 +179,7 @@ class IrisFusion:
 
     def _report(self, observation: Observation, residual_m: float, clock: Stopwatch) -> Estimate:
         covariance = (self.unknown if self.searching else self.fusion.believed_covariance).copy()
-        mirrored = Hypothesis(self.fusion.pose.mirrored(), residual_m, covariance=mirrored_covariance(covariance))
+        twin = self.fusion.pose.mirrored(), residual_m, self.side.twin_probability, mirrored_covariance(covariance)
         return Estimate(
             observation.stamp_ns,
             self.fusion.pose,
@@ -187,7 +187,7 @@ class IrisFusion:
             self.status,
             residual_m,
             len(observation.points),
-            () if self.side.known else (mirrored,),
+            () if self.side.twin_probability == 0.0 else (Hypothesis(*twin),),
             perception_ms=clock.perception_ms,
             localization_ms=clock.localization_ms,
             observation=observation,
@@ -267,9 +267,9 @@ class IrisFusion:
     def _start(self, compass_rad: float | None) -> None:
         """Spread the particles over the field, or the start region; the compass helps with the first headings alone."""
         self.fusion.search_anew(self.restart.failed, displaced=self.side.wrong)
-        known = compass_rad is not None or self.region is not None or not self.field.is_symmetric
+        told = self.region is not None or not self.field.is_symmetric
         believed_rad = None if self.side.doubted and not self.side.wrong else compass_rad
-        self.side.search(known)
+        self.side.search(known=told or compass_rad is not None, by_compass=not told)
         heading_rad, deviation_rad = self._first_headings(believed_rad, self.restart.start())
         if self.region is not None and heading_rad is not None:
             heading_rad -= self.moved.heading

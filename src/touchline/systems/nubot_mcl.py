@@ -103,7 +103,7 @@ class NubotMcl:
         if self.belief.is_tracking:
             fusion = self.tracker.follow(view, match)  # fuse: Kalman filter; the compass is corrected by the lines
             if self._has_failed(view, match, fusion, motion.missing_s):  # judge: five cycles
-                self.belief.lose()
+                self.belief.lose(self.compass_correction.trusted)
         if view.usable and not self.belief.is_tracking:
             match = self._localize(view, match)  # search: one cycle of the particles, equations (1) to (3)
         return report(observation, self.tracker.filter, self.belief, match, (), clock, self.tracker.unseen(view))

@@ -92,7 +92,7 @@ class NubotMti:
         if self.belief.is_tracking:
             fusion = self.tracker.follow(view, match)  # fuse: Kalman filter; the lines correct the compass (4.2)
             if self._has_failed(view, match, fusion, motion.missing_s):  # judge (4.2)
-                self.belief.lose()
+                self.belief.lose(self.compass_correction.trusted)
         if view.usable and not self.belief.is_tracking:
             match, rivals = self._localize(view, match)  # search: global localization (4.1)
         return report(observation, self.tracker.filter, self.belief, match, rivals, clock, self.tracker.unseen(view))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from touchline.geometry import FloatArray, mirrored_covariance
+from touchline.localization.fusion.field_side import COMPASS_FALSE
 from touchline.localization.fusion.global_localizer import Localization
 from touchline.localization.fusion.pose_filter import PoseFilter
 from touchline.localization.matching.global_search import OWN_HALF, Region
@@ -10,9 +11,9 @@ from touchline.types import Hypothesis, Prior, Status
 
 
 class Belief:
-    """`status`; `region` in which the robot has to be, None for the whole field; `side_known`: whether the pose is
-    known to be at the right end of a symmetric field. `doubts`: why a tracked pose is not believed in this frame;
-    `notes`: which sensors are not.
+    """`status`; `region` in which the robot has to be, None for the whole field; `twin_probability` of standing at the
+    other end of a symmetric field: 0 where the end is known, None where nothing tells it. `doubts`: why a tracked pose
+    is not believed in this frame; `notes`: which sensors are not.
     """
 
     def __init__(self, symmetric: bool, unknown: FloatArray) -> None:
@@ -28,7 +29,8 @@ class Belief:
         prior = prior or Prior()
         self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
         self.region: Region | None = OWN_HALF if prior.own_half else None
-        self.side_known = True
+        self.twin_probability: float | None = 0.0
+        self._compass_is_right = False  # it has agreed with an end that was told
         self.doubts: tuple[str, ...] = ()
         self.notes: tuple[str, ...] = ()
 
@@ -42,15 +44,18 @@ class Belief:
         """What the robot is told: a pose in doubt is followed, but not called tracked."""
         return Status.SEARCHING if self.is_tracking and self.doubts else self.status
 
-    def lose(self) -> None:
-        """The pose is believed wrong."""
+    def lose(self, compass_trusted: bool = False) -> None:
+        """The pose is believed wrong. compass_trusted: the compass had agreed with it."""
+        self._compass_is_right |= compass_trusted and self.twin_probability == 0.0
         self.status = Status.LOST
         self.doubts = ()
 
     def take(self, found: Localization, compass_rad: float | None) -> None:
         """What a search has come to: the pose is believed once it is confirmed."""
         if found.has_pose and not found.kept:
-            self.side_known = compass_rad is not None or self.region is not None or not self.symmetric
+            known = self.region is not None or not self.symmetric
+            by_compass = 0.0 if known or self._compass_is_right else COMPASS_FALSE
+            self.twin_probability = by_compass if known or compass_rad is not None else None
         self.status = Status.SEARCHING
         if found.confirmed:
             self.status, self.region, self.doubts = Status.TRACKING, None, ()
@@ -61,8 +66,9 @@ class Belief:
         return pose_filter.covariance.copy() if believed else pose_filter.covariance + self.unknown
 
     def other_end(self, pose_filter: PoseFilter, residual_m: float) -> tuple[Hypothesis, ...]:
-        """The pose at the other end of a symmetric field, where nothing but the lines, which look the same, tells."""
-        if self.side_known:
+        """The pose at the other end of a symmetric field, where at most a compass tells: lines look the same there."""
+        if self.twin_probability == 0.0:
             return ()
+        probability = None if self.notes else self.twin_probability  # a compass in doubt tells nothing
         covariance = mirrored_covariance(self.covariance(pose_filter))
-        return (Hypothesis(pose_filter.pose.mirrored(), residual_m, covariance=covariance),)
+        return (Hypothesis(pose_filter.pose.mirrored(), residual_m, probability, covariance),)

@@ -14,6 +14,9 @@ from touchline.localization.matching.matcher import Match
 
 # mean distance of the points to the lines below which a frame is good; a right pose has 0.03 to 0.1
 GOOD_DEVIATION_M = 0.12
+# mean error of a match below which the lines bear witness against the compass: unlike the distance it leaves clutter
+# out, the next field's lines among it; as tracking's POOR_ERROR
+WITNESS_ERROR = 0.1
 GOOD_FRAMES = 5  # good frames in a row before the compass is corrected, as many as mean failure
 # difference that can't be the compass's error, so that nothing is learned from it: twice the worst of usual errors, as
 # global_search.heading_tolerance_rad; half a turn means the wrong end of the field
@@ -91,12 +94,15 @@ class CompassCorrection:
             return ()
         return (f"the compass contradicts lines and odometry by {math.degrees(abs(self._fault_rad)):.0f} degrees",)
 
-    def update(self, mean_distance_m: float, heading_rad: float, compass_rad: float) -> bool:
-        """Learn from one match and the compass's own reading at its time; whether the offset was corrected."""
+    def update(self, mean_distance_m: float, heading_rad: float, compass_rad: float, error: float = math.inf) -> bool:
+        """Learn from one match and the compass's own reading at its time; whether the offset was corrected.
+
+        error: the match's mean error, which clutter does not raise as it does the mean distance.
+        """
         difference = wrap_angle(heading_rad - self.heading(compass_rad))
         plausible = abs(difference) < MAX_CORRECTION_RAD
         fits, believable = mean_distance_m < GOOD_DEVIATION_M, plausible or not self.settings.paper.bounded
-        if self.settings.paper.may_fail and fits:
+        if self.settings.paper.may_fail and (fits or error < WITNESS_ERROR):
             self._judge(difference, plausible)
         self.good_frames = self.good_frames + 1 if fits and believable else 0
         if self.doubted or self.good_frames < GOOD_FRAMES:
@@ -117,7 +123,7 @@ class CompassCorrection:
             return
         self._contradicted = 0 if plausible else self._contradicted + 1
         self._agreed += plausible
-        if self._contradicted >= CONTRADICTIONS and self._agreed >= TRUSTED_FRAMES:
+        if self._contradicted >= CONTRADICTIONS and self.trusted:
             self.doubted, self._fault_rad = True, difference_rad
             self._contradicted = self._agreeing = self._steady = 0
 
@@ -126,7 +132,12 @@ class CompassCorrection:
         if match is None:
             self.interrupt()
         elif compass_rad is not None:
-            self.update(match.mean_distance_m, match.pose.heading, compass_rad)
+            self.update(match.mean_distance_m, match.pose.heading, compass_rad, match.error)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether compass and lines have agreed for long, and still do."""
+        return self._agreed >= TRUSTED_FRAMES and not self.doubted
 
     def interrupt(self) -> None:
         """A frame without a match: good frames must follow each other anew."""

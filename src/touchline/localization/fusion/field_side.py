@@ -12,12 +12,15 @@ HEADING_FRAMES = 5
 # by so many images a contradiction has to last longer than the agreement before it, to be believed after all: 20 s
 PATIENCE_FRAMES = 200
 MOST_AGREED = 600  # images of agreement that count: a minute
+# probability that a compass is false from the first image on, built in or told the wrong way round: the pose's twin has
+# it as long as nothing but the compass tells the end
+COMPASS_FALSE = 0.02
 
 
 class FieldSide:
     """Judges the compass while the robot is followed. `known`: whether the pose's end is; else the twin is named, too.
 
-    `doubted`: the compass contradicts a pose that it had agreed with.
+    `doubted`: the compass contradicts a pose that it had agreed with. `by_compass`: nothing but it tells the end.
     """
 
     def __init__(self, heading_rad: float | None) -> None:
@@ -28,11 +31,15 @@ class FieldSide:
     def start(self, known: bool, told: bool = False) -> None:
         """Follow a robot from now on. known: whether its end is. told: by a person, not by the compass."""
         self.known, self._told = known, told
-        self.doubted = self._unsettled = False
+        self.doubted = self._unsettled = self.by_compass = self._compass_is_right = False
         self._forget()
 
-    def search(self, known: bool) -> None:
-        """The robot was lost and is searched for. A compass that was doubted remains so until it changes its mind."""
+    def search(self, known: bool, by_compass: bool = False) -> None:
+        """The robot was lost and is searched for. A compass that was doubted remains so until it changes its mind.
+
+        by_compass: nothing else tells the end; that is enough if it has agreed with an end that was told.
+        """
+        self.by_compass = by_compass and not self._compass_is_right
         jumped = self._unsettled and self.wrong
         self._unsettled = not jumped and (self.doubted or self._unsettled or (self._told and self.wrong))
         self.doubted = self.doubted and not self.wrong
@@ -55,12 +62,18 @@ class FieldSide:
             self._had_agreed = True
             if not self._unsettled or self._had_turned or self._agreed > PATIENCE_FRAMES:
                 self.known = self._confirmed = True
+                self._compass_is_right |= not self.by_compass
                 self.doubted = self._unsettled = self._told = False
                 self._against = 0
         if self._turned >= HEADING_FRAMES:
             self._had_turned = True
             self.doubted |= self._confirmed
             self.known &= not (self._confirmed or self._unsettled)
+
+    @property
+    def twin_probability(self) -> float | None:
+        """Of standing at the other end: 0 where the end is known, None where nothing tells it."""
+        return None if not self.known else COMPASS_FALSE if self.by_compass else 0.0
 
     @property
     def wrong(self) -> bool:
