@@ -130,7 +130,9 @@ def test_black_sectors_cover_the_stated_share_of_the_view() -> None:
 
 @cache
 def errors_under(number: int) -> ErrorTable:
-    return occlusion.drive(occlusion.CONDITIONS[number], seed=0, ideal=True).errors
+    errors = occlusion.drive(occlusion.CONDITIONS[number], seed=0, ideal=True).errors
+    assert errors is not None
+    return errors
 
 
 @pytest.mark.parametrize("number", range(7), ids=[condition.name for condition in occlusion.CONDITIONS])
@@ -143,7 +145,8 @@ def test_errors_with_up_to_half_the_view_hidden(number: int) -> None:
 
 
 def test_particles_alone_as_the_paper_prints_them_are_less_exact_than_particles_and_matching() -> None:
-    alone = occlusion.drive(occlusion.PAPER_FORM[0], seed=0, ideal=True).errors
+    alone = occlusion.drive(occlusion.CONDITIONS[5], seed=0, ideal=True, paper=True).errors
+    assert alone is not None
     assert alone.position.mean > 2.0 * errors_under(0).position.mean
 
 

@@ -10,6 +10,19 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from touchline.experiments.kidnap_play import (
+    COLUMNS,
+    CYCLES,
+    EVERY_S,
+    RIGHT_M,
+    WITHIN,
+    PlayKidnap,
+    Row,
+    is_right,
+    kidnaps_in_play,
+    play_rate,
+    play_row,
+)
 from touchline.experiments.progress import follow
 from touchline.experiments.result import ExperimentResult, Headline, rate, spread
 from touchline.experiments.scenes import (
@@ -23,19 +36,16 @@ from touchline.experiments.scenes import (
 )
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
-from touchline.systems import RobotSetup
-from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
-from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
-from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
+from touchline.systems import RobotSetup, open_system, paper_settings
+from touchline.systems.nubot_mcl import NubotMcl
+from touchline.systems.nubot_mti import NubotMti
+from touchline.types import Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
 
 PERIOD_S = 0.1
 SPEED_M_S = 0.3
 BEFORE = 6  # frames at the old place
 COVERED = 3  # covered images while the robot is carried, as in the papers
-CYCLES = 15
 PER_SEED = 40
-RIGHT_M, RIGHT_RAD = 0.3, math.radians(10.0)
-WITHIN = 10
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -102,13 +112,14 @@ def kidnap(
     error_rad: float,
     covered: int,
     seed: Sequence[int],
+    paper: bool = False,
 ) -> Kidnap:
     """Track at the old place, carry to the new one with so many covered images, count frames from the first one there.
 
-    error_rad: of the compass at the new place; tracking had corrected it at the old one.
+    error_rad: of the compass at the new place; tracking had corrected it at the old one. paper: in its own form.
     """
     rng = np.random.default_rng(seed)
-    system = _system(system_name, field, rng)
+    system = _system(system_name, field, rng, paper)
     system.reset(Prior(pose=old))
     robot = Carried(rng)
     pose = old
@@ -127,26 +138,21 @@ def kidnap(
         estimate = system.step(robot.frame(pose, error_rad, covered=False))
         if waited is None and (estimate.status is not Status.TRACKING or system.failure.failures > before):
             waited = number
-        right.append(_is_right(estimate, pose))
+        right.append(is_right(estimate, pose))
         if number == WITHIN - 1:
             found, truth = estimate.pose, pose
         pose = robot.drive(pose)
     return Kidnap(old, new, waited, np.array(right), found, truth)
 
 
-def _system(name: str, field: FieldModel, rng: np.random.Generator) -> NubotMti | NubotMcl:
+def _system(name: str, field: FieldModel, rng: np.random.Generator, paper: bool) -> NubotMti | NubotMcl:
     """The system that is examined, with its parts at hand: how often it has failed is not in its estimates."""
-    setup = RobotSetup(field)
-    return NubotMcl(setup, NubotMclSettings(), rng) if name == "nubot-mcl" else NubotMti(setup, NubotMtiSettings(), rng)
+    system = open_system(name, RobotSetup(field), paper_settings(name) if paper else None, rng)
+    assert isinstance(system, NubotMti | NubotMcl)
+    return system
 
 
-def _is_right(estimate: Estimate, truth: Pose) -> bool:
-    turned = abs(wrap_angle(estimate.pose.heading - truth.heading))
-    near = estimate.pose.distance_to(truth) < RIGHT_M and turned < RIGHT_RAD
-    return near and estimate.status is Status.TRACKING
-
-
-def random_kidnaps(system_name: str, seed: int, error_deg: float, covered: int) -> list[Kidnap]:
+def random_kidnaps(system_name: str, seed: int, error_deg: float, covered: int, paper: bool = False) -> list[Kidnap]:
     """So many kidnaps per seed between random places 2 m apart or more; the compass errs by ± error_deg."""
     field = open_field(FIELD)
     rng = np.random.default_rng([seed, 9])
@@ -156,26 +162,48 @@ def random_kidnaps(system_name: str, seed: int, error_deg: float, covered: int) 
         if old.distance_to(new) < 2.0:
             continue
         error = math.radians(error_deg) * float(rng.choice([-1.0, 1.0]))
-        done.append(kidnap(system_name, field, old, new, error, covered, (seed, len(done), round(10 * error_deg))))
+        of_seed = (seed, len(done), round(10 * error_deg))
+        done.append(kidnap(system_name, field, old, new, error, covered, of_seed, paper))
     return done
 
 
-def _all_runs(
-    system_name: str, conditions: Sequence[tuple[float, int]], seeds: int
-) -> dict[tuple[float, int], list[list[Kidnap]]]:
-    """Of each condition (the compass's error in degrees, covered images) and seed the random kidnaps."""
-    runs: dict[tuple[float, int], list[list[Kidnap]]] = {condition: [] for condition in conditions}
+Condition = tuple[float, int]  # the compass's error (degrees), covered images
+Runs = dict[Condition, list[list[Kidnap]]]
+
+
+def _all_runs(system: str, conditions: Sequence[Condition], seeds: int) -> tuple[Runs, list[Row]]:
+    """Of each condition and seed the random kidnaps of a lone robot as designed; their rows."""
+    ours: Runs = {condition: [] for condition in conditions}
+    paper: Runs = {condition: [] for condition in conditions}
     for condition, seed in follow([(c, seed) for c in conditions for seed in range(seeds)], "runs of kidnaps"):
-        runs[condition].append(random_kidnaps(system_name, seed, *condition))
-    return runs
+        ours[condition].append(random_kidnaps(system, seed, *condition))
+        paper[condition].append(random_kidnaps(system, seed, *condition, paper=True))
+    return ours, [
+        _summary(f"alone, as designed, compass off by {error:g}°, {_covering(covered)}", ours[error, covered],
+                 paper[error, covered])
+        for error, covered in conditions
+    ]  # fmt: skip
+
+
+def _in_play(system: str, seeds: int) -> tuple[dict[int, list[PlayKidnap]], list[Row]]:
+    """By covered images the kidnaps in matches of robots as built; their rows."""
+    found, rows = {}, []
+    for covered in (COVERED, 0):
+        ours, paper, ideal = [], [], []
+        for seed in follow(range(seeds), f"matches with kidnaps {_covering(covered)}"):
+            ours += kidnaps_in_play(system, seed, covered)
+            paper += kidnaps_in_play(system, seed, covered, paper=True)
+            ideal += kidnaps_in_play(system, seed, covered, ideal=True)
+        found[covered] = ours
+        rows.append(play_row(f"in play, {_covering(covered)}", ours, paper, ideal))
+    return found, rows
 
 
 def lu2013_kidnap(seeds: int) -> ExperimentResult:
-    """Figure 9's two kidnaps, and random ones with compasses that err by 5, 10 and 20 degrees."""
+    """In play; then figure 9's two kidnaps and random ones with compasses that err by 5, 10 and 20 degrees."""
+    play, rows = _in_play("nubot-mcl", seeds)
     conditions = [(5.0, COVERED), (10.0, COVERED), (20.0, COVERED), (5.0, 0)]
-    runs = _all_runs("nubot-mcl", conditions, seeds)
-    rows = [_summary(f"compass off by {error:g}°, {_covering(covered)}", runs[error, covered])
-            for error, covered in conditions]  # fmt: skip
+    runs, alone = _all_runs("nubot-mcl", conditions, seeds)
     field = open_field(FIELD)
     pairs = [(Pose(-6.0, -3.0, 0.5), Pose(5.5, 3.5, 2.5)), (Pose(6.0, -4.0, -2.0), Pose(-3.0, 2.5, 1.0))]
     shown = [kidnap("nubot-mcl", field, a, b, math.radians(5.0), COVERED, (0, k)) for k, (a, b) in enumerate(pairs)]
@@ -183,10 +211,10 @@ def lu2013_kidnap(seeds: int) -> ExperimentResult:
         "lu2013-kidnap",
         f"Figure 9 of Lu et al. 2013: kidnapped robots find back by particles; {PER_SEED} random kidnaps per seed",
         seeds,
-        _SUMMARY_COLUMNS,
-        tuple(rows),
-        Headline("kidnaps right 10 frames after, compass off by 5°: covered; in full view", "2 of 2 shown",
-                 f"{_rate(runs[5.0, COVERED])}; {_rate(runs[5.0, 0])}"),
+        COLUMNS,
+        (*rows, *alone),
+        Headline("kidnaps in play right 10 frames after: covered; in full view", "2 of 2 shown",
+                 f"{play_rate(play[COVERED])}; {play_rate(play[0])}"),
         _NOTES,
         (
             ("figure9", _field_figure(field, shown)),
@@ -196,7 +224,7 @@ def lu2013_kidnap(seeds: int) -> ExperimentResult:
 
 
 def xiong_kidnap(seeds: int) -> ExperimentResult:
-    """Figure 8's five pairs at crossings of lines, and random kidnaps."""
+    """Figure 8's five pairs at crossings of lines, kidnaps in play, and random ones."""
     field = open_field(FIELD)
     shown = []
     places = _crossing_places(field)
@@ -204,36 +232,39 @@ def xiong_kidnap(seeds: int) -> ExperimentResult:
         old, new = places[2 * k], places[2 * k + 1]
         shown.append(kidnap("nubot-mti", field, old, new, math.radians(3.0), COVERED, (8, k)))
     pairs = [
-        (f"{'BDFHJ'[k]} → {'CEGIK'[k]}", f"({one.new.x:.2f}, {one.new.y:.2f}) m", "found",
-         f"{100 * one.found.distance_to(one.truth):.1f} cm off" if one.success else "not found", str(one.cycles), "")
+        (f"alone, as designed, {'BDFHJ'[k]} → {'CEGIK'[k]}: ({one.new.x:.2f}, {one.new.y:.2f}) m", "–", "found", "–",
+         f"{100 * one.found.distance_to(one.truth):.1f} cm off" if one.success else "not found", str(one.cycles),
+         str(one.cycles), "–", "–", "–")
         for k, one in enumerate(shown)
     ]  # fmt: skip
-    conditions = [(5.0, COVERED), (20.0, COVERED), (5.0, 0)]
-    runs = _all_runs("nubot-mti", conditions, seeds)
-    rows = [_summary(f"compass off by {error:g}°, {_covering(covered)}", runs[error, covered])
-            for error, covered in conditions]  # fmt: skip
+    play, rows = _in_play("nubot-mti", seeds)
+    _, alone = _all_runs("nubot-mti", [(5.0, COVERED), (20.0, COVERED), (5.0, 0)], seeds)
     return ExperimentResult(
         "xiong-kidnap",
         f"Figure 8 of Xiong et al.: five kidnaps between crossings of lines, and {PER_SEED} random ones per seed",
         seeds,
-        _SUMMARY_COLUMNS,
-        (*pairs, *rows),
-        Headline("kidnaps right within 10 frames", "5 of 5 shown",
-                 f"{sum(one.success for one in shown)} of 5; {_rate(runs[5.0, COVERED])}; in full view "
-                 f"{_rate(runs[5.0, 0])}"),
-        (*_NOTES, "In the rows of single kidnaps the columns hold the true place, the paper's, ours and the frames."),
+        COLUMNS,
+        (*rows, *pairs, *alone),
+        Headline("kidnaps in play right within 10 frames: covered; in full view", "5 of 5 shown",
+                 f"{play_rate(play[COVERED])}; {play_rate(play[0])}; between crossings "
+                 f"{sum(one.success for one in shown)} of 5"),
+        _NOTES,
         (("figure8", _field_figure(field, shown)),),
     )  # fmt: skip
 
 
-_SUMMARY_COLUMNS = ("kidnaps", "noticed after (frames)", "paper", "right at frame 10", "frames until right", "longest")
 _NOTES = (
     f"Right: tracked within {100 * RIGHT_M:.0f} cm and 10°. Frames count from the first at the new place; rates "
-    "have Wilson's interval of 95 %. The compass is right at the old place and errs by that angle, to one side or "
-    f"the other, at the new one. Covered: {COVERED} images show nothing while the robot is carried; in full view the "
-    "system has to notice by itself. One that is never noticed counts as right only if the robot is tracked at its new "
-    "place all the same: matching has led it there.",
-    "Observation level, the papers' mirror as designed, a robot that drives at 0.3 m/s with 2 % of odometry noise.",
+    f"have Wilson's interval of 95 %. Covered: {COVERED} images show nothing while the robot is carried; in full view "
+    "the system has to notice by itself.",
+    f"In play: the scenario match at the observation level, robots as built, one per seed, eight others about; carried "
+    f"anywhere every {EVERY_S:g} s. The compass errs as simulated, by 5° (root mean square, drift, places). A kidnap "
+    "counts if the robot was right before it; the last column says how many did not. Beside it the same matches with "
+    "the system's preset `paper`, and with ideal robots.",
+    "Alone, as designed: observation level, the papers' mirror, nobody else, 0.3 m/s with 2 % of odometry noise. The "
+    "compass is right at the old place and errs by that angle, to one side or the other, at the new one. One that is "
+    "never noticed counts as right only if the robot is tracked at its new place all the same: matching has led it "
+    "there.",
 )
 
 
@@ -247,7 +278,7 @@ def _rate(runs: Sequence[Sequence[Kidnap]]) -> str:
     return rate(sum(every), len(every))
 
 
-def _summary(name: str, runs: Sequence[Sequence[Kidnap]]) -> tuple[str, ...]:
+def _summary(name: str, runs: Sequence[Sequence[Kidnap]], paper: Sequence[Sequence[Kidnap]]) -> Row:
     """A row over the seeds' runs."""
     every = [one for run in runs for one in run]
     waited = [one.waited for one in every if one.waited is not None]
@@ -259,9 +290,11 @@ def _summary(name: str, runs: Sequence[Sequence[Kidnap]]) -> tuple[str, ...]:
         name,
         noticed + (f"; {unnoticed} of {len(every)} never, {unwell} of them wrong" if unnoticed else ""),
         "–",
+        _rate(paper),
         _rate(runs),
         spread([float(np.mean([one.cycles or CYCLES for one in run])) for run in runs]),
         f"{max(cycles)}" if cycles else "–",
+        *["–"] * 3,
     )
 
 

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline.camera import Camera, require_omni
-from touchline.config import Settings
-from touchline.evaluation.metrics import ErrorTable, error_table
+from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
 from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, interval, spread
+from touchline.experiments.result import ExperimentResult, Headline, interval, percent, spread
 from touchline.experiments.scenes import RED, field_axes, new_figure, public_recording
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
-from touchline.localization.particles.nubot_particles import PAPER_FORM as PAPER_PARTICLES
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import RobotSetup, open_system
-from touchline.systems.nubot_mcl_alone import NubotMclAloneSettings
-from touchline.types import ImageArray, Samples, Status
+from touchline.systems import RobotSetup, open_system, paper_settings
+from touchline.types import Frame, ImageArray, Samples, Status
 
 Sectors = tuple[tuple[float, float], ...]
 PaperRow = tuple[float, float, float]
@@ -34,16 +32,17 @@ ALONE = "nubot-mcl-alone"
 class Condition:
     """A row of Table 1: its name, the black sectors (degrees, base frame), the paper's mean, deviation, maximum.
 
-    Each of the paper's figures: x (cm), y (cm), heading (rad). settings: of the system, none for the defaults. changes:
-    of the scenario, for what is otherwise than on a robot as built.
+    Each of the paper's figures: x (cm), y (cm), heading (rad). changes: of the scenario, for what is otherwise than on
+    a robot as built. odometry: whether the system is told of it.
     """
 
     name: str
     sectors: Sectors
     paper: tuple[PaperRow, PaperRow, PaperRow] | None
     system: str = "nubot-mcl"
-    settings: Settings | None = None
     changes: tuple[str, ...] = ()
+    scenario: str = "straight-tracks"
+    odometry: bool = True
 
 
 _ONE: Sectors = ((22.5, 67.5),)
@@ -60,8 +59,6 @@ CONDITIONS = (
     Condition("free, MCL alone", (), None, ALONE),
     Condition("50 %, MCL alone", _FOUR, None, ALONE),
 )
-# Equations (1) to (3) of the paper with nothing added: told in a note.
-PAPER_FORM = tuple(replace(c, settings=NubotMclAloneSettings(particles=PAPER_PARTICLES)) for c in CONDITIONS[5:])
 _RANGE_SPREAD = "camera.mirror.range_spread=0.01"
 OTHER_ROBOTS = (
     Condition("free, of the design, ranges 1 %", (), None, changes=("camera.known_from=design", _RANGE_SPREAD)),
@@ -75,9 +72,15 @@ OTHER_ROBOTS = (
         "free, 100 ms late, stamped on arrival", (), None, changes=("camera.delay_s=0.1", "camera.stamped=arrived")
     ),
 )  # fmt: skip
+PLAY = (
+    Condition("match", (), None, "nubot-mti", scenario="match"),
+    Condition("match, without odometry", (), None, "nubot-mti", scenario="match", odometry=False),
+)
 RECORDING = "omni_msl_track"
 COLUMNS = (
-    "hidden", "figure", "x paper", "x (cm)", "y paper", "y (cm)", "θ paper", "θ (rad)", "position (cm)",
+    "hidden", "figure",
+    "x paper", "x its form here", "x (cm)", "y paper", "y its form here", "y (cm)",
+    "θ paper", "θ its form here", "θ (rad)", "position its form here (cm)", "position (cm)",
     "ideal: position (cm)", "ideal: θ (rad)",
 )  # fmt: skip
 FROM_S = 5.0  # errors count from here on
@@ -88,11 +91,13 @@ AFTER_SHOVE_S = 1.15  # what lies within a second after a shove, which takes 0.1
 class Drive:
     """One run: its errors, where the robot was believed (N, 3) and truly was (N, 3), and the field.
 
-    quiet_m: position errors (M,) of the tracked frames but those within a second after a shove.
+    errors: None where nothing was tracked. quiet_m: position errors (M,) of the tracked frames but those within a
+    second after a shove. tracked: share of the frames that count.
     """
 
-    errors: ErrorTable
+    errors: ErrorTable | None
     quiet_m: FloatArray
+    tracked: float
     path: FloatArray
     truth: FloatArray
     field: FieldModel
@@ -102,34 +107,29 @@ _SIMULATED = (
     "The scenario straight-tracks at the observation level, 60 s at 10 Hz, each robot as built and drawn anew "
     "from its seed, camera.yaml from calibrate mirror where nothing else is said; beside it the same seeds' ideal "
     f"robots. Errors from {FROM_S:g} s on; 99 %: of tracked frames outside the first second after a shove. Brackets: "
-    "where the mean over robots lies with 95 %, by bootstrap. "
+    "where the mean over robots lies with 95 %, by bootstrap. Its form here: the same robots as built with the "
+    "system's preset `paper`, exactly what the paper says. "
     "One black sector of 45 degrees, two opposite, four alternating; a half in one piece."
 )
 _ALONE = (
     "MCL alone: the mean of the particles is the pose in every image (nubot-mcl-alone, all else as nubot-mcl has it). "
-    "The likelihood has an end, at 3.3 σ, and σ falls from 0.3 to 0.1 m once the particles have converged."
+    "The likelihood has an end, at 3.3 σ, and σ falls from 0.3 to 0.1 m once the particles have converged; in the "
+    "paper's form the square of every distance counts, and the points on a goal's posts and net outweigh the lines."
 )
 _RECORDED = (
     f"Recorded: the {RECORDING} images with black sectors laid over them, at the same angles in the image; its seeds "
     "are those of the particles."
 )
 _NOT_FOUND = f"The recording {RECORDING} was not found; TOUCHLINE_DATA names the folder of the recordings."
+Drives = dict[str, list[Drive]]
 
 
 def lu2013_occlusion(seeds: int) -> ExperimentResult:
     """Table 1: nubot-mcl on five straight tracks with black sectors fixed in the view."""
-    every = (*CONDITIONS, *OTHER_ROBOTS)
-    drives: dict[str, list[Drive]] = {c.name: [] for c in every}
-    ideal: dict[str, list[Drive]] = {c.name: [] for c in CONDITIONS}
-    for c, seed in follow([(c, seed) for c in every for seed in range(seeds)], "drives"):
-        drives[c.name].append(drive(c, seed))
-        if c.name in ideal:
-            ideal[c.name].append(drive(c, seed, ideal=True))
-    as_printed = [[drive(c, seed).errors for seed in range(seeds)] for c in PAPER_FORM]
-    rows = [row for c in every for row in _rows(c, drives[c.name], ideal.get(c.name, []))]
+    ours, paper, ideal = _all_drives((*CONDITIONS, *OTHER_ROBOTS), CONDITIONS, seeds)
+    rows = [row for c in (*CONDITIONS, *OTHER_ROBOTS) for row in _rows(c, ours[c.name], paper[c.name], ideal[c.name])]
     recorded = _recorded(seeds)
-    rows += [row for c, errors in recorded for row in _rows(c, errors, [])]
-    notes = [_SIMULATED, _ALONE, _paper_form(as_printed), _RECORDED if recorded else _NOT_FOUND]
+    rows += [row for c, errors in recorded for row in _rows(c, errors, [], [])]
     return ExperimentResult(
         "lu2013-occlusion",
         "Table 1 of Lu et al. 2013: errors with 0 to 50 % of the view hidden",
@@ -137,74 +137,90 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
         COLUMNS,
         tuple(rows),
         Headline("mean errors with 0 to 50 % hidden", "5.7-7.8 cm in x and y, 0.044-0.064 rad",
-                 f"{_range_of(drives)}; ideal {_range_of(ideal)}"),
-        tuple(notes),
-        (("tracks", _tracks_figure([drives[c.name][0] for c in CONDITIONS[:4]], [c.name for c in CONDITIONS[:4]])),),
+                 f"{_range_of(ours)}; its form {_range_of(paper)}; ideal {_range_of(ideal)}"),
+        (_SIMULATED, _ALONE, _RECORDED if recorded else _NOT_FOUND),
+        (("tracks", _tracks_figure([ours[c.name][0] for c in CONDITIONS[:4]], [c.name for c in CONDITIONS[:4]])),),
     )  # fmt: skip
 
 
-def _range_of(drives: dict[str, list[Drive]]) -> str:
+def _all_drives(every: Sequence[Condition], shown: Sequence[Condition], seeds: int) -> tuple[Drives, Drives, Drives]:
+    """By condition the seeds' drives: ours, and of those shown beside them the paper's form and ideal robots."""
+    ours: Drives = {c.name: [] for c in every}
+    paper: Drives = {c.name: [] for c in every}
+    ideal: Drives = {c.name: [] for c in every}
+    for c, seed in follow([(c, seed) for c in every for seed in range(seeds)], "drives"):
+        ours[c.name].append(drive(c, seed))
+        if c in shown:
+            paper[c.name].append(drive(c, seed, paper=True))
+            ideal[c.name].append(drive(c, seed, ideal=True))
+    return ours, paper, ideal
+
+
+def _range_of(drives: Drives) -> str:
     """Least and largest mean errors of the paper's four conditions."""
-    means = [100.0 * float(np.mean([d.errors.position.mean for d in drives[c.name]])) for c in CONDITIONS[:4]]
-    turns = [float(np.mean([d.errors.heading.mean for d in drives[c.name]])) for c in CONDITIONS[:4]]
+    means = [float(np.mean(_figures(drives[c.name], "position", "mean"))) for c in CONDITIONS[:4]]
+    turns = [float(np.mean(_figures(drives[c.name], "heading", "mean"))) for c in CONDITIONS[:4]]
     return f"{min(means):.2f}-{max(means):.2f} cm away, {min(turns):.4f}-{max(turns):.4f} rad"
 
 
 def xiong_tracking(seeds: int) -> ExperimentResult:
-    """Table 1: nubot-mti on five straight tracks."""
-    condition = Condition("free", (), _FREE_PAPER, "nubot-mti")
-    design = replace(OTHER_ROBOTS[0], system="nubot-mti")
-    drives, ideal, designed = [], [], []
-    for seed in follow(range(seeds), "drives"):
-        drives.append(drive(condition, seed))
-        ideal.append(drive(condition, seed, ideal=True))
-        designed.append(drive(design, seed))
-    position, at_best = ([100 * d.errors.position.mean for d in each] for each in (drives, ideal))
-    heading = [d.errors.heading.mean for d in drives]
+    """Table 1: nubot-mti on five straight tracks; other robots; in a match, with and without odometry."""
+    free = Condition("free", (), _FREE_PAPER, "nubot-mti")
+    others = [replace(c, system="nubot-mti") for c in OTHER_ROBOTS]
+    every, shown = (free, *others, *PLAY), (free, *PLAY)
+    ours, paper, ideal = _all_drives(every, shown, seeds)
+    position, printed, at_best = (_figures(each["free"], "position", "mean") for each in (ours, paper, ideal))
+    heading = _figures(ours["free"], "heading", "mean")
     return ExperimentResult(
         "xiong-tracking",
         "Table 1 of Xiong et al.: errors along straight lines",
         seeds,
         COLUMNS,
-        (*_rows(condition, drives, ideal), *_rows(design, designed, [])),
+        tuple(row for c in every for row in _rows(c, ours[c.name], paper[c.name], ideal[c.name])),
         Headline("mean errors along straight lines", "5.9 cm in x, 6.0 cm in y, 0.044 rad",
-                 f"{interval(position)} cm in position, {interval(heading, 4)} rad; ideal {interval(at_best)} cm"),
-        (_SIMULATED.partition(" One black sector")[0],),
-        (("tracks", _tracks_figure(drives[:1], ["nubot-mti"])),),
+                 f"{interval(position)} cm in position, {interval(heading, 4)} rad; its form {interval(printed)} cm; "
+                 f"ideal {interval(at_best)} cm"),
+        (
+            _SIMULATED.partition(" One black sector")[0],
+            "Match: the scenario match, 3 m/s among eight robots that shove; the same frames once with odometry and "
+            "once without.",
+        ),
+        (("tracks", _tracks_figure(ours["free"][:1], ["nubot-mti"])),),
     )  # fmt: skip
 
 
-def _paper_form(errors: Sequence[Sequence[ErrorTable]]) -> str:
-    """What equations (1) to (3) bring as they stand: of each condition the seeds' errors."""
-    means = [spread([100.0 * e.position.mean for e in each]) for each in errors]
-    return (
-        "Equations (1) to (3) as they stand, with one σ and no refined particles, are off by "
-        + ", ".join(f"{mean} cm ({c.name})" for mean, c in zip(means, PAPER_FORM, strict=True))
-        + ": with the square of every distance, the points on a goal's posts and net outweigh the lines."
-    )
-
-
-def drive(condition: Condition, seed: int, ideal: bool = False) -> Drive:
-    """A robot of this seed, as built or ideal, along the tracks under a condition."""
-    scenario = open_scenario("straight-tracks", seed, changes=["ideal=true"] if ideal else condition.changes)
-    camera = scenario.camera.model_copy(update={"black_sectors_deg": condition.sectors})
+@lru_cache(maxsize=2)
+def _driven(c: Condition, seed: int, ideal: bool) -> tuple[Simulation, tuple[Frame, ...]]:
+    """A run and its frames, kept for the next system that takes them."""
+    scenario = open_scenario(c.scenario, seed, changes=["ideal=true"] if ideal else c.changes)
+    camera = scenario.camera.model_copy(update={"black_sectors_deg": c.sectors})
     simulation = Simulation(scenario.model_copy(update={"camera": camera}), level="points")
+    return simulation, tuple(simulation)
+
+
+def drive(condition: Condition, seed: int, ideal: bool = False, paper: bool = False) -> Drive:
+    """A robot of this seed, as built or ideal, along the tracks under a condition; paper: by the paper's own form."""
+    simulation, frames = _driven(condition, seed, ideal)
     setup = RobotSetup(simulation.field, wheel_directions_rad=simulation.wheel_directions_rad)
-    system = open_system(condition.system, setup, condition.settings, np.random.default_rng(seed))
-    estimates = [system.step(frame) for frame in simulation]
+    settings = paper_settings(condition.system) if paper else None
+    system = open_system(condition.system, setup, settings, np.random.default_rng(seed))
+    told = frames if condition.odometry else [replace(frame, odometry=None) for frame in frames]
+    estimates = [system.step(frame) for frame in told]
     path = np.array([estimate.pose for estimate in estimates])
     truth = simulation.truth
     poses, times_s = np.asarray(truth.poses), 1e-9 * simulation.image_stamps
     located = np.array([estimate.status is Status.TRACKING for estimate in estimates])
     counted = located & (times_s >= FROM_S)
-    errors = error_table(
-        Samples(simulation.image_stamps, path), Samples(truth.stamp_ns, poses), located=counted
-    )  # fmt: skip
+    try:
+        errors = error_table(Samples(simulation.image_stamps, path), Samples(truth.stamp_ns, poses), located=counted)
+    except NothingToCompareError:
+        errors = None
     shoves = np.array([event["t"] for event in simulation.track.events if event["kind"] == "slip"])
     since = times_s[:, np.newaxis] - shoves
     quiet = counted & ~((since >= 0.0) & (since < AFTER_SHOVE_S)).any(axis=1)
     quiet_m = np.hypot(*(path[quiet, :2] - poses[quiet, :2]).T)
-    return Drive(errors, quiet_m, path[located], poses, simulation.field)
+    tracked = float(np.mean(located[times_s >= FROM_S]))
+    return Drive(errors, quiet_m, tracked, path[located], poses, simulation.field)
 
 
 def _recorded(seeds: int) -> list[tuple[Condition, list[Drive]]]:
@@ -218,13 +234,13 @@ def _recorded(seeds: int) -> list[tuple[Condition, list[Drive]]]:
     found: list[tuple[Condition, list[Drive]]] = [(c, []) for c in chosen]
     for (condition, drives), seed in follow([(f, seed) for f in found for seed in range(seeds)], "recorded drives"):
         rng, setup = np.random.default_rng(seed), RobotSetup(recording.field, recording.camera)
-        system = open_system(condition.system, setup, condition.settings, rng)
+        system = open_system(condition.system, setup, rng=rng)
         hidden = black_pixels(recording.camera, condition.sectors)
         estimates = [system.step(replace(frame, image=_blackened(frame.image, hidden))) for frame in recording]
         located = np.array([estimate.status is Status.TRACKING for estimate in estimates])
         path, poses = np.array([estimate.pose for estimate in estimates]), np.asarray(truth.poses)
         errors = error_table(Samples(recording.image_stamps, path), Samples(truth.stamp_ns, poses), located=located)
-        drives.append(Drive(errors, np.zeros(0), path[located], poses, recording.field))
+        drives.append(Drive(errors, np.zeros(0), float(np.mean(located)), path[located], poses, recording.field))
     return found
 
 
@@ -243,28 +259,35 @@ def _blackened(image: ImageArray | None, hidden: npt.NDArray[np.bool_]) -> Image
     return None if image is None else np.where(hidden[..., np.newaxis], np.uint8(0), image)
 
 
-def _rows(condition: Condition, drives: Sequence[Drive], ideal: Sequence[Drive]) -> list[tuple[str, ...]]:
-    """Mean, standard deviation and maximum, as the paper has them, and what 99 % of the quiet frames stay below."""
+def _rows(
+    condition: Condition, drives: Sequence[Drive], paper: Sequence[Drive], ideal: Sequence[Drive]
+) -> list[tuple[str, ...]]:
+    """Mean, deviation and maximum, as the paper has them, what 99 % of quiet frames stay below, share tracked."""
     rows: list[tuple[str, ...]] = []
     for k, (title, key) in enumerate((("mean", "mean"), ("std", "std_signed"), ("max", "max"))):
-        paper = ("–", "–", "–") if condition.paper is None else tuple(f"{value:g}" for value in condition.paper[k])
-        x, y, heading, position = (
-            (interval if key == "mean" else spread)(_figures(drives, name, key), 4 if name == "heading" else 2)
-            for name in ("x", "y", "heading", "position")
-        )
+        cells = []
+        told = ("–", "–", "–") if condition.paper is None else tuple(f"{value:g}" for value in condition.paper[k])
+        for name, paper_says in zip(("x", "y", "heading", "position"), (*told, None), strict=True):
+            said = interval if key == "mean" else spread
+            here = [said(_figures(some, name, key), 4 if name == "heading" else 2) for some in (paper, drives)]
+            cells += here if paper_says is None else [paper_says, *here]
         beside = spread(_figures(ideal, "position", key)), spread(_figures(ideal, "heading", key), 4)
-        hidden = condition.name if k == 0 else ""
-        rows.append((hidden, title, paper[0], x, paper[1], y, paper[2], heading, position, *beside))
+        rows.append((condition.name if k == 0 else "", title, *cells, *beside))
+    dashes = ["–"] * 9
     if all(len(each.quiet_m) for each in drives):
-        late, best = (spread([100.0 * float(np.quantile(d.quiet_m, 0.99)) for d in some]) for some in (drives, ideal))
-        rows.append(("", "99 %", *["–"] * 6, late, best, "–"))
+        quiet = [[100.0 * float(np.quantile(d.quiet_m, 0.99)) for d in some if len(d.quiet_m)]
+                 for some in (paper, drives, ideal)]  # fmt: skip
+        rows.append(("", "99 %", *dashes, *map(spread, quiet), "–"))
+    shares = [percent([d.tracked for d in some]) for some in (paper, drives, ideal)]
+    rows.append(("", "tracked", *dashes, *shares, "–"))
     return rows
 
 
 def _figures(drives: Sequence[Drive], name: str, key: str) -> list[float]:
     """One figure of the error tables, in cm or rad, of each drive."""
     scale = 1.0 if name == "heading" else 100.0
-    return [scale * float(getattr(getattr(each.errors, name), key)) for each in drives]
+    tables = [each.errors for each in drives if each.errors is not None]
+    return [scale * float(getattr(getattr(errors, name), key)) for errors in tables]
 
 
 def _tracks_figure(drives: Sequence[Drive], names: Sequence[str]) -> Figure:
