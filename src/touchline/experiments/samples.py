@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, percent, spread
-from touchline.experiments.scenes import FIELD, MAGENTA, RED, field_axes, new_figure, the_views
+from touchline.experiments.result import ExperimentResult, Headline, interval, rate, spread
+from touchline.experiments.scenes import FIELD, MAGENTA, RED, field_axes, new_figure, points_from
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.matching.global_search import Candidate, GlobalSearch, SearchRound
-from touchline.localization.matching.matcher import Matcher, MatchingSettings
-from touchline.localization.matching.weights import WeightSettings, precision_weights
+from touchline.localization.matching.global_search import GlobalSearch, SearchRound
+from touchline.localization.matching.matcher import Matcher
+from touchline.localization.matching.weights import precision_weights
+from touchline.systems import paper_settings
+from touchline.systems.nubot_mti import NubotMtiSettings
 
 PLACE = (0.05, -1.92)  # where the paper's robot found itself; its samples lie at whole metres
 NEAR_M = 0.5
@@ -33,20 +36,24 @@ class Search:
     taken: Pose
 
 
-def searches(seeds: int, c_m: float = MatchingSettings().c_m) -> list[Search]:
+def searches(seeds: int, c_m: float | None = None, ideal: bool = False, paper: bool = False) -> list[Search]:
     """A robot at the paper's place, facing anywhere, with a compass that errs by a few degrees.
 
-    c_m: width of the error function (m).
+    c_m: width of the error function (m), by default that of the settings. ideal: robots as designed instead of as
+    built. paper: the settings of the system's preset.
     """
     field = open_field(FIELD)
-    search = GlobalSearch(Matcher(field.distance_map(), MatchingSettings(c_m=c_m)), field.length, field.width)
+    settings = paper_settings("nubot-mti") if paper else NubotMtiSettings()
+    assert isinstance(settings, NubotMtiSettings)
+    matching = settings.matching if c_m is None else settings.matching.model_copy(update={"c_m": c_m})
+    search = GlobalSearch(Matcher(field.distance_map(), matching), field.length, field.width, settings.global_search)
     found = []
     for seed in follow(range(seeds), "searches"):
         rng = np.random.default_rng([seed, 7])
         truth = Pose(*PLACE, float(rng.uniform(-math.pi, math.pi)))
-        points = the_views().observe(truth, rng)
+        points = points_from(truth, seed, ideal)
         compass = truth.heading + math.radians(3.0) * float(rng.standard_normal())
-        weights = precision_weights(points, WeightSettings())
+        weights = precision_weights(points, settings.weights)
         fix = search.locate(points.positions_m, weights, compass, record=True)
         assert fix is not None, "the robot's own place is always among the samples"
         found.append(Search(truth, fix.rounds[0], points.positions_m, fix.match.pose))
@@ -55,15 +62,16 @@ def searches(seeds: int, c_m: float = MatchingSettings().c_m) -> list[Search]:
 
 def xiong_samples(seeds: int) -> ExperimentResult:
     """Figure 7: the mean error of every sample, the five best of them."""
-    found = searches(seeds)
+    found, paper, ideal = searches(seeds), searches(seeds, paper=True), searches(seeds, ideal=True)
     rows = []
-    for seed, search in enumerate(found):
+    for seed, (search, in_its_form, at_best) in enumerate(zip(found, paper, ideal, strict=True)):
         order = np.argsort(search.round.errors)
         away = np.hypot(*(search.round.samples_m[order[:5]] - PLACE).T)
+        off = [f"{100 * each.taken.distance_to(each.truth):.2f} cm" for each in (in_its_form, search, at_best)]
         rows.append(
             (
                 str(seed), str(len(order)), f"{away[0]:.2f} m", f"{search.round.errors[order[0]]:.4f}",
-                f"{np.count_nonzero(away < 1.0)} of 5", f"{100 * search.taken.distance_to(search.truth):.2f} cm",
+                f"{np.count_nonzero(away < 1.0)} of 5", "9 cm", *off,
             )
         )  # fmt: skip
     right = [search.taken.distance_to(search.truth) < NEAR_M for search in found]
@@ -71,16 +79,27 @@ def xiong_samples(seeds: int) -> ExperimentResult:
         "xiong-samples",
         "Figure 7 of Xiong et al.: the mean error of each of the 315 samples of a robot near (0, -2) m",
         seeds,
-        ("seed", "samples", "best sample is off by", "its error", "of the five best within 1 m", "pose is off by"),
-        tuple(rows),
-        Headline("robot near (0, -2) m found among 315 samples", "found, 8 cm off",
-                 f"{percent(right)} found, {spread([100 * s.taken.distance_to(s.truth) for s in found])} cm off"),
         (
-            "The paper's picture is of one place; the error is small there and near the penalty areas, as in ours. "
-            "Red: the sample with the least error; magenta: the next four; the darker, the smaller the error.",
+            "robot", "samples", "best sample is off by", "its error", "of the five best within 1 m",
+            "pose is off by: paper", "its form here", "ours", "ideal robot",
+        ),
+        tuple(rows),
+        Headline("robot near (0, -2) m found among 315 samples", "found, 9 cm from (0, -2) m",
+                 f"{rate(sum(right), len(right))} found, {_off_by(found)} cm off; its form {_off_by(paper)} cm; ideal "
+                 f"{_off_by(ideal)} cm"),
+        (
+            "Robots as built, one per seed, who stand there among eight others, at the observation level. The paper's "
+            "picture is of one place; the error is small there and near the penalty areas, as in ours. "
+            "Red: the sample with the least error; magenta: the next four; the darker, the smaller the error. Its form "
+            "here: the same with the system's preset `paper`.",
         ),
         (("map", _map_figure(found[0])),),
     )  # fmt: skip
+
+
+def _off_by(found: list[Search]) -> str:
+    """How far the pose taken is off (cm), over the robots."""
+    return interval([100 * search.taken.distance_to(search.truth) for search in found])
 
 
 def _map_figure(search: Search) -> Figure:
@@ -97,51 +116,81 @@ def _map_figure(search: Search) -> Figure:
     return figure
 
 
+class Descent(NamedTuple):
+    """One descent of RPROP: from where to where (m), how far off that is (m), errors before and after, steps."""
+
+    start_m: tuple[float, float]
+    end_m: tuple[float, float]
+    off_m: float
+    before: float
+    after: float
+    steps: int
+
+    @property
+    def right(self) -> bool:
+        """Whether it ends where the robot is."""
+        return self.off_m < NEAR_M
+
+
+def descents(search: Search) -> list[Descent]:
+    """The descents from the five best samples, by the error that they end with."""
+    found = []
+    for candidate in sorted(search.round.candidates, key=lambda candidate: candidate.error):
+        (x, y, _, before), end = candidate.iterations[0].tolist(), candidate.pose
+        off_m, steps = end.distance_to(search.truth), _steps_until_settled(candidate.iterations)
+        found.append(Descent((x, y), (end.x, end.y), off_m, before, candidate.error, steps))
+    return found
+
+
 def xiong_convergence(seeds: int) -> ExperimentResult:
     """Figure 9: RPROP from the five best samples, with c of our own and with the paper's."""
-    found = searches(seeds)
-    rows, said = [], []
-    for c_m, each in ((MatchingSettings().c_m, found), (PAPER_C_M, searches(seeds, PAPER_C_M))):
-        ends = [(seed, search, candidate) for seed, search in enumerate(each) for candidate in _by_error(search)]
-        rows += [_convergence_row(c_m, seed, search, candidate) for seed, search, candidate in ends]
-        right = [_is_near(search, candidate) for _, search, candidate in ends]
-        steps = [float(_steps_until_settled(c.iterations)) for (_, _, c), near in zip(ends, right, strict=True) if near]
-        errors = [c.error for (_, _, c), near in zip(ends, right, strict=True) if near]
-        wrong = [c.error for (_, _, c), near in zip(ends, right, strict=True) if not near]
-        least = f"{min(wrong):.4f}" if wrong else "none"
-        said.append(f"c = {c_m:g} m: {spread(steps, 1)}; {spread(errors, 5 if c_m > 1.0 else 4)}, {least}")
+    found = {
+        "ours": searches(seeds),
+        "ours, c = 2.55 m": searches(seeds, PAPER_C_M),
+        "its form here, c = 2.55 m": searches(seeds, PAPER_C_M, paper=True),
+        "its form here": searches(seeds, paper=True),
+        "ours, ideal robot": searches(seeds, ideal=True),
+    }
+    ends = {name: [d for search in each for d in descents(search)] for name, each in found.items()}
+    paper = ("the paper", "5", "2 of 5", "about 10", "0.006", "above 0.018", "–", "8.2, 8.8, 9.3 m")
+    said = ", ".join(_summary(ends["ours"])[2:5])
+    like = ", ".join(_summary(ends["ours, c = 2.55 m"])[2:5])
     return ExperimentResult(
         "xiong-convergence",
         "Figure 9 of Xiong et al.: RPROP from the five best samples of a robot near (0, -2) m",
         seeds,
-        ("c (m)", "seed", "start (m)", "end (m)", "off by", "error before", "after", "steps to 2 cm"),
-        tuple(rows),
+        ("form", "descents", "right", "steps until settled", "error when right", "least error when wrong",
+         "off by when right", "off by when wrong"),
+        (paper, *((name, *_summary(each)) for name, each in ends.items()), *_first_robot(found["ours"][0])),
         Headline("steps until settled; error when right, least when wrong", "about 10; 0.006, above 0.018",
-                 " · ".join(said)),
+                 f"c = 0.25 m: {said}; c = 2.55 m: {like}"),
         (
-            "Settled: from then on within 2 cm of where the descent ends. Errors are of the error function with the c "
-            "named; the paper has C = 255 without a unit: taken for centimetres it is 2.55 m, like with like.",
+            "Robots as built, one per seed. Settled: from then on within 2 cm of where the descent ends. Errors are of "
+            "the error function with c = 0.25 m where nothing else is said; the paper has C = 255 without a unit: in "
+            "centimetres it is 2.55 m, like with like. Its form here: with the system's preset `paper`.",
         ),
-        (("errors", _convergence_figure(found[0])),),
+        (("errors", _convergence_figure(found["ours"][0])),),
     )  # fmt: skip
 
 
-def _by_error(search: Search) -> list[Candidate]:
-    return sorted(search.round.candidates, key=lambda candidate: candidate.error)
-
-
-def _is_near(search: Search, candidate: Candidate) -> bool:
-    return candidate.pose.distance_to(search.truth) < NEAR_M
-
-
-def _convergence_row(c_m: float, seed: int, search: Search, candidate: Candidate) -> tuple[str, ...]:
-    off_m, start = candidate.pose.distance_to(search.truth), candidate.iterations[0]
+def _summary(every: list[Descent]) -> tuple[str, ...]:
+    right, wrong = [d for d in every if d.right], [d for d in every if not d.right]
+    decimals = 4 if not right or np.mean([d.after for d in right]) > 1e-3 else 5
     return (
-        f"{c_m:g}", str(seed), f"({start[0]:.1f}, {start[1]:.1f})",
-        f"({candidate.pose.x:.2f}, {candidate.pose.y:.2f})",
-        f"{100 * off_m:.1f} cm" if _is_near(search, candidate) else "elsewhere", f"{start[3]:.4f}",
-        f"{candidate.error:.4f}", str(_steps_until_settled(candidate.iterations)),
+        str(len(every)), f"{len(right)} of {len(every)}", spread([float(d.steps) for d in right], 1),
+        spread([d.after for d in right], decimals), f"{min(d.after for d in wrong):.4f}" if wrong else "–",
+        f"{spread([100.0 * d.off_m for d in right])} cm", f"{spread([d.off_m for d in wrong], 1)} m",
     )  # fmt: skip
+
+
+def _first_robot(search: Search) -> list[tuple[str, ...]]:
+    """A row for each of its descents."""
+    return [
+        (f"first robot from ({d.start_m[0]:.1f}, {d.start_m[1]:.1f}) to ({d.end_m[0]:.2f}, {d.end_m[1]:.2f}) m", "1",
+         "yes" if d.right else "no", str(d.steps), *((f"{d.after:.4f}", "–") if d.right else ("–", f"{d.after:.4f}")),
+         *((f"{100 * d.off_m:.1f} cm", "–") if d.right else ("–", f"{d.off_m:.1f} m")))
+        for d in descents(search)
+    ]  # fmt: skip
 
 
 def _steps_until_settled(trace: FloatArray) -> int:

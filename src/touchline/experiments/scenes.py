@@ -17,8 +17,9 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
 from touchline.simulation.observation.observed_lines import ObservedLines
 from touchline.simulation.run import Simulation
-from touchline.simulation.scenario import open_scenario
+from touchline.simulation.scenario import MotionSettings, open_scenario
 from touchline.sources import Recording, open_source
+from touchline.types import LinePoints
 
 FIELD = "msl-18x12"
 DATA_VARIABLE = "TOUCHLINE_DATA"  # names the folder of the public recordings
@@ -38,6 +39,13 @@ def the_camera() -> OmniCamera:
 def the_views() -> ObservedLines:
     """What is seen through it on the 18 x 12 m field."""
     return ObservedLines(the_camera(), open_field(FIELD))
+
+
+def points_from(place: Pose, seed: int, ideal: bool = False) -> LinePoints:
+    """What a robot of this seed, as built or ideal, sees from a place of the 18 x 12 m field: observation level."""
+    scenario = open_scenario("straight-tracks", seed, 0.2, ["ideal=true"] if ideal else [])
+    motion = MotionSettings(kind="stand", pose=(place.x, place.y, math.degrees(place.heading)))
+    return Simulation(scenario.model_copy(update={"motion": motion}), level="points").points(0)
 
 
 def public_recording(name: str) -> Recording | None:
