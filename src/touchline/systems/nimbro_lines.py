@@ -33,7 +33,7 @@ from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Observation, Prior, Samples, Status, as_prior
+from touchline.types import Estimate, Frame, Observation, Prior, Samples, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where no camera.yaml tells: that of a robot between kid and adult size
 
@@ -106,7 +106,7 @@ class NimbroLines:
         self.leaning.clear()
         self.tracker.reset(prior)
         if prior.pose is not None:
-            self.particles.start_at(self.tracker.pose, self.tracker.covariance)
+            self.particles.start_at(self.tracker.pose, self.tracker.filter.covariance)
         else:
             self.particles.restart(OWN_HALF if prior.own_half else None)
 
@@ -119,7 +119,7 @@ class NimbroLines:
         frame = self._with_lean(frame)  # roll and pitch at the image, section 4.4
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # features, sections 3 and 4
         view = self.features.of(observation)  # egocentric, with noise and confidence, sections 4.4 and 5.3
-        searching = self.tracker.status is not Status.TRACKING
+        searching = self.tracker.belief.is_searching
         mode = self.particles.update(view, self._side(), searching)  # observation model, resampling, (4) to (8)
         self.tracker.update(view, mode, frame.stamp_ns)  # ours: least squares about the main mode; is it believed
         if self.tracker.turned:

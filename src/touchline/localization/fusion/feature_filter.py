@@ -29,12 +29,19 @@ MOUNT_DRIFT_RAD = 0.0003  # how much of that changes from frame to frame
 class Explained(NamedTuple):
     """How much of a frame's features a pose explains: their number by confidence and probability, of how many.
 
-    residual_m: their mean error (m), by the same weights; NaN without any.
+    residual_m: their mean error (m), by the same weights; NaN without any. information: (3, 3) that they alone hold on
+    x, y (m), heading (rad), field frame.
     """
 
     features: float
     of: float
     residual_m: float
+    information: FloatArray
+
+
+def nothing_explained() -> Explained:
+    """Of a frame without features."""
+    return Explained(0.0, 0.0, math.nan, np.zeros((3, 3)))
 
 
 class FeatureFilter:
@@ -79,7 +86,7 @@ class FeatureFilter:
         near: that pose, by default the prediction, which may be too far off to tell what is what.
         """
         if view.size == 0:
-            return Explained(0.0, 0.0, math.nan)
+            return nothing_explained()
         prior = np.zeros((5, 5))
         lean_prior = self.lean_covariance + np.eye(2) * self.lean_rad**2
         prior[:3, :3] = np.linalg.inv(self.covariance)
@@ -95,13 +102,14 @@ class FeatureFilter:
             information = NEW_RATIO * normal + prior
             state += np.linalg.solve(information, NEW_RATIO * right + prior @ off)
         self._take(state, np.linalg.inv(information), lean_prior)
-        return Explained(*explained)
+        return Explained(*explained, NEW_RATIO * normal[:3, :3])
 
     def explained(self, view: FeatureView, pose: Pose) -> Explained:
         """How much of a frame's features another pose explains."""
         if view.size == 0:
-            return Explained(0.0, 0.0, math.nan)
-        return Explained(*self._sum(np.array([*pose, *self.lean]), view)[2])
+            return nothing_explained()
+        normal, _, explained = self._sum(np.array([*pose, *self.lean]), view)
+        return Explained(*explained, NEW_RATIO * normal[:3, :3])
 
     def _sum(self, state: FloatArray, view: FeatureView) -> tuple[FloatArray, FloatArray, tuple[float, float, float]]:
         normal, right, found = np.zeros((5, 5)), np.zeros(5), np.zeros(3)

@@ -7,12 +7,10 @@ mode elsewhere that explains more for some time takes its place, and so does a t
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
-from touchline.localization.fusion.feature_belief import BeliefSettings, FeatureBelief
+from touchline.localization.fusion.feature_belief import BeliefSettings, FeatureBelief, is_narrow
 from touchline.localization.fusion.feature_filter import FeatureFilter
 from touchline.localization.fusion.field_ends import FieldEnds
 from touchline.localization.fusion.twin_odds import TwinOdds
@@ -23,8 +21,6 @@ from touchline.motion.odometry import Motion
 from touchline.types import Hypothesis, Prior, Status
 
 SURE_WEIGHT = 0.8  # share of the particles' weight in one mode from which there is a pose at all
-SURE_M = 0.5  # standard deviation of a position above which no pose is believed: right is within 0.5 m
-SURE_RAD = 0.3  # the same of the heading
 # how far another place may be away for the robot to be still at the end that it was at: it slipped. Of all places that
 # a robot may be carried to, the twins of less than one in a hundred are so near
 SLIP_M, SLIP_RAD = 1.0, 0.5
@@ -107,7 +103,7 @@ class FeatureTracker:
         if self.turned:
             self.filter.start(self.pose.mirrored(), mirrored_covariance(self.filter.covariance))
         doubted = not is_narrow(self.filter.covariance) or self.ends.in_doubt
-        self.belief.judge(stamp_ns, self.has_pose, doubted)
+        self.belief.judge(stamp_ns, self.pose if self.has_pose else None, doubted)
 
     @property
     def is_lost(self) -> bool:
@@ -125,7 +121,8 @@ class FeatureTracker:
         elsewhere = mode.weight >= SURE_WEIGHT and not self._is_near(mode.pose, MODE_M, MODE_RAD)
         rival = self.filter.explained(view, mode.pose) if elsewhere else None
         near = None if elsewhere or mode.weight < SURE_WEIGHT else mode.pose
-        self.belief.count(self.filter.update(view, near), rival)
+        explained = self.filter.update(view, near)
+        self.belief.count(explained, rival, self.pose)
         if self.belief.is_refuted:
             if not self._is_slip(mode.pose):
                 self.ends.jump()
@@ -138,7 +135,7 @@ class FeatureTracker:
             self.ends.jump()
             self.belief.start_anew()
         self.filter.start(mode.pose, mode.covariance)
-        self.belief.count(explained, None)
+        self.belief.count(explained, None, self.pose)
 
     def _take(self, mode: Mode) -> None:
         """The particles' mode is the pose from now on, to be confirmed."""
@@ -158,9 +155,3 @@ class FeatureTracker:
     def _is_near(self, pose: Pose, reach_m: float, reach_rad: float) -> bool:
         turned = abs(wrap_angle(pose.heading - self.pose.heading))
         return self.pose.distance_to(pose) <= reach_m and turned <= reach_rad
-
-
-def is_narrow(covariance: FloatArray) -> bool:
-    """Whether a covariance (3, 3) is of a pose that may be believed."""
-    position = math.sqrt(covariance[0, 0] + covariance[1, 1])
-    return position < SURE_M and math.sqrt(covariance[2, 2]) < SURE_RAD
