@@ -16,6 +16,8 @@ import numpy.typing as npt
 from touchline.geometry import FloatArray, Pose3
 
 Mask = npt.NDArray[np.bool_]
+# half a pixel to all sides of one, and itself
+_AROUND = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
 
 
 class Camera(Protocol):
@@ -116,14 +118,16 @@ def ground_jacobian(ground_from_image: Callable[[FloatArray], FloatArray], pixel
     At the edges of what is seen the difference is one-sided, over half a pixel. NaN outside.
     """
     uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-    here = ground_from_image(uv)
-    columns = []
-    for offset in (np.array([0.5, 0.0]), np.array([0.0, 0.5])):
-        after, before = ground_from_image(uv + offset), ground_from_image(uv - offset)
+    around = (uv + _AROUND[:, np.newaxis]).reshape(-1, 2)
+    here, right, left, down, up = ground_from_image(around).reshape(len(_AROUND), -1, 2)
+    jacobians = np.empty((len(uv), 2, 2))
+    for column, (after, before) in enumerate(((right, left), (down, up))):
         ahead, behind = 2.0 * (after - here), 2.0 * (here - before)
-        central = np.where(np.isnan(ahead), behind, np.where(np.isnan(behind), ahead, 0.5 * (ahead + behind)))
-        columns.append(central)
-    return np.stack(columns, axis=-1)
+        central = 0.5 * (ahead + behind)
+        if np.isnan(central).any():
+            central = np.where(np.isnan(ahead), behind, np.where(np.isnan(behind), ahead, central))
+        jacobians[:, :, column] = central
+    return jacobians
 
 
 def pixel_covariances(jacobians: FloatArray, noise_px: float, noise_m: float) -> FloatArray:

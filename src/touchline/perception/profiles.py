@@ -18,6 +18,7 @@ from touchline.types import ImageArray
 
 BODY = 3  # a fourth class of samples: the robot itself
 DIMMEST_SUM = 10.0  # of B, G and R of carpet in the dark, in the mean of a flank: below, its hue is noise
+BLOCK = 16  # samples that share one bound: few enough to be passed over where there is a line beyond their neighbours
 COLUMNS = 7  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path
 
 
@@ -103,84 +104,99 @@ def sample_paths(
 
 
 @njit(cache=True)
-def _dim_flank(samples, first, step, limits, mean):  # type: ignore[no-untyped-def]
+def _dim_flank(samples, first, step, limits):  # type: ignore[no-untyped-def]
     """As `_flank` for carpet in the dark, by the colour of all samples together: one alone is too coarse to tell."""
-    colours, levels, _ = samples
-    count, carpet = limits.flank_px, limits.carpet
-    if colours[first, 0] + colours[first, 1] + colours[first, 2] > 2.0 * carpet.max_sum:  # nearly always
-        return np.nan
-    level = 0.0
-    mean[:] = 0.0
+    colours, levels, count, carpet = samples.colours, samples.levels, limits.flank_px, limits.carpet
+    level = blue = green = red = 0.0
     for m in range(count):
         k = first + step * m
         level += levels[k] / count
-        for c in range(3):
-            mean[c] += colours[k, c] / count
-    total = mean[0] + mean[1] + mean[2]
-    if not carpet.min_sum <= total <= carpet.max_sum:
-        return np.nan
-    off = np.hypot(mean[0] / total - carpet.blue, mean[2] / total - carpet.red)
-    return level if off <= carpet.reach else np.nan
+        blue += colours[k, 0] / count
+        green += colours[k, 1] / count
+        red += colours[k, 2] / count
+    total = blue + green + red
+    is_carpet = carpet.min_sum <= total <= carpet.max_sum
+    if is_carpet:
+        is_carpet = np.hypot(blue / total - carpet.blue, red / total - carpet.red) <= carpet.reach
+    return level if is_carpet else np.nan, blue, green, red
 
 
-@njit(cache=True)
-def _flank(samples, first, step, limits, span, mean):  # type: ignore[no-untyped-def]
-    """Mean level of `flank_px` samples from `first` on, walking by `step`; NaN unless three quarters of them are green,
-    or all of them together are carpet in the dark.
+@njit(cache=True, inline="always")  # to count the references to the arrays of a call takes longer than all the rest
+def _flank(colours, levels, classes, first, step, count):  # type: ignore[no-untyped-def]
+    """Of `count` samples from `first` on, walking by `step`: how many are green, their mean level and B, G, R.
 
-    A flank that holds an edge between light and dark is none, either: beside a dark thing even green looks whitish.
-    span: first sample of the scan line, and the first beyond it. mean (3,) is filled with the green samples' mean.
+    A flank that holds an edge between light and dark has no level (NaN): beside a dark thing even green looks whitish.
     """
-    colours, levels, classes = samples
-    count = limits.flank_px
-    last = first + step * (count - 1)
-    if min(first, last) < span[0] or max(first, last) >= span[1]:
-        return np.nan
-    green, level, darkest, brightest = 0, 0.0, np.inf, 0.0
-    mean[:] = 0.0
+    number, level, darkest, brightest = 0, 0.0, np.inf, 0.0
+    blue = green = red = 0.0
     for m in range(count):
         k = first + step * m
         if classes[k] != GREEN:
             continue
-        green += 1
+        number += 1
         level += levels[k]
         total = colours[k, 0] + colours[k, 1] + colours[k, 2]
         darkest, brightest = min(darkest, total), max(brightest, total)
-        for c in range(3):
-            mean[c] += colours[k, c]
-    if green * 4 < count * 3:
-        return _dim_flank(samples, first, step, limits, mean)
-    if darkest < 0.7 * brightest:
-        return np.nan
-    for c in range(3):
-        mean[c] /= green
-    return level / green
+        blue += colours[k, 0]
+        green += colours[k, 1]
+        red += colours[k, 2]
+    n = max(number, 1)
+    return number, level / n if darkest >= 0.7 * brightest else np.nan, blue / n, green / n, red / n
 
 
 @njit(cache=True)
 def _foot(samples, peak, step, limits, span, mean):  # type: ignore[no-untyped-def]
     """Where the green beside a peak begins: (index, level), walking from the peak by `step`; index -1 if nowhere.
 
-    The first flank that lies low enough below the peak, moved on while blur still lets it fall.
+    The first flank that lies low enough below the peak, moved on while blur still lets it fall. In a flank of
+    `flank_px` samples three quarters are green, or all of them together are carpet in the dark. span: first sample of
+    the scan line, and the first beyond it. mean (3,) is filled with the flank's colour.
     """
-    levels, least = samples.levels, 0.5 * limits.min_contrast
-    for m in range(1, limits.max_run_px):
+    colours, levels, classes = samples
+    count, least, dim = limits.flank_px, 0.5 * limits.min_contrast, 2.0 * limits.carpet.max_sum
+    foot, base, steps = -1, np.inf, 0
+    for m in range(1, limits.max_run_px + 2):
         k = peak + step * m
-        if k < span[0] or k >= span[1]:
+        last = k + step * (count - 1)
+        if min(k, last) < span[0] or max(k, last) >= span[1] or (foot < 0 and m >= limits.max_run_px):
             break
-        if levels[peak] - levels[k] < least:
+        if foot < 0 and levels[peak] - levels[k] < least:
             continue
-        level = _flank(samples, k, step, limits, span, mean)
-        if np.isnan(level) or levels[peak] - level < least:
+        number, level, blue, green, red = _flank(colours, levels, classes, k, step, count)
+        if number * 4 < count * 3:
+            level = np.nan
+            if colours[k, 0] + colours[k, 1] + colours[k, 2] <= dim:  # hardly ever
+                level, blue, green, red = _dim_flank(samples, k, step, limits)
+        if foot < 0 and not levels[peak] - level >= least:
             continue
-        for _ in range(2):
-            further = _flank(samples, k + step, step, limits, span, mean)
-            if np.isnan(further) or further >= level:
-                break
-            k, level = k + step, further
-        _flank(samples, k, step, limits, span, mean)
-        return k, level
-    return -1, 0.0
+        if foot >= 0 and not level < base:
+            break
+        foot, base, steps = k, level, steps + 1
+        mean[0], mean[1], mean[2] = blue, green, red
+        if steps == 3:
+            break
+    return foot, base
+
+
+@njit(cache=True)
+def _floors(levels, reach):  # type: ignore[no-untyped-def]
+    """For each block of samples a level that lies no higher than what all its peaks have on one of their sides.
+
+    The higher of the lowest levels of `reach` samples on either side: what hardly rises above it never passes `_falls`.
+    """
+    blocks, around = (len(levels) + BLOCK - 1) // BLOCK, (reach + BLOCK - 1) // BLOCK
+    lowest, floors = np.empty(blocks, np.float32), np.empty(blocks, np.float32)
+    for block in range(blocks):
+        low = levels[block * BLOCK]
+        for k in range(block * BLOCK + 1, min((block + 1) * BLOCK, len(levels))):
+            low = min(low, levels[k])
+        lowest[block] = low
+    for block in range(blocks):
+        before = after = lowest[block]
+        for step in range(1, around + 1):
+            before, after = min(before, lowest[max(block - step, 0)]), min(after, lowest[min(block + step, blocks - 1)])
+        floors[block] = max(before, after)
+    return floors
 
 
 @njit(cache=True)
@@ -275,6 +291,7 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
     toward = white - green
     constants, bearings, ranges = camera
     means, edges, ends = np.zeros((2, 3)), np.zeros(2), np.zeros((2, 4))
+    floors, rise = _floors(levels, limits.max_run_px), 0.5 * limits.min_contrast
     found = 0
     for p in range(len(starts) - 1):
         span = (starts[p], starts[p + 1])
@@ -283,6 +300,8 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
         while k < last and found < len(out):
             peak = k
             k += 1
+            if levels[peak] - floors[peak // BLOCK] < rise:  # nearly always
+                continue
             if levels[peak] < levels[peak - 1] or levels[peak] < levels[peak + 1] or classes[peak] == BODY:
                 continue
             if not _falls(levels, peak, limits, span):
