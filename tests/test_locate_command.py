@@ -196,3 +196,30 @@ def test_the_help_says_where_the_overlay_goes(capsys: pytest.CaptureFixture[str]
     assert main(["locate", "--help"]) == 0
     said = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert "overlay.png in runs/NAME-locate-N" in said
+
+
+def test_a_wrong_field_is_doubted_and_the_right_one_named(small_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    measured = small_data / "real" / "nubot_robot1.csv"
+    assert main(["locate", str(measured), "--field", str(FIELDS / "nubot-lab-18x8.yaml")]) == 0
+    out = capsys.readouterr().out
+    assert "in doubt: 38 % of the points lie more than 25 cm from every line" in out
+    assert "of the points lie outside the carpet" in out
+    assert "The points fit the field msl-18x12 far better, 6.1 cm from the lines on average: --field msl-18x12" in out
+    sigma_m = next(line for line in out.splitlines() if line.startswith("± of the pose")).split()[4]
+    assert float(sigma_m) > 0.3
+
+
+def test_wrong_ranges_are_refused_with_the_scale_that_fits_and_fitted_when_asked(
+    small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured = np.loadtxt(small_data / "real" / "nubot_robot1.csv", delimiter=",", skiprows=1)[::6]
+    np.savetxt(tmp_path / "long.csv", 1.15 * measured, delimiter=",", header="x_m,y_m", comments="")
+    arguments = ["locate", "long.csv", "--field", "msl-18x12"]
+    assert main(arguments) == 1
+    assert "With all ranges times 0.87" in capsys.readouterr().err
+    assert main([*arguments, "--fit-scale", "--json"]) == 0
+    tree = json.loads(capsys.readouterr().out)
+    assert tree["scale"]["factor"] == pytest.approx(1.0 / 1.15, abs=3.0 * tree["scale"]["deviation"])
+    assert tree["scale"]["deviation"] < 0.01
+    assert tree["doubts"] == tree["better"] == []
+    assert abs(tree["pose"]["x_m"]) == pytest.approx(4.117, abs=0.05)

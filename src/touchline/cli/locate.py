@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from touchline.field import FieldModel
     from touchline.geometry import FloatArray, Pose
     from touchline.localization import Location
+    from touchline.localization.one_shot.advice import Better
+    from touchline.localization.one_shot.scale import Scale
     from touchline.types import ImageArray
+    from touchline.view.look import Look
 
 _ASSUMED_FIELD = "msl-18x12"
 
@@ -41,6 +44,10 @@ def locate(
         float | None,
         typer.Option(metavar="RAD", help="Compass heading; without it the whole circle.", show_default=False),
     ] = None,
+    with_scale: Annotated[
+        bool,
+        typer.Option("--fit-scale", help="Fit a factor of all ranges, too: for a camera with wrong ranges."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
     output: Annotated[
         Path | None,
@@ -71,19 +78,22 @@ def locate(
     from touchline.field import open_field
 
     model = open_field(field if field is not None else _ASSUMED_FIELD)
-    find = _from_points if camera is None else _from_image
     with _searching():
-        found, picture = find(source, camera, model, heading, output)
+        seen = _seen(source, camera, model)
+        answer = _answer(seen, model, heading, with_scale)
+        picture = _draw(source, seen, model, answer, output)
+    found = answer.found
     with _whole_output():
         if as_json:
-            _print_json(found, model, field is None, picture)
+            _print_json(answer, model, field is None, picture)
         elif not isinstance(found, NoFitError):
-            _print_table(source, model, field is None, found)
+            _print_table(source, model, field is None, found, answer)
         if picture is not None and not as_json:
             _console().print(f"drawn into {picture}", markup=False)
     if isinstance(found, NoFitError):
         assumed = f" (--field was not given: {model.name} was assumed)" if field is None else ""
-        raise NoFitError(f"{source}: {found}{assumed}")
+        told = "".join(f". {_better_words(better)}" for better in answer.better)
+        raise NoFitError(f"{source}: {found}{assumed}{told}")
 
 
 @contextmanager
@@ -110,56 +120,98 @@ def _whole_output() -> Iterator[None]:
         raise TouchlineError(f"the output cannot be written ({error.strerror})") from None
 
 
-def _from_points(
-    source: Path, camera: Path | None, field: FieldModel, heading: float | None, output: Path | None
-) -> tuple[Location | NoFitError, Path | None]:
-    """The location of the points in a file, or why there is none, and the picture that was drawn."""
-    from touchline.localization import locate_points
-    from touchline.localization.one_shot.points_file import read_points
-    from touchline.view.picture_files import save_picture
+class _Seen(NamedTuple):
+    """Line points (N, 2) in m, robot frame, weights (N,) or None, and what else an image has shown."""
 
-    points, weights = read_points(source)
-    try:
-        location = locate_points(points, field, heading, weights)
-    except NoFitError as error:
-        return error, None
-    if output is not None:
-        save_picture(output, _field_picture(field, location.pose, points))
-    return location, output
+    points: FloatArray
+    weights: FloatArray | None
+    look: Look | None
 
 
-def _from_image(
-    source: Path, camera: Path | None, field: FieldModel, heading: float | None, output: Path | None
-) -> tuple[Location | NoFitError, Path | None]:
-    """As `_from_points`, of an image: the overlay picture is drawn in any case."""
+class _Answer(NamedTuple):
+    """A pose, or why there is none; the scale that was fitted to the points (N, 2); what would fit better."""
+
+    found: Location | NoFitError
+    points: FloatArray
+    scale: Scale | None
+    better: tuple[Better, ...]
+
+
+def _seen(source: Path, camera: Path | None, field: FieldModel) -> _Seen:
+    if camera is None:
+        from touchline.localization.one_shot.points_file import read_points
+
+        return _Seen(*read_points(source), None)
     from touchline.camera import open_camera
-    from touchline.evaluation.run_folder import new_folder
-    from touchline.localization import WeightSettings, locate_points, precision_weights
+    from touchline.localization import WeightSettings, precision_weights
     from touchline.view.look import observe_image
-    from touchline.view.picture_files import save_picture
 
-    assert camera is not None, "the caller chose this function because there is one"
     look = observe_image(source, open_camera(camera), field)
     points = look.observation.points
+    return _Seen(points.positions_m, precision_weights(points, WeightSettings()), look)
+
+
+def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
+    from touchline.localization import PoorFitError, locate_points
+    from touchline.localization.one_shot.advice import better_fits
+    from touchline.localization.one_shot.scale import fit_scale
+
+    points, scale = seen.points, None
     found: Location | NoFitError
     try:
-        found = locate_points(points.positions_m, field, heading, precision_weights(points, WeightSettings()))
+        if with_scale:
+            scale = fit_scale(points, field, heading)
+            points = scale.factor * points
+        found = locate_points(points, field, heading, seen.weights)
     except NoFitError as error:
         found = error
-    pose = None if isinstance(found, NoFitError) else found.pose
-    path = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
-    save_picture(path, replace(look, field_from_robot=pose).overlay())
-    return found, path
+    if isinstance(found, PoorFitError):
+        better = better_fits(points, field, found.best.pose, heading)
+    elif not isinstance(found, NoFitError) and found.doubts:
+        better = better_fits(points, field, found.pose, heading)
+    else:
+        better = ()
+    return _Answer(found, points, scale, better)
 
 
-def _print_table(source: Path, field: FieldModel, assumed: bool, location: Location) -> None:
+def _draw(source: Path, seen: _Seen, field: FieldModel, answer: _Answer, output: Path | None) -> Path | None:
+    """The picture that was drawn: that of an image in any case, that of points if it was asked for."""
+    from touchline.evaluation.run_folder import new_folder
+    from touchline.view.picture_files import save_picture
+
+    pose = None if isinstance(answer.found, NoFitError) else answer.found.pose
+    if seen.look is not None:
+        output = output if output is not None else new_folder(None, f"{source.stem}-locate") / "overlay.png"
+        save_picture(output, replace(seen.look, field_from_robot=pose).overlay())
+        return output
+    if output is None or pose is None:
+        return None
+    save_picture(output, _field_picture(field, pose, answer.points))
+    return output
+
+
+def _print_table(source: Path, field: FieldModel, assumed: bool, location: Location, answer: _Answer) -> None:
     out = _console()
     out.print(_summary(source, field, location), markup=False)
+    if answer.scale is not None:
+        factor, deviation = answer.scale
+        out.print(f"all ranges were multiplied by {factor:.4f} ± {deviation:.4f} (--fit-scale)", markup=False)
     if assumed:
         out.print(f"the field {field.name} is assumed; --field NAME or FILE tells another", style="dim", markup=False)
     out.print(_table(location))
     if not location.hypotheses:
         out.print("no other pose explains the points as well", style="dim")
+    for doubt in location.doubts:
+        out.print(f"in doubt: {doubt}", style="yellow", markup=False)
+    for better in answer.better:
+        out.print(_better_words(better), style="yellow", markup=False)
+
+
+def _better_words(better: Better) -> str:
+    left = f"{100 * better.mean_distance_m:.1f} cm from the lines on average"
+    if better.scale is None:
+        return f"The points fit the field {better.preset} far better, {left}: --field {better.preset}"
+    return f"With all ranges times {better.scale.factor:.3f} the points fit far better, {left}: --fit-scale"
 
 
 def _summary(source: Path, field: FieldModel, location: Location) -> str:
@@ -197,12 +249,12 @@ def _table(location: Location) -> Table:
     return table
 
 
-def _print_json(found: Location | NoFitError, field: FieldModel, assumed: bool, picture: Path | None) -> None:
+def _print_json(answer: _Answer, field: FieldModel, assumed: bool, picture: Path | None) -> None:
     import json
 
     from touchline.localization import PoorFitError
 
-    tree: dict[str, Any]
+    found, tree = answer.found, dict[str, Any]()
     if isinstance(found, NoFitError):
         tree = {"pose": None, "refused": str(found)}
         if isinstance(found, PoorFitError):
@@ -220,7 +272,15 @@ def _print_json(found: Location | NoFitError, field: FieldModel, assumed: bool, 
             "hypotheses": [
                 {**_pose_tree(other.pose), "mean_distance_m": other.residual_m} for other in found.hypotheses
             ],
+            "doubts": list(found.doubts),
         }
+    if answer.scale is not None:
+        tree["scale"] = answer.scale._asdict()
+    tree["better"] = [
+        ({"field": one.preset} if one.scale is None else {"scale": one.scale._asdict()})
+        | {"mean_distance_m": one.mean_distance_m}
+        for one in answer.better
+    ]
     tree |= {"field": field.name, "field_assumed": assumed}
     if picture is not None:
         tree["picture"] = str(picture)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from pydantic import Field
@@ -87,12 +87,49 @@ def visual_covariance(
     evenly into all directions is taken off: where lines observe the direction it hardly matters, where only stray
     points and crossings do, nothing is left.
     """
-    u, curvature, slope_power, _ = moments
     s = settings
+    told = principal_information(points, weights, moments, c_m)
+    if told is None:
+        return s.unknown
+    n = len(points)
+    kept = n - min(max(math.ceil(CLUTTER_RATIO * n), MIN_CLUTTER), n - 1)
+    told.helps.partition(kept - 1, axis=0)
+    values = told.helps[:kept].sum(axis=0)
+    values = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0) * told.unit
+    return told.covariance(values, s)
+
+
+class PrincipalInformation(NamedTuple):
+    """What each point says of a pose along its three principal directions.
+
+    helps (N, 3): of each point along each direction; unit: what makes it an inverse variance. vectors (3, 3): the
+    directions, in columns; scale (3,): of x, y and heading to one length.
+    """
+
+    helps: FloatArray
+    unit: float
+    vectors: FloatArray
+    scale: FloatArray
+
+    def covariance(self, values: FloatArray, settings: UncertaintySettings) -> FloatArray:
+        """Covariance (3, 3) in (m, m, rad) of inverse variances (3,) along the directions."""
+        s = settings
+        information = (self.vectors * values) @ self.vectors.T * np.outer(self.scale, self.scale)
+        information[_DIAGONAL] += 1.0 / s.unknown[_DIAGONAL]
+        covariance = np.linalg.inv(information)
+        covariance[_DIAGONAL] += np.array([s.min_position_m, s.min_position_m, s.min_heading_rad]) ** 2
+        return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def principal_information(
+    points: FloatArray, weights: FloatArray, moments: Moments, c_m: float
+) -> PrincipalInformation | None:
+    """The information of points, arguments as for `visual_covariance`; None where they say nothing."""
+    u, curvature, slope_power, _ = moments
     n = len(points)
     mean_curvature = float(curvature.sum()) / n
     if n <= 3 or mean_curvature <= 0.0:
-        return s.unknown
+        return None
     # Three parameters were fitted to n residuals; a perfect fit still has the least residual.
     power = max(slope_power / (n - 3), (2.0 * MIN_RESIDUAL_M / c_m**2) ** 2 * float(weights @ weights) / n)
     lever_m = max(math.sqrt(float(weights @ (points * points).sum(axis=1))), 0.1)
@@ -100,15 +137,7 @@ def visual_covariance(
     u = u / scale
     vectors = np.linalg.eigh((u.T * curvature) @ u)[1]
     helps = curvature[:, np.newaxis] * (u @ vectors) ** 2
-    kept = n - min(max(math.ceil(CLUTTER_RATIO * n), MIN_CLUTTER), n - 1)
-    helps.partition(kept - 1, axis=0)
-    values = helps[:kept].sum(axis=0)
-    values = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0) * (mean_curvature / power)
-    information = (vectors * values) @ vectors.T * np.outer(scale, scale)
-    information[_DIAGONAL] += 1.0 / s.unknown[_DIAGONAL]
-    covariance = np.linalg.inv(information)
-    covariance[_DIAGONAL] += np.array([s.min_position_m, s.min_position_m, s.min_heading_rad]) ** 2
-    return np.asarray(0.5 * (covariance + covariance.T))
+    return PrincipalInformation(helps, mean_curvature / power, vectors, scale)
 
 
 def is_observed(covariance: FloatArray) -> bool:

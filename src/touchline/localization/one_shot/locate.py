@@ -19,7 +19,9 @@ from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.given import given_numbers
 from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
+from touchline.localization.one_shot.certainty import points_covariance, with_camera
 from touchline.localization.one_shot.coarse_search import CoarseSearch
+from touchline.localization.one_shot.doubts import judge
 from touchline.localization.one_shot.permutation_test import PermutationTest, permutation_test
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.whole_field import PoseGrid, different, sampled, thinned_to
@@ -109,7 +111,8 @@ class Location:
     pose, covariance (3, 3) in (m, m, rad): field frame. error: weighted mean of the error function.
     mean_distance_m, median_distance_m: of the points to the nearest line centre, all points alike, exact distances.
     hypotheses: other poses of similar error, the better first; residual_m is their mean_distance_m.
-    points: different points used. chance: the error against that of the same points rearranged.
+    points: different points used. chance: the error against that of the same points rearranged. doubts: what speaks
+    against the pose, a sentence each; where points don't fit, the covariance is as wide as they are off.
     """
 
     pose: Pose
@@ -120,6 +123,7 @@ class Location:
     hypotheses: tuple[Hypothesis, ...]
     points: int
     chance: PermutationTest
+    doubts: tuple[str, ...] = ()
 
 
 class PoorFitError(NoFitError):
@@ -187,9 +191,7 @@ def locate_points(
     s = settings or LocateSettings()
     _check_heading(heading)
     points, weights = _different_points(points, weights, s)
-    matcher = Matcher(field.distance_map(), s.matching)
-    grid = PoseGrid(field.length, field.width, s.spacing_m, BEYOND_M, s.spacing_rad, heading, s.heading_tolerance_rad)
-    search = CoarseSearch(matcher.distance_map, grid, SAMPLE_C_M)
+    matcher, search = whole_field_search(field, heading, s)
     sample, weights = sampled(points, weights, MAX_POINTS, seed)
     matches = _matches(matcher, search, sample, weights, heading, s)
     if not matches:
@@ -205,8 +207,20 @@ def locate_points(
         raise NotSignificantError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
     if median_m > s.max_median_m:
         raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
-    others = _hypotheses(matches, field, points, mean_m, heading, s)
-    return Location(best.pose, best.covariance, best.error, mean_m, median_m, others, len(points), chance)
+    told = points_covariance(matcher, sample, weights, best.pose)
+    covariance, camera = with_camera(field, points, best.pose, told)
+    judged = judge(field, best.pose.transform(points), distances, covariance, camera)
+    nearest = Hypothesis(best.pose, mean_m, covariance=judged.covariance)
+    others = _hypotheses(matches, field, points, nearest, heading, s)
+    doubts = (*_rivals(best.pose, others), *judged.doubts)
+    return Location(best.pose, judged.covariance, best.error, mean_m, median_m, others, len(points), chance, doubts)
+
+
+def whole_field_search(field: FieldModel, heading: float | None, s: LocateSettings) -> tuple[Matcher, CoarseSearch]:
+    """What looks for poses all over a field, near a heading (rad) if there is one."""
+    matcher = Matcher(field.distance_map(), s.matching)
+    grid = PoseGrid(field.length, field.width, s.spacing_m, BEYOND_M, s.spacing_rad, heading, s.heading_tolerance_rad)
+    return matcher, CoarseSearch(matcher.distance_map, grid, SAMPLE_C_M)
 
 
 def _check_heading(heading: float | None) -> None:
@@ -222,28 +236,43 @@ def _check_heading(heading: float | None) -> None:
 
 
 def _hypotheses(
-    matches: list[Match], field: FieldModel, points: FloatArray, mean_m: float, heading: float | None, s: LocateSettings
+    matches: list[Match],
+    field: FieldModel,
+    points: FloatArray,
+    nearest: Hypothesis,
+    heading: float | None,
+    s: LocateSettings,
 ) -> tuple[Hypothesis, ...]:
-    """The other matches whose error and mean distance are both about those of the first, the better first.
+    """The other matches whose error and mean distance are both about those of the first (nearest), the better first.
 
     Both, because the error saturates: once far points are lost, it hardly tells how far.
     """
     best = matches[0]
+    assert nearest.covariance is not None
     max_error = best.error * s.hypothesis_factor + s.hypothesis_margin
-    max_m = mean_m * s.hypothesis_factor + s.hypothesis_margin_m
+    max_m = nearest.residual_m * s.hypothesis_factor + s.hypothesis_margin_m
     similar = [match for match in matches[1:] if match.error <= max_error]
     means_m = [float(np.mean(field.line_distances(match.pose.transform(points)))) for match in similar]
     others = [
-        Hypothesis(match.pose, found_m, covariance=match.covariance)
+        Hypothesis(match.pose, found_m, covariance=with_camera(field, points, match.pose, match.covariance)[0])
         for match, found_m in zip(similar, means_m, strict=True)
         if found_m <= max_m
     ]
     mirrored = best.pose.mirrored()
     known = [other.pose for other in others]
-    if field.is_symmetric and _allowed(mirrored, heading, s) and not _is_among(mirrored, known, s):
+    if field.is_symmetric and _allowed(mirrored, heading, s) and not _is_among(mirrored, known):
         # it explains the points equally well by the field's symmetry
-        others.insert(0, Hypothesis(mirrored, mean_m, covariance=mirrored_covariance(best.covariance)))
+        others.insert(0, Hypothesis(mirrored, nearest.residual_m, covariance=mirrored_covariance(nearest.covariance)))
     return tuple(others)
+
+
+def _rivals(pose: Pose, others: Sequence[Hypothesis]) -> list[str]:
+    """In words, that other places than the pose's twin explain the points as well."""
+    places = [one for one in others if not _is_among(one.pose, [pose.mirrored()])]
+    if not places:
+        return []
+    noun = "place explains" if len(places) == 1 else "places explain"
+    return [f"the points do not tell the place: {len(places)} other {noun} them about as well"]
 
 
 def _different_points(
@@ -283,12 +312,12 @@ def _matches(
     starts = search.best(few, s.candidates)
     refined = [matcher.descend(few, alike, start) for start in starts]
     poses = [Pose(*map(float, pose)) for pose, _, _ in sorted(refined, key=lambda found: found[1])]
-    finalists = _different_poses(poses, s)[: s.finalists]
+    finalists = _different_poses(poses)[: s.finalists]
     # The mirrored pose on a symmetric field is always a candidate, even if the grid happened to miss it.
     finalists += [pose.mirrored() for pose in finalists]
     matches = sorted((matcher.match(points, weights, pose) for pose in finalists), key=lambda match: match.error)
     allowed = [match for match in matches if _allowed(match.pose, heading, s)]
-    kept = _different_poses([match.pose for match in allowed], s)
+    kept = _different_poses([match.pose for match in allowed])
     return [match for match in allowed if any(match.pose is pose for pose in kept)]
 
 
@@ -296,16 +325,16 @@ def _allowed(pose: Pose, heading: float | None, s: LocateSettings) -> bool:
     return heading is None or abs(wrap_angle(pose.heading - heading)) <= s.heading_tolerance_rad
 
 
-def _different_poses(poses: list[Pose], s: LocateSettings) -> list[Pose]:
+def _different_poses(poses: list[Pose]) -> list[Pose]:
     """Poses without those that come to the same as an earlier one."""
     kept: list[Pose] = []
     for pose in poses:
-        if not _is_among(pose, kept, s):
+        if not _is_among(pose, kept):
             kept.append(pose)
     return kept
 
 
-def _is_among(pose: Pose, others: list[Pose], s: LocateSettings) -> bool:
+def _is_among(pose: Pose, others: list[Pose]) -> bool:
     return any(
         pose.distance_to(other) < SAME_M and abs(wrap_angle(pose.heading - other.heading)) < SAME_RAD
         for other in others

@@ -1,0 +1,107 @@
+"""How sure the pose of one observation is: what the points leave, and what the camera may be off by.
+
+One observation can't average anything out, and a mirror that is 3 pixels off its centre moves the pose by decimetres
+while the lines still fit to centimetres. So the pose is fitted once more together with what a camera is usually wrong
+by (`fusion.camera_errors`): how unsure that fit is, and how far it lies from the pose, are both part of the covariance.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.fusion.camera_errors import CameraErrors, CameraFit
+from touchline.localization.matching.covariance import UNKNOWN_POSITION_M, principal_information
+from touchline.localization.matching.kernels import moments
+from touchline.localization.matching.matcher import Matcher
+from touchline.localization.matching.weights import RANGE_NOISE_M
+from touchline.localization.one_shot.whole_field import thinned_to
+from touchline.types import LinePoints
+
+MAX_POINTS = 500  # points, evenly over the ground, that tell of the camera: neighbours tell the same
+RANGE_NOISE_RATIO = 0.02  # generic noise of a point, of its range, beside RANGE_NOISE_M
+SCALE_RATIO = 0.03  # standard deviation of a scale error of all ranges: marks that a tape has put wrong
+BEND_PER_M = 0.015  # the same of the bend: a mirror 0.3 degrees askew, or 3 pixels off its centre
+# how far a bend may move the ground beside what it shows (m² per unit of bend): a mirror beside its centre moves all
+# ground by a² of its range function r = a tan(b rho), 2 to 4 m², one that leans by its height squared
+SHIFT_M2 = 2.0
+FITS = 4  # each starts where the one before has ended
+BY_CHANCE = 0.2  # probability that a point which fixes a direction alone is clutter that the pose was fitted to
+
+
+class CameraDoubt(NamedTuple):
+    """What the lines say against the camera at a pose.
+
+    moved_m: how far the pose moves if the camera may be wrong. scale, scale_deviation: by what share ranges are too
+    short. bend_per_m, bend_deviation: by how much (1/m) lines bend, as by a mirror that leans or is off its centre.
+    """
+
+    moved_m: float
+    scale: float
+    scale_deviation: float
+    bend_per_m: float
+    bend_deviation: float
+
+
+def with_camera(
+    field: FieldModel, points: FloatArray, pose: Pose, covariance: FloatArray
+) -> tuple[FloatArray, CameraDoubt]:
+    """Covariance (3, 3) in (m, m, rad) of a matched pose, from what the points (N, 2) leave, and what they say.
+
+    points: m, robot frame. covariance (3, 3): of the pose if the camera is right.
+    """
+    fit = camera_fit(field, points, pose)
+    if fit is None:
+        return covariance, CameraDoubt(0.0, 0.0, SCALE_RATIO, 0.0, BEND_PER_M)
+    at = fit.pose
+    off = np.array([at.x - pose.x, at.y - pose.y, wrap_angle(at.heading - pose.heading)])
+    c, s = np.cos(at.heading), np.sin(at.heading)
+    bend = np.array([[c, -s], [s, c]]) @ fit.errors[:2]
+    covariance = covariance + fit.covariance[:3, :3] + np.outer(off, off)
+    covariance[:2, :2] += SHIFT_M2**2 * (np.outer(bend, bend) + BEND_PER_M**2 * np.eye(2))
+    deviations = np.sqrt(np.diag(fit.covariance)[3:])
+    size = float(np.hypot(*fit.errors[:2]))
+    doubt = CameraDoubt(
+        float(np.hypot(*off[:2])), float(fit.errors[2]), float(deviations[2]), size, float(deviations[:2].max())
+    )
+    return covariance, doubt
+
+
+def camera_fit(field: FieldModel, points: FloatArray, pose: Pose, scale_ratio: float = SCALE_RATIO) -> CameraFit | None:
+    """Pose and camera errors that suit points (N, 2) in m, robot frame, from a pose that is close; None for none.
+
+    scale_ratio: standard deviation of a scale error of all ranges beforehand.
+    """
+    few = thinned_to(points, MAX_POINTS)
+    variances = (RANGE_NOISE_M + RANGE_NOISE_RATIO * np.hypot(few[:, 0], few[:, 1])) ** 2
+    spread = np.eye(2) * variances[:, np.newaxis, np.newaxis]
+    seen = LinePoints(few, spread, np.ones(len(few)), np.full_like(few, np.nan))
+    errors = CameraErrors(field)
+    errors.covariance = np.diag([BEND_PER_M, BEND_PER_M, scale_ratio]) ** 2
+    fit = errors.fit(seen, pose)
+    for _ in range(FITS - 1):
+        fit = fit and errors.fit(seen, fit.pose)
+    return fit
+
+
+def points_covariance(matcher: Matcher, points: FloatArray, weights: FloatArray, pose: Pose) -> FloatArray:
+    """Covariance (3, 3) in (m, m, rad) that the points leave a pose, as `visual_covariance`, but without its cliff.
+
+    That one leaves out as many of the points that help most as may be clutter; of few points, nothing may be left of a
+    direction that four of them fix. Here the k that help most are clutter with a probability of BY_CHANCE^k, and the
+    variance is the mean over k. The surer of both counts.
+    """
+    s = matcher.settings
+    found = moments(points, weights, matcher.distance_map.table, pose.as_array(), s.c_m)
+    told = principal_information(points, weights, found, s.c_m)
+    if told is None:
+        return s.uncertainty.unknown
+    strict = matcher.assess(points, weights, pose.as_array(), 0.0).covariance
+    chances = (1.0 - BY_CHANCE) * BY_CHANCE ** np.arange(min(len(points), 12))
+    rest = np.sort(told.helps, axis=0).cumsum(axis=0)[::-1][: len(chances)] * told.unit
+    variances = chances @ (1.0 / (rest + UNKNOWN_POSITION_M**-2)) / chances.sum()
+    mixed = told.covariance(1.0 / variances, s.uncertainty)
+    return min((strict, mixed), key=lambda one: float(np.trace(one[:2, :2])))

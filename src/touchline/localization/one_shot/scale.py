@@ -1,0 +1,77 @@
+"""By what factor all ranges of one observation are wrong: the pose and a scale fitted together."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.errors import NoFitError
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose
+from touchline.localization.matching.matcher import as_pose
+from touchline.localization.matching.weights import normalized
+from touchline.localization.one_shot.certainty import camera_fit
+from touchline.localization.one_shot.locate import SAMPLE_POINTS, LocateSettings, whole_field_search
+from touchline.localization.one_shot.whole_field import different, thinned_to
+
+SCALES = (0.8, 0.84, 0.88, 0.92, 0.96, 1.0, 1.04, 1.08, 1.13, 1.18, 1.24)  # tried: one within 3 % is found from there
+_STARTS = 40  # poses refined at each
+_ROUNDS = 4
+_LOOSE = 0.1  # standard deviation of the scale in each round
+
+
+class Scale(NamedTuple):
+    """factor: what all ranges are to be multiplied by. deviation: its standard deviation, if the field is right."""
+
+    factor: float
+    deviation: float
+
+
+class QuickSearch:
+    """The best pose of points on a field, from a few of them and without any test of it."""
+
+    def __init__(self, field: FieldModel, heading: float | None, settings: LocateSettings) -> None:
+        """heading: from a compass (rad, field frame), or None."""
+        self._matcher, self._search = whole_field_search(field, heading, settings)
+
+    def best(self, points: FloatArray) -> Pose:
+        """The best pose of points (N, 2) in m, robot frame, all alike."""
+        few = thinned_to(points, SAMPLE_POINTS)
+        weights = normalized(np.ones(len(few)))
+        found = [self._matcher.descend(few, weights, start)[:2] for start in self._search.best(few, _STARTS)]
+        return as_pose(min(found, key=lambda one: one[1])[0])
+
+
+def fit_scale(
+    points: FloatArray, field: FieldModel, heading: float | None = None, settings: LocateSettings | None = None
+) -> Scale:
+    """The factor of line points (N, 2) in m, robot frame, that lets them fit the field's lines best.
+
+    heading: from a compass (rad, field frame), or None. A cloud shrunk to a point lies on a line, so distances are
+    compared in the points' own measure, and nothing beyond SCALES is tried. Raises NoFitError if the best factor is
+    the first or the last of them.
+    """
+    s = settings or LocateSettings()
+    seen = np.asarray(points, dtype=np.float64)
+    seen = np.ascontiguousarray(seen[different(seen)])
+    search = QuickSearch(field, heading, s)
+    best_error, factor, pose = np.inf, 1.0, Pose(0.0, 0.0, 0.0)
+    for tried in SCALES:
+        at = search.best(tried * seen)
+        squares = (field.line_distances(at.transform(tried * seen)) / tried) ** 2
+        error = float(np.mean(squares / (squares + s.matching.c_m**2)))
+        if error < best_error:
+            best_error, factor, pose = error, tried, at
+    if factor in (SCALES[0], SCALES[-1]):
+        raise NoFitError(
+            f"no scale between {SCALES[1]:g} and {SCALES[-2]:g} fits best: is the unit the metre, and is it this field?"
+        )
+    deviation = 0.0
+    for _ in range(_ROUNDS):
+        fit = camera_fit(field, factor * seen, pose, _LOOSE)
+        if fit is None:
+            break
+        pose, factor = fit.pose, factor * (1.0 + float(fit.errors[2]))
+        deviation = factor * float(np.sqrt(fit.covariance[5, 5]))
+    return Scale(factor, deviation)
