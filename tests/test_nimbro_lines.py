@@ -17,7 +17,8 @@ from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.localization.particles.feature_model import FeatureModel, field_lines
 from touchline.localization.particles.feature_poses import PoseProposals
 from touchline.localization.particles.features import Features, FeatureSettings
-from touchline.simulation.run import Simulation
+from touchline.simulation.observation.features import leaning
+from touchline.simulation.run import PINHOLE_FEATURES, Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.nimbro_lines import NimbroLinesSettings
@@ -115,6 +116,20 @@ def test_a_told_start_is_not_believed_before_something_confirms_it() -> None:
         assert estimate.status is not Status.LOST
     assert not any(believed[:20])
     assert all(believed[25:])
+
+
+def test_an_attitude_that_drifts_is_followed() -> None:
+    """The IMU's reading of the upright pose wanders, by 4° here: all that is seen lies farther and farther aside."""
+    system = open_system("nimbro-lines", RobotSetup(open_field(FIELDS[1])), NimbroLinesSettings())
+    system.reset(near_start(FIELDS[1]))
+    truth, frames = walk(FIELDS[1])
+    for pose, frame in zip(truth, frames, strict=True):
+        assert frame.observation is not None
+        lean_rad = math.radians(4.0) * frame.stamp_ns / frames[-1].stamp_ns
+        seen = leaning(frame.observation, lean_rad, -lean_rad, PINHOLE_FEATURES.height_m)
+        estimate = system.step(replace(frame, observation=seen))
+        assert estimate.pose.distance_to(Pose(*pose)) < 0.3
+    assert estimate.status is Status.TRACKING
 
 
 def test_one_post_seen_ever_so_often_confirms_no_pose() -> None:

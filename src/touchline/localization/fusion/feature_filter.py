@@ -91,7 +91,7 @@ class FeatureFilter:
         lean_prior = self.lean_covariance + np.eye(2) * self.lean_rad**2
         prior[:3, :3] = np.linalg.inv(self.covariance)
         prior[3:, 3:] = np.linalg.inv(lean_prior)
-        before = np.array([*self.pose, *self.lean])
+        before = np.array([*self.pose, 0.0, 0.0])  # the view knows the lean so far
         state = before.copy()
         if near is not None:
             state[:3] = near.x, near.y, self.pose.heading + wrap_angle(near.heading - self.pose.heading)
@@ -108,7 +108,7 @@ class FeatureFilter:
         """How much of a frame's features another pose explains."""
         if view.size == 0:
             return nothing_explained()
-        normal, _, explained = self._sum(np.array([*pose, *self.lean]), view)
+        normal, _, explained = self._sum(np.array([*pose, 0.0, 0.0]), view)
         return Explained(*explained, NEW_RATIO * normal[:3, :3])
 
     def _sum(self, state: FloatArray, view: FeatureView) -> tuple[FloatArray, FloatArray, tuple[float, float, float]]:
@@ -125,7 +125,7 @@ class FeatureFilter:
         floor = np.array([MIN_POSITION_M, MIN_POSITION_M, MIN_HEADING_RAD]) ** 2
         self.covariance = covariance[:3, :3] + np.diag(np.maximum(floor - np.diag(covariance)[:3], 0.0))
         gain = self.lean_covariance @ np.linalg.inv(lean_prior)
-        self.lean = self.lean + gain @ (state[3:] - self.lean)
+        self.lean = self.lean + gain @ state[3:]
         self.lean_covariance = self.lean_covariance - gain @ (lean_prior - covariance[3:, 3:]) @ gain.T
 
 

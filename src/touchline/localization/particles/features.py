@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from pydantic import Field
@@ -89,9 +90,14 @@ class Features:
         self.settings = settings or FeatureSettings()
         self.height_m = height_m
 
-    def of(self, seen: Observation) -> FeatureView:
-        """What counts of an observation."""
-        return FeatureView(self._points(seen.crossings, seen.landmarks), self._lines(seen.lines))
+    def of(self, seen: Observation, lean: FloatArray | None = None) -> FeatureView:
+        """What counts of an observation. lean (2,): roll and pitch that it is known to lack (rad), to first order."""
+        lines, positions = seen.lines.ends_m, np.concatenate((seen.crossings.positions_m, seen.landmarks.positions_m))
+        if lean is not None:
+            lines, positions = (ground - lean_jacobians(ground, self.height_m) @ lean for ground in (lines, positions))
+        return FeatureView(
+            self._points(seen.crossings, seen.landmarks, positions), self._lines(replace(seen.lines, ends_m=lines))
+        )
 
     @property
     def tell_ends_apart(self) -> bool:
@@ -101,9 +107,9 @@ class Features:
             (*(_POSTS if use.posts else ()), *((LandmarkKind.POLE.value,) if use.poles else ()))
         )
 
-    def _points(self, crossings: Crossings, landmarks: Landmarks) -> PointFeatures:
+    def _points(self, crossings: Crossings, landmarks: Landmarks, positions: FloatArray) -> PointFeatures:
         kept, found = self._associations(crossings, landmarks)
-        positions = np.concatenate((crossings.positions_m, landmarks.positions_m))[kept]
+        positions = positions[kept]
         covariances = np.concatenate((crossings.covariances_m2, landmarks.covariances_m2))[kept]
         confidences = np.concatenate((crossings.confidences, landmarks.confidences))[kept]
         orientations = np.concatenate((crossings.orientations_rad, np.zeros(len(landmarks))))[kept]
