@@ -79,6 +79,65 @@ def test_the_camera_ends_at_the_first_and_the_last_pair(tmp_path: Path) -> None:
     assert (camera.inner_radius_px, camera.outer_radius_px) == pytest.approx((40.0, 140.0), abs=1e-3)
 
 
+def test_the_camera_continues_to_half_the_first_and_twice_the_last_range(tmp_path: Path) -> None:
+    regression = fit_range(written(tmp_path, marks(RADII), inner_radius_px=10.0), 3)
+    camera, plain = regression.camera(continued=True), regression.camera()
+    assert np.all(np.diff(camera.range_m[0]) > 0)
+    assert camera.range_m[0, -1] == pytest.approx(2.0 * ranges(np.array(140.0)), rel=0.05)
+    assert camera.range_m[0, 0] == pytest.approx(0.5 * ranges(np.array(40.0)), rel=0.1)
+    same = np.isin(np.round(camera.radius_px, 6), np.round(plain.radius_px, 6))
+    np.testing.assert_array_equal(camera.range_m[0, same], plain.range_m[0])
+    for key, limit in (("inner_radius_px", 25.0), ("outer_radius_px", 160.0)):
+        ended = fit_range(written(tmp_path, marks(RADII), **{key: limit}), 3).camera(continued=True)
+        edge = ended.inner_radius_px if key == "inner_radius_px" else ended.outer_radius_px
+        assert edge == pytest.approx(limit, abs=1.0)
+    bare = fit_range(written(tmp_path, marks(RADII)), 3).camera(continued=True)
+    assert bare.inner_radius_px == pytest.approx(40.0, abs=1e-3)  # where the robot ends is not known
+
+
+def along(bearings: Sequence[float], handedness: int = HANDEDNESS) -> list[str]:
+    """Rows of marks in a few directions."""
+    rows = marks(RADII)[:1]
+    for bearing in bearings:
+        for radius in RADII:
+            angle, far = handedness * (bearing - YAW), float(ranges(np.array(radius)))
+            u, v = CENTER[0] + radius * math.cos(angle), CENTER[1] + radius * math.sin(angle)
+            rows.append(
+                f"0.jpg,m{len(rows)},{u:.4f},{v:.4f},{far * math.cos(bearing):.5f},{far * math.sin(bearing):.5f}"
+            )
+    return rows
+
+
+@pytest.mark.parametrize("bearings", [(0.3,), (0.3, 0.3 + math.pi)])
+def test_marks_in_one_direction_can_t_tell_handedness_or_centre(
+    tmp_path: Path, bearings: tuple[float, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before, -1 was written without a word."""
+    with pytest.raises(InputError, match=r"can't tell the handedness.*'handedness: 1' into .*camera\.yaml"):
+        written(tmp_path, along(bearings))
+    command = ["calibrate", "range", tmp_path / "marks.csv", "--output", tmp_path / "o.yaml"]
+    assert invoke(*command) == 2
+    assert invoke(*command, "--handedness", "1") == 2
+    assert "can't tell whether the centre 200.0, 150.0 px is right" in capsys.readouterr().err
+    assert invoke(*command, "--handedness", "1", "--keep-center") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Straight image" in said
+    assert "can't tell the centre: it is taken as camera.yaml has it" in said
+    assert open_camera(tmp_path / "o.yaml").handedness == 1
+    assert invoke(*command, "--handedness", "2") == 2
+
+
+@pytest.mark.parametrize("handedness", [-1, 1])
+def test_marks_in_two_directions_tell_the_handedness_and_in_three_the_centre(tmp_path: Path, handedness: int) -> None:
+    (tmp_path / "camera.yaml").write_text(yaml.safe_dump(ROUGH))
+    for bearings, sure in (((0.3, 1.0), False), ((0.3, 2.3, 4.4), True)):
+        (tmp_path / "marks.csv").write_text("\n".join(along(bearings, handedness)) + "\n")
+        pairs = marked_pairs(tmp_path / "marks.csv", tmp_path / "camera.yaml")
+        assert pairs.optics.handedness == handedness
+        assert pairs.optics.mount_yaw_rad == pytest.approx(YAW, abs=1e-3)
+        assert (fit_range(pairs).center_deviation_px() < 0.5) == sure
+
+
 def test_a_wrong_centre_is_noticed_and_named(tmp_path: Path) -> None:
     regression = fit_range(written(tmp_path, marks(RADII, center=(203.0, 148.0))), 3)
     np.testing.assert_allclose(regression.center_offset_px(), [3.0, -2.0], atol=0.3)
@@ -171,7 +230,9 @@ def test_the_command_writes_camera_and_picture(tmp_path: Path, capsys: pytest.Ca
     assert invoke("calibrate", "range", tmp_path / "marks.csv", "--output", output, "--degree", "3") == 0
     said = capsys.readouterr().out
     assert "degree 3 fitted to 56 marks of marks.csv" in said
-    assert "points nearer or farther are dropped" in said
+    assert "Known from pairs between" in said
+    assert "continued from" in said
+    assert "Mirrored image" in said
     camera = open_camera(output)
     at = camera.ground_from_image([(CENTER[0] + 100.0, CENTER[1])])[0]
     assert np.hypot(*at) == pytest.approx(ranges(np.array(100.0)), rel=1e-3)

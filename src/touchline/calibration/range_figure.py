@@ -18,7 +18,7 @@ def range_figure(regression: RangeRegression) -> Figure:
     radii = np.linspace(regression.first_px, regression.last_px, 500)
     above.plot(pairs.radius_px, pairs.range_m, ".", color=_PAIR, label=pairs.origin)
     above.plot(radii, regression.polynomial(radii), color=_CURVE, label=f"polynomial of degree {regression.degree}")
-    above.axvline(regression.last_px, color=_LIMIT, linestyle="--", label="last pair: valid up to here")
+    above.axvline(regression.last_px, color=_LIMIT, linestyle="--", label="last pair: continued from here")
     above.set(xlabel="radius (px)", ylabel="range (m)")
     above.legend(loc="upper left")
     below.axhline(0.0, color=_CURVE)

@@ -20,11 +20,14 @@ from touchline.yaml_files import read_yaml_mapping
 
 _NEAREST_M, _FARTHEST_M = 1e-3, 1e3  # of what may be marked
 _WRONG_BEARING_RAD = math.radians(8.0)  # of most marks: handedness or mounting angle is another
+# what a handedness must explain worse than the other one (mean deviation of the bearings), to be the wrong one: marks
+# in one direction, or in two opposite ones, are explained by both
+_TOLD_RAD, _TOLD_FACTOR = math.radians(4.0), 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """What camera.yaml says beside the ranges: image size, centre (px), orientation, and where the robot ends."""
+    """What camera.yaml says beside the ranges: image size, centre (px), orientation, and where robot and mirror end."""
 
     width: int
     height: int
@@ -32,6 +35,7 @@ class Optics:
     handedness: int
     mount_yaw_rad: float
     inner_px: float
+    outer_px: float = math.inf
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -49,13 +53,15 @@ class RangePairs:
     optics: Optics
 
 
-def recording_pairs(recording: Recording, skip_unusable: bool = False) -> RangePairs:
+def recording_pairs(recording: Recording, skip_unusable: bool = False, handedness: int | None = None) -> RangePairs:
     """From a recording's marks.csv; without one from the edges of its calibration strip.
 
-    Raises InputError if it has neither, and for whatever is wrong with them.
+    handedness: of the marks' camera, as of `marked_pairs`. Raises InputError if it has neither, and for whatever is
+    wrong with them.
     """
     if (recording.folder / MARKS).exists():
-        return marked_pairs(recording.file(MARKS), recording.camera_file or recording.file("camera.yaml"))
+        camera_file = recording.camera_file or recording.file("camera.yaml")
+        return marked_pairs(recording.file(MARKS), camera_file, handedness)
     if "patch_edges_m" in recording.sequence:
         return strip_pairs(recording, skip_unusable)
     raise InputError(
@@ -84,12 +90,13 @@ def strip_pairs(recording: Recording, skip_unusable: bool = False) -> RangePairs
     )
 
 
-def marked_pairs(file: Path, camera_file: Path) -> RangePairs:
+def marked_pairs(file: Path, camera_file: Path, handedness: int | None = None) -> RangePairs:
     """From marks.csv: `file,name,u,v,x_m,y_m`. Marks of unknown place (empty x_m, y_m) are left out.
 
-    camera_file: of the camera that saw them; its range table isn't read and may be missing. Raises InputError with
-    file and line for a row that can't be read, for marks outside of the image or at no distance, and if their
-    bearings contradict it.
+    camera_file: of the camera that saw them; its range table isn't read and may be missing. handedness: 1, -1, or None
+    for that of camera.yaml or, if it has none, of the marks. Raises InputError with file and line for a row that can't
+    be read, for marks outside of the image or at no distance, if their bearings contradict it, and if nothing tells
+    the handedness.
     """
     marks = read_marks(file)
     known = np.flatnonzero(np.isfinite(marks.places_m).all(axis=1)).tolist()
@@ -103,9 +110,15 @@ def marked_pairs(file: Path, camera_file: Path) -> RangePairs:
         if not inside:
             raise InputError(f"{place}: lies outside of the image of {width} x {height} pixels")
     angles = np.arctan2(v - center[1], u - center[0])
-    handedness, yaw = _orientation(tree, angles, np.arctan2(y_m, x_m), file, camera_file)
+    bearings = np.arctan2(y_m, x_m)
+    if handedness is None and tree.get("handedness") in (1, -1):
+        handedness = int(tree["handedness"])
+    if handedness is None:
+        handedness = _handedness(angles, bearings, file, camera_file)
+    yaw = _mount_yaw(tree, handedness, angles, bearings, file, camera_file)
     inner = finite_number(tree.get("inner_radius_px")) or 0.0
-    optics = Optics(width, height, center, handedness, yaw, inner)
+    outer = finite_number(tree.get("outer_radius_px")) or math.inf
+    optics = Optics(width, height, center, handedness, yaw, inner, outer)
     radius, range_m = np.hypot(u - center[0], v - center[1]), np.hypot(x_m, y_m)
     for place, far_m in zip(places, range_m, strict=True):
         if not _NEAREST_M < far_m < _FARTHEST_M:
@@ -126,23 +139,40 @@ def _size(tree: Mapping[str, Any], path: Path) -> tuple[int, int, tuple[float, f
     return int(size[0]), int(size[1]), (numbers[0], numbers[1])
 
 
-def _orientation(
-    tree: Mapping[str, Any], angles: FloatArray, bearings: FloatArray, file: Path, camera_file: Path
-) -> tuple[int, float]:
-    """Handedness and mounting angle: those of camera.yaml, or else as the marks say."""
+def _handedness(angles: FloatArray, bearings: FloatArray, file: Path, camera_file: Path) -> int:
+    """The handedness that the marks tell. Raises InputError where they can't."""
     fits = []
     for handedness in (-1, 1):
         yaws = bearings - handedness * angles
-        yaw = circular_mean(yaws)
-        fits.append((float(np.median(np.abs(wrap_angles(yaws - yaw)))), handedness, yaw))
-    spread, handedness, yaw = min(fits)
-    given_yaw = finite_number(tree.get("mount_yaw"))
-    if tree.get("handedness") in (1, -1) and given_yaw is not None:
-        handedness, yaw = int(tree["handedness"]), given_yaw
-        spread = float(np.median(np.abs(wrap_angles(bearings - yaw - handedness * angles))))
-    if spread > _WRONG_BEARING_RAD:
+        off = np.abs(wrap_angles(yaws - _most_common(yaws)))
+        fits.append((float(np.mean(np.minimum(off, math.radians(45.0)))), handedness))
+    (least, handedness), (other, _) = sorted(fits)
+    if other < max(_TOLD_RAD, _TOLD_FACTOR * least):
+        raise InputError(
+            f"{file}: the marks can't tell the handedness: they lie in one direction, or in two opposite ones. Write "
+            f"'handedness: 1' into {camera_file} if the image shows the field as a map does, -1 if mirrored (or give "
+            "--handedness), or mark further directions"
+        )
+    return handedness
+
+
+def _mount_yaw(
+    tree: Mapping[str, Any], handedness: int, angles: FloatArray, bearings: FloatArray, file: Path, camera_file: Path
+) -> float:
+    """Mounting angle: that of camera.yaml, or else as the marks say. Raises InputError if they contradict it."""
+    yaws = bearings - handedness * angles
+    given = finite_number(tree.get("mount_yaw"))
+    yaw = given if given is not None else _most_common(yaws)
+    if float(np.median(np.abs(wrap_angles(yaws - yaw)))) > _WRONG_BEARING_RAD:
         raise InputError(
             f"{file}: most marks are seen more than {math.degrees(_WRONG_BEARING_RAD):.0f}° away from where x_m, y_m "
             f"put them: are 'center', 'handedness' and 'mount_yaw' of {camera_file} right?"
         )
-    return handedness, yaw
+    return yaw
+
+
+def _most_common(angles_rad: FloatArray) -> float:
+    """The mean of those angles (N,) that most others are near to."""
+    off = np.abs(wrap_angles(angles_rad[:, np.newaxis] - angles_rad))
+    middle = off[int(np.argmin(np.median(off, axis=1)))]
+    return circular_mean(angles_rad[middle <= _WRONG_BEARING_RAD])

@@ -6,6 +6,7 @@ section II.B and figure 14, which leave the form of the regression open.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,11 +15,14 @@ from numpy.polynomial import Polynomial
 
 from touchline.calibration.range_pairs import RangePairs
 from touchline.camera import OmniCamera
+from touchline.camera.model_free import ranges_along, table_radii
 from touchline.errors import InputError, NoFitError
 from touchline.geometry import FloatArray
 
 USUAL_DEGREE = 6  # of the strip's 15 edges: within 0.5 % from 0.6 to 6.5 m
 HIGHEST_DEGREE = 12
+_CHORDS = 12  # the slope beyond the first and the last pair is that of the outermost of so many equal parts
+_MARKED_PX = 0.5  # a mark is no surer than this
 _LEAST_STEP_PX = 0.1  # between radii of the table, which are written with six digits
 _SAME_PX = 1.0  # pairs nearer to each other than this tell of the same distance
 _WRONG_SIGMAS = 8.0
@@ -56,28 +60,57 @@ class RangeRegression:
 
     def center_offset_px(self) -> FloatArray:
         """(2,) u, v by which the centre seems to be off: a wrong one makes the radii err like a cosine of the angle."""
-        angles = self.pairs.angle_rad
         stretched_px = self.residuals_m / self.polynomial.deriv()(self.pairs.radius_px)
-        design = np.column_stack((-np.cos(angles), -np.sin(angles), np.ones_like(angles)))
-        offset: FloatArray = np.linalg.lstsq(design, stretched_px, rcond=None)[0][:2]
+        offset: FloatArray = np.linalg.lstsq(self._center_design, stretched_px, rcond=None)[0][:2]
         return offset
 
-    def camera(self) -> OmniCamera:
-        """A camera whose range table is the polynomial at every pixel of its range; farther points have no place."""
-        optics = self.pairs.optics
-        inside = np.arange(np.ceil(self.first_px + _LEAST_STEP_PX), self.last_px - _LEAST_STEP_PX)
-        radii = np.concatenate(([self.first_px], inside, [self.last_px]))
+    @property
+    def _center_design(self) -> FloatArray:
+        """(N, 3) how the radii change with the centre's u and v and with all ranges together."""
+        angles = self.pairs.angle_rad
+        return np.column_stack((-np.cos(angles), -np.sin(angles), np.ones_like(angles)))
+
+    def center_deviation_px(self) -> float:
+        """How unsure `center_offset_px` is in its worst direction; infinite for pairs in one direction."""
+        design = self._center_design
+        stretched_px = self.residuals_m / self.polynomial.deriv()(self.pairs.radius_px)
+        rest = stretched_px - design @ np.linalg.lstsq(design, stretched_px, rcond=None)[0]
+        noise_px = max(float(np.sqrt(np.mean(rest**2))), _MARKED_PX)
+        values = np.linalg.eigvalsh(design.T @ design)
+        if values[0] < 1e-9 * values[-1]:
+            return math.inf
+        return noise_px * math.sqrt(float(np.linalg.eigvalsh(np.linalg.inv(design.T @ design)[:2, :2])[-1]))
+
+    def camera(self, continued: bool = False) -> OmniCamera:
+        """A camera whose range table is the polynomial at every pixel of its range.
+
+        continued: beyond the last pair the range goes on to twice that pair's, and inside the first one to half of it
+        if it is known where the robot ends, as `camera.model_free` continues a mirror; else such points have no place.
+        """
+        optics, first, last = self.pairs.optics, self.first_px, self.last_px
+        inside = np.arange(np.ceil(first + _LEAST_STEP_PX), last - _LEAST_STEP_PX)
+        radii = np.concatenate(([first], inside, [last]))
+        ranges = self.polynomial(radii)
+        if continued:
+            edges = np.linspace(first, last, _CHORDS)
+            around = table_radii(edges[np.newaxis], self.polynomial(edges))
+            nearer, farther = around[around < first - _LEAST_STEP_PX], around[around > last + _LEAST_STEP_PX]
+            nearer, farther = nearer[nearer >= optics.inner_px - 1.0], farther[farther <= optics.outer_px + 1.0]
+            nearer = nearer if optics.inner_px else nearer[:0]
+            beyond = [ranges_along(edges[np.newaxis], self.polynomial(edges), part)[0] for part in (nearer, farther)]
+            radii = np.concatenate((nearer, radii, farther))
+            ranges = np.concatenate((beyond[0], ranges, beyond[1]))
         return OmniCamera(
             optics.width,
             optics.height,
             optics.center,
-            max(optics.inner_px, self.first_px),
-            self.last_px,
+            max(optics.inner_px, float(radii[0])),
+            float(radii[-1]),
             optics.handedness,
             optics.mount_yaw_rad,
             radii,
             np.zeros(1),
-            self.polynomial(radii)[np.newaxis],
+            ranges[np.newaxis],
         )
 
     def formula(self) -> str:
