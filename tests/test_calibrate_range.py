@@ -80,7 +80,7 @@ def test_the_camera_ends_at_the_first_and_the_last_pair(tmp_path: Path) -> None:
 
 
 def test_the_camera_continues_to_half_the_first_and_twice_the_last_range(tmp_path: Path) -> None:
-    regression = fit_range(written(tmp_path, marks(RADII), inner_radius_px=10.0), 3)
+    regression = fit_range(written(tmp_path, marks(RADII), inner_radius_px=1.0), 3)
     camera, plain = regression.camera(continued=True), regression.camera()
     assert np.all(np.diff(camera.range_m[0]) > 0)
     assert camera.range_m[0, -1] == pytest.approx(2.0 * ranges(np.array(140.0)), rel=0.05)
