@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from synthetic import BLACK, CROSS, GREEN, WHITE, YELLOW, distances, line_field, mirror_camera, paint_ground
 
@@ -281,13 +282,31 @@ def test_the_greens_end_bridges_lines_but_not_walls() -> None:
             classes[first + 70 : first + length] = 0  # a wall on one side
     classes[starts[8] : starts[9]] = 0  # a rod along one ray
     ends = np.zeros(rays)
-    green_ends(starts, rays, classes, np.full(length, 10, np.int64), 40.0, ends)
+    green_ends(starts, rays, samples_of(classes), np.full(length, 10, np.int64), 40.0, ends)
     np.testing.assert_array_equal(ends, [109.0] * 12 + [139.0] * 12)
     angles = np.array([0.25, 0.25, 0.75, 0.75]) * 2 * np.pi
     radii = np.array([105.0, 115.0, 115.0, 145.0])
     rows = np.zeros((4, 7))
     rows[:, 2:4] = 100.0 + radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
     np.testing.assert_array_equal(inside_green(rows, 100.0, 100.0, ends, 2.0), [True, False, True, False])
+
+
+def samples_of(classes: npt.NDArray[np.uint8], grey: float = 200.0) -> PathSamples:
+    """Samples of these classes, all of one grey level."""
+    colours = np.full((len(classes), 3), grey, np.float32)
+    return PathSamples(colours, np.zeros(len(classes), np.float32), classes)
+
+
+def test_overexposed_ground_does_not_end_the_green() -> None:
+    """Under direct sun carpet is white all over; in the shade behind it lines are seen again."""
+    starts = np.cumsum([0] + [100, 20] * 12).astype(np.int64)
+    classes = np.ones(starts[-1], np.uint8)
+    for ray in range(12):
+        classes[starts[2 * ray] + 20 : starts[2 * ray] + 60] = 2
+    ends = np.zeros(12)
+    for grey, end in ((200.0, 59.0), (255.0, 139.0)):
+        green_ends(starts, 12, samples_of(classes, grey), np.full(100, 10, np.int64), 40.0, ends)
+        np.testing.assert_array_equal(ends, end)
 
 
 def test_circles_cut_by_the_image_go_on_only_inside_it() -> None:

@@ -9,8 +9,9 @@ from numba import njit
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
 from touchline.perception.colour import GREEN
-from touchline.perception.profiles import BODY
+from touchline.perception.profiles import BODY, PathSamples
 
+OVEREXPOSED = 250.0  # grey level from which on all channels tell nothing: what lies under direct sun may be carpet
 _BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line sees no green itself
 
 
@@ -27,24 +28,28 @@ def gap_lengths(camera: OmniCamera, inner_px: float, outer_px: float, gap_m: flo
 def green_ends(
     starts: npt.NDArray[np.int64],
     rays: int,
-    classes: npt.NDArray[np.uint8],
+    samples: PathSamples,
     gaps: npt.NDArray[np.int64],
     inner_px: float,
     ends: FloatArray,
 ) -> None:
     """Radius (px) of the last green sample of each full ray before a gap longer than any line, into ends (rays,).
 
-    starts, classes: of the scan lines; the full rays are the paths 0, 2, 4, ... gaps: `gap_lengths`. Each end is then
-    the middle one of three neighbours, so that a rod or a stain in one direction does not cut the field.
+    starts, samples: of the scan lines; the full rays are the paths 0, 2, 4, ... gaps: `gap_lengths`. What is
+    overexposed counts neither as green nor as a gap. Each end is then the middle one of three neighbours, so that a rod
+    or a stain in one direction does not cut the field.
     """
-    single = np.empty(rays)
+    single, classes, colours = np.empty(rays), samples.classes, samples.colours
     for ray in range(rays):
         low, high = starts[2 * ray], starts[2 * ray + 1]
         last, missing = 0, 0
         for k in range(high - low):
             if classes[low + k] == GREEN:
                 last, missing = k, 0
-            elif classes[low + k] != BODY:
+            elif (
+                classes[low + k] != BODY
+                and min(colours[low + k, 0], colours[low + k, 1], colours[low + k, 2]) < OVEREXPOSED
+            ):
                 missing += 1
                 if missing > gaps[min(k, len(gaps) - 1)]:
                     break
@@ -52,6 +57,11 @@ def green_ends(
     for ray in range(rays):
         a, b, c = single[ray - 1], single[ray], single[(ray + 1) % rays]
         ends[ray] = max(min(a, b), min(max(a, b), c))
+
+
+@njit(cache=True)
+def _darkest(colour):  # type: ignore[no-untyped-def]
+    return min(colour[0], colour[1], colour[2])
 
 
 @njit(cache=True)

@@ -277,7 +277,7 @@ class LinePointDetector:
         green_ends(
             lines.starts,
             s.radial_scan_lines,
-            self._samples.classes,
+            self._samples,
             self._gaps,
             camera.inner_radius_px,
             self.green_ends_px,
