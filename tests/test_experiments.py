@@ -238,14 +238,18 @@ def test_timing_reports_every_part_and_the_curve() -> None:
 def first_case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[float, float]]:
     """The colour table of the first case, and the settings that its light asks for."""
     colours = tmp_path_factory.mktemp("lighting") / "colours.npz"
-    return colours, lighting_runs.learned_colours(1, colours, seconds=12.0)
+    return colours, lighting_runs.learned_colours(1, colours, seconds=12.0, ideal=True)
+
+
+def ideal(colours: Path) -> lighting_runs.Robot:
+    return lighting_runs.Robot(1, colours, ideal=True)
 
 
 def test_lamps_off_start_a_search_for_more_light_and_cost_nothing(
     first_case: tuple[Path, tuple[float, float]],
 ) -> None:
     """Lamps off from 10 s on: a twenty-fifth of the light is left."""
-    run = lighting_runs.drive(lighting_runs.THIRD, 1, first_case[0], None, seconds=12.0)
+    run = lighting_runs.drive(lighting_runs.THIRD, ideal(first_case[0]), None, seconds=12.0)
     dark = np.arange(len(run.points)) >= round(lighting_runs.SWITCH_S * lighting_runs.RATE_HZ) - 1
     assert run.tracked.all()
     assert run.mean_m < 0.01
@@ -277,10 +281,25 @@ def test_control_keeps_the_line_points_in_a_dark_that_takes_them_without(
 def test_patches_of_sun_cost_little_with_colours_learned_under_lamps(
     first_case: tuple[Path, tuple[float, float]],
 ) -> None:
-    sun = lighting_runs.drive(lighting_runs.SECOND, 1, first_case[0], None, seconds=6.0)
+    sun = lighting_runs.drive(lighting_runs.SECOND, ideal(first_case[0]), None, seconds=6.0)
     assert sun.tracked.all()
     assert sun.mean_m < 0.015
     assert sun.points.mean() > 120
+
+
+def test_under_the_sun_through_clear_glass_a_robot_in_a_patch_sees_the_lines_in_the_shade(
+    first_case: tuple[Path, tuple[float, float]],
+) -> None:
+    """Patches are white all over; what lies behind them is still the field."""
+    run = lighting_runs.drive(lighting_runs.GLASS, lighting_runs.Robot(0, first_case[0], ideal=True), None, seconds=4.0)
+    assert run.tracked.all()
+    assert run.mean_m < 0.015
+    assert run.points.min() > 45
+
+
+def test_the_papers_ratios_come_by_the_formula_of_ours() -> None:
+    ratios = [lighting.paper_ratio(case) for case in (lighting_runs.SECOND, lighting_runs.THIRD)]
+    assert ratios == pytest.approx([1.010, 0.772], abs=5e-4)
 
 
 def test_every_lighting_states_its_levels() -> None:

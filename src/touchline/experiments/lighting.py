@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,68 +19,95 @@ from touchline.experiments.lighting_runs import (
     LEFT_ON,
     RATE_HZ,
     SECOND,
+    SECONDS,
     SWITCH_S,
     THIRD,
     Case,
     Drive,
+    Robot,
     drive,
     learned_colours,
     points_in_the_dark,
 )
 from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, spread
+from touchline.experiments.result import ExperimentResult, Headline, percent, spread
 from touchline.experiments.scenes import BLUE, RED, field_axes, new_figure
 from touchline.geometry import FloatArray
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 
 COLUMNS = (
-    "light", "exposure", "figure", "x paper", "x (cm)", "y paper", "y (cm)", "θ paper", "θ (rad)",
-    "position (cm)", "of the first", "line points", "tracked",
+    "light", "exposure", "figure",
+    "x paper", "x its form here", "x (cm)", "y paper", "y its form here", "y (cm)",
+    "θ paper", "θ its form here", "θ (rad)", "position its form here (cm)", "position (cm)",
+    "of the first: paper", "its form here", "of the first", "line points", "tracked: its form here", "tracked",
+    "ideal: position (cm)", "ideal: tracked",
 )  # fmt: skip
+BUILT = 2  # robots as built: each of their images takes a third of a second to render
+WITHOUT = (SECOND, THIRD, GLASS)  # cases that are driven without control, too
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """The drives by case and control (True, or False for the first case's settings)."""
+
+    ours: dict[tuple[str, bool], list[Drive]]
+    paper: dict[tuple[str, bool], list[Drive]]
+    ideal: dict[tuple[str, bool], list[Drive]]
 
 
 def lu2013_lighting(seeds: int) -> ExperimentResult:
-    """Table 2: each case with exposure control, then with the settings that suited the first case."""
-    controlled: dict[str, list[Drive]] = {case.name: [] for case in CASES}
-    fixed: dict[str, list[Drive]] = {case.name: [] for case in CASES}
+    """Table 2: each case with exposure control, some also with the settings that suited the first case."""
+    ideals = [(seed, True) for seed in range(seeds)]
     with tempfile.TemporaryDirectory() as folder:
-        best = [learned_colours(seed, Path(folder, f"{seed}.npz")) for seed in follow(range(seeds), "colours")]
-        for case, seed in follow([(case, seed) for seed in range(seeds) for case in CASES], "cases"):
-            colours = Path(folder, f"{seed}.npz")
-            controlled[case.name].append(drive(case, seed, colours, None))
-            fixed[case.name].append(drive(case, seed, colours, best[seed]))
+        best, robots = {}, {}
+        for seed, ideal in follow([*((seed, False) for seed in range(min(seeds, BUILT))), *ideals], "colours"):
+            robots[seed, ideal] = Robot(seed, Path(folder, f"{seed}-{ideal}.npz"), ideal)
+            best[seed, ideal] = learned_colours(seed, robots[seed, ideal].colours, ideal=ideal)
+        runs = _all_runs(list(robots.values()), best)
         dark = [
-            points_in_the_dark(seed, Path(folder, f"{seed}.npz"), best[seed])
+            points_in_the_dark(seed, robots[seed, True].colours, best[seed, True])
             for seed in follow(range(seeds), "places in the dark")
         ]
-    firsts = controlled[FIRST.name]
-    rows = [
-        row
-        for case in CASES
-        for name, runs in (("controlled", controlled[case.name]), ("as in the first", fixed[case.name]))
-        for row in _rows(case, name, runs, firsts)
-    ]
+    rows = [row for case in CASES for row in _rows(case, True, runs)]
+    rows += [row for case in WITHOUT for row in _rows(case, False, runs)]
     return ExperimentResult(
         "lu2013-lighting",
         "Table 2 of Lu et al. 2013: errors under other light, colours learned in the first case only",
         seeds,
         COLUMNS,
         tuple(rows),
-        _headline(controlled, fixed),
-        (*_NOTES, _switched_off(fixed[THIRD.name]), _darkness(dark), _exposures(controlled)),
+        _headline(runs),
+        (*_NOTES, _switched_off(runs.ideal[THIRD.name, False]), _darkness(dark), _exposures(runs.ours)),
         (
-            ("tracks", _tracks_figure([(c.name, controlled[c.name][0]) for c in (FIRST, SECOND, THIRD)])),
-            ("exposure", _exposure_figure(controlled, fixed)),
+            ("tracks", _tracks_figure([(c.name, runs.ours[c.name, True][0]) for c in (FIRST, SECOND, THIRD)])),
+            ("exposure", _exposure_figure(runs.ours)),
         ),
     )
 
 
+def _all_runs(robots: Sequence[Robot], best: Mapping[tuple[int, bool], tuple[float, float]]) -> Runs:
+    """All drives; best: exposure (ms) and gain of the first case, by seed and whether the robot is ideal."""
+    jobs = [(case, True) for case in CASES] + [(case, False) for case in WITHOUT]
+    names = [(case.name, control) for case, control in jobs]
+    runs = Runs({name: [] for name in names}, {name: [] for name in names}, {name: [] for name in names})
+    for robot, (case, control) in follow([(robot, job) for robot in robots for job in jobs], "drives"):
+        fixed = None if control else best[robot.seed, robot.ideal]
+        (runs.ideal if robot.ideal else runs.ours)[case.name, control].append(drive(case, robot, fixed))
+        if control and case.paper is not None and not robot.ideal:
+            runs.paper[case.name, control].append(drive(case, replace(robot, paper=True), None))
+    return runs
+
+
 _NOTES = (
-    f"The scenarios lighting-1 to 3 rendered, 60 s at {RATE_HZ:g} images per second and seed; straight tracks, three "
+    f"The scenarios lighting-1 to 3 rendered, {SECONDS:g} s at {RATE_HZ:g} images per second; straight tracks. Robots "
+    f"as built, {BUILT} of them, camera.yaml from calibrate mirror, eight robots moving about; its form here: the same "
+    "with the system's and the exposure control's preset `paper`. Beside them an ideal robot for each seed, three "
     "standing robots. Errors are those since the first tracked image; line points are means over all images. The robot "
     "waits while the control searches. Without control exposure and gain stay at what the control found at the first "
     "case's start.",
+    "Of the first: errors over those of the first case, each as the root of the squared means in x and in y, the "
+    "paper's by the same formula.",
     "Levels of light: 1 is the hall's lamps, 500 lx (EN 12193, class II; JGJ 153-2007, matches of amateurs). Second "
     "case: patches of sun 6 times as bright, as in the recorded linear images (omni_exposure), 0.6 of daylight "
     "everywhere. Third case: lamps go off and on every 10 s. The paper's first case knows no daylight, and its third "
@@ -87,9 +116,8 @@ _NOTES = (
     "That the first costs nothing and the second does was known when they were taken. Dull "
     "day: 100 lx (0.2), 5000 lx outside at a daylight factor of 2 %. Clear glass: the sun at 35 degrees "
     "brings 50 klx to the ground, 38 klx behind two panes: 76 times the lamps, with 2.0 of daylight from sky and "
-    "bounces. It is shown as the limit: the entropy's peak exposes for the shade, patches are white all over, a robot "
-    "within one sees no line, and shadows of window bars draw false points. There the first case's settings, with "
-    "shade overexposed too, do better.",
+    "bounces. The entropy's peak exposes for the shade; patches are white all over, and what lies under them counts "
+    "neither as carpet nor as its end.",
     "Without control the paper found no line points in its second case: its look-up table classes absolute colours, "
     "where the detector here compares a line with the "
     "green beside it. The paper's best settings fall from 18 ms, 18 to 12 ms, 12 from the first case to the second, by "
@@ -97,43 +125,65 @@ _NOTES = (
 )
 
 
-def _rows(case: Case, control: str, runs: Sequence[Drive], firsts: Sequence[Drive]) -> list[tuple[str, ...]]:
+def _rows(case: Case, control: bool, runs: Runs) -> list[tuple[str, ...]]:
     """Mean, standard deviation and maximum, as the paper has them."""
-    tables = [run.errors for run in runs if run.errors is not None]
+    ours, paper, ideal = (each[case.name, control] for each in (runs.ours, runs.paper, runs.ideal))
     lines: list[tuple[str, ...]] = []
-    with_paper = case.paper is not None and control == "controlled"
+    with_paper = case.paper is not None and control
     for k, (title, key) in enumerate((("mean", "mean"), ("std", "std_signed"), ("max", "max"))):
-        paper = tuple(f"{v:g}" for v in case.paper[k]) if with_paper and case.paper else ("–",) * 3
-        ours = [
-            spread([scale * getattr(getattr(t, name), key) for t in tables], decimals) if tables else "–"
-            for name, scale, decimals in (("x", 100, 2), ("y", 100, 2), ("heading", 1, 4), ("position", 100, 2))
-        ]
-        more = ("", "", "")
+        told = tuple(f"{v:g}" for v in case.paper[k]) if with_paper and case.paper else ("–",) * 3
+        cells: list[str] = []
+        for name, paper_says in zip(("x", "y", "heading", "position"), (*told, None), strict=True):
+            here = [_figure(some, name, key) for some in (paper, ours)]
+            cells += here if paper_says is None else [paper_says, *here]
+        more = ("",) * 6
         if k == 0:
-            ratios = [run.mean_m / first.mean_m for run, first in zip(runs, firsts, strict=True)]
-            more = (
-                spread(ratios) if np.isfinite(ratios).all() else "–",
-                spread([float(run.points.mean()) for run in runs], 0),
-                f"{spread([100.0 * float(run.tracked.mean()) for run in runs], 1)} %",
-            )
-        head = (case.name, control) if k == 0 else ("", "")
-        lines.append((*head, title, paper[0], ours[0], paper[1], ours[1], paper[2], ours[2], ours[3], *more))
+            its = _of_the_first(paper, runs.paper)
+            theirs = f"{paper_ratio(case):.2f}" if with_paper else "–"
+            points = spread([float(run.points.mean()) for run in ours], 0)
+            more = (theirs, its, _of_the_first(ours, runs.ours), points, _tracked(paper), _tracked(ours))
+        head = (case.name, "controlled" if control else "as in the first") if k == 0 else ("", "")
+        lines.append((*head, title, *cells, *more, _figure(ideal, "position", key), _tracked(ideal) if k == 0 else ""))
     return lines
 
 
-def _headline(controlled: dict[str, list[Drive]], fixed: dict[str, list[Drive]]) -> Headline:
-    def error_m(runs: Sequence[Drive]) -> float:
-        return float(np.mean([run.mean_m for run in runs]))
+def _figure(runs: Sequence[Drive], name: str, key: str) -> str:
+    tables = [run.errors for run in runs if run.errors is not None]
+    scale, decimals = (1.0, 4) if name == "heading" else (100.0, 2)
+    return spread([scale * getattr(getattr(t, name), key) for t in tables], decimals)
 
-    def points(runs: Sequence[Drive]) -> float:
-        return float(np.mean([run.points.mean() for run in runs]))
 
-    ratios = [error_m(controlled[case.name]) / error_m(controlled[FIRST.name]) for case in (SECOND, THIRD)]
-    left = [100.0 * points(fixed[case.name]) / points(fixed[FIRST.name]) for case in (SECOND, THIRD)]
+def _tracked(runs: Sequence[Drive]) -> str:
+    return percent([float(run.tracked.mean()) for run in runs])
+
+
+def _of_the_first(runs: Sequence[Drive], every: Mapping[tuple[str, bool], Sequence[Drive]]) -> str:
+    ratios = [run.mean_xy_m / first.mean_xy_m for run, first in zip(runs, every[FIRST.name, True], strict=False)]
+    return spread(ratios) if np.isfinite(ratios).all() else "–"
+
+
+def paper_ratio(case: Case) -> float:
+    """The paper's mean error in x and y over that of its first case."""
+    assert case.paper is not None
+    assert FIRST.paper is not None
+    return math.hypot(*case.paper[0][:2]) / math.hypot(*FIRST.paper[0][:2])
+
+
+def _headline(runs: Runs) -> Headline:
+    def error_m(every: Mapping[tuple[str, bool], Sequence[Drive]], case: Case) -> float:
+        return float(np.mean([run.mean_xy_m for run in every[case.name, True]]))
+
+    def ratios(every: Mapping[tuple[str, bool], Sequence[Drive]]) -> str:
+        return ", ".join(f"{error_m(every, case) / error_m(every, FIRST):.2f}" for case in (SECOND, THIRD))
+
+    def points(case: Case, control: bool) -> float:
+        return float(np.mean([run.points.mean() for run in runs.ours[case.name, control]]))
+
+    left = [100.0 * points(case, False) / points(FIRST, True) for case in (SECOND, THIRD)]
     return Headline(
         "mean error of the second and third case over the first's; line points left without control",
-        "1.00, 0.77; none, –",
-        f"{ratios[0]:.2f}, {ratios[1]:.2f}; {left[0]:.0f} %, {left[1]:.0f} %",
+        f"{paper_ratio(SECOND):.2f}, {paper_ratio(THIRD):.2f}; none, –",
+        f"{ratios(runs.ours)}; {left[0]:.0f} %, {left[1]:.0f} %; ideal {ratios(runs.ideal)}",
     )
 
 
@@ -162,11 +212,11 @@ def _darkness(dark: Sequence[FloatArray]) -> str:
     )
 
 
-def _exposures(controlled: dict[str, list[Drive]]) -> str:
+def _exposures(runs: Mapping[tuple[str, bool], Sequence[Drive]]) -> str:
     """How far the control moved."""
-    base = np.mean([run.stops[0] for run in controlled[FIRST.name]])
-    found = {case.name: 2.0 ** (np.mean([run.stops.mean() for run in controlled[case.name]]) - base) for case in CASES}
-    least = {case.name: 2.0 ** (np.max([run.stops.max() for run in controlled[case.name]]) - base) for case in CASES}
+    base = np.mean([run.stops[0] for run in runs[FIRST.name, True]])
+    found = {case.name: 2.0 ** (np.mean([run.stops.mean() for run in runs[case.name, True]]) - base) for case in CASES}
+    least = {case.name: 2.0 ** (np.max([run.stops.max() for run in runs[case.name, True]]) - base) for case in CASES}
     return (
         "Exposure times gain under control, over that of the first case's start: "
         + ", ".join(f"{name}: {value:.2f} (at most {least[name]:.2f})" for name, value in found.items())
@@ -187,13 +237,13 @@ def _tracks_figure(drives: Sequence[tuple[str, Drive]]) -> Figure:
     return figure
 
 
-def _exposure_figure(controlled: dict[str, list[Drive]], fixed: dict[str, list[Drive]]) -> Figure:
+def _exposure_figure(every: Mapping[tuple[str, bool], Sequence[Drive]]) -> Figure:
     """Line points and exposure over time, with control and without."""
-    shown = (SECOND, THIRD, GLASS)
+    shown = WITHOUT
     figure, axes = new_figure(2, len(shown), width_in=4.6 * len(shown), height_in=5.4)
     for k, case in enumerate(shown):
-        for runs, colour, label in ((controlled, BLUE, "controlled"), (fixed, RED, "as in the first case")):
-            run = runs[case.name][0]
+        for control, colour, label in ((True, BLUE, "controlled"), (False, RED, "as in the first case")):
+            run = every[case.name, control][0]
             seconds = (np.arange(len(run.points)) + 1) / RATE_HZ
             axes[k].plot(seconds, run.points, color=colour, linewidth=1.0, label=label)
             axes[k + len(shown)].plot(seconds, 2.0**run.stops, color=colour, linewidth=1.2)

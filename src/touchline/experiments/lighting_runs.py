@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.camera.exposure import ExposureControl, ExposureSettings, mirror_masks
-from touchline.config import load_settings
+from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
 from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
 from touchline.geometry import FloatArray
@@ -28,6 +28,7 @@ PLACES = 8  # images that colours are learned from, and at which darkness is tri
 LEFT_ON = (0.04, 0.02)  # levels of what stays on without the lamps: 20 and 10 of 500 lx
 DARKER = (0.2, 0.1, *LEFT_ON, 0.01)  # levels of light, for how far the first case's settings reach
 SWITCH_S = 10.0
+SECONDS = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +100,11 @@ class Drive:
         """Mean position error; infinite if nothing was tracked."""
         return float("inf") if self.errors is None else self.errors.position.mean
 
+    @property
+    def mean_xy_m(self) -> float:
+        """Root of the squared mean errors in x and y, which is all that Table 2 tells; infinite without any."""
+        return float("inf") if self.errors is None else float(np.hypot(self.errors.x.mean, self.errors.y.mean))
+
 
 class _Camera:
     """The simulated camera as the control wants it. `show`: the image that the next grab gives."""
@@ -122,10 +128,10 @@ class _Camera:
 class ControlledExposure:
     """The closed loop: image after image of a simulation, its exposure kept right. The robot waits for a search."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, paper: bool = False) -> None:
         self.camera = _Camera(simulation)
         # at a few images per second each is looked at; the paper looks every few cycles of 25 per second
-        settings = ExposureSettings(check_every=1)
+        settings = load_settings(ExposureSettings, None, ["check_every=1"], preset=PAPER if paper else None)
         self.control = ExposureControl(self.camera, mirror_masks(simulation.camera), settings, START_MS)
 
     def image(self, taken: ImageArray | None) -> tuple[ImageArray, bool]:
@@ -139,9 +145,9 @@ class ControlledExposure:
         return (self.control.step() if searching else image), searching
 
 
-def simulation(case: Case, seed: int, seconds: float | None = None) -> Simulation:
-    """A case's run: straight tracks through a rendered hall."""
-    scenario = open_scenario("lighting-1", seed, seconds, ["ideal=true"])
+def simulation(case: Case, seed: int, seconds: float | None = None, ideal: bool = False) -> Simulation:
+    """A case's run: straight tracks through a rendered hall, of a robot as built or ideal."""
+    scenario = open_scenario("lighting-1", seed, seconds or SECONDS, ["ideal=true"] if ideal else [])
     camera = scenario.camera.model_copy(update={"rate_hz": RATE_HZ})
     return Simulation(scenario.model_copy(update={"light": case.light, "camera": camera}))
 
@@ -152,9 +158,9 @@ def _images(run: Simulation) -> list[ImageArray]:
     return [image for image in images if image is not None]
 
 
-def learned_colours(seed: int, file: Path, seconds: float | None = None) -> tuple[float, float]:
+def learned_colours(seed: int, file: Path, seconds: float | None = None, ideal: bool = False) -> tuple[float, float]:
     """Write the colour table of the first case; returns exposure (ms) and gain that its light asks for."""
-    run = simulation(FIRST, seed, seconds)
+    run = simulation(FIRST, seed, seconds, ideal)
     run.frame(0)
     ControlledExposure(run).image(None)
     detector = LinePointDetector(run.camera, line_width_m=run.field.line_width)
@@ -167,14 +173,23 @@ def learned_colours(seed: int, file: Path, seconds: float | None = None) -> tupl
     return run.exposure_ms, run.gain
 
 
-def drive(
-    case: Case, seed: int, colours: Path, fixed: tuple[float, float] | None, seconds: float | None = None
-) -> Drive:
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """Who drives: a robot by seed, as built or ideal, ours or by the paper's own form; its colour table's file."""
+
+    seed: int
+    colours: Path
+    ideal: bool = False
+    paper: bool = False
+
+
+def drive(case: Case, robot: Robot, fixed: tuple[float, float] | None, seconds: float | None = None) -> Drive:
     """One run with frozen colours. fixed: exposure (ms) and gain all along; none: the control keeps them right."""
-    run = simulation(case, seed, seconds)
-    settings = load_settings(SYSTEMS["nubot-mcl"].settings, None, [f"learning.colour_file={colours}"])
-    system = open_system("nubot-mcl", RobotSetup(run.field, run.camera), settings, np.random.default_rng(seed))
-    loop = ControlledExposure(run) if fixed is None else None
+    run = simulation(case, robot.seed, seconds, robot.ideal)
+    preset, colours = PAPER if robot.paper else None, f"learning.colour_file={robot.colours}"
+    settings = load_settings(SYSTEMS["nubot-mcl"].settings, None, [colours], preset=preset)
+    system = open_system("nubot-mcl", RobotSetup(run.field, run.camera), settings, np.random.default_rng(robot.seed))
+    loop = ControlledExposure(run, robot.paper) if fixed is None else None
     if fixed is not None:
         run.set(*fixed)
     estimates, stops, searched = [], [], []
@@ -199,12 +214,12 @@ def drive(
 def points_in_the_dark(
     seed: int, colours: Path, fixed: tuple[float, float], levels: Sequence[float] = DARKER
 ) -> FloatArray:
-    """Line points (L + 1, 2) at eight places under lamps, then under each level (L) of even light instead.
+    """Line points (L + 1, 2) at eight places under lamps, then under each level (L) of even light instead; ideal robot.
 
     Columns: exposure and gain as they suit the first case, and as the control finds them at the first place.
     """
     lights = [FIRST.light, *(_light("lighting-2", ambient=level) for level in levels)]
-    runs = [simulation(Case("", light), seed) for light in lights]
+    runs = [simulation(Case("", light), seed, ideal=True) for light in lights]
     detector = LinePointDetector(runs[0].camera, line_width_m=runs[0].field.line_width)
     found = np.empty((len(runs), 2))
     for k, run in enumerate(runs):
