@@ -24,9 +24,11 @@ from touchline.experiments.faults import (
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization import CompassCorrection
 from touchline.localization.fusion.field_side import COMPASS_FALSE
+from touchline.localization.fusion.pose_filter import Fusion, PoseFilter
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
+from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.types import Estimate, Status
 
 BOTH = pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl"])
@@ -138,3 +140,21 @@ def test_a_compass_false_from_the_first_frame_leaves_both_ends_named(name: str) 
         twin = estimate.hypotheses[-1]
         assert min(estimate.pose.distance_to(truth), twin.pose.distance_to(truth)) < 0.3
         assert twin.probability == COMPASS_FALSE
+
+
+@pytest.mark.parametrize(("held_error", "doubted"), [(0.2, True), (0.05, False)])
+def test_a_pose_that_only_held_against_the_search_is_looked_at_again_before_it_is_believed(
+    held_error: float, doubted: bool
+) -> None:
+    drive = Fault("ring", 0.0, 9.0, ring).laid_into(driven(1), np.random.default_rng(0))
+    made = NubotMti(RobotSetup(drive.field), NubotMtiSettings(), np.random.default_rng(0))
+    frame = drive.frames[0]
+    made.history.add(frame)
+    assert frame.observation is not None
+    view = made.inputs.of(frame.observation)
+    fix = made.failure.search.locate(view.positions_m, view.weights, 0.3)
+    assert fix is not None
+    assert fix.match.error > 0.1
+    made.doubt.reset(held_error)
+    made.doubt.refutes(view, fix.match, PoseFilter(fix.match.pose, fix.match.covariance), Fusion.SUPPORTS)
+    assert ("the points fit elsewhere as well" in made.doubt.reasons) == doubted

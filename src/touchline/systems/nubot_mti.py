@@ -120,6 +120,6 @@ class NubotMti:
         self.belief.take(found, view.heading_rad)
         if found.confirmed:
             self.failure.count_anew()
-            self.doubt.reset()
+            self.doubt.reset(held_error=found.match.error if found.kept else 0.0)
             self.compass_correction.start_anew()
         return found.match, found.hypotheses

@@ -20,6 +20,8 @@ HELD_FACTOR = (
 # frames in a row that support the prediction, after which places that fit as well say nothing against a pose: it is
 # known by how the robot has come there
 SUPPORTED_FRAMES = 5
+# mean error of a match from which it may be that of points that are none: it supports nothing. As accepted_error
+POOR_ERROR = 0.1
 
 
 def stands_alone(
@@ -43,11 +45,11 @@ class Doubt:
         self.settings = settings
         self.reset()
 
-    def reset(self) -> None:
-        """The pose was found anew, or told."""
+    def reset(self, held_error: float = 0.0) -> None:
+        """The pose was found anew, or told. held_error: mean error of a match that was not accepted but has held."""
         self.reasons: tuple[str, ...] = ()
         self._poor = self._suspect = 0
-        self._supported = SUPPORTED_FRAMES
+        self._supported = 0 if held_error >= POOR_ERROR else SUPPORTED_FRAMES
         self._ambiguous = False
 
     def refutes(self, view: MatchInput, match: Match | None, tracked: PoseFilter, fusion: Fusion) -> bool:
@@ -56,7 +58,8 @@ class Doubt:
         match: of its points, None without usable ones. tracked: the pose after fusion.
         """
         agrees = fusion is not Fusion.CONTRADICTS
-        self._supported = self._supported + 1 if fusion is Fusion.SUPPORTS else 0
+        fits = match is not None and match.error < POOR_ERROR
+        self._supported = self._supported + fits if fusion is Fusion.SUPPORTS else 0
         s = self.settings
         if not s.paper.doubts:
             return False
@@ -72,7 +75,8 @@ class Doubt:
     @property
     def _look_is_due(self) -> bool:
         poor_for_long = self._poor >= LOOK_AFTER and (self._poor - LOOK_AFTER) % LOOK_EVERY == 0
-        return poor_for_long or (self._suspect > 0 and self._suspect % self.settings.frames == 0)
+        unproven = self._supported < SUPPORTED_FRAMES and 0 < self._suspect < self.settings.frames
+        return poor_for_long or unproven or (self._suspect > 0 and self._suspect % self.settings.frames == 0)
 
     def _looks(self, view: MatchInput, match: Match, pose: Pose) -> bool:
         """Search the whole field: whether one other place alone explains the points far better."""
