@@ -13,6 +13,7 @@ from touchline.checks.features import check_features
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.images import check_observations
 from touchline.checks.lines import check_lines
+from touchline.checks.sensors import check_presence
 from touchline.checks.survey import Survey, take_survey
 from touchline.cli.run import execute
 from touchline.errors import TouchlineError
@@ -52,6 +53,22 @@ def test_a_humanoids_features_fit(small_data: Path) -> None:
     assert "cm from the field's (median), tracked in" in found.what
 
 
+@pytest.mark.parametrize("name", ["humanoid_9x6_walk", "humanoid_hsl_pan"])
+def test_a_humanoid_without_imu_is_told_of_a_start_only_where_the_ends_look_alike(
+    small_data: Path, tmp_path: Path, name: str
+) -> None:
+    """Its system asks no compass: coloured goals tell the ends apart, white ones don't."""
+    folder = borrow(small_data / name, tmp_path / "walk", frames=3)
+    (folder / "imu.csv").unlink(missing_ok=True)
+    found = [finding for finding in check_presence(survey(folder)) if finding.check in ("compass", "ends")]
+    if name == "humanoid_9x6_walk":
+        assert not found
+    else:
+        (finding,) = found
+        assert (finding.severity, finding.where) == (Severity.NOTE, "field.yaml")
+        assert finding.advice.startswith("Tell where the robot starts, --start X,Y,HEADING or --own-half")
+
+
 def test_a_fallen_robot_is_told_with_one_cause(
     small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -65,7 +82,8 @@ def test_a_fallen_robot_is_told_with_one_cause(
     imu.write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
     found = only(folder)
     assert found.severity is Severity.ERROR
-    assert "it has fallen, or roll and pitch are not in radians" in found.what
+    assert found.what.endswith("more than 60°")
+    assert found.advice == "It has fallen, or roll and pitch are not in radians."
     with pytest.raises(TouchlineError, match="in 6 of them, the robot leans by"):
         execute(prepare(folder, "nimbro-lines"), tmp_path / "run")
     assert "searching 6" in capsys.readouterr().out

@@ -58,7 +58,9 @@ def check_features(survey: Survey) -> Iterator[Finding]:
         yield Finding("features", Severity.NOTE, FIELD, what, "Record more images, or mend what is wrong with these.")
         return
     if unseen and 2 * unseen.total() > looked:
-        yield Finding("features", Severity.ERROR, CAMERA, f"in {unseen.total()} of {looked} images, {last}")
+        what, _, advice = last.partition(": ")
+        advice = f"{advice[:1].upper()}{advice[1:]}." if advice else "Look at `touchline view --stages`."
+        yield Finding("features", Severity.ERROR, CAMERA, f"in {unseen.total()} of {looked} images, {what}", advice)
         return
     yield from _fit(residuals_m, looked, own)
     if not own and residuals_m:

@@ -11,8 +11,10 @@ import numpy.typing as npt
 
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
+from touchline.errors import InputError
+from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, wrap_angles
-from touchline.sources.description import finite_number
+from touchline.sources.description import FIELD, finite_number
 from touchline.sources.folder import SENSOR_COLUMNS
 from touchline.sources.problems import Problem, ProblemKind
 
@@ -22,6 +24,7 @@ _WINDOW_S = 1.0
 _STILL_M, _STILL_RAD = 0.0005, math.radians(0.1)
 _LEAST_STILL_S = 1.0
 _NO_COMPASS = "A pose and the one at the other end of the field fit equally well: run with --own-half or --start."
+_ENDS_ALIKE = "Tell where the robot starts, --start X,Y,HEADING or --own-half; else each pose is named with its twin."
 
 _ROW_ADVICE = {
     ProblemKind.SENSOR_FILE: "Write it as docs/how-to-recording.md says; a run goes on without this sensor.",
@@ -71,7 +74,7 @@ def check_presence(survey: Survey) -> Iterator[Finding]:
         if not (survey.recording.folder / file).exists():
             advice = "Without it a pose between images is a guess." if file == "odometry.csv" else ""
             if file == "imu.csv":
-                yield Finding("compass", Severity.WARNING, file, "is not there: no compass, no gyro", _NO_COMPASS)
+                yield from _no_compass(survey, "is not there: no compass, no gyro")
             else:
                 yield Finding("sensors", Severity.NOTE, file, "is not there", advice)
         elif counts[ProblemKind.SENSOR_FILE, file]:
@@ -80,7 +83,22 @@ def check_presence(survey: Survey) -> Iterator[Finding]:
             what = "no sample lies between the first and the last image"
             yield Finding("sensors", Severity.ERROR, file, what, "Use one clock for images and sensors.")
         elif file == "imu.csv" and not seen["yaw"]:
-            yield Finding("compass", Severity.WARNING, file, "column 'yaw' is empty: no compass", _NO_COMPASS)
+            yield from _no_compass(survey, "column 'yaw' is empty: no compass")
+
+
+def _no_compass(survey: Survey, what: str) -> Iterator[Finding]:
+    """What a recording without a compass needs; a humanoid's system asks none: only where its ends look alike."""
+    recording = survey.recording
+    if recording.camera_kind != "pinhole" and (not recording.has_observations or survey.seen["point"]):
+        yield Finding("compass", Severity.WARNING, "imu.csv", what, _NO_COMPASS)
+        return
+    try:
+        field = recording.field
+    except InputError:
+        return  # the check of the field says so
+    if field.is_symmetric and not FieldAssociations(field).tell_ends_apart:
+        what = "nothing tells both ends of the field apart: no goal or pole has a colour of its own end"
+        yield Finding("ends", Severity.NOTE, FIELD, what, _ENDS_ALIKE)
 
 
 def check_stuck(survey: Survey) -> Iterator[Finding]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
-from touchline.config import Settings, settings_rows
+from touchline.config import Settings, preset_values, settings_rows, shown_key
 
 _INTRODUCTION = """\
 # Settings
@@ -15,7 +15,8 @@ given with `--config`; the file holds the same keys as a tree, so `matching.c_m`
 written `null`. What a run used is in its `summary.json`.
 
 Settings that several systems share come first; each stands here once. Those under `paper` are switches to the papers'
-exact form. What nobody has had a reason to change is a named constant beside its use in the code.
+exact form; the column *paper* has what `--preset paper` makes of each. What nobody has had a
+reason to change is a named constant beside its use in the code.
 
 This page is written by `touchline systems --markdown > docs/settings.md`; a test compares it with the code.
 """
@@ -32,12 +33,22 @@ _UNITS = (
 )
 
 
+class Row(NamedTuple):
+    """The cells of a setting. paper: its value in the preset; empty if that leaves it alone."""
+
+    key: str
+    value: str
+    paper: str
+    unit: str
+    about: str
+
+
 def settings_page() -> str:
     """The page as Markdown."""
     from touchline.localization.one_shot.locate import LocateSettings
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS
 
-    owners: dict[str, tuple[str, ...]] = {}  # of each row: the systems that have it
+    owners: dict[Row, tuple[str, ...]] = {}  # of each row: the systems that have it
     for info in SYSTEMS.values():
         for row in _rows(info.settings):
             owners[row] = (*owners.get(row, ()), info.name)
@@ -75,14 +86,31 @@ def unit_of(key: str) -> str:
     return next((unit for suffix, unit in _UNITS if key.endswith(suffix)), "–")
 
 
-def _table(rows: list[str]) -> str:
-    return "\n".join(["| setting | value | unit | what it is, and why |", "|---|---:|---|---|", *rows]) + "\n"
+def _table(rows: list[Row]) -> str:
+    """Markdown; the column of the preset only where one of the settings has a value of its own in it."""
+    cells = [row if any(each.paper for each in rows) else (row.key, row.value, *row[3:]) for row in rows]
+    if cells and len(cells[0]) == len(Row._fields):
+        head = ["| setting | value | paper | unit | what it is, and why |", "|---|---:|---:|---|---|"]
+    else:
+        head = ["| setting | value | unit | what it is, and why |", "|---|---:|---|---|"]
+    return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in cells)]) + "\n"
 
 
-def _rows(settings: type[Settings]) -> Iterator[str]:
+def _rows(settings: type[Settings]) -> Iterator[Row]:
+    paper = {shown_key(key): _value(value) for key, value in _leaves(preset_values(settings))}
     for key, default, description in settings_rows(settings):
         unit = unit_of(key)  # which has a column of its own here
-        yield f"| `{key}` | {_value(default)} | {unit} | {_without_unit(_sentence(description), unit)} |"
+        about = _without_unit(_sentence(description), unit)
+        yield Row(f"`{key}`", _value(default), paper.get(key, ""), unit, about)
+
+
+def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted key and value of each leaf."""
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
 
 
 def _without_unit(text: str, unit: str) -> str:
