@@ -104,6 +104,8 @@ def _measured(
     positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
 ) -> npt.NDArray[np.bool_]:
     """(N,) which places (N, 2) are measurements: finite, no negative confidence or variance, within max_range_m."""
+    if len(positions_m) == 0:
+        return np.zeros(0, dtype=np.bool_)
     kept = np.isfinite(positions_m).all(axis=1) & np.isfinite(covariances_m2).all(axis=(1, 2))
     kept &= np.isfinite(confidences) & (confidences >= 0.0)
     kept &= (covariances_m2[:, 0, 0] >= 0.0) & (covariances_m2[:, 1, 1] >= 0.0)

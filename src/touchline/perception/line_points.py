@@ -253,7 +253,7 @@ class LinePointDetector:
     @property
     def green_share(self) -> float:
         """Share of the last image's samples that were green."""
-        return float(np.mean(self._samples.classes == GREEN))
+        return np.count_nonzero(self._samples.classes == GREEN) / len(self._samples.classes)
 
     def _crossings(self, image: ImageArray, transitions: bool = False) -> FloatArray:
         model, lines, s, camera = self.colours, self.scan_lines, self.settings, self.camera

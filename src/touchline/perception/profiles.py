@@ -87,16 +87,19 @@ def sample_paths(
     (N,) says that it is the robot itself.
     """
     colours, levels, classes = samples
-    flat, below, cells = image.reshape(-1), 3 * image.shape[1], table.reshape(-1)
+    flat, cells = image.reshape(-1), table.reshape(-1)
+    blue, green, red = flat, flat[1:], flat[2:]
+    beside, below = np.uint64(3), np.uint64(3 * image.shape[1])  # unsigned: none can count from the end
     for k in range(len(corners)):
-        near, fu, fv = corners[k], shares[k, 0], shares[k, 1]
-        far = near + below
+        here, fu, fv = np.uint64(corners[k]), shares[k, 0], shares[k, 1]
+        right, under = here + beside, here + below
+        across = under + beside
         w11 = fu * fv
         w01, w10 = fu - w11, fv - w11
         w00 = np.float32(1.0) - fu - w10
-        b = w00 * flat[near] + w01 * flat[near + 3] + w10 * flat[far] + w11 * flat[far + 3]
-        g = w00 * flat[near + 1] + w01 * flat[near + 4] + w10 * flat[far + 1] + w11 * flat[far + 4]
-        r = w00 * flat[near + 2] + w01 * flat[near + 5] + w10 * flat[far + 2] + w11 * flat[far + 5]
+        b = w00 * blue[here] + w01 * blue[right] + w10 * blue[under] + w11 * blue[across]
+        g = w00 * green[here] + w01 * green[right] + w10 * green[under] + w11 * green[across]
+        r = w00 * red[here] + w01 * red[right] + w10 * red[under] + w11 * red[across]
         colours[k, 0], colours[k, 1], colours[k, 2] = b, g, r
         levels[k] = signal[0] * b + signal[1] * g + signal[2] * r
         cell = (np.int32(b) >> 2) << 12 | (np.int32(g) >> 2) << 6 | np.int32(r) >> 2

@@ -108,6 +108,8 @@ def _inflated(matcher: Matcher, view: MatchInput, positions_m: FloatArray, match
     distances_m, _ = matcher.distance_map.look_up(match.pose.transform(positions_m))
     covariances_m2 = view.points.covariances_m2
     variances_m2 = 0.5 * (covariances_m2[:, 0, 0] + covariances_m2[:, 1, 1]) + MIN_RESIDUAL_M**2
-    excess = float(np.median(distances_m * distances_m / variances_m2)) / MEDIAN_CHI2 - 1.0
+    ratios = np.sort(distances_m * distances_m / variances_m2)
+    median = 0.5 * float(ratios[(len(ratios) - 1) // 2] + ratios[len(ratios) // 2])  # np.median takes ten times longer
+    excess = median / MEDIAN_CHI2 - 1.0
     covariance = match.covariance + view.tilt.shaken
     return replace(match, covariance=covariance, inflation=1.0 + min(max(REPEATED * excess, 0.0), MOST_INFLATION))

@@ -36,6 +36,7 @@ ITERATIONS = 2  # those after them
 # how unsure the pose's shift is that goes with g (m² per unit of g), which no image shows: h² g if the mirror turns
 # about its focus, two or three times that about its apex, and a mirror that leans is mostly displaced as well
 SHIFT_M2 = 1.2
+_LOOSE = np.diag([LOOSE_POSITION_M**-2.0, LOOSE_POSITION_M**-2.0, LOOSE_HEADING_RAD**-2.0, 0.0, 0.0])
 SHAKING_GAIN = 0.05  # share of a new image in how far the bend of single images lies from the mean
 
 
@@ -117,9 +118,7 @@ class MirrorTilt:
         """This frame's bend (2,), from points as seen and a pose that fits them but for the bend."""
         s = self.settings
         prior = self.covariance + np.eye(2) * VIBRATION_PER_M**2
-        loose = np.array([LOOSE_POSITION_M, LOOSE_POSITION_M, LOOSE_HEADING_RAD]) ** -2.0
-        information = np.zeros((5, 5))
-        information[:3, :3] = np.diag(loose)
+        information = _LOOSE.copy()
         information[3:, 3:] = np.linalg.inv(prior)
         start = np.array([*pose, *self.mean_per_m])
         state = start.copy()
@@ -135,14 +134,14 @@ class MirrorTilt:
             return self.mean_per_m
         posterior = np.linalg.inv(matrix + information)[3:, 3:]
         self._shaking += SHAKING_GAIN * (float(np.square(bend - self.mean_per_m).sum()) - self._shaking)
-        self._learn(bend, posterior, prior)
+        self._learn(bend, posterior, information[3:, 3:])
         return np.asarray(bend)
 
-    def _learn(self, bend: FloatArray, posterior: FloatArray, prior: FloatArray) -> None:
+    def _learn(self, bend: FloatArray, posterior: FloatArray, prior_information: FloatArray) -> None:
         """Kalman update of the mean by what this frame alone has said (the posterior without its prior)."""
-        gain_prior = np.linalg.inv(prior)
-        own = np.linalg.inv(posterior) - gain_prior + np.eye(2) * 1e-3
-        measured = self.mean_per_m + np.linalg.solve(own, np.linalg.inv(posterior) @ (bend - self.mean_per_m))
+        information = np.linalg.inv(posterior)
+        own = information - prior_information + np.eye(2) * 1e-3
+        measured = self.mean_per_m + np.linalg.solve(own, information @ (bend - self.mean_per_m))
         spread = np.linalg.inv(own) + np.eye(2) * VIBRATION_PER_M**2
         gain = self.covariance @ np.linalg.inv(self.covariance + spread)
         self.mean_per_m = self.mean_per_m + gain @ (measured - self.mean_per_m)
