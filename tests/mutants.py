@@ -148,7 +148,7 @@ FAULTS = (
     Fault(RUNS, "half = 0.5 * (levels[peak] + darkest)", "half = 0.25 * (levels[peak] + darkest)", T_HSV, "plain_twin"),
     Fault(RUNS, "if not length_m <= limits.max_run_m:", "if length_m > 1e9:", T_HSV, "plain_twin or wide_white"),
     Fault(HSV, "white, white & field)", "white, white)", T_HSV, "left_out_by_the_hull"),
-    Fault(HSV, "radius <= mirror.inner_radius_px)[", "radius <= 0.0)[", T_HSV, "robot_itself or hull"),
+    Fault(HSV, "radius <= mirror.inner_radius_px)[", "radius <= 0.0)[", T_HSV, "stand_close"),
     Fault("perception/hsv_thresholds.py", "_FAINT_SHARE = 0.2", "_FAINT_SHARE = 2.0", T_HSV, "more_grey"),
     Fault(METRICS, "values[:, 2] = wrap_angles(values[:, 2])", "values[:, 2] = values[:, 2]", T_METRICS,
           "short_way"),

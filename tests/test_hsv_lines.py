@@ -178,6 +178,14 @@ def test_the_robot_itself_and_black_rods_give_no_points(cross_image: ImageArray)
     assert np.max(distances(points, CROSS)) < 0.1
 
 
+def test_carpet_on_both_sides_of_two_robots_that_stand_close_is_one_field(cross_image: ImageArray) -> None:
+    image = cross_image.copy()
+    v, u = np.mgrid[0 : image.shape[0], 0 : image.shape[1]] - CAMERA.center[0]
+    image[(np.abs(np.arctan2(v, np.abs(u))) < 0.4) & (np.hypot(v, u) > BODY_PX)] = BLACK
+    above = detected(image).pixels[:, 1] < CAMERA.center[1]
+    assert min(above.sum(), (~above).sum()) >= 15  # only the robot itself joins them
+
+
 def test_a_noisy_image_is_blurred_more() -> None:
     image = paint_ground(CAMERA, line_field(CROSS), noise=18.0)
     points = detected(image)
