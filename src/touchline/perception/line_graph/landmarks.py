@@ -43,6 +43,7 @@ _GAP_CELLS = 1
 _LEAST_HEIGHT, _MOST_WIDTH = 0.5, 2.2  # of what is expected
 _MOST_BESIDE = 0.4  # of its rows: the colour may go on there, a crossbar or something behind
 _EQUAL_BANDS = 2.0
+_ONE_BAND = 1.4  # of a band's height: what is of one colour beyond it is no pole
 _SAME_M = 0.4  # two uprights closer than this are one
 _GOAL_M = 0.35  # how far the distance between two posts of a goal may be off, and more with the range
 _FOOT_PX = 3.0  # standard deviation of a foot
@@ -51,13 +52,14 @@ _FOOT_PX = 3.0  # standard deviation of a foot
 class Upright(NamedTuple):
     """Something upright: where it stands (m, robot frame), the pixel of its foot, its colours from the ground up.
 
-    cut: whether it leaves the image at the top.
+    cut: whether it leaves the image at the top. seen_m: how much of its height is seen.
     """
 
     place: FloatArray
     pixel: FloatArray
     colors: Colors
-    cut: bool
+    cut: bool = False
+    seen_m: float = 0.0
 
 
 class _Landmark(NamedTuple):
@@ -124,7 +126,7 @@ def _white_posts(
     if not white:
         return []
     return [
-        _Landmark(LandmarkKind.POST, Upright(ridge.place, ridge.pixel, _WHITE, False), ridge.share, (2.0, 0.03))
+        _Landmark(LandmarkKind.POST, Upright(ridge.place, ridge.pixel, _WHITE), ridge.share, (2.0, 0.03))
         for ridge in find_white_posts(pixels, lines, plane, white[0], settings.farthest_m)
     ]
 
@@ -137,7 +139,7 @@ def _penalty_marks(structure: Structure, lines: Lines, plane: ImagePlane, field:
     middles = np.array([middle for middle in middles if not _near_a_line(middle, lines)]).reshape(-1, 2)
     places = grounds_from_pixels(plane, middles)
     return [
-        _Landmark(LandmarkKind.PENALTY_MARK, Upright(place, middle, (), False), 0.7, (1.5, 0.02))
+        _Landmark(LandmarkKind.PENALTY_MARK, Upright(place, middle, ()), 0.7, (1.5, 0.02))
         for place, middle in zip(places, middles, strict=True)
     ]
 
@@ -252,7 +254,18 @@ def _look_closer(
     if len(lines) < max(_FEWEST_CELLS, 1.5 * width) or _goes_on_beside(counts, cells, lines):
         return None
     place = place * (1.0 + 0.5 * min(post.diameter for post in posts) / max(np.hypot(*place), 0.1))
-    return Upright(place, pixel, _bands(counts, cells, lines), cut)
+    top = CELL_PX * float(lines[-1])
+    return Upright(place, pixel, _bands(counts, cells, lines), cut, _height_of(plane, float(pixel[0]), top, away))
+
+
+def _height_of(plane: ImagePlane, u: float, v: float, away: float) -> float:
+    """How high (m) above the ground a pixel shows what is so far (m) from the camera's foot."""
+    x, y = plane_from_pixel(plane.lens, u, v)
+    h, foot = plane.ground, plane.foot
+    w = float(h[2] @ (x, y, 1.0))  # of the ray's slope downwards
+    beyond = math.hypot(*(h[:2] @ (x, y, 1.0) - foot * w))  # of its length along the ground
+    above = math.sqrt(float(np.sum((h[0] - foot[0] * h[2]) ** 2)))
+    return above * (1.0 - away * w / max(beyond, 1e-9))
 
 
 def _goes_on_beside(counts: CountArray, cells: np.ndarray, lines: IntArray) -> bool:
@@ -294,8 +307,9 @@ def _kind(upright: Upright, field: FieldModel) -> tuple[LandmarkKind, Colors] | 
     if len(seen) > 1:
         complete = [bands for bands in poles if len(bands) == len(seen) or upright.cut]
         return (LandmarkKind.POLE, complete[0]) if len(complete) == 1 else None
-    if seen and any(goal.color == seen[0] for goal in field.goals) and not (poles and upright.cut):
-        return LandmarkKind.POST, seen
+    band_m = max([pole.height / len(pole.bands_from_ground) for pole in field.poles], default=0.0)
+    if seen and any(goal.color == seen[0] for goal in field.goals):
+        return (LandmarkKind.POST, seen) if not (poles and upright.cut and upright.seen_m < _ONE_BAND * band_m) else None
     return None
 
 
@@ -307,6 +321,6 @@ def _goals(posts: list[Upright], field: FieldModel) -> list[_Landmark]:
         slack = _GOAL_M + 0.05 * max(np.hypot(*a.place), np.hypot(*b.place))
         wide = [abs(goal.y_posts[0] - goal.y_posts[-1]) for goal in field.goals if (goal.color,) == a.colors]
         if a.colors == b.colors and wide and abs(apart - wide[0]) < slack:
-            middle = Upright(0.5 * (a.place + b.place), np.full(2, np.nan), a.colors, False)
+            middle = Upright(0.5 * (a.place + b.place), np.full(2, np.nan), a.colors)
             found.append(_Landmark(LandmarkKind.GOAL, middle, 0.8))
     return found
