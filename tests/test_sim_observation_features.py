@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from touchline.field import open_field
+from touchline.camera import GroundView, PinholeCamera
+from touchline.camera import leaning as leaning_camera
+from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
-from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures
+from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
+from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES, FeatureNoise, LandmarkNoise
+from touchline.simulation.observation.features import ObservedFeatures
 from touchline.simulation.observation.observed_lines import leaning_view
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.types import CrossingKind, LandmarkKind
+from touchline.types import CrossingKind, LandmarkKind, Observation
 
+_ALL = LandmarkNoise(found_ratio=1.0, outwards_px=0.0, across_px=0.0)
 SILENT = FeatureNoise(
     outwards_px=0.0, across_px=0.0, orientation_deg=0.0, found_ratio=1.0, found_half_m=99.0, line_ratio=1.0,
-    post_ratio=1.0, wrong_kind_ratio=0.0, farthest_m=5.5,
+    line_px=0.0, line_end_m=0.0, posts=_ALL, white_posts=_ALL, poles=_ALL, wrong_kind_ratio=0.0, farthest_m=5.5,
 )  # fmt: skip
 POSE = Pose(-2.0, 0.8, 0.6)
 
@@ -44,7 +51,7 @@ def test_all_within_reach_is_seen_and_nothing_beyond() -> None:
     ranges = [math.hypot(c.x - POSE.x, c.y - POSE.y) for c in observer().field.crossings]
     assert len(features.crossings) == sum(0.4 < r <= 5.5 for r in ranges)
     assert np.hypot(*features.crossings.positions_m.T).max() <= 5.5 + 1e-6
-    assert set(features.landmarks.kinds) == {LandmarkKind.POST, LandmarkKind.POLE}
+    assert set(features.landmarks.kinds) == {LandmarkKind.POST, LandmarkKind.POLE, LandmarkKind.GOAL}
     assert set(features.landmarks.colors) >= {("yellow",), ("yellow", "blue", "yellow")}
 
 
@@ -142,3 +149,57 @@ def test_a_run_gives_the_same_features_for_a_frame_and_none_when_covered() -> No
     np.testing.assert_array_equal(one.crossings.positions_m, same.crossings.positions_m)
     assert len(simulation.features(18).crossings) == 0
     assert len(Simulation(open_scenario("humanoid-walk", seconds=2.0), "points").features(5).lines) > 0
+
+
+class Seen(NamedTuple):
+    """One image's features, and by whom they were seen from where."""
+
+    features: Observation
+    camera: PinholeCamera
+    pose: Pose
+    field: FieldModel
+
+
+def _rendered_and_observed(name: str) -> tuple[list[Seen], list[Seen]]:
+    """What the line graph finds in some images of a walk, and what the observation level makes of them, five times."""
+    simulation = Simulation(open_scenario("humanoid-walk", 3, 60.0, [f"field={name}"]))
+    camera, field = simulation.camera, simulation.field
+    assert isinstance(camera, PinholeCamera)
+    detector = LineGraphDetector(camera, LineGraphSettings(), field)
+    rendered, observed = [], []
+    for index in range(10, len(simulation), 45):
+        time_s = float(simulation.image_times_s[index])
+        pose, (roll, pitch) = simulation.track.pose_at(time_s), simulation.track.attitude_at(time_s)
+        built = replace(camera, base_from_camera=leaning_camera(camera, float(roll), float(pitch)))
+        rendered.append(Seen(detector.detect(simulation.image(index), GroundView(built)), built, pose, field))
+        features = ObservedFeatures(built, field, PINHOLE_FEATURES.model_copy(update={"lean_deg": 0.0}))
+        for seed in range(5):
+            rng = np.random.default_rng([seed, index])
+            observed.append(Seen(features.observe(pose, rng, simulation._bodies(time_s)), built, pose, field))
+    return rendered, observed
+
+
+def _figures(images: list[Seen]) -> dict[str, float]:
+    """How many features an image shows, and the medians of their errors (px)."""
+    counts = {"crossings": 0, "lines": 0, "landmarks": 0}
+    errors: dict[str, list[float]] = {"crossings": [], "posts and poles": []}
+    for seen, camera, pose, field in images:
+        counts["crossings"] += len(seen.crossings)
+        counts["lines"] += len(seen.lines)
+        counts["landmarks"] += len(seen.landmarks)
+        upright = np.isin(seen.landmarks.kinds, [LandmarkKind.POST, LandmarkKind.POLE])
+        for kind, found, there in (
+            ("crossings", seen.crossings.positions_m, field.crossings),
+            ("posts and poles", seen.landmarks.positions_m[upright], field.posts),
+        ):
+            places = pose.inverse().transform(np.array([(one.x, one.y) for one in there]))
+            pixels = camera.image_from_ground(places)
+            errors[kind] += [np.nanmin(np.hypot(*(pixels - p).T)) for p in camera.image_from_ground(found)]
+    per_image = {f"{kind} per image": count / len(images) for kind, count in counts.items()}
+    return per_image | {f"error of {kind} (px)": float(np.median(values)) for kind, values in errors.items()}
+
+
+def test_features_are_those_that_the_line_graph_finds_in_rendered_images() -> None:
+    pairs = [_rendered_and_observed(name) for name in ("indoor-9x6", "humanoid-kid-9x6")]
+    rendered, observed = (_figures([image for pair in pairs for image in pair[k]]) for k in (0, 1))
+    assert observed == pytest.approx(rendered, rel=0.2)

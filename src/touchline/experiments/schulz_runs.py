@@ -16,8 +16,9 @@ from touchline.experiments.scenes import random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.motion import MotionHistory
+from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.simulation.observation.features import leaning
-from touchline.simulation.run import PINHOLE_FEATURES, Simulation
+from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import Source
 from touchline.systems import RobotSetup

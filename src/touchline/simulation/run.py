@@ -18,7 +18,8 @@ from touchline.geometry import FloatArray, Pose
 from touchline.simulation.cameras.factory import SimulatedCamera, base_motion, open_simulated_camera
 from touchline.simulation.cameras.head import draw_head, known_camera
 from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
-from touchline.simulation.observation.features import FeatureNoise, ObservedFeatures, turned
+from touchline.simulation.observation.feature_noise import LEAN_DEG, PINHOLE_FEATURES, FeatureNoise
+from touchline.simulation.observation.features import ObservedFeatures, turned
 from touchline.simulation.observation.observed_lines import (
     BuiltCamera,
     ObservedLines,
@@ -42,9 +43,7 @@ LEVELS = ("images", "points")
 _BALL = (0.11, 0.22)
 _PERSON_SIZES = np.array([*PERSON_PARTS, (0.0, 0.0)])
 _PINHOLE_REACH_M = 6.5
-_LEAN_DEG = 0.25  # what the IMU tells of a walking body less the truth: `benchmarks/fit_features.py`
-_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=math.radians(_LEAN_DEG), height_m=1.1)
-PINHOLE_FEATURES = FeatureNoise(lean_deg=_LEAN_DEG, height_m=1.1)
+_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=math.radians(LEAN_DEG), height_m=1.1)
 
 
 class Simulation:
@@ -281,9 +280,10 @@ class Simulation:
 
     @cached_property
     def _features(self) -> ObservedFeatures:
-        lines = self._observed
-        leaning = None if self.camera_kind == "omni" else self._feature_noise or PINHOLE_FEATURES
-        return ObservedFeatures(lines.camera, self.field, leaning, lines.view_rad)
+        camera = self.camera_model
+        if isinstance(camera, SimulatedOmniCamera):
+            return ObservedFeatures(self._observed.camera, self.field, view_rad=self._observed.view_rad)
+        return ObservedFeatures(camera.design, self.field, self._feature_noise or PINHOLE_FEATURES)
 
     def _bodies(self, time_s: float) -> FloatArray:
         """(K, 4) x, y, radius, height of what hides lines: robots as cylinders one on another, and balls."""

@@ -309,7 +309,9 @@ def _kind(upright: Upright, field: FieldModel) -> tuple[LandmarkKind, Colors] | 
         return (LandmarkKind.POLE, complete[0]) if len(complete) == 1 else None
     band_m = max([pole.height / len(pole.bands_from_ground) for pole in field.poles], default=0.0)
     if seen and any(goal.color == seen[0] for goal in field.goals):
-        return (LandmarkKind.POST, seen) if not (poles and upright.cut and upright.seen_m < _ONE_BAND * band_m) else None
+        return (
+            (LandmarkKind.POST, seen) if not (poles and upright.cut and upright.seen_m < _ONE_BAND * band_m) else None
+        )
     return None
 
 

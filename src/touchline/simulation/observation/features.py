@@ -1,106 +1,112 @@
-"""Lines, crossings and posts at the observation level: what a detector of such features would deliver.
+"""Lines, crossings and landmarks at the observation level: what nimbro-lines' detector would deliver.
 
-No detector of these exists yet. How well crossings can be placed was measured: `benchmarks/fit_features.py` lays
-straight lines through the line points that `LinePointDetector` finds around them in rendered images, and crosses these.
-Posts and the ends of lines are given the same noise; what is set and not measured says so.
+What a humanoid's camera shows of the field is worked out with its real image: lines thinner there than a pixel are not
+seen, crossings need the ground about them. How often the rest is found and how well it is placed comes from rendered
+images (`benchmarks/fit_features.py`). For a camera with a mirror no such detector exists; its crossings were measured
+on the line points of `LinePointDetector` (`benchmarks/fit_crossings.py`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from pydantic import Field
 
-from touchline.camera import OmniCamera
-from touchline.config import Settings
-from touchline.field import FieldModel
+from touchline.camera import Camera
+from touchline.field import Crossing, FieldModel
+from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.simulation.observation.crossings import hidden
+from touchline.simulation.observation.feature_noise import FeatureNoise, LandmarkNoise
+from touchline.simulation.observation.feature_view import FeatureView, Looking, Mask, Seen, logistic, tail_variance
 from touchline.simulation.observation.observed_lines import occluders
-from touchline.types import CrossingKind, Crossings, LandmarkKind, Landmarks, Lines, Observation
+from touchline.types import Colors, CrossingKind, Crossings, LandmarkKind, Landmarks, Lines, Observation
 
 Table = FloatArray | None
 _STEP_M = 0.05
-_LANDMARKS = {"goal": LandmarkKind.POST.value, "pole": LandmarkKind.POLE.value}  # by the kinds of the field's posts
+_FALSE_M, _FALSE_RAD, _FALSE_LENGTH_M = 6.0, 0.65, (0.4, 2.0)  # of false lines: how far, how far aside, how long
+_THREAD_M = 0.12  # height of a net's lowest thread
+_ON_RING = 8  # places about a crossing that must be in view
+_ON_CIRCLE, _FEWEST_ON_CIRCLE = 24, 7  # places on the centre circle, and how many of these the detector needs
 
 
-class FeatureNoise(Settings):
-    """How well features are seen."""
+class _Mark(NamedTuple):
+    """place: x, y, field frame. goal: of a post, which of the field's goals it belongs to."""
 
-    outwards_px: float = Field(
-        0.137,
-        ge=0,
-        description="size of a feature's error in the image (pixels), outwards; measured of crossings",
-    )
-    across_px: float = Field(0.283, ge=0, description="the same at right angles to that; measured of crossings")
-    tail: float = Field(
-        1.4, gt=0, description="how much heavier than normal the errors' tails are: k of sinh(k z) / k; measured"
-    )
-    orientation_deg: float = Field(0.56, ge=0, description="size of the error of a crossing's orientation; measured")
-    found_ratio: float = Field(0.59, ge=0, le=1, description="share of the crossings near by that are found; measured")
-    found_half_m: float = Field(5.5, gt=0, description="range at which half of these are found; measured")
-    found_slope_m: float = Field(0.37, gt=0, description="how fast that changes with the range (logistic); measured")
-    line_ratio: float = Field(0.95, ge=0, le=1, description="share of the lines in view that are found; set")
-    post_ratio: float = Field(0.85, ge=0, le=1, description="share of the posts in view that are found; set")
-    wrong_kind_ratio: float = Field(0.03, ge=0, le=1, description="share of crossings taken for another kind; set")
-    lean_deg: float = Field(
-        0.0, ge=0, description="error of roll and of pitch that all features of an image share; measured on the IMU"
-    )
-    farthest_m: float = Field(6.5, gt=0, description="range beyond which nothing is found; measured")
-    shortest_line_m: float = Field(0.6, gt=0, description="visible length below which a line is not found")
-    height_m: float = Field(0.8, gt=0, description="height of the view: how far bodies hide the ground")
-
-
-class _Seen(NamedTuple):
-    """Places as they are seen. positions_m: (N, 2) robot frame; covariances_m2: (N, 2, 2); pixels: (N, 2)."""
-
-    positions_m: FloatArray
-    covariances_m2: FloatArray
-    pixels: FloatArray
+    kind: LandmarkKind
+    place: tuple[float, float]
+    colors: Colors
+    noise: LandmarkNoise
+    goal: int | None = None
 
 
 class ObservedFeatures:
     """A virtual detector of features for one camera and one field."""
 
     def __init__(
-        self, camera: OmniCamera, field: FieldModel, noise: FeatureNoise | None = None, view_rad: float = math.pi
+        self, camera: Camera, field: FieldModel, noise: FeatureNoise | None = None, view_rad: float = math.pi
     ) -> None:
         """view_rad: how far to each side the camera sees."""
-        self.camera, self.field, self.view_rad = camera, field, view_rad
+        self.camera, self.field = camera, field
         self.noise = noise or FeatureNoise()
+        self.view = FeatureView(camera, self.noise.farthest_m, self.noise.tail, view_rad)
         self._along = [_steps_along(segment) for segment in field.segments]  # of each straight line
+        coloured = [goal for goal in field.goals if goal.color != "white"] if self.noise.net_ratio > 0.0 else []
+        self._nets = [_steps_along(np.array(_net_foot(goal))) for goal in coloured]
+        ratios = [self.noise.line_ratio] * len(self._along) + [self.noise.net_ratio] * len(self._nets)
+        self._line_ratios = np.array(ratios)
+        self._places = np.array([(c.x, c.y) for c in field.crossings]).reshape(-1, 2)
+        self._arms = np.array([_arms(c) for c in field.crossings]).reshape(-1, 2, 2)
+        turns = 2.0 * math.pi * np.arange(_ON_RING) / _ON_RING
+        self._ring = self.noise.ring_m * np.column_stack((np.cos(turns), np.sin(turns)))
+        self._landmarks = _landmarks(field, self.noise)
 
     def observe(
         self, pose: Pose, rng: np.random.Generator, bodies: Table = None, black_rad: Table = None, stamp_ns: int = 0
     ) -> Observation:
-        """Lines, crossings, posts and poles seen from a pose; bodies (K, 4), black_rad (B, 2) as of `ObservedLines`."""
+        """What is seen from a pose; bodies (K, 4), black_rad (B, 2) as of `ObservedLines`."""
         hiding = occluders(np.zeros((0, 4)) if bodies is None else bodies, self.noise.height_m)
-        black = np.zeros((0, 2)) if black_rad is None else black_rad
-        crossings, landmarks = self._crossings(pose, rng, hiding, black), self._posts(pose, rng, hiding, black)
-        lines = self._lines(pose, rng, hiding, black)
-        seen = Observation(stamp_ns, lines=lines, crossings=crossings, landmarks=landmarks)
+        looking = Looking(pose, hiding, np.zeros((0, 2)) if black_rad is None else black_rad)
+        crossings, landmarks = self._crossings(looking, rng), self._marks(looking, rng)
+        seen = Observation(stamp_ns, lines=self._lines(looking, rng), crossings=crossings, landmarks=landmarks)
         if self.noise.lean_deg == 0.0:
             return seen
         roll, pitch = math.radians(self.noise.lean_deg) * rng.standard_normal(2)
         return leaning(seen, float(roll), float(pitch), self.noise.height_m, self.noise.lean_deg)
 
-    def _crossings(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> Crossings:
+    def visible_crossings(self, looking: Looking) -> Mask:
+        """(C,) which of the field's crossings are in view, with the ground about them."""
+        visible = self.view.shows(looking, self._places, self.noise.farthest_crossing_m)
+        if self.noise.ring_m > 0.0 and visible.any():
+            about = (self._places[visible, np.newaxis] + self._ring).reshape(-1, 2)
+            nothing = looking._replace(hiding=looking.hiding[:0])
+            visible[visible] = self.view.shows(nothing, about).reshape(-1, _ON_RING).all(axis=1)
+        return visible
+
+    def arm_widths(self, pose: Pose) -> FloatArray:
+        """(C,) how wide (px) the thinner arm of each of the field's crossings looks."""
+        widths = [self.view.widths(pose, self._places, self._arms[:, k], self.field.line_width) for k in (0, 1)]
+        narrower: FloatArray = np.minimum(*widths)
+        return narrower
+
+    def _crossings(self, looking: Looking, rng: np.random.Generator) -> Crossings:
         kinds, orientations = [], []
-        places = np.array([(c.x, c.y) for c in self.field.crossings]).reshape(-1, 2)
-        noise = self.noise
-        away = np.hypot(*(places - (pose.x, pose.y)).T)
-        shares = noise.found_ratio / (1.0 + np.exp((away - noise.found_half_m) / noise.found_slope_m))
-        chosen, seen = self._found(pose, places, shares, rng, hiding, black)
+        noise, pose = self.noise, looking.pose
+        away = np.hypot(*(self._places - (pose.x, pose.y)).T)
+        shares = noise.found_ratio * logistic((noise.found_half_m - away) / noise.found_slope_m)
+        if noise.found_half_px > 0.0:
+            shares *= _by_size(self.arm_widths(pose), noise.found_half_px, noise.found_log_slope)
+        chosen = np.flatnonzero(self.visible_crossings(looking) & (rng.random(len(shares)) < shares))
+        sizes = np.tile((noise.outwards_px, noise.across_px), (len(chosen), 1))
+        seen = self._seen(pose, self._places[chosen], sizes, rng)
         for index in chosen:
             crossing = self.field.crossings[index]
             kind = crossing.kind
             if rng.random() < noise.wrong_kind_ratio:
                 kind = [k for k in CrossingKind if k is not kind][int(rng.integers(2))]
             turned = crossing.orientation_rad - pose.heading
-            turned += math.radians(noise.orientation_deg) * float(self._tailed(rng.standard_normal()))
+            turned += math.radians(noise.orientation_deg) * float(self.view.tailed(rng.standard_normal(1))[0])
             kinds.append(kind.value)
             orientations.append(turned % (0.5 * math.pi) if kind is CrossingKind.X else wrap_angle(turned))
         return Crossings(
@@ -112,87 +118,129 @@ class ObservedFeatures:
             seen.pixels,
         )
 
-    def _posts(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> Landmarks:
-        posts = self.field.posts
-        places = np.array([(p.x, p.y) for p in posts]).reshape(-1, 2)
-        chosen, seen = self._found(pose, places, self.noise.post_ratio, rng, hiding, black)
+    def _marks(self, looking: Looking, rng: np.random.Generator) -> Landmarks:
+        """Posts, poles, penalty marks and the circle; and goals, both of whose posts are seen."""
+        pose, marks = looking.pose, self._landmarks
+        places = np.array([mark.place for mark in marks]).reshape(-1, 2)
+        away = np.hypot(*(places - (pose.x, pose.y)).T)
+        noises = [mark.noise for mark in marks]
+        ratio, half, slope = (
+            np.array([(n.found_ratio, n.found_half_m, n.found_slope_m) for n in noises]).reshape(-1, 3).T
+        )
+        visible = self.view.shows(looking, places)
+        of_circle = np.array([mark.kind is LandmarkKind.CIRCLE for mark in marks], dtype=np.bool_)
+        if of_circle.any():
+            visible[of_circle] = self.shows_circle(looking)
+        chosen = np.flatnonzero(visible & (rng.random(len(marks)) < ratio * logistic((half - away) / slope)))
+        sizes = np.array([(noises[k].outwards_px, noises[k].across_px) for k in chosen]).reshape(-1, 2)
+        seen = self._seen(pose, places[chosen], sizes, rng)
+        found = [marks[k] for k in chosen]
+        pairs = [(k, [i for i, mark in enumerate(found) if mark.goal == k]) for k in range(len(self.field.goals))]
+        pairs = [(k, pair) for k, pair in pairs if len(pair) == len({*self.field.goals[k].y_posts})]
+        middles = [seen.positions_m[pair].mean(axis=0) for _, pair in pairs]
+        spreads = [seen.covariances_m2[pair].sum(axis=0) / len(pair) ** 2 for _, pair in pairs]
         return Landmarks(
-            np.array([_LANDMARKS[posts[i].kind] for i in chosen], dtype="U4"),
-            seen.positions_m,
-            seen.covariances_m2,
-            np.ones(len(chosen)),
-            tuple(posts[i].colors_from_ground for i in chosen),
-            seen.pixels,
+            np.array([mark.kind.value for mark in found] + [LandmarkKind.GOAL.value] * len(pairs), dtype="U12"),
+            np.concatenate((seen.positions_m, np.reshape(middles, (-1, 2)))),
+            np.concatenate((seen.covariances_m2, np.reshape(spreads, (-1, 2, 2)))),
+            np.ones(len(found) + len(pairs)),
+            tuple(mark.colors for mark in found) + tuple((self.field.goals[k].color,) for k, _ in pairs),
+            np.concatenate((seen.pixels, np.full((len(pairs), 2), np.nan))),
         )
 
-    def _lines(self, pose: Pose, rng: np.random.Generator, hiding: FloatArray, black: FloatArray) -> Lines:
-        """Of each straight line the longest stretch in view."""
-        seen = []
-        in_view = self.in_view(pose, np.concatenate([np.zeros((0, 2)), *self._along]), hiding, black)
-        parts = np.split(in_view, np.cumsum([len(places) for places in self._along]))
-        for places, visible in zip(self._along, parts, strict=False):
+    def shows_circle(self, looking: Looking) -> bool:
+        """Whether as much of the centre circle is in view as the detector needs."""
+        cx, cy, radius = self.field.circles[0]
+        turns = 2.0 * math.pi * np.arange(_ON_CIRCLE) / _ON_CIRCLE
+        places = np.array([cx, cy]) + radius * np.column_stack((np.cos(turns), np.sin(turns)))
+        return int(self.view.shows(looking, places, self.noise.farthest_crossing_m).sum()) >= _FEWEST_ON_CIRCLE
+
+    def visible_lines(self, looking: Looking) -> list[FloatArray]:
+        """Of each straight line, then of each net's lowest thread, the ends (2, 2), field frame, of the longest stretch
+        in view; (0, 2) where it is too short.
+        """
+        threads = [self._above(looking.pose, places, _THREAD_M) for places in self._nets]
+        paths = [*self._along, *threads]
+        in_view = self.view.shows(looking, np.concatenate([np.zeros((0, 2)), *paths]))
+        if self.noise.thinnest_px > 0.0 and in_view.any():
+            directions = np.concatenate([np.tile(_direction(places), (len(places), 1)) for places in paths])
+            places = np.concatenate(paths)
+            widths = self.view.widths(looking.pose, places[in_view], directions[in_view], self.field.line_width)
+            in_view[in_view] = widths >= self.noise.thinnest_px
+        stretches = []
+        for places, visible in zip(
+            paths, np.split(in_view, np.cumsum([len(places) for places in paths])), strict=False
+        ):
             first, last = _longest_run(visible)
             ends = places[[first, last - 1]] if last > first else places[:0]
-            if len(ends) == 0 or math.hypot(*(ends[1] - ends[0])) < self.noise.shortest_line_m:
-                continue
-            if rng.random() < self.noise.line_ratio:
-                seen.append(self._perturbed(pose.inverse().transform(ends), rng))
+            long_enough = len(ends) > 0 and math.hypot(*(ends[1] - ends[0])) >= self.noise.shortest_line_m
+            stretches.append(ends if long_enough else ends[:0])
+        return stretches
+
+    def _above(self, pose: Pose, places: FloatArray, height_m: float) -> FloatArray:
+        """Where on the ground (N, 2) it seems to be what is at a height above places; field frame."""
+        farther = self.noise.height_m / (self.noise.height_m - height_m)
+        seeming: FloatArray = (pose.x, pose.y) + farther * (places - (pose.x, pose.y))
+        return seeming
+
+    def lengths(self, pose: Pose, ends: FloatArray) -> FloatArray:
+        """(L,) lengths in the image (px) of stretches (L, 2, 2), field frame."""
+        pixels = self.camera.image_from_ground(pose.inverse().transform(ends.reshape(-1, 2))).reshape(-1, 2, 2)
+        lengths: FloatArray = np.hypot(*(pixels[:, 1] - pixels[:, 0]).T)
+        return lengths
+
+    def _lines(self, looking: Looking, rng: np.random.Generator) -> Lines:
+        """Of each straight line the longest stretch in view, and threads of nets that are taken for lines."""
+        noise, stretches = self.noise, self.visible_lines(looking)
+        long_enough = np.array([len(stretch) > 0 for stretch in stretches], dtype=np.bool_)
+        ends = np.array([stretch for stretch in stretches if len(stretch)]).reshape(-1, 2, 2)
+        shares = self._line_ratios[long_enough]
+        if noise.line_half_px > 0.0:
+            shares *= _by_size(self.lengths(looking.pose, ends), noise.line_half_px, noise.line_log_slope)
+        ends = np.concatenate((ends[rng.random(len(ends)) < shares], self._false_lines(looking, rng)))
+        seen = self._off_along(looking.pose, ends, rng)
         return Lines(
-            np.array([line.positions_m for line in seen]).reshape(-1, 2, 2),
-            np.array([line.covariances_m2 for line in seen]).reshape(-1, 2, 2, 2),
-            np.ones(len(seen)),
-            np.array([line.pixels for line in seen]).reshape(-1, 2, 2),
+            seen.positions_m.reshape(-1, 2, 2),
+            seen.covariances_m2.reshape(-1, 2, 2, 2),
+            np.ones(len(ends)),
+            seen.pixels.reshape(-1, 2, 2),
         )
 
-    def _found(
-        self,
-        pose: Pose,
-        places: FloatArray,
-        shares: FloatArray | float,
-        rng: np.random.Generator,
-        hiding: FloatArray,
-        black: FloatArray,
-    ) -> tuple[list[int], _Seen]:
-        """Indices of the places (N, 2), field frame, that are in view and found, and how they are seen.
+    def _false_lines(self, looking: Looking, rng: np.random.Generator) -> FloatArray:
+        """(F, 2, 2) ends, field frame, of lines that are none: anywhere in view, in any direction."""
+        count = int(rng.poisson(self.noise.false_lines)) if self.noise.false_lines > 0.0 else 0
+        ranges, bearings = _FALSE_M * np.sqrt(rng.random(count)), rng.uniform(-_FALSE_RAD, _FALSE_RAD, count)
+        turns, halves = rng.uniform(-math.pi, math.pi, count), 0.5 * rng.uniform(*_FALSE_LENGTH_M, count)
+        middles = np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings)))
+        reach = halves[:, np.newaxis] * np.column_stack((np.cos(turns), np.sin(turns)))
+        ends = looking.pose.transform(np.stack((middles - reach, middles + reach), axis=1).reshape(-1, 2))
+        in_view = self.view.shows(looking, ends).reshape(-1, 2).all(axis=1)
+        shown: FloatArray = ends.reshape(-1, 2, 2)[in_view]
+        return shown
 
-        shares: how many of them are found, (N,) or all alike.
-        """
-        seen = self.in_view(pose, places, hiding, black) & (rng.random(len(places)) < shares)
-        chosen = np.flatnonzero(seen)
-        return chosen.tolist(), self._perturbed(pose.inverse().transform(places[chosen]), rng)
+    def _off_along(self, pose: Pose, stretches: FloatArray, rng: np.random.Generator) -> Seen:
+        """The ends (2 L, 2) of stretches (L, 2, 2), field frame: off along their lines by metres, across by pixels."""
+        noise = self.noise
+        ground = pose.inverse().transform(stretches.reshape(-1, 2)).reshape(-1, 2, 2)
+        step = ground[:, 1] - ground[:, 0]
+        along = step / np.hypot(step[:, 0], step[:, 1])[:, np.newaxis]
+        ground = (
+            ground
+            + noise.line_end_m * self.view.tailed(rng.standard_normal((len(ground), 2, 1))) * along[:, np.newaxis]
+        )
+        ends, along = ground.reshape(-1, 2), np.repeat(along, 2, axis=0)
+        pixels = self.camera.image_from_ground(ends).reshape(-1, 2, 2)
+        in_image = pixels[:, 1] - pixels[:, 0]
+        in_image = in_image / np.maximum(np.hypot(in_image[:, 0], in_image[:, 1]), 1e-9)[:, np.newaxis]
+        sizes = np.tile((0.0, noise.line_px), (len(ends), 1))
+        seen = self.view.perturbed(ends, np.repeat(in_image, 2, axis=0), sizes, rng)
+        beyond = tail_variance(noise.tail) * noise.line_end_m**2 * along[:, :, np.newaxis] * along[:, np.newaxis]
+        return seen._replace(covariances_m2=seen.covariances_m2 + beyond)
 
-    def in_view(self, pose: Pose, places: FloatArray, hiding: FloatArray, black: FloatArray) -> np.ndarray:
-        """(N,) whether places (N, 2), field frame, are near enough, inside the view, and hidden by nothing."""
+    def _seen(self, pose: Pose, places: FloatArray, sizes_px: FloatArray, rng: np.random.Generator) -> Seen:
+        """Places (N, 2), field frame, with errors outwards and across."""
         ground = pose.inverse().transform(places)
-        ranges, bearings = np.hypot(ground[:, 0], ground[:, 1]), np.arctan2(ground[:, 1], ground[:, 0])
-        pixels = self.camera.image_from_ground(ground)
-        radius = np.hypot(*(pixels - np.array(self.camera.center)).T)
-        seen = (ranges <= self.noise.farthest_m) & (np.abs(bearings) <= self.view_rad)
-        seen &= (radius >= self.camera.inner_radius_px) & (radius <= self.camera.outer_radius_px)
-        for start, end in black:
-            seen &= np.mod(bearings - start, 2.0 * math.pi) > (end - start) % (2.0 * math.pi)
-        for index in np.flatnonzero(seen):
-            seen[index] = not hidden(pose.x, pose.y, places[index, 0], places[index, 1], hiding)
-        return np.asarray(seen)
-
-    def _perturbed(self, ground: FloatArray, rng: np.random.Generator) -> _Seen:
-        """Ground points (N, 2) as they are seen with the noise of a pixel."""
-        n = self.noise
-        pixels = self.camera.image_from_ground(ground)
-        out = pixels - np.array(self.camera.center)
-        out /= np.maximum(np.hypot(out[:, 0], out[:, 1]), 1e-9)[:, np.newaxis]
-        axes = np.stack((n.outwards_px * out, n.across_px * out[:, ::-1] * (-1.0, 1.0)), axis=-1)
-        chance = self._tailed(rng.standard_normal((len(ground), 2)))
-        seen = pixels + np.einsum("nij,nj->ni", axes, chance)
-        moved = self.camera.ground_from_image(seen)
-        variance = math.expm1(2.0 * n.tail**2) / (2.0 * n.tail**2)
-        spread = self.camera.ground_jacobian(pixels) @ axes
-        covariances: FloatArray = variance * spread @ spread.transpose(0, 2, 1)
-        return _Seen(np.where(np.isfinite(moved), moved, ground), covariances, seen)
-
-    def _tailed(self, chance: Any) -> Any:
-        """Standard normal numbers with heavier tails."""
-        return np.sinh(self.noise.tail * chance) / self.noise.tail
+        return self.view.perturbed(ground, self.view.outwards(ground), sizes_px, rng)
 
 
 def leaning(seen: Observation, roll: float, pitch: float, height: float, known_deg: float = 0.0) -> Observation:
@@ -248,6 +296,46 @@ def turned(seen: Observation, angle_rad: float) -> Observation:
             covariances_m2=spread(landmarks.covariances_m2),
         ),
     )
+
+
+def _landmarks(field: FieldModel, noise: FeatureNoise) -> list[_Mark]:
+    """The field's posts, poles, penalty marks and centre circle."""
+    marks = []
+    for post in field.posts:
+        of_post = noise.poles if post.kind != "goal" else noise.posts
+        if post.colors_from_ground == ("white",):
+            of_post = noise.white_posts
+        goals = [k for k, goal in enumerate(field.goals) if post.kind == "goal" and goal.x == post.x]
+        kind = LandmarkKind.POST if post.kind == "goal" else LandmarkKind.POLE
+        marks.append(_Mark(kind, (post.x, post.y), post.colors_from_ground, of_post, goals[0] if goals else None))
+    apart = field.line_distances(field.discs[:, :2]) > field.line_width
+    marks += [_Mark(LandmarkKind.PENALTY_MARK, (x, y), (), noise.marks) for x, y in field.discs[apart, :2].tolist()]
+    marks += [_Mark(LandmarkKind.CIRCLE, (x, y), (), noise.circle) for x, y, _ in field.circles[:1].tolist()]
+    return marks
+
+
+def _direction(places: FloatArray) -> FloatArray:
+    """(2,) unit vector from the first of places (N, 2) to the last."""
+    step = places[-1] - places[0]
+    direction: FloatArray = step / math.hypot(step[0], step[1])
+    return direction
+
+
+def _net_foot(goal: Goal) -> tuple[float, float, float, float]:
+    """x1, y1, x2, y2 of the back of a goal's net, on the ground."""
+    x = goal.x + math.copysign(goal.depth, goal.x)
+    return x, goal.y_posts[0], x, goal.y_posts[-1]
+
+
+def _arms(crossing: Crossing) -> FloatArray:
+    """(2, 2) unit vectors along both lines of a crossing."""
+    first = crossing.orientation_rad + (0.25 * math.pi if crossing.kind is CrossingKind.L else 0.0)
+    return np.array([[math.cos(first), math.sin(first)], [-math.sin(first), math.cos(first)]])
+
+
+def _by_size(sizes: FloatArray, half: float, slope: float) -> FloatArray:
+    """(N,) share of what is found of these sizes (px): logistic in the logarithm."""
+    return logistic(np.log(np.maximum(sizes, 1e-6) / half) / slope)
 
 
 def _steps_along(segment: FloatArray) -> FloatArray:
