@@ -25,7 +25,7 @@ from touchline.localization.fusion.feature_belief import BeliefSettings
 from touchline.localization.fusion.feature_filter import FeatureFilter
 from touchline.localization.fusion.feature_tracker import FeatureTracker
 from touchline.localization.fusion.twin_odds import TwinOdds
-from touchline.localization.matching.global_search import OWN_HALF
+from touchline.localization.matching.global_search import OWN_HALF, Region
 from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.particles.features import Features, FeatureSettings
 from touchline.localization.particles.nimbro_particles import NimbroParticles, NimbroParticleSettings
@@ -141,8 +141,11 @@ class NimbroLines:
         self.tracker.lose()
         self.particles.restart()
 
-    def _side(self) -> Pose | None:
-        return self.tracker.pose if self.tracker.ends.known and self.tracker.has_pose else None
+    def _side(self) -> Pose | Region | None:
+        """The end of the field, where that is known: the pose's, or what was told before there is a pose."""
+        if not self.tracker.ends.known:
+            return None
+        return self.tracker.pose if self.tracker.has_pose else OWN_HALF
 
     def _report(self, observation: Observation, view: FeatureView, clock: Stopwatch) -> Estimate:
         tracker = self.tracker

@@ -123,11 +123,12 @@ class Mode(NamedTuple):
 
 class SidedPoses(NamedTuple):
     """Random poses at the end of the field where the robot is known to be: of a pose and its twin the one that faces
-    the way of `about`, so that random particles don't take a robot to the other end, which looks the same.
+    the way of `about`, or lies in that half, so that random particles don't take a robot to the other end, which looks
+    the same.
     """
 
     uniform: UniformPoses
-    about: Pose | None
+    about: Pose | Region | None
 
     def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
         """So many poses (count, 3)."""
@@ -138,9 +139,9 @@ class SidedPoses(NamedTuple):
         return poses
 
 
-def on_side(poses: FloatArray, about: Pose) -> FloatArray:
-    """Of each pose (N, 3) and its twin the one that faces the way of another pose."""
-    far = np.cos(poses[:, 2:] - about.heading) < 0.0
+def on_side(poses: FloatArray, about: Pose | Region) -> FloatArray:
+    """Of each pose (N, 3) and its twin the one that faces the way of another pose, or lies in a half of the field."""
+    far = poses[:, :1] > about.max_x if isinstance(about, Region) else np.cos(poses[:, 2:] - about.heading) < 0.0
     chosen: FloatArray = np.where(far, poses * (-1.0, -1.0, 1.0) + (0.0, 0.0, math.pi), poses)
     return chosen
 
@@ -191,11 +192,11 @@ class NimbroParticles:
         """Equation (3): every particle moves by the odometry's motion, with noise of its own."""
         self.filter.predict(motion)
 
-    def update(self, view: FeatureView, about: Pose | None = None, searching: bool = False) -> Mode:
+    def update(self, view: FeatureView, about: Pose | Region | None = None, searching: bool = False) -> Mode:
         """Equations (4) to (8) and resampling; returns the main mode. A view without features changes nothing.
 
-        about: the pose on whose side of a symmetric field random particles start; None: on both. searching: whether
-        there is no pose that is believed.
+        about: the pose on whose side of a symmetric field random particles start, or the half they start in; None: on
+        both. searching: whether there is no pose that is believed.
         """
         if view.size:
             if searching and self.proposals is not None:
@@ -229,7 +230,7 @@ class NimbroParticles:
         near &= np.cos(away[:, 2]) > math.cos(MODE_RAD)
         return float(self.particles.weights[near].sum())
 
-    def _inject(self, proposed: FeaturePoses, about: Pose | None) -> None:
+    def _inject(self, proposed: FeaturePoses, about: Pose | Region | None) -> None:
         count = int(PROPOSED_RATIO * len(self.particles))
         if len(proposed.poses) and count:
             poses = proposed.draw(self.rng, count)
