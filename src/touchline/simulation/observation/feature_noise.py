@@ -87,7 +87,7 @@ PINHOLE_FEATURES = FeatureNoise(
     line_end_m=0.033,
     false_lines=0.3,
     net_ratio=0.85,
-    posts=LandmarkNoise(found_ratio=0.725, found_half_m=7.6, found_slope_m=0.13, outwards_px=1.4, across_px=2.6),
+    posts=LandmarkNoise(found_ratio=0.725, found_half_m=7.6, found_slope_m=0.13, outwards_px=1.7, across_px=3.1),
     white_posts=LandmarkNoise(found_ratio=0.95, found_half_m=5.3, found_slope_m=0.47, outwards_px=1.09, across_px=0.46),
     poles=LandmarkNoise(found_ratio=0.94, outwards_px=0.97, across_px=3.0),
     marks=LandmarkNoise(found_ratio=0.98, found_half_m=4.4, found_slope_m=0.25, outwards_px=0.48, across_px=0.3),
