@@ -20,9 +20,11 @@ from touchline.perception.line_graph.structure import Structure
 
 _RADIUS, _SAMPLES = 4.0, 40  # of the circle, in cells
 _WHITE, _GREEN = 0.2 * FULL, 0.5 * FULL  # pixels of a cell from which on it is
-_MOST_UNKNOWN = 4  # samples that are neither
+_LEAST_KNOWN = 0.5  # share of the samples that is either
 _WAY_NODES = 3  # that a way is followed for
 _PALEST = 0.25  # least whiteness along a way, as a share of the node's
+# arms go straight on or stand at right angles to within this, by their number: a T's node may lie beside its bar
+_STRAIGHT_RAD = {2: math.radians(45.0), 3: math.radians(60.0), 4: math.radians(45.0)}
 _CONFIDENCE = 0.8
 
 
@@ -32,14 +34,14 @@ def crossings_in_cells(structure: Structure, plane: ImagePlane, farthest_m: floa
     ground = grounds_from_pixels(plane, cell_pixels(corners[:, :2]))
     found: list[tuple[float, ...]] = []
     for (column, row, degree, node), place in zip(corners, ground, strict=True):
-        if not math.hypot(*place) <= farthest_m or not _ways_are_white(graph, int(node), structure.smooth):
+        if degree not in _STRAIGHT_RAD or not math.hypot(*place) <= farthest_m:
             continue
         angles = white_runs(structure.counts, column, row)
-        if len(angles) != degree:
+        if len(angles) != degree or not _ways_are_white(graph, int(node), structure.smooth):
             continue
         about = (column, row) + _RADIUS * np.column_stack((np.cos(angles), np.sin(angles)))
         aside = grounds_from_pixels(plane, cell_pixels(about)) - place
-        arms, orientation = judge_arms(np.arctan2(aside[:, 1], aside[:, 0]))
+        arms, orientation = judge_arms(np.arctan2(aside[:, 1], aside[:, 0]), _STRAIGHT_RAD[int(degree)])
         if arms == degree:
             found.append((arms, *place, orientation, _CONFIDENCE))
     return np.array(found, dtype=np.float64).reshape(-1, 5)
@@ -57,7 +59,7 @@ def white_runs(counts: CountArray, column: float, row: float) -> FloatArray:
         return np.empty(0)
     white = counts[WHITE, rows, columns] >= _WHITE
     known = white | (counts[GREEN, rows, columns] >= _GREEN)
-    if (~known).sum() > _MOST_UNKNOWN or white[known].all() or not white[known].any():
+    if known.mean() < _LEAST_KNOWN or white[known].all() or not white[known].any():
         return np.empty(0)
     state, angles = white[known], angles[known]
     begins = np.flatnonzero(state & ~np.roll(state, 1))

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
-from touchline.perception.line_graph.arms import arms_meet, judge_arms
+from touchline.perception.line_graph.arms import STRAIGHT_RAD, arms_meet, judge_arms
 from touchline.perception.line_graph.cell_crossings import crossings_in_cells
 from touchline.perception.line_graph.field_lines import cell_pixels
 from touchline.perception.line_graph.image_plane import (
@@ -45,7 +45,9 @@ _WHITE, _GREEN = 0.45, 0.35  # signal above which paint and below which carpet i
 _RIGHT_RAD = math.radians(60.0)  # lines that meet at less are no candidates
 _SLACK_M = 0.25  # how far beyond a line's visible end it may meet another
 _SAME_WIDTHS = 4.0  # candidates closer than so many line widths are one crossing
-_WIDE, _NARROW = (3.0, 5.0), (2.0, 3.2)  # radii of both circles about a candidate, in line widths
+# radii of both circles about a candidate, in line widths, and the confidence: far off only wide ones leave the paint
+# about the crossing itself, beside a post only narrow ones show nothing else
+_CIRCLES = ((3.0, 5.0, 0.9), (5.0, 8.0, 0.9), (2.0, 3.2, 0.7))
 _TURNS = 4
 _FARTHEST_MOVE, _SETTLED = 5.0, 0.3  # line widths
 _STRAY_RAD = math.radians(30.0)  # an arm's directions on both circles differ by no more
@@ -135,7 +137,7 @@ def verified(pixels: Pixels, plane: ImagePlane, x: float, y: float, found: Float
     show nothing else. Writes number of arms, x, y, orientation and confidence into found (5,).
     """
     inner, outer = np.empty((_MOST_ARMS, 3)), np.empty((_MOST_ARMS, 3))
-    for radii, confidence in ((_WIDE, 0.9), (_NARROW, 0.7)):
+    for radii in _CIRCLES:
         cx, cy = x, y
         for turn in range(_TURNS):
             count = _both_circles(pixels, plane, cx, cy, radii, inner, outer)
@@ -146,10 +148,10 @@ def verified(pixels: Pixels, plane: ImagePlane, x: float, y: float, found: Float
             if not moved < _FARTHEST_MOVE * pixels.width_m:
                 break
             if moved < _SETTLED * pixels.width_m or turn == _TURNS - 1:
-                one, _ = judge_arms(inner[:count, 0].copy())
-                other, orientation = judge_arms(outer[:count, 0].copy())
+                one, _ = judge_arms(inner[:count, 0].copy(), STRAIGHT_RAD)
+                other, orientation = judge_arms(outer[:count, 0].copy(), STRAIGHT_RAD)
                 if one > 0 and one == other:
-                    found[0], found[1], found[2], found[3], found[4] = one, cx, cy, orientation, confidence
+                    found[0], found[1], found[2], found[3], found[4] = one, cx, cy, orientation, radii[2]
                     return True
                 break
     return False
@@ -175,7 +177,7 @@ def _along_lines(pixels: Pixels, plane: ImagePlane, x: float, y: float, ends_m: 
             if shown == LINE:
                 angles[count] = angle
                 count += 1
-    arms, orientation = judge_arms(angles[:count])
+    arms, orientation = judge_arms(angles[:count], STRAIGHT_RAD)
     found[0], found[1], found[2], found[3], found[4] = arms, x, y, orientation, 0.7
     return bool(arms == 3)
 

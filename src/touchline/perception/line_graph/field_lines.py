@@ -27,6 +27,7 @@ from touchline.types import LinePoints, Lines
 
 _MOST_POINTS = 2000
 _COVERED_PX = 3.0  # a candidate whose ends lie this close to a line that is placed already is part of it
+_ROUGH_M = 0.35  # a shorter line has no direction by the cells alone
 _BENT = 0.6  # of the sagitta that a chord of the field's circle has: what bends so much is no line
 _LEAST_SAGITTA_PX = 0.7
 # least mean of contrast times width against the expected: a net's threads are fainter and thinner. As a share of the
@@ -73,9 +74,9 @@ def find_lines(
     )
     lengths = np.hypot(candidates[:, 2] - candidates[:, 0], candidates[:, 3] - candidates[:, 1])
     candidates = candidates[np.argsort(-lengths, kind="stable")]
-    limits = LineLimits(
-        settings.paper.subpixel, radius_m, settings.min_line_m, settings.min_line_px, settings.farthest_m
-    )
+    subpixel = settings.paper.subpixel
+    least_m = max(settings.min_line_m, 0.0 if subpixel else _ROUGH_M)
+    limits = LineLimits(subpixel, radius_m, least_m, settings.min_line_px, settings.farthest_m)
     points, confidences = np.empty((_MOST_POINTS, POINT_COLUMNS)), np.empty(len(candidates))
     lines, total = _place_lines(pixels, plane, candidates, limits, confidences, points)
     return _without_faint(FoundLines(candidates[:lines], confidences[:lines], points[:total]))

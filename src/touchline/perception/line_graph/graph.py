@@ -22,6 +22,7 @@ MOST_LINKS = 8
 MOST_DEGREE = 4  # more lines never meet
 _RANKS = 3
 _REACH = 6.0  # cells that a candidate connection may bridge
+_BESIDE = 1.0  # cells: a connection that passes a node by so closely leads through it
 _TURN = math.radians(40.0)  # by how much a line may turn where a connection continues it
 _MOST_CANDIDATES = 4096
 _PALEST = 0.25  # least whiteness along a candidate connection, as a share of its nodes'
@@ -57,6 +58,7 @@ def line_graph(smooth: FloatArray, ranks: npt.NDArray[np.uint8], bridge: bool = 
     count = stretch_ends(ranks, node_at, graph, count)
     if bridge:
         bridge_gaps(smooth, graph, count)
+    lead_through(graph, count)
     refine_places(smooth, graph, count)
     return Graph(graph.places[:count], graph.links[:count], graph.degrees[:count])
 
@@ -308,6 +310,35 @@ def bridge_gaps(smooth: FloatArray, graph: Graph, count: int) -> None:
             k = 0
         else:
             k += 1
+
+
+@njit(cache=True)
+def lead_through(graph: Graph, count: int) -> None:
+    """Lead connections that pass a node by through it (simplicity), as where the end of a line lies on another one."""
+    for node in range(count):
+        if graph.degrees[node] == 0 or graph.degrees[node] >= MOST_DEGREE:
+            continue
+        x, y = graph.places[node, 0], graph.places[node, 1]
+        for a in range(count):
+            if a == node or abs(graph.places[a, 0] - x) > _REACH or abs(graph.places[a, 1] - y) > _REACH:
+                continue
+            for k in range(graph.degrees[a]):
+                b = graph.links[a, k]
+                if b > a and b != node and _passes_by(graph, a, b, x, y):
+                    disconnect(graph, a, b)
+                    connect(graph, a, node)
+                    connect(graph, node, b)
+                    break
+
+
+@njit(cache=True)
+def _passes_by(graph: Graph, a: int, b: int, x: float, y: float) -> bool:
+    """Whether the connection of two nodes passes within a cell of a place between them."""
+    ax, ay = graph.places[a, 0], graph.places[a, 1]
+    dx, dy = graph.places[b, 0] - ax, graph.places[b, 1] - ay
+    length = math.hypot(dx, dy)
+    along = ((x - ax) * dx + (y - ay) * dy) / length
+    return bool(0.0 < along < length and abs((x - ax) * dy - (y - ay) * dx) <= _BESIDE * length)
 
 
 @njit(cache=True)

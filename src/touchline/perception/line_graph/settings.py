@@ -88,7 +88,7 @@ class LineGraphSettings(Settings):
     row_threshold: float = Field(0.6, ge=0, le=1, description="t_row: mean field colour of two rows of cells")
     window_threshold: float = Field(0.45, ge=0, le=1, description="t_win: mean field colour of the window below a cell")
     split_px: float = Field(4.0, gt=0, description="distance from its line from which on a component is split (px)")
-    min_line_m: float = Field(0.35, ge=0, description="shorter lines are ignored (m)")
+    min_line_m: float = Field(0.15, ge=0, description="shorter lines are ignored (m)")
     min_line_px: float = Field(30.0, ge=0, description="lines shorter in the image are ignored: short and far (px)")
     crossing_m: float = Field(5.0, gt=0, description="crossings farther away are not looked for (m)")
     noise_px: float = Field(0.7, gt=0, description="standard deviation of a place in the image (px)")
