@@ -27,14 +27,17 @@ from touchline.geometry import Pose, wrap_angle
 from touchline.given import given_numbers, given_path, given_seed, given_switch, refused
 from touchline.messages import without_numbers
 from touchline.sources import SENSOR_FILES, ProblemKind, Recording, open_source
+from touchline.sources.observations import OBSERVATIONS
 from touchline.systems import (
     DEFAULT_SYSTEM,
     SYSTEMS,
     LocalizationSystem,
+    RobotSetup,
     SystemInfo,
     open_system,
     system_info,
 )
+from touchline.systems.nimbro_lines import CAMERA_HEIGHT_M
 from touchline.types import Prior, Status
 from touchline.view.belief import particles_of
 
@@ -55,15 +58,16 @@ def run(
     output: str | Path | None = None,
     start: Sequence[float] | None = None,
     own_half: bool = False,
-    config: str | Path | None = None,
+    config: str | Path | Settings | None = None,
     overrides: Sequence[str] = (),
     seed: int = 0,
 ) -> Run:
     """Localize a recording and write the folder of the run, as `touchline run` does.
 
     recording: its folder, or what `open_source` made of it. output: the folder, which must not exist; by default a new
-    one, runs/NAME-N. start: x, y (m), heading (rad) in the field frame. config: a YAML file of settings;
-    overrides: `key=value` each. The same seed gives the same trajectory.
+    one, runs/NAME-N. start: x, y (m), heading (rad) in the field frame. config: a YAML file of settings, or settings:
+    `touchline.systems.paper_settings(system)` are those of the paper's exact form. overrides: `key=value` each. The
+    same seed gives the same trajectory.
 
     Raises InputError for bad input; what the system raises is raised on, after the folder has been finished.
     """
@@ -145,6 +149,10 @@ class PreparedRun:
         for problem in self.source.problems:
             if problem.kind in _NO_IMAGE and 2 * self.source.problems.counts[problem.kind] > tally.frames:
                 return f"in {self.source.problems.counts[problem.kind]} of them there is none to look at. {problem}"
+        left_out = self.source.problems.file_counts[ProblemKind.BROKEN_ROW, OBSERVATIONS]
+        if not tally.statuses[Status.TRACKING] and 2 * left_out > tally.frames:
+            first = next(problem for problem in self.source.problems if problem.file == OBSERVATIONS)
+            return f"rows of {OBSERVATIONS} are left out, {left_out} in all. {first}"
         alike = Counter[str]()
         for why, count in tally.unseen.items():
             alike[without_numbers(why)] += count
@@ -182,31 +190,40 @@ def prepare(
     system: str = DEFAULT_SYSTEM,
     *,
     prior: Prior | None = None,
-    config: str | Path | None = None,
+    config: str | Path | Settings | None = None,
     overrides: Sequence[str] = (),
     preset: str | None = None,
     seed: int = 0,
 ) -> PreparedRun:
     """Open everything a run needs and check it. Raises InputError for what is wrong.
 
-    preset: `paper` for the exact form of the system's paper; config and overrides win over it.
+    config: a file, or settings of that system. preset: `paper` for the exact form of the system's paper; config and
+    overrides win over it.
     """
     info = system_info(system)
     others = {name: other.settings for name, other in SYSTEMS.items() if name != info.name}
     notices: list[str] = []
-    file = None if config is None else given_path("config", "the path of a YAML file of settings", config)
+    file = None
+    if config is not None and not isinstance(config, Settings):
+        file = given_path("config", "the path of a YAML file of settings", config)
     if not isinstance(overrides, list | tuple) or not all(isinstance(each, str) for each in overrides):
         raise refused("overrides", "a list of texts 'key=value'", overrides)
     seed = given_seed(seed)
     if preset is not None and not preset_values(info.settings, preset):
         raise InputError(f"{info.name} has no preset '{preset}'{_with_preset(preset)}")
-    settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices, preset=preset)
+    if isinstance(config, Settings):
+        if overrides or preset is not None:
+            raise InputError("config: settings are taken as they are; overrides and a preset change those of a file")
+        settings = config
+    else:
+        settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices, preset=preset)
     source = open_source(recording)
-    built = open_system(system, robot_setup(source), settings, np.random.default_rng(seed))
+    setup = robot_setup(source)
+    built = open_system(system, setup, settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
     slips = tuple(str(slip) for slip in find_slips(source))
-    notices += [*_notices(source, info), *slips]
+    notices += [*_notices(source, info), *_height_notices(setup, info), *slips]
     return PreparedRun(source, built, info, settings, prior, seed, tuple(notices), slips)
 
 
@@ -258,6 +275,16 @@ def _notices(source: Recording, info: SystemInfo) -> tuple[str, ...]:
     if stand_in in source.sensor_files:
         return (f"{what}: {stand_in} is used instead",)
     return (f"{what}, and {stand_in}, which would stand in: {needs.without}",)
+
+
+def _height_notices(setup: RobotSetup, info: SystemInfo) -> tuple[str, ...]:
+    """What a system for perspective cameras assumes where a detector of the robot's own sees, and nobody tells."""
+    if "omni" in info.cameras or setup.camera is not None or setup.height_m is not None:
+        return ()
+    return (
+        f"nothing tells how high the camera is: {CAMERA_HEIGHT_M:g} m is assumed for what an error of its lean does to "
+        "the features; camera: pinhole in sequence.yaml and a camera.yaml beside it tell it",
+    )
 
 
 def _problems(source: Recording) -> dict[str, Any]:

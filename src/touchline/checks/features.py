@@ -59,7 +59,8 @@ def check_features(survey: Survey) -> Iterator[Finding]:
         return
     if unseen and 2 * unseen.total() > looked:
         what, _, advice = last.partition(": ")
-        advice = f"{advice[:1].upper()}{advice[1:]}." if advice else "Look at `touchline view --stages`."
+        advice = f"{advice[:1].upper()}{advice[1:]}" if advice else "Look at `touchline view --stages`."
+        advice += "" if advice.endswith(("?", ".")) else "."
         yield Finding("features", Severity.ERROR, CAMERA, f"in {unseen.total()} of {looked} images, {what}", advice)
         return
     yield from _fit(residuals_m, looked, own)

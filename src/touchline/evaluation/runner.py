@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from touchline.camera import PinholeCamera
 from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -36,7 +37,12 @@ def robot_setup(source: Recording) -> RobotSetup:
     systems for mirrors can take it then. Raises InputError for a camera or field that can't be read.
     """
     own_detector = source.camera_kind == NO_CAMERA or (source.camera_kind == "pinhole" and source.has_observations)
-    return RobotSetup(source.field, None if own_detector else source.camera, source.wheel_directions_rad)
+    if not own_detector:
+        return RobotSetup(source.field, source.camera, source.wheel_directions_rad)
+    height_m = None
+    if source.camera_file is not None and isinstance(source.camera, PinholeCamera):
+        height_m = float(source.camera.base_from_camera.translation_m[2])
+    return RobotSetup(source.field, None, source.wheel_directions_rad, height_m)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -215,7 +215,10 @@ class Recording:
             raise InputError(
                 f"{self.folder / 'camera.yaml'}: is missing; without it pixels have no place on the ground"
             )
-        return open_camera(self.camera_file)
+        try:
+            return open_camera(self.camera_file)
+        except InputError as error:  # of a bag the tables lie in a folder that nobody knows
+            raise InputError(str(error).replace(str(self.folder), str(self.path), 1)) from None
 
     @cached_property
     def field(self) -> FieldModel:

@@ -35,7 +35,10 @@ def write_field(field: FieldModel, given: str | None, folder: Path) -> str:
 
 
 def copy_camera(file: Path, folder: Path) -> str:
-    """The camera's kind; camera.yaml is written as it is."""
+    """The camera's kind; camera.yaml is written as it is. Raises InputError for one that cannot be read."""
+    from touchline.camera import open_camera
+
+    open_camera(file)
     tree = read_yaml_mapping(file)
     write_yaml(folder / "camera.yaml", tree)
     return str(tree.get("model"))

@@ -72,6 +72,8 @@ def open_table(path: Path, needed: Sequence[str]) -> Table:
     except UnicodeDecodeError:
         text = "\0"
     if not text.replace("\t", " ").isprintable():
+        if text.replace("\t", " ").replace("\r", " ").isprintable():
+            raise TableError(path, "ends its lines with a lone carriage return (\\r): save it with \\n or \\r\\n")
         raise TableError(path, "is not a text file")
     names = [name.strip().strip('"') for name in text.split(",")]
     for name in needed:
@@ -142,6 +144,8 @@ def parse_row(
     if len(cells) != table.width:
         values = "1 value" if len(cells) == 1 else f"{len(cells)} values"
         what = f"has {values} where the header names {table.width} columns; the row is left out"
+        if "\r" in line.text.rstrip():
+            what = "holds a carriage return (\\r) that ends no line: two rows in one; the row is left out"
         log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
         return None
     row: list[float] = []

@@ -35,7 +35,7 @@ from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup
 from touchline.types import Estimate, Frame, Observation, Prior, Samples, as_prior
 
-CAMERA_HEIGHT_M = 1.0  # where no camera.yaml tells: that of a robot between kid and adult size
+CAMERA_HEIGHT_M = 1.0  # where nobody tells: that of a robot between kid and adult size
 
 
 class NimbroPaper(Settings):
@@ -83,7 +83,7 @@ class NimbroLines:
         self.leaning = LeanFilter()
         self.history = MotionHistory()
         self.max_range_m = setup.max_range_m
-        height_m = CAMERA_HEIGHT_M
+        height_m = setup.height_m or CAMERA_HEIGHT_M
         if isinstance(camera, PinholeCamera):
             height_m = float(camera.base_from_camera.translation_m[2])
         associations, lines = FieldAssociations(field), field_lines(field)

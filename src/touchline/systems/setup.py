@@ -18,12 +18,14 @@ class RobotSetup:
 
     Names and paths are opened: a field's, as `open_field` takes them, and that of a camera.yaml.
     camera: None if the frames bring their line points. wheel_directions_rad: rolling directions of two measuring wheels
-    a and b in the robot frame; None where there are none, or nobody knows. Raises InputError for anything else.
+    a and b in the robot frame; None where there are none, or nobody knows. height_m: of the camera behind a detector of
+    the robot's own; None where nobody knows. Raises InputError for anything else.
     """
 
     field: FieldModel
     camera: Camera | None = None
     wheel_directions_rad: tuple[float, float] | None = None
+    height_m: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "field", open_field(self.field))
@@ -34,6 +36,11 @@ class RobotSetup:
             if not all(map(math.isfinite, directions)):
                 raise refused(what, expected, self.wheel_directions_rad)
             object.__setattr__(self, "wheel_directions_rad", directions)
+        if self.height_m is not None:
+            (height_m,) = given_numbers("height_m", "the height of the camera (m)", (self.height_m,), 1)
+            if not 0.0 < height_m < math.inf:
+                raise refused("height_m", "the height of the camera (m), above 0", self.height_m)
+            object.__setattr__(self, "height_m", height_m)
 
     @property
     def max_range_m(self) -> float:

@@ -97,10 +97,11 @@ def look_at_recording(
 
     Without an index it is the first one that shows where the robot is, or else the first of all. An image that does
     not show it has no pose. system: by default the first that sees through the recording's camera, or the default one
-    where a detector of the robot's own sees. Where the system cannot see through the camera, the true pose is taken, if
-    it is known.
+    where a detector of the robot's own sees. Where it cannot see through a perspective camera, the true pose is taken,
+    if it is known.
     follow_links, options: as of `open_source`.
-    Raises InputError if there is no such image or it cannot be read, and for an unknown system.
+    Raises InputError if there is no such image or it cannot be read, for an unknown system and for one that cannot see
+    through a mirror's camera.
     """
     if system is not None:
         system_info(system)  # an unknown name is told before the recording is read
@@ -118,7 +119,8 @@ def look_at_recording(
         _readable(source, index)  # before the system goes a long way for nothing
     setup = robot_setup(source)
     system = system or (DEFAULT_SYSTEM if setup.camera is None else system_for(setup.camera))
-    if setup.camera is not None and setup.camera.model not in system_info(system).cameras:
+    unseen = setup.camera is not None and setup.camera.model not in system_info(system).cameras
+    if unseen and source.camera_kind == "pinhole":
         return _look_with_truth(source, index or 0, system)
     running = open_system(system, setup)
     running.reset()
