@@ -127,7 +127,8 @@ def test_every_command_does_what_the_page_says(
     found = open_camera(tmp_path / "camera.yaml")
     assert isinstance(found, PinholeCamera)
     assert found.fx == pytest.approx(493.0, rel=0.02)
-    assert (tmp_path / "run" / "report.html").read_text().count("<strong>The field at") >= FRAMES - 1
+    report = (tmp_path / "run" / "report.html").read_text()  # the worst image may be one of the five chosen evenly
+    assert report.count("<strong>The field at") == report.count("<strong>Image ") >= 5
 
 
 def test_a_run_that_sees_nothing_says_why(small_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
