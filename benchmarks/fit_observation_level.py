@@ -1,11 +1,12 @@
 """Fits the figures of the observation level (`ObservationNoise`) to what the detector finds in rendered images.
 
-    python benchmarks/fit_observation_level.py [--seconds 60] [--seeds 3]
+    python benchmarks/fit_observation_level.py [--seconds 60] [--seeds 3] [--iris]
 
 Scenarios are rendered; in each image the points of `LinePointDetector` are paired, scan path by scan path, with the
 crossings of that path and the field's paint that `ObservedLines.crossings` works out from the true pose. What is paired
 says how often a crossing is found and how far off, what is left over which points are false. The figures follow by
 maximum likelihood (`found_ratio`, `error_px`), medians and counts; they are printed as they stand in `point_errors.py`.
+--iris: those of `HsvLineDetector` instead, as they stand in `experiments/iris_eyes.py`.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from numba import njit
 from touchline.config import settings_rows
 from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose
-from touchline.perception import SelfLearningDetector, observe
+from touchline.perception import HsvLineDetector, SelfLearningDetector, observe
 from touchline.simulation.observation.crossings import COLUMNS, GRAZED, MIXED, PLAIN
 from touchline.simulation.observation.goal_clutter import GoalClutter
-from touchline.simulation.observation.observed_lines import ObservedLines
+from touchline.simulation.observation.observed_lines import IRIS_PATHS, NUBOT_PATHS, ObservedLines
 from touchline.simulation.observation.point_errors import ObservationNoise, edge_shift, found_ratio
 from touchline.simulation.observation.runs import BAR, DISC, LINE
-from touchline.simulation.run import Simulation
+from touchline.simulation.run import Eyes, Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.types import LinePoints
 
@@ -50,9 +51,10 @@ class Comparison:
     simulation: Simulation
 
 
-def detected(simulation: Simulation) -> Iterator[LinePoints]:
+def detected(simulation: Simulation, iris: bool = False) -> Iterator[LinePoints]:
     """What the detector finds in each image of a run."""
-    detector = SelfLearningDetector(simulation.camera, line_width_m=simulation.field.line_width)
+    made = HsvLineDetector if iris else SelfLearningDetector
+    detector = made(simulation.camera, line_width_m=simulation.field.line_width)
     for frame in simulation:
         yield observe(frame, detector).points
 
@@ -315,12 +317,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--iris", action="store_true")
     arguments = parser.parse_args()
     comparisons = []
     for name in SCENARIOS:
         for seed in range(1, arguments.seeds + 1):
-            simulation = Simulation(open_scenario(name, seed, arguments.seconds, ["ideal=true"]))
-            comparisons.append(compare(simulation, detected(simulation)))
+            eyes = Eyes(IRIS_PATHS if arguments.iris else NUBOT_PATHS)
+            simulation = Simulation(open_scenario(name, seed, arguments.seconds, ["ideal=true"]), eyes=eyes)
+            comparisons.append(compare(simulation, detected(simulation, arguments.iris)))
             rows, strays = comparisons[-1].rows, comparisons[-1].strays
             images = len(comparisons[-1].poses)
             print(f"{name} {seed}: {images} images, {len(rows) / images:.1f} crossings each, of which "

@@ -102,11 +102,11 @@ def _all_runs(robots: Sequence[Robot], best: Mapping[tuple[int, bool], tuple[flo
 
 _NOTES = (
     f"The scenarios lighting-1 to 3 rendered, {SECONDS:g} s at {RATE_HZ:g} images per second; straight tracks. Robots "
-    f"as built, {BUILT} of them, camera.yaml from calibrate mirror, eight robots moving about, but without motion blur; "
-    "its form here: the same with the system's and the exposure control's preset `paper`. Beside them an ideal robot for each seed, three "
-    "standing robots. Errors are those since the first tracked image; line points are means over all images. The robot "
-    "waits while the control searches. Without control exposure and gain stay at what the control found at the first "
-    "case's start.",
+    f"as built, {BUILT} of them, camera.yaml from calibrate mirror, eight robots moving about, but without motion "
+    "blur; its form here: the same with the system's and the exposure control's preset `paper`. Beside them an ideal "
+    "robot for each seed, three robots standing about. Errors are those since the first tracked image; line points are "
+    "means over all images. The robot waits while the control searches. Without control exposure and gain stay at what "
+    "the control found at the first case's start.",
     "Of the first: errors over those of the first case, each as the root of the squared means in x and in y, the "
     "paper's by the same formula.",
     "Levels of light: 1 is the hall's lamps, 500 lx (EN 12193, class II; JGJ 153-2007, matches of amateurs). Second "

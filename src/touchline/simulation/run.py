@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import Camera, camera_from_mapping, require_omni
+from touchline.camera import Camera, OmniCamera, camera_from_mapping, require_omni
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
@@ -21,8 +21,10 @@ from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
 from touchline.simulation.observation.feature_noise import LEAN_DEG, PINHOLE_FEATURES, FeatureNoise
 from touchline.simulation.observation.features import ObservedFeatures, turned
 from touchline.simulation.observation.observed_lines import (
+    NUBOT_PATHS,
     BuiltCamera,
     ObservedLines,
+    ScanPaths,
     leaning_view,
 )
 from touchline.simulation.observation.point_errors import ObservationNoise
@@ -46,6 +48,17 @@ _PINHOLE_REACH_M = 6.5
 _PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=math.radians(LEAN_DEG), height_m=1.1)
 
 
+class Eyes(NamedTuple):
+    """Who looks through a mirror at the observation level: where, how well, and what the points are read with.
+
+    noise: none: as the scenario says. known: none: the simulation's own `camera`.
+    """
+
+    paths: ScanPaths = NUBOT_PATHS
+    noise: ObservationNoise | None = None
+    known: OmniCamera | None = None
+
+
 class Simulation:
     """A source of frames (`touchline.sources.Source`) that are made while they are asked for.
 
@@ -64,11 +77,12 @@ class Simulation:
         level: str = "images",
         noise: ObservationNoise | None = None,
         feature_noise: FeatureNoise | None = None,
+        eyes: Eyes | None = None,
     ) -> None:
         """Raises InputError, in one message, for whatever is wrong with the scenario.
 
         noise: of the observation level's points, feature_noise: of a pinhole camera's features there; none: as fitted
-        to the detector.
+        to the detector. eyes: of a mirror, instead of NuBot's detector.
         """
         if level not in LEVELS:
             raise InputError(f"level '{level}' is unknown; known: {', '.join(LEVELS)}")
@@ -89,7 +103,7 @@ class Simulation:
         self._arrivals = self._arrival_stamps(taken, streams["delays"])
         self._stamps = self._arrivals if scenario.camera.stamped == "arrived" else taken
         self._black_rad = np.radians(np.array(scenario.camera.black_sectors_deg, dtype=np.float64).reshape(-1, 2))
-        self._noise, self._feature_noise = noise, feature_noise
+        self._noise, self._feature_noise, self._eyes = noise, feature_noise, eyes or Eyes()
         self._index = 0
         self._grabs = 0
         self.exposure_ms, self.gain = scenario.camera.exposure_ms, scenario.camera.gain
@@ -297,20 +311,30 @@ class Simulation:
     def _observed(self) -> ObservedLines:
         camera = self.camera_model
         if isinstance(camera, SimulatedOmniCamera):
-            noise, noise_px = self._noise, self.scenario.camera.line_noise_px
-            if noise is None and noise_px is not None:
-                noise = ObservationNoise(noise_px=noise_px)
-            mirror = require_omni(self.camera, "line points are computed for")
+            eyes = self._eyes
+            mirror = eyes.known or require_omni(self.camera, "line points are computed for")
             beside = beside_lines(self.field) if self.scenario.hall.beside else None
             built = BuiltCamera(camera.project, camera.shift_by_swing, mirror)
             return ObservedLines(
-                camera.design, self.field, noise, seed=self.scenario.seed, as_built=built, beside=beside
-            )
+                camera.design, self.field, self._point_noise, eyes.paths, seed=self.scenario.seed, as_built=built,
+                beside=beside,
+            )  # fmt: skip
         tree = self.camera_model.camera_yaml()
         view = leaning_view(float(tree["mount"]["z"]), float(tree["fx"]), _PINHOLE_REACH_M)
         half_rad = math.atan2(0.5 * float(tree["width"]), float(tree["fx"]))
         noise = self._noise or _PINHOLE_NOISE
         return ObservedLines(view, self.field, noise, view_rad=half_rad, seed=self.scenario.seed)
+
+    @property
+    def _point_noise(self) -> ObservationNoise | None:
+        """Of points seen through a mirror; a scenario's own deviation stands for NuBot's, and adds to other eyes'."""
+        noise, noise_px = self._noise or self._eyes.noise, self.scenario.camera.line_noise_px
+        if self._noise is not None or noise_px is None:
+            return noise
+        if noise is None:
+            return ObservationNoise(noise_px=noise_px)
+        more = max(noise_px**2 - ObservationNoise().noise_px ** 2, 0.0)
+        return noise.model_copy(update={"noise_px": math.sqrt(noise.noise_px**2 + more)})
 
     def _arrival_stamps(self, taken: npt.NDArray[np.int64], rng: np.random.Generator) -> npt.NDArray[np.int64]:
         camera = self.scenario.camera

@@ -17,7 +17,7 @@ from numba import njit
 from touchline.camera import OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.perception import LinePointSettings
+from touchline.perception import HsvLineSettings, LinePointSettings, hsv_lines
 from touchline.perception.line_points import BLUR_PX, COARSEST_PX_M, NOISE_M, STEEPEST_CROSSING
 from touchline.simulation.observation.crossings import (
     COLUMNS,
@@ -38,6 +38,32 @@ _MARK_M = 0.06  # by so much blur lets a path pass beside a round mark and still
 _STEP_PX = 4.0  # between the nodes of what a camera as built sees elsewhere
 _MOST_ANYWHERE = 32  # false points of an image, elsewhere
 _NO_BODIES = np.zeros((0, 4))
+
+
+class ScanPaths(NamedTuple):
+    """Where a detector looks for lines, and what it says of its points.
+
+    rays: all round; staggered: every second one begins half way out. circles: about the robot. max_chord: longest way
+    through a line, in its widths. point_px, point_m: the deviation that it gives its points, in the image and beside.
+    """
+
+    rays: int
+    staggered: bool
+    circles: int
+    max_chord: float
+    point_px: float
+    point_m: float
+
+
+def _nubot_paths(s: LinePointSettings) -> ScanPaths:
+    return ScanPaths(2 * s.radial_scan_lines, True, s.circles, STEEPEST_CROSSING, s.noise_px, NOISE_M)
+
+
+def _iris_paths(s: HsvLineSettings) -> ScanPaths:
+    return ScanPaths(round(360.0 / s.ray_step_deg), False, 0, hsv_lines.MAX_RUN, s.noise_px, hsv_lines.NOISE_M)
+
+
+NUBOT_PATHS, IRIS_PATHS = _nubot_paths(LinePointSettings()), _iris_paths(HsvLineSettings())
 
 
 class BuiltCamera(NamedTuple):
@@ -61,7 +87,7 @@ class ObservedLines:
         camera: OmniCamera,
         field: FieldModel,
         noise: ObservationNoise | None = None,
-        detector: LinePointSettings | None = None,
+        paths: ScanPaths = NUBOT_PATHS,
         view_rad: float = math.pi,
         seed: int = 0,
         as_built: BuiltCamera | None = None,
@@ -73,13 +99,12 @@ class ObservedLines:
         """
         self.camera, self.field, self.seed = camera, field, seed
         self.noise = noise or ObservationNoise()
-        self.detector = detector or LinePointSettings()
+        self.paths = paths
         self.view_rad = view_rad
         self._scales = scale_table(camera, float(camera.range_m[:, -1].min()))
-        self._rays, self._circles = _scan_geometry(camera, self.detector, view_rad)
-        s, n = self.detector, self.noise
-        width = s.line_width_m or field.line_width
-        limits = (width, STEEPEST_CROSSING, BLUR_PX, n.bridged_px, n.apart_px)
+        self._rays, self._circles = _scan_geometry(camera, paths, view_rad)
+        n, width = self.noise, field.line_width
+        limits = (width, paths.max_chord, BLUR_PX, n.bridged_px, n.apart_px)
         goals, bars = _goals(field)
         kinds = [n.white_goals if goal.color == "white" else n.coloured_goals for goal in field.goals]
         self._goals = goals, np.array([kind.numbers() for kind in kinds]).reshape(-1, 6)
@@ -99,7 +124,8 @@ class ObservedLines:
         self._posts = np.array([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts]).reshape(-1, 4)
         self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
         self._errors = PointErrors(
-            n.numbers(s.noise_px, NOISE_M), len(self._rays), seed, mosaic_table(seed), lookup, known, self._scales,
+            n.numbers(paths.point_px, paths.point_m), len(self._rays), seed, mosaic_table(seed), lookup, known,
+            self._scales,
             np.zeros((0, 0, 2)) if nodes is None or as_built is None else _askew(camera, nodes, as_built.project),
             _STEP_PX,
         )  # fmt: skip
@@ -283,14 +309,15 @@ def leaning_view(height_m: float, focal_px: float, farthest_m: float) -> OmniCam
                       ranges[np.newaxis])  # fmt: skip
 
 
-def _scan_geometry(camera: OmniCamera, s: LinePointSettings, view_rad: float) -> tuple[FloatArray, FloatArray]:
+def _scan_geometry(camera: OmniCamera, paths: ScanPaths, view_rad: float) -> tuple[FloatArray, FloatArray]:
     """The detector's rays (P, 3): bearing (rad), nearest, farthest range (m); circles (Q, 2): range (m), radius (px).
 
     Where the camera's table depends on the direction, a circle of the image is taken for one on the ground.
     """
     inner, outer = camera.inner_radius_px, _farthest_radius(camera, COARSEST_PX_M)
-    angles = np.pi / s.radial_scan_lines * np.arange(2 * s.radial_scan_lines)
-    first = np.where(np.arange(len(angles)) % 2 == 0, inner, max(inner, 0.5 * outer))
+    angles = 2.0 * np.pi / paths.rays * np.arange(paths.rays)
+    late = paths.staggered & (np.arange(len(angles)) % 2 == 1)
+    first = np.where(late, max(inner, 0.5 * outer), inner)
     bearings = camera.mount_yaw_rad + camera.handedness * angles
     out = np.column_stack((np.cos(angles), np.sin(angles)))
     last = min(outer, float(camera.radius_px[-1]) - 1e-6)  # so that no rounding leads out of the table
@@ -299,7 +326,7 @@ def _scan_geometry(camera: OmniCamera, s: LinePointSettings, view_rad: float) ->
     )
     rays = np.column_stack((bearings, np.hypot(near[:, 0], near[:, 1]), np.hypot(far[:, 0], far[:, 1])))
     turned = np.abs(np.mod(bearings + np.pi, 2.0 * np.pi) - np.pi)
-    radii = np.linspace(inner, outer, s.circles + 2)[1:-1]
+    radii = np.linspace(inner, outer, paths.circles + 2)[1:-1]
     ranges = np.interp(radii, camera.radius_px, camera.range_m.mean(axis=0))
     return np.ascontiguousarray(rays[turned <= view_rad]), np.column_stack((ranges, radii))
 
