@@ -18,10 +18,12 @@ def test_the_experiment_draws_surface_path_and_images(tmp_path: Path, monkeypatc
     monkeypatch.setattr(lu2013_exposure, "_STEP_STOPS", 0.5)
     monkeypatch.setattr(lu2013_exposure, "public_recording", lambda name: None)
     result = EXPERIMENTS["lu2013-exposure"].run(seeds=1)
-    assert [row[:2] for row in result.rows] == [("simulated", name) for name in lu2013_exposure.CASES]
-    lamps, dull, sun = (float(row[3]) for row in result.rows)
-    assert sun < lamps < dull  # more light, shorter exposure
-    assert result.notes[0].startswith("6 changes")
+    named = [(robot, name) for robot in ("robot as built", "ideal robot") for name in lu2013_exposure.CASES]
+    assert [row[:2] for row in result.rows] == named
+    for rows in (result.rows[:3], result.rows[3:]):
+        lamps, dull, sun = (float(row[4]) for row in rows)
+        assert sun < lamps < dull  # more light, shorter exposure
+    assert " of 6 searches" in result.notes[0]
     assert "not found" in result.notes[-1]
     files = write_result(result, tmp_path)
     assert {f"lu2013-exposure-{name}.png" for name in ("surface", "path", "images")} <= {file.name for file in files}

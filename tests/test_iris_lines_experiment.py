@@ -11,11 +11,12 @@ from touchline.experiments import iris_lines, iris_timing
 from touchline.experiments.result import ExperimentResult
 from touchline.experiments.writing import write_result
 from touchline.field import open_field
+from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
 
 
 @pytest.fixture(scope="module")
 def place() -> tuple[object, dict[tuple[str, str], iris_lines.Detection]]:
-    return iris_lines._one_place(open_field(iris_lines.FIELD), 0)
+    return iris_lines._one_place(open_field(iris_lines.FIELD), 0, ideal=True)
 
 
 @pytest.mark.parametrize("condition", iris_lines.CONDITIONS)
@@ -41,13 +42,13 @@ def test_the_regression_ends_at_its_last_pair(
     place: tuple[object, dict[tuple[str, str], iris_lines.Detection]],
 ) -> None:
     for found in place[1].values():
-        assert np.all(np.hypot(*found.points.positions_m.T) < iris_lines.STRIP_EDGES_M[-1] + 0.2)
+        assert np.all(np.hypot(*found.points.positions_m.T) < STRIP_EDGES_M[-1] + 0.2)
 
 
 def test_the_page_holds_a_row_for_each_light_and_kind_of_thresholds(
     place: tuple[object, dict[tuple[str, str], iris_lines.Detection]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(iris_lines, "_one_place", lambda field, seed: place)
+    monkeypatch.setattr(iris_lines, "_one_place", lambda *_, **__: place)
     found = iris_lines.iris_lines(1)
     assert [row[:2] for row in found.rows] == [(c, t) for c in iris_lines.CONDITIONS for t in iris_lines.THRESHOLDS]
     assert [name for name, _ in found.pictures] == ["detection", "points", "regression"]
@@ -62,4 +63,4 @@ def test_timing_reports_the_update_its_parts_and_other_numbers_of_particles(monk
     assert [row[0].partition(":")[0] for row in found.rows[:2]] == ["one update", "of it"]
     assert found.rows[0][1] == "1.6 ms"
     assert len(found.rows) == 3 + len(iris_timing.PARTICLES)
-    assert float(found.rows[0][2].split()[0]) > float(found.rows[1][2].split()[0])
+    assert float(found.rows[0][3].split()[0]) > float(found.rows[1][3].split()[0])

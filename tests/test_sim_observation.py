@@ -140,8 +140,8 @@ class TestObservedLines:
         observer = head()
         points = observer.observe(POSE, np.random.default_rng(0))
         jacobians = observer.camera.ground_jacobian(points.pixels)
-        settings = observer.detector
-        expected = settings.noise_px**2 * jacobians @ jacobians.transpose(0, 2, 1) + NOISE_M**2 * np.eye(2)
+        settings = observer.paths
+        expected = settings.point_px**2 * jacobians @ jacobians.transpose(0, 2, 1) + NOISE_M**2 * np.eye(2)
         np.testing.assert_allclose(points.covariances_m2, expected, rtol=0.01, atol=1e-6)
 
     def test_nothing_is_seen_behind_a_robot_or_in_a_black_sector(self) -> None:

@@ -11,12 +11,33 @@ from touchline.calibration.range_pairs import Optics, RangePairs
 from touchline.calibration.range_regression import RangeRegression, fit_range
 from touchline.camera import require_omni
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.run import Simulation
+from touchline.simulation.observation.goal_clutter import GoalClutter
+from touchline.simulation.observation.observed_lines import IRIS_PATHS
+from touchline.simulation.observation.point_errors import ObservationNoise
+from touchline.simulation.run import Eyes, Simulation
+from touchline.simulation.scenario import Scenario
 from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
 from touchline.systems import RobotSetup
 
 DIRECTIONS = 24
 MARK_NOISE_PX = 0.3
+# How HsvLineDetector errs on rendered images: `benchmarks/fit_observation_level.py --iris`, 15 s of each scenario
+IRIS_NOISE = ObservationNoise(
+    noise_px=0.0451, tail=1.056, oblique_sine=0.44, thin_px=0.3225, kept_ratio=0.9553, phase_px=0.35,
+    found_ratio=0.9743, thin_half_px=0.9427, thin_slope_px=0.0943, coarse_half_m=0.2787, coarse_slope_m=0.0037,
+    flat_half=0.2833, flat_slope=0.0116, blur_px=4.71, long_slope_px=0.691, bar_ratio=0.999, bar_half_m=5.16,
+    bar_slope_m=0.16, mark_ratio=0.5695, grazed_ratio=0.451, grazed_factor=7.99, mixed_ratio=0.9902,
+    mixed_factor=1.913, contrast_px=1.281, false_points=0.0133,
+    white_goals=GoalClutter(
+        net_points=63.2, net_half_m=1.62, net_slope_m=1.364, side_points=10.9, side_half_m=2.47, side_slope_m=0.919
+    ),
+    coloured_goals=GoalClutter(
+        net_points=25.1, net_half_m=38.0, net_slope_m=1.0, side_points=20.7, side_half_m=1.53, side_slope_m=0.722
+    ),
+    covered_goals=GoalClutter(
+        net_points=40.5, net_half_m=1.0, net_slope_m=2.03, side_points=58.8, side_half_m=1.3, side_slope_m=1.046
+    ),
+)  # fmt: skip
 
 
 def range_regression(simulation: Simulation, rng: np.random.Generator) -> RangeRegression:
@@ -43,9 +64,14 @@ def range_regression(simulation: Simulation, rng: np.random.Generator) -> RangeR
     )
 
 
-def iris_setup(simulation: Simulation, seed: int) -> RobotSetup:
-    """The robot: on images it looks through its own regression, at the observation level through the camera's file."""
-    camera = None
-    if simulation.level == "images":
-        camera = range_regression(simulation, np.random.default_rng([seed, 14])).camera()
-    return RobotSetup(simulation.field, camera, simulation.wheel_directions_rad)
+def open_iris(scenario: Scenario, level: str, seed: int) -> tuple[Simulation, RobotSetup]:
+    """A run and the robot in it, who looks through the regression that its own head has marked.
+
+    level: `images`, through its masks and rays; or `points`, with the geometry and the errors of these.
+    """
+    simulation = Simulation(scenario, level)
+    known = range_regression(simulation, np.random.default_rng([seed, 14])).camera()
+    if level == "points":
+        simulation = Simulation(scenario, level, eyes=Eyes(IRIS_PATHS, IRIS_NOISE, known))
+    camera = known if level == "images" else None
+    return simulation, RobotSetup(simulation.field, camera, simulation.wheel_directions_rad)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -11,10 +11,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from touchline.evaluation.metrics import ErrorStatistics
-from touchline.experiments.iris_eyes import iris_setup
-from touchline.experiments.iris_runs import SYSTEMS, IrisDrive, drive, missed_note
+from touchline.experiments.iris_eyes import open_iris
+from touchline.experiments.iris_runs import (
+    FORMS,
+    IMAGE_ROBOTS,
+    SYSTEMS,
+    IrisDrive,
+    Runs,
+    by_form,
+    drive,
+    missed_note,
+)
 from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, percent, spread
+from touchline.experiments.result import ExperimentResult, Headline, interval, percent, spread
 from touchline.experiments.scenes import (
     BLUE,
     INK,
@@ -24,18 +33,17 @@ from touchline.experiments.scenes import (
     new_figure,
     public_recording,
 )
-from touchline.field import FieldModel
+from touchline.field import FieldModel, open_field
 from touchline.field.error_map import error_map
 from touchline.geometry import FloatArray
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup
-from touchline.types import Status
+from touchline.types import Frame, Status
 
 SCENARIO, PLACES = "tour-20", 20
-IMAGE_HZ = 4.0  # eight images at each place; the paper names no rate
+IMAGE_HZ = 2.0  # four images at each place; the paper names no rate
 TILTED = ("camera.mirror.tilt_deg=[0.5, 0.0]", "camera.mirror.tilt_spread_deg=0", "camera.mirror.shift_spread_mm=0")
-IDEAL = ("ideal=true",)
 PUBLIC = "omni_9x6_points"
 # Table I: mean, standard deviation, maximum of x (cm), y (cm), θ (degrees)
 PAPER = {
@@ -44,23 +52,45 @@ PAPER = {
     "sensor fusion": ((10.5, 7.6, 1.9), (7.8, 6.8, 1.2), (26.5, 21.8, 4.4)),
 }
 _FIGURES = (("mean", "mean"), ("std", "std_abs"), ("max", "max"))
-COLUMNS = ("system", "figure", "x paper", "x (cm)", "y paper", "y (cm)", "θ paper", "θ (°)", "jitter (cm)")
+COLUMNS = (
+    "system", "robots", "figure", "x paper", "x its form here", "x (cm)", "y paper", "y its form here", "y (cm)",
+    "θ paper", "θ its form here", "θ (°)", "jitter (cm)", "ideal: x (cm)", "ideal: y (cm)", "ideal: θ (°)",
+)  # fmt: skip
 
 
-def tour(seed: int, level: str = "images", changes: tuple[str, ...] = ()) -> IrisDrive:
+def tour(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper: bool = False) -> IrisDrive:
     """One drive through 20 random places, two seconds at each, of a robot as built unless the changes say otherwise.
 
-    level: `images`, IMAGE_HZ of them, seen through the robot's own masks, rays and regression; or `points`, 10 Hz.
+    level: `images`, IMAGE_HZ of them, seen through the robot's own masks, rays and regression; or `points`, 10 Hz, with
+    the geometry and the errors of these. paper: by the paper's own form.
     """
+    simulation, setup, frames = _taken(seed, level, changes)
+    return drive(frames, simulation.truth.samples(), setup, seed, paper)
+
+
+@lru_cache(maxsize=1)
+def _taken(seed: int, level: str, changes: tuple[str, ...]) -> tuple[Simulation, RobotSetup, tuple[Frame, ...]]:
+    """A tour and its frames, kept for the other form."""
     rate = (f"camera.rate_hz={IMAGE_HZ:g}",) if level == "images" else ()
-    simulation = Simulation(open_scenario(SCENARIO, seed, changes=[*rate, *changes]), level)
-    return drive(simulation, simulation.truth.samples(), iris_setup(simulation, seed), seed)
+    simulation, setup = open_iris(open_scenario(SCENARIO, seed, changes=[*rate, *changes]), level, seed)
+    return simulation, setup, tuple(simulation)
 
 
-@lru_cache(maxsize=32)
-def toured(seed: int) -> IrisDrive:
-    """The tour on images, kept for the experiments that show the same drives."""
-    return tour(seed)
+@lru_cache(maxsize=64)
+def toured(seed: int, level: str, changes: tuple[str, ...], paper: bool) -> IrisDrive:
+    """A tour, kept for the experiments that show the same drives."""
+    return tour(seed, level, changes, paper)
+
+
+def all_tours(seeds: int) -> tuple[Runs, Runs]:
+    """By form the tours of all seeds at the observation level, and of the first robots on images."""
+    at_points = by_form(list(follow(range(seeds), "tours")), lambda seed, *form: toured(seed, "points", *form))
+    robots = follow(range(min(seeds, IMAGE_ROBOTS)), "tours on images")
+    on_images: Runs = {form: [] for form in FORMS}
+    for seed in robots:
+        on_images["as built"].append(toured(seed, "images", (), False))
+        on_images["its form here"].append(toured(seed, "images", (), True))
+    return at_points, on_images
 
 
 def recorded_tour(seed: int) -> IrisDrive | None:
@@ -91,46 +121,68 @@ def errors_at_places(driven: IrisDrive, system: str) -> FloatArray:
 
 def iris_points(seeds: int) -> ExperimentResult:
     """Table I on simulated tours, and on the recording with 8 places."""
-    drives = [toured(seed) for seed in follow(range(seeds), "tours")]
-    tilted = [tour(seed, changes=TILTED) for seed in follow(range(seeds), "tours, mirror tilted")]
-    ideal = [tour(seed, "points", IDEAL) for seed in follow(range(seeds), "tours, ideal robot")]
-    rows = [row for system in SYSTEMS for row in _rows(system, drives, system, with_paper=True)]
-    for name, others in (("mirror tilted by 0.5°", tilted), ("ideal robot, observation level", ideal)):
-        rows += _rows(f"sensor fusion, {name}", others, "sensor fusion", with_paper=False)
-    seeds_of_recorded = follow(range(seeds), "recorded tours")
-    recorded = [driven for seed in seeds_of_recorded if (driven := recorded_tour(seed)) is not None]
+    runs, images = all_tours(seeds)
+    tilted = {"as built": [tour(seed, "points", TILTED) for seed in follow(range(seeds), "tours, mirror tilted")]}
+    robots = range(len(images["as built"]))
+    tilted_images = {"as built": [tour(seed, "images", TILTED) for seed in follow(robots, "tilted, on images")]}
+    recorded = [
+        driven for seed in follow(range(seeds), "recorded tours") if (driven := recorded_tour(seed)) is not None
+    ]
+    rows = [row for system in SYSTEMS for row in _rows(system, runs, system, with_paper=True)]
+    rows += _rows("sensor fusion, on images", images, "sensor fusion")
+    rows += _rows("sensor fusion, mirror tilted by 0.5°", tilted, "sensor fusion")
+    rows += _rows("sensor fusion, mirror tilted by 0.5°, on images", tilted_images, "sensor fusion")
     if recorded:
-        rows += [row for system in SYSTEMS for row in _rows(f"{system}, recorded", recorded, system, with_paper=False)]
-    notes = (
-        f"{PLACES} random places per seed, two seconds at each, a robot as built; {IMAGE_HZ:g} images per second, seen "
-        "through rays every 2.5°, masks of HSV and HSL and one polynomial of the range, which the robot's own head has "
-        "marked. The error at a place is the mean over the images taken there. Jitter: root mean square change of the "
-        "error from image to image, moving or not. Standard deviations are of |error|.",
-        f"Tracked from 5 s on: {_tracked(drives)}; with a mirror tilted by 0.5°, which its regression averages over "
-        f"all directions, {_tracked(tilted)}; the ideal robot at the observation level, 10 Hz, {_tracked(ideal)}.",
-        "Odometry and particle filter are alone from where the robot was found on: measuring wheels and gyro; the "
-        "particles' own mean, moved by the same wheels and gyro, with nothing of the fusion. The paper's gyro hardly "
-        "drifts; ours does, by 0.2 to 0.5 degrees per second.",
-        f"Recorded: the images of {PUBLIC}, 8 places, six images at each; the seeds are those of the particles."
-        if recorded
-        else f"The recording {PUBLIC} was not found; TOUCHLINE_DATA names the folder of the recordings.",
-        *missed_note([*drives, *tilted, *ideal, *recorded]),
-    )
-    fused = _statistics(drives, "sensor fusion")
-    ours = [spread([100.0 * s[k].mean for s in fused]) for k in (0, 1)]
-    turn = spread([float(np.degrees(s[2].mean)) for s in fused], 3)
-    field = drives[0].field
-    shown = [("places", _places_figure(driven)) for driven in [each for each in drives if standing(each)][:1]]
+        rows += [row for system in SYSTEMS for row in _rows(f"{system}, recorded", {"as built": recorded}, system)]
+    said = ", ".join(
+        f"{name} {_tracked(some)}"
+        for name, some in (
+            ("as built", runs["as built"]), ("its form here", runs["its form here"]), ("ideal", runs["ideal"]),
+            ("mirror tilted by 0.5°", tilted["as built"]), ("as built on images", images["as built"]),
+            ("its form here on images", images["its form here"]), ("tilted on images", tilted_images["as built"]),
+        )
+    )  # fmt: skip
+    every = [driven for some in (runs, images, tilted, tilted_images) for drives in some.values() for driven in drives]
     return ExperimentResult(
         "iris-points",
         "Table I of Ismail et al. 2021: errors of odometry, particle filter and fusion at 20 places",
         seeds,
         COLUMNS,
         tuple(rows),
-        Headline("fusion, mean error at 20 places", "10.5 cm in x, 7.6 cm in y, 1.9°",
-                 f"{ours[0]} cm in x, {ours[1]} cm in y, {turn}°"),
-        notes,
-        (("error-map", error_map_figure(field)), *shown),
+        _headline(runs, tilted_images["as built"]),
+        (*_NOTES, f"Tracked from 5 s on: {said}.", _RECORDED if recorded else _NOT_FOUND,
+         *missed_note([*every, *recorded])),
+        (("error-map", error_map_figure(open_field("indoor-9x6"))),
+         *(("places", _places_figure(driven)) for driven in [each for each in runs["as built"] if standing(each)][:1])),
+    )  # fmt: skip
+
+
+_NOTES = (
+    f"{PLACES} random places per seed, two seconds at each, robots as built. Where nothing else is said, at the "
+    "observation level, 10 Hz, with the geometry and the errors of the robot's own eyes: rays every 2.5°, one "
+    "polynomial of the range, which its own head has marked. On images, rendered ones go through its masks and rays, "
+    f"{IMAGE_HZ:g} per second. Its form here: with the system's preset `paper`.",
+    "The error at a place is the mean over the images taken there. Jitter: root mean square change of the error from "
+    "image to image, moving or not. Standard deviations are of |error|.",
+    "Odometry and particle filter are alone from where the robot was found on: measuring wheels and gyro; the "
+    "particles' own mean, moved by the same wheels and gyro, with nothing of the fusion. The paper's gyro hardly "
+    "drifts; ours does, by 0.2 to 0.5 degrees per second.",
+)
+_RECORDED = f"Recorded: the images of {PUBLIC}, 8 places, six images at each; the seeds are those of the particles."
+_NOT_FOUND = f"The recording {PUBLIC} was not found; TOUCHLINE_DATA names the folder of the recordings."
+
+
+def _headline(runs: Runs, tilted: Sequence[IrisDrive]) -> Headline:
+    def means(drives: Sequence[IrisDrive]) -> str:
+        fused = _statistics(drives, "sensor fusion")
+        x, y = (interval([100.0 * s[k].mean for s in fused]) for k in (0, 1))
+        return f"{x} cm in x, {y} cm in y"
+
+    turn = interval([float(np.degrees(s[2].mean)) for s in _statistics(runs["as built"], "sensor fusion")], 3)
+    return Headline(
+        "fusion, mean error at 20 places", "10.5 cm in x, 7.6 cm in y, 1.9°",
+        f"{means(runs['as built'])}, {turn}°; its form {means(runs['its form here'])}; ideal {means(runs['ideal'])}; "
+        f"tilted 0.5°, on images, {means(tilted)}",
     )  # fmt: skip
 
 
@@ -154,17 +206,31 @@ def _statistics(
     return [(of(x), of(y), of(heading)) for x, y, heading in (each.T for each in errors)]
 
 
-def _rows(name: str, drives: Sequence[IrisDrive], system: str, with_paper: bool) -> list[tuple[str, ...]]:
-    statistics = _statistics(drives, system)
-    jitter = spread([100.0 * driven.jitter(system)[0] for driven in drives if driven.found])
+def _rows(
+    name: str, runs: Mapping[str, Sequence[IrisDrive]], system: str, with_paper: bool = False
+) -> list[tuple[str, ...]]:
+    """runs: by form."""
+    ours, paper, ideal = (_statistics(runs.get(form, ()), system) for form in FORMS)
+    jitter = spread([100.0 * driven.jitter(system)[0] for driven in runs["as built"] if driven.found])
     rows: list[tuple[str, ...]] = []
     for k, (title, key) in enumerate(_FIGURES):
-        paper = [f"{value:g}" for value in PAPER[system][k]] if with_paper else ["–"] * 3
-        x, y = (spread([100.0 * getattr(s[axis], key) for s in statistics]) for axis in (0, 1))
-        turn = spread([float(np.degrees(getattr(s[2], key))) for s in statistics], 3)
-        first = k == 0
-        rows.append((name if first else "", title, paper[0], x, paper[1], y, paper[2], turn, jitter if first else ""))
+        told = [f"{value:g}" for value in PAPER[system][k]] if with_paper else ["–"] * 3
+        cells = []
+        for axis in range(3):
+            cells += [told[axis], *(_figure(some, axis, key, key == "mean") for some in (paper, ours))]
+        head = (name, str(len(ours))) if k == 0 else ("", "")
+        best = [_figure(ideal, axis, key) for axis in range(3)]
+        rows.append((*head, title, *cells, jitter if k == 0 else "", *best))
     return rows
+
+
+def _figure(
+    statistics: Sequence[tuple[ErrorStatistics, ErrorStatistics, ErrorStatistics]], axis: int, key: str,
+    with_interval: bool = False,
+) -> str:  # fmt: skip
+    values = np.array([getattr(s[axis], key) for s in statistics])
+    said = interval if with_interval else spread
+    return said(np.degrees(values), 3) if axis == 2 else said(100.0 * values)
 
 
 def error_map_figure(field: FieldModel) -> Figure:

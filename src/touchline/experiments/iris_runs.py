@@ -14,10 +14,11 @@ from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.localization.fusion.modes import MIN_POINTS
 from touchline.localization.particles.iris_particles import IrisParticles
 from touchline.motion import DeadReckoning, MotionHistory
-from touchline.systems import RobotSetup, open_system
+from touchline.systems import RobotSetup, open_system, paper_settings
 from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
 from touchline.types import Estimate, Frame, Mode, Observation, Samples, Status, empty_points
 
+IDEAL = ("ideal=true",)
 SYSTEMS = ("odometry", "particle filter", "sensor fusion")
 
 Disturb = Callable[[Frame], Frame]
@@ -69,14 +70,17 @@ def drive(
     truth: Samples,
     setup: RobotSetup,
     seed: int,
+    paper: bool = False,
 ) -> IrisDrive:
     """Take every frame through the fusion, the particle filter alone and the odometry alone.
 
     truth: values (N, 3), one for each frame. Odometry and particles start where the fusion first found the robot and
     are left alone from then on: the odometry's pose is what wheels and gyro say (figure 4), the particles' is their own
-    mean (figure 8), moved by the same wheels and gyro. Nothing comes to them from the fusion.
+    mean (figure 8), moved by the same wheels and gyro. Nothing comes to them from the fusion. paper: all three with the
+    system's preset.
     """
-    settings = IrisFusionSettings()
+    settings = paper_settings("iris-fusion") if paper else IrisFusionSettings()
+    assert isinstance(settings, IrisFusionSettings)
     system = open_system("iris-fusion", setup, settings, np.random.default_rng(seed))
     s = settings
     history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
@@ -93,7 +97,8 @@ def drive(
         if told:
             particles.predict(motion)
             if len(points) >= MIN_POINTS:
-                particles.update(evenly_chosen(points.positions_m, settings.max_points))
+                most = len(points) if settings.paper.all_points else settings.max_points
+                particles.update(evenly_chosen(points.positions_m, most))
         elif estimate.status is Status.TRACKING:
             odometry.set_pose(estimate.pose)
             particles.start_at(estimate.pose, estimate.covariance)
@@ -113,6 +118,22 @@ def drive(
         tuple(e.status for e in told),
         before,
     )
+
+
+Runs = dict[str, list[IrisDrive]]
+"""Drives by form: the names of FORMS, and the same on images."""
+FORMS = ("as built", "its form here", "ideal")
+IMAGE_ROBOTS = 2  # robots whose images are rendered: each takes a hundred times as long as its points
+
+
+def by_form(seeds: Sequence[int], one: Callable[[int, tuple[str, ...], bool], IrisDrive]) -> Runs:
+    """The drives of each form: one(seed, changes to the robot as built, whether by the paper's own form)."""
+    runs: Runs = {form: [] for form in FORMS}
+    for seed in seeds:
+        runs["as built"].append(one(seed, (), False))
+        runs["its form here"].append(one(seed, (), True))
+        runs["ideal"].append(one(seed, IDEAL, False))
+    return runs
 
 
 def missed_note(drives: Sequence[IrisDrive]) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from touchline.camera.exposure import ExposureControl, ExposureSettings, Mask, image_entropy, mirror_masks
 from touchline.camera.exposure_search import Tried
+from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
 from touchline.experiments.progress import follow
 from touchline.experiments.result import ExperimentResult, Headline, spread
@@ -76,65 +77,83 @@ class _Switched:
 
 def lu2013_exposure(seeds: int) -> ExperimentResult:
     """Each seed another place in the simulated hall under three lightings; then the recorded linear images."""
-    settings = ExposureSettings(check_every=1)
-    simulation = Simulation(open_scenario(CASES["lamps"], changes=["ideal=true"]))
+    ours = ExposureSettings(check_every=1)
+    papers = load_settings(ExposureSettings, None, ["check_every=1"], preset=PAPER)
+    simulation = Simulation(open_scenario(CASES["lamps"], 0))
     masks = mirror_masks(simulation.camera)
-    places = [_simulated_cases(seed, masks, settings) for seed in follow(range(seeds), "places")]
     recording = public_recording(PUBLIC)
-    recorded = [] if recording is None else _recorded_cases(recording, settings)
-    searched = follow([*places, *recorded], "searches at places")
-    changes = [change for cases in searched for change in _all_changes(cases, masks, settings)]
-    rows = [_case_row("simulated", name, [cases[k] for cases in places], settings) for k, name in enumerate(CASES)]
-    rows += [
-        _case_row(f"recorded, place {k}", case.name, [case], settings)
-        for k, cases in enumerate(recorded)
-        for case in cases
-    ]
-    grabs = [len(change.tried) for change in changes]
-    found = [change.loss <= NEAR for change in changes]
+    places, built_paper = [], []
+    for seed in follow(range(seeds), "places"):
+        places.append(_simulated_cases(seed, masks, ours))
+        built_paper.append([_case(case.name, case.camera, masks, papers) for case in places[-1]])
+    ideal = [_simulated_cases(seed, masks, ours, ideal=True) for seed in follow(range(seeds), "ideal robots")]
+    recorded = [] if recording is None else _recorded_cases(recording, ours)
+    printed = [[_case(case.name, case.camera, masks, papers) for case in cases] for cases in recorded]
+    groups = [("robot as built", [*zip(places, built_paper, strict=True)])]
+    groups += [("ideal robot", [(cases, []) for cases in ideal])]
+    groups += [(f"recorded, place {k}", [pair]) for k, pair in enumerate(zip(recorded, printed, strict=True))]
+    rows = [_case_row(source, k, pairs, (ours, papers)) for source, pairs in groups for k in range(len(pairs[0][0]))]
+    followed = follow([*places, *recorded], "searches at places")
+    changes = [change for cases in followed for change in _all_changes(cases, masks, ours)]
+    in_its_form = [change for cases in [*built_paper, *printed] for change in _all_changes(cases, masks, papers)]
+    at_best = [change for cases in ideal for change in _all_changes(cases, masks, ours)]
     notes = [
-        f"{len(changes)} changes from one lighting to another: {sum(found)} searches end within {NEAR:g} nats of the "
-        f"highest entropy on the path, at worst {max(c.loss for c in changes):.3f} below it, after "
-        f"{np.mean(grabs):.1f} images on average and {max(grabs)} at most; the first image of each is the one that "
+        f"Changes from one lighting to another, robots as built and recorded images: {_searched(changes)}. Its form "
+        f"here: {_searched(in_its_form)}. Ideal robots: {_searched(at_best)}. The first image of each is the one that "
         "showed the change.",
-        f"Path: exposure = {settings.path.a_ms:g} ms · gain; entropy over the field's ring, natural logarithm, three "
-        "channels added. The paper's camera counts gain in its own units, so only the shape can be compared.",
+        f"Path: exposure = {ours.path.a_ms:g} ms · gain, its form here exposure = {papers.path.a_ms:g} ms · gain; "
+        "entropy over the field's ring (its form: the whole image), natural logarithm, three channels added. The "
+        "paper's camera counts gain in its own units, so only the shape can be compared.",
     ]
     if recording is None:
         notes.append(
             f"The recorded images ({PUBLIC}) were not found; TOUCHLINE_DATA names the folder of the recordings."
         )
     shown = places[0] if not recorded else recorded[0]
-    shown_changes = _all_changes(shown, masks, settings)
     pictures = [
-        ("surface", _surface_figure([places[0][0], *(cases[1] for cases in recorded[:1])], masks[1], settings)),
-        ("path", _path_figure([places[0], *recorded[:1]], masks, settings)),
-        ("images", _images_figure(places[0], simulation, settings)),
+        ("surface", _surface_figure([places[0][0], *(cases[1] for cases in recorded[:1])], masks[1], ours)),
+        ("path", _path_figure([places[0], *recorded[:1]], masks, ours)),
+        ("images", _images_figure(places[0], simulation, ours)),
     ]
-    sun = next(c for c in shown_changes if "sun" in c.after.name)
+    sun = next(c for c in _all_changes(shown, masks, ours) if "sun" in c.after.name)
     return ExperimentResult(
         "lu2013-exposure",
         "Figures 6, 10 and 11 of Lu et al. 2013: image entropy over exposure and gain, and the search for its peak",
         seeds,
-        ("images", "light", "paper: best", "exposure (ms)", "gain", "highest entropy"),
+        ("images", "light", "paper: best", "its form here", "exposure (ms)", "gain", "highest entropy"),
         tuple(rows),
         Headline(
             "images until the best exposure after a change of light; entropy short of the peak",
             "several; –",
-            f"{np.mean(grabs):.1f}, at most {max(grabs)}; {max(c.loss for c in changes):.3f} (sun: {len(sun.tried)})",
+            f"{np.mean([len(c.tried) for c in changes]):.1f}, at most {max(len(c.tried) for c in changes)}; "
+            f"{max(c.loss for c in changes):.3f} (sun: {len(sun.tried)})",
         ),
         tuple(notes),
         tuple(pictures),
     )
 
 
-def _simulated_cases(seed: int, masks: tuple[Mask, Mask], settings: ExposureSettings) -> list[Case]:
-    """The three lightings at the seed's place."""
+def _searched(changes: list[Change]) -> str:
+    """How the searches went that changes of light have started."""
+    found = sum(change.loss <= NEAR for change in changes)
+    grabs = [len(change.tried) for change in changes]
+    return (
+        f"{found} of {len(changes)} searches end within {NEAR:g} nats of the highest entropy on the path, at worst "
+        f"{max(c.loss for c in changes):.3f} below it, after {np.mean(grabs):.1f} images on average and {max(grabs)} "
+        "at most"
+    )
+
+
+def _simulated_cases(
+    seed: int, masks: tuple[Mask, Mask], settings: ExposureSettings, ideal: bool = False
+) -> list[Case]:
+    """The three lightings at the seed's place, of a robot as built or ideal."""
     cases = []
     for k, (name, scenario) in enumerate(CASES.items()):
-        simulation = Simulation(open_scenario(scenario, changes=["ideal=true"]))
+        simulation = Simulation(open_scenario(scenario, seed, changes=["ideal=true"] if ideal else []))
         place = random_place(simulation.field, np.random.default_rng(seed), margin_m=1.0)
-        radiance = simulation.camera_model.radiance(simulation.world, WorldState(), place).copy()
+        state = WorldState() if ideal else simulation.state(0.0)
+        radiance = simulation.camera_model.radiance(simulation.world, state, place).copy()
         camera = LinearImageCamera(radiance, simulation.camera_model.sensor, np.random.default_rng([seed, k]))
         cases.append(_case(name, camera, masks, settings))
     return cases
@@ -155,11 +174,12 @@ def _recorded_cases(recording: Recording, settings: ExposureSettings) -> list[li
 def _case(name: str, camera: LinearImageCamera, masks: tuple[Mask, Mask], settings: ExposureSettings) -> Case:
     low, high = settings.path.stops_range
     stops = np.arange(low, high + 1e-9, _STEP_STOPS)
-    entropy = [_entropy(camera, *settings.path.at(float(place)), masks[1]) for place in stops]
+    mask = None if settings.whole_image else masks[1]
+    entropy = [_entropy(camera, *settings.path.at(float(place)), mask) for place in stops]
     return Case(name, camera, stops, np.array(entropy))
 
 
-def _entropy(camera: LinearImageCamera, exposure_ms: float, gain: float, mask: Mask) -> float:
+def _entropy(camera: LinearImageCamera, exposure_ms: float, gain: float, mask: Mask | None) -> float:
     camera.set(exposure_ms, gain)
     return image_entropy(camera.grab(), mask)
 
@@ -181,11 +201,20 @@ def _change(before: Case, after: Case, masks: tuple[Mask, Mask], settings: Expos
     return Change(before, after, control.optimise())
 
 
-def _case_row(source: str, name: str, cases: list[Case], settings: ExposureSettings) -> tuple[str, ...]:
-    best = [settings.path.at(float(case.stops[case.peak])) for case in cases]
+def _case_row(
+    source: str, k: int, pairs: list[tuple[list[Case], list[Case]]], both: tuple[ExposureSettings, ExposureSettings]
+) -> tuple[str, ...]:
+    """pairs: at each place the cases by our settings and by the paper's (both)."""
+    cases, papers = [pair[0][k] for pair in pairs], [pair[1][k] for pair in pairs if pair[1]]
+    best, printed = (
+        [settings.path.at(float(case.stops[case.peak])) for case in some]
+        for some, settings in zip((cases, papers), both, strict=True)
+    )
+    name = cases[0].name
     paper = "12 ms, 12" if "sun" in name else "18 ms, 18" if name == "lamps" else "–"
+    its_form = f"{spread([b[0] for b in printed], 1)} ms, {spread([b[1] for b in printed], 1)}" if printed else "–"
     return (
-        source, name, paper, spread([b[0] for b in best], 1), spread([b[1] for b in best]),
+        source, name, paper, its_form, spread([b[0] for b in best], 1), spread([b[1] for b in best]),
         spread([float(case.entropy.max()) for case in cases]),
     )  # fmt: skip
 

@@ -12,12 +12,19 @@ from matplotlib.figure import Figure
 
 from touchline.camera import Camera, require_omni
 from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
+from touchline.experiments.nubot_figures import (
+    calibrated_head,
+    calibration_figure,
+    detection_figure,
+    distances_figure,
+    rendered_image,
+)
 from touchline.experiments.progress import follow
 from touchline.experiments.result import ExperimentResult, Headline, interval, percent, spread
 from touchline.experiments.scenes import RED, field_axes, new_figure, public_recording
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
-from touchline.simulation.run import Simulation
+from touchline.simulation.run import Eyes, Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system, paper_settings
 from touchline.types import Frame, ImageArray, Samples, Status
@@ -33,7 +40,8 @@ class Condition:
     """A row of Table 1: its name, the black sectors (degrees, base frame), the paper's mean, deviation, maximum.
 
     Each of the paper's figures: x (cm), y (cm), heading (rad). changes: of the scenario, for what is otherwise than on
-    a robot as built. odometry: whether the system is told of it.
+    a robot as built. odometry: whether the system is told of it. calibrated: whether camera.yaml comes from rendered
+    images of the strip (figure 2), not from simulated edges.
     """
 
     name: str
@@ -43,6 +51,7 @@ class Condition:
     changes: tuple[str, ...] = ()
     scenario: str = "straight-tracks"
     odometry: bool = True
+    calibrated: bool = False
 
 
 _ONE: Sectors = ((22.5, 67.5),)
@@ -60,6 +69,7 @@ CONDITIONS = (
     Condition("50 %, MCL alone", _FOUR, None, ALONE),
 )
 _RANGE_SPREAD = "camera.mirror.range_spread=0.01"
+STRIP = Condition("free, of calibrate mirror on images", (), None, calibrated=True)
 OTHER_ROBOTS = (
     Condition("free, of the design, ranges 1 %", (), None, changes=("camera.known_from=design", _RANGE_SPREAD)),
     Condition(
@@ -77,6 +87,7 @@ PLAY = (
     Condition("match, without odometry", (), None, "nubot-mti", scenario="match", odometry=False),
 )
 RECORDING = "omni_msl_track"
+RECORDED_SEEDS = 2  # of the particles, whose chance changes little there
 COLUMNS = (
     "hidden", "figure",
     "x paper", "x its form here", "x (cm)", "y paper", "y its form here", "y (cm)",
@@ -111,14 +122,18 @@ _SIMULATED = (
     "system's preset `paper`, exactly what the paper says. "
     "One black sector of 45 degrees, two opposite, four alternating; a half in one piece."
 )
+_STRIP = (
+    "Of calibrate mirror on images: `calibrate mirror` on 24 rendered images of the strip (figure 2), seen by each "
+    "robot's very head; elsewhere its edges are simulated, with 0.1 px of error."
+)
 _ALONE = (
     "MCL alone: the mean of the particles is the pose in every image (nubot-mcl-alone, all else as nubot-mcl has it). "
     "The likelihood has an end, at 3.3 σ, and σ falls from 0.3 to 0.1 m once the particles have converged; in the "
     "paper's form the square of every distance counts, and the points on a goal's posts and net outweigh the lines."
 )
 _RECORDED = (
-    f"Recorded: the {RECORDING} images with black sectors laid over them, at the same angles in the image; its seeds "
-    "are those of the particles."
+    f"Recorded: the {RECORDING} images with black sectors laid over them, at the same angles in the image; "
+    f"{RECORDED_SEEDS} seeds, those of the particles."
 )
 _NOT_FOUND = f"The recording {RECORDING} was not found; TOUCHLINE_DATA names the folder of the recordings."
 Drives = dict[str, list[Drive]]
@@ -126,9 +141,10 @@ Drives = dict[str, list[Drive]]
 
 def lu2013_occlusion(seeds: int) -> ExperimentResult:
     """Table 1: nubot-mcl on five straight tracks with black sectors fixed in the view."""
-    ours, paper, ideal = _all_drives((*CONDITIONS, *OTHER_ROBOTS), CONDITIONS, seeds)
-    rows = [row for c in (*CONDITIONS, *OTHER_ROBOTS) for row in _rows(c, ours[c.name], paper[c.name], ideal[c.name])]
-    recorded = _recorded(seeds)
+    every = (*CONDITIONS, STRIP, *OTHER_ROBOTS)
+    ours, paper, ideal = _all_drives(every, CONDITIONS, seeds)
+    rows = [row for c in every for row in _rows(c, ours[c.name], paper[c.name], ideal[c.name])]
+    recorded = _recorded(min(seeds, RECORDED_SEEDS))
     rows += [row for c, errors in recorded for row in _rows(c, errors, [], [])]
     return ExperimentResult(
         "lu2013-occlusion",
@@ -138,9 +154,21 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
         tuple(rows),
         Headline("mean errors with 0 to 50 % hidden", "5.7-7.8 cm in x and y, 0.044-0.064 rad",
                  f"{_range_of(ours)}; its form {_range_of(paper)}; ideal {_range_of(ideal)}"),
-        (_SIMULATED, _ALONE, _RECORDED if recorded else _NOT_FOUND),
-        (("tracks", _tracks_figure([ours[c.name][0] for c in CONDITIONS[:4]], [c.name for c in CONDITIONS[:4]])),),
+        (_SIMULATED, _STRIP, _ALONE, _RECORDED if recorded else _NOT_FOUND),
+        (
+            ("figure2", calibration_figure(*calibrated_head(_driven(CONDITIONS[0], 0, False)[0]))),
+            ("figures-4-7", _pictures_figure()),
+            ("figure5", distances_figure()),
+            ("tracks", _tracks_figure([ours[c.name][0] for c in CONDITIONS[:4]], [c.name for c in CONDITIONS[:4]])),
+        ),
     )  # fmt: skip
+
+
+def _pictures_figure() -> Figure:
+    """Figures 4 and 7: an image and the points found in it, free and with its black sectors."""
+    simulation, image = rendered_image()
+    shown = [("free", None), *((c.name, black_pixels(simulation.camera, c.sectors)) for c in CONDITIONS[1:4])]
+    return detection_figure(simulation, image, shown)
 
 
 def _all_drives(every: Sequence[Condition], shown: Sequence[Condition], seeds: int) -> tuple[Drives, Drives, Drives]:
@@ -185,7 +213,10 @@ def xiong_tracking(seeds: int) -> ExperimentResult:
             "Match: the scenario match, 3 m/s among eight robots that shove; the same frames once with odometry and "
             "once without.",
         ),
-        (("tracks", _tracks_figure(ours["free"][:1], ["nubot-mti"])),),
+        (
+            ("figure6", detection_figure(*rendered_image(1), [("", None)])),
+            ("tracks", _tracks_figure(ours["free"][:1], ["nubot-mti"])),
+        ),
     )  # fmt: skip
 
 
@@ -194,7 +225,10 @@ def _driven(c: Condition, seed: int, ideal: bool) -> tuple[Simulation, tuple[Fra
     """A run and its frames, kept for the next system that takes them."""
     scenario = open_scenario(c.scenario, seed, changes=["ideal=true"] if ideal else c.changes)
     camera = scenario.camera.model_copy(update={"black_sectors_deg": c.sectors})
-    simulation = Simulation(scenario.model_copy(update={"camera": camera}), level="points")
+    chosen = scenario.model_copy(update={"camera": camera})
+    simulation = Simulation(chosen, level="points")
+    if c.calibrated:
+        simulation = Simulation(chosen, level="points", eyes=Eyes(known=calibrated_head(simulation)[0].camera))
     return simulation, tuple(simulation)
 
 
