@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from touchline.cli.fields_measure import measure
 from touchline.errors import InputError
 from touchline.new_files import check_new_file
 
@@ -22,13 +23,13 @@ class _FieldsGroup(TyperGroup):
     """A first word that is no subcommand is the name of a field, shown by the hidden command `show`."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        return super().resolve_command(ctx, args if args[0] == "new" else ["show", *args])
+        return super().resolve_command(ctx, args if args[0] in ("new", "measure") else ["show", *args])
 
 
 _SCALE = 50.0  # pixels per metre
 _WIDTH_OF_DESCRIPTIONS = 76  # characters: with fewer, the presets are listed without them
 
-fields_app = typer.Typer(cls=_FieldsGroup, subcommand_metavar="[NAME|FILE | new NAME ...]")
+fields_app = typer.Typer(cls=_FieldsGroup, subcommand_metavar="[NAME|FILE | new NAME ... | measure RECORDING ...]")
 
 
 _Picture = Annotated[
@@ -49,7 +50,7 @@ _Scale = Annotated[
 
 @fields_app.callback(invoke_without_command=True)
 def fields(ctx: typer.Context, output: _Picture = None, scale: _Scale = None) -> None:
-    """List the preset fields; with NAME or FILE show one field; with new make your own.
+    """List the preset fields; with NAME or FILE show one field; with new make your own, with measure measure it.
 
     touchline fields msl-18x12 --output field.png   shows and draws one.
     """
@@ -125,6 +126,9 @@ def new(
         said = f"warning: {name} is the name of a preset, too; where a field is asked for, {name} means the preset"
         errors_console().print(said, markup=False)
     out.print(f"written to {path}; touchline fields {path} shows it", markup=False)
+
+
+fields_app.command("measure")(measure)
 
 
 def _console() -> Console:

@@ -44,7 +44,7 @@ _FROM_MIDDLE = {"A": 1.0, "B": 1.0, "C": 1.0, "D": 1.0, "E": 1.0, "F": 1.0, "G":
 def field_from_letters(
     name: str,
     letters: Mapping[str, float],
-    base: str | Path = "msl-22x14",
+    base: str | Path | FieldModel = "msl-22x14",
     measured_to: Literal["edge", "middle"] = "edge",
 ) -> FieldModel:
     """A field from rulebook letters (m); those not given are the base's, as are goals and poles, moved with the edge.
@@ -56,7 +56,7 @@ def field_from_letters(
     """
     origin = open_field(base)
     if not origin.letters:
-        raise InputError(f"{base}: has no rulebook letters to start from; use a preset as the base")
+        raise InputError(f"{origin.name}: has no rulebook letters to start from; use a preset as the base")
     given = {key: _length(key, value) for key, value in letters.items()}
     if measured_to == "middle":
         line = given.get("K", origin.line_width)
@@ -72,7 +72,7 @@ def field_from_letters(
     goals = [replace(goal, x=_moved(goal.x, shift_x)) for goal in origin.goals]
     for goal in goals:
         if max(map(abs, goal.y_posts)) + 0.5 * goal.post_width > 0.5 * size["B"]:
-            raise InputError(f"letter B, the field width of {size['B']:g} m: the goal of {base} does not fit")
+            raise InputError(f"letter B, the field width of {size['B']:g} m: the goal of {origin.name} does not fit")
     poles = [replace(pole, x=_moved(pole.x, shift_x), y=_moved(pole.y, shift_y)) for pole in origin.poles]
     return FieldModel(
         name=name,
