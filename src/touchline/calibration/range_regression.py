@@ -16,6 +16,7 @@ from numpy.polynomial import Polynomial
 from touchline.calibration.range_pairs import RangePairs
 from touchline.camera import OmniCamera
 from touchline.camera.model_free import ranges_along, table_radii
+from touchline.camera.uncertainty import CameraUncertainty, usual_uncertainty
 from touchline.errors import InputError, NoFitError
 from touchline.geometry import FloatArray
 
@@ -25,6 +26,7 @@ _CHORDS = 12  # the slope beyond the first and the last pair is that of the oute
 _MARKED_PX = 0.5  # a mark is no surer than this
 _LEAST_STEP_PX = 0.1  # between radii of the table, which are written with six digits
 _SAME_PX = 1.0  # pairs nearer to each other than this tell of the same distance
+_LEAST_RANGE_RATIO = 0.01  # marks measured with a tape, about a robot's centre that nobody can see
 _WRONG_SIGMAS = 8.0
 _LONE_LEVERAGE = 0.7  # of a pair: above, the polynomial there hangs on it alone, and the others can't judge it
 _WRONG_SHARE = 0.05  # of the range: a pair that is less off than this is never called wrong
@@ -111,7 +113,14 @@ class RangeRegression:
             radii,
             np.zeros(1),
             ranges[np.newaxis],
+            stated_uncertainty=self.uncertainty(),
         )
+
+    def uncertainty(self) -> CameraUncertainty:
+        """How sure the ranges are: one table for all directions knows neither how the mirror leans nor its centre."""
+        relative = self.residuals_m / self.pairs.range_m
+        scatter = float(np.sqrt(np.mean(np.square(relative)) / _distinct(self.pairs.radius_px)))
+        return usual_uncertainty(self.last_px)._replace(range_ratio=float(np.hypot(scatter, _LEAST_RANGE_RATIO)))
 
     def formula(self) -> str:
         """The polynomial as text, highest power last."""

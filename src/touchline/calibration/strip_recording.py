@@ -89,6 +89,8 @@ def ground_start(recording: Recording, indices: Sequence[int], center: FloatArra
 def camera_yaml(camera: OmniCamera, remark: str) -> str:
     """camera.yaml of a calibrated camera, with a remark (lines) at its top."""
     lines = [f"# {line}".rstrip() for line in remark.splitlines()]
+    sure = camera.stated_uncertainty
+    words = "" if sure is None else ", ".join(f"{key}: {value:g}" for key, value in sure.mapping().items())
     lines += [
         "model: omni",
         f"width: {camera.width}",
@@ -98,6 +100,7 @@ def camera_yaml(camera: OmniCamera, remark: str) -> str:
         f"outer_radius_px: {camera.outer_radius_px:.1f}",
         f"handedness: {camera.handedness}",
         f"mount_yaw: {camera.mount_yaw_rad:.6f}",
+        *([f"uncertainty: {{{words}}}"] if words else []),
         "range_table:",
         f"  radius_px: [{', '.join(f'{r:g}' for r in camera.radius_px)}]",
         f"  bearing_rad: [{', '.join(f'{b:.6f}' for b in camera.bearings_rad)}]",

@@ -11,12 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.camera.omni import OmniCamera
+from touchline.camera.uncertainty import CameraUncertainty
 from touchline.geometry import FloatArray
 
 SUPPORT = 4  # nearest support vectors of an interpolation: one polynomial through 15 amplifies their noise 277-fold
 ROWS = 72  # directions of the written table: linear interpolation between rows 5° apart adds 0.1 % of a tilt's effect
 BEYOND = 2.0  # beyond the last edge the range is continued to so many times that edge's range ...
 WITHIN = 0.5  # ... and inside the first one to so many times that
+# what a calibration is never surer of: a mount that settles, a strip that is misread by millimetres
+LEAST = CameraUncertainty(0.02, 0.05, 0.002)
+_HARMONICS = 3  # of the radii around the mirror, per edge: what a mirror askew shows; the rest is noise
+_HEIGHT_M = 0.75
 
 
 def lagrange(x: FloatArray, y: FloatArray, at: FloatArray, support: int = SUPPORT) -> FloatArray:
@@ -134,8 +139,27 @@ def calibrated_camera(
     inner = max(inner_radius_px, float(radii[0]))
     return OmniCamera(
         *size, center, inner, float(radii[-1]), handedness, mount_yaw_rad, radii, rows,
-        np.exp(table[..., 0]), table[..., 1],
+        np.exp(table[..., 0]), table[..., 1], stated_uncertainty=edges_uncertainty(edges),
     )  # fmt: skip
+
+
+def edges_uncertainty(edges: Edges) -> CameraUncertainty:
+    """How sure a calibration from edges is: from how far those of one range scatter about a smooth curve around the
+    mirror, what tilt, centre and scale would take up of it.
+    """
+    turns = edges.bearings_rad[:, np.newaxis] * np.arange(1, _HARMONICS + 1)
+    around = np.column_stack((np.ones(len(turns)), np.cos(turns), np.sin(turns)))
+    free = max(len(around) - around.shape[1], 1)
+    smooth = around @ np.linalg.lstsq(around, edges.radii_px, rcond=None)[0]
+    noise_px = float(np.sqrt(np.mean(np.square(edges.radii_px - smooth)) * len(around) / free))
+    ranges, radii = edges.ranges_m, edges.radii_px.mean(axis=0)
+    m_per_px = np.gradient(ranges, radii)
+    askew = np.column_stack(((ranges**2 + _HEIGHT_M**2) / m_per_px, np.ones(len(ranges))))  # px per 1/m of g, and of c
+    variances = np.diag(np.linalg.inv(askew.T @ askew)) * 2.0 * noise_px**2 / len(turns)
+    tilt_deg = float(np.degrees(0.5 * _HEIGHT_M * np.sqrt(variances[0])))
+    scale = noise_px / np.sqrt(len(turns) * np.sum((ranges / m_per_px) ** 2))
+    found = (tilt_deg, float(np.sqrt(variances[1])), float(scale))
+    return CameraUncertainty(*(float(np.hypot(*pair)) for pair in zip(found, LEAST, strict=True)))
 
 
 def range_image(camera: OmniCamera) -> FloatArray:

@@ -27,13 +27,14 @@ from touchline.camera.reading import (
     read_pixels,
     read_switch,
 )
+from touchline.camera.uncertainty import CameraUncertainty, read_uncertainty, usual_uncertainty
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.messages import shown
 from touchline.yaml_files import read_yaml_mapping
 
 _KEYS = ("width", "height", "center", "inner_radius_px", "outer_radius_px", "handedness", "mount_yaw", "range_table")
-_OPTIONAL = ("viewpoint_height_m", "use_attitude")
+_OPTIONAL = ("viewpoint_height_m", "use_attitude", "uncertainty")
 _TABLE_KEYS = ("radius_px", "range_m", "bearing_rad", "bearing_offset_rad")
 _MAX_TABLE_MB = 500
 _INVERSE_STEPS = 6
@@ -51,7 +52,7 @@ class OmniCamera:
     more than the formula's, none for a mirror that turns none. Rows belong to the formula's bearings.
     viewpoint_height_m: where the rays that the mirror collects would meet, above the base origin; without it the
     camera has no rays, only ground points. use_attitude: whether the IMU's roll and pitch are used; usually it errs
-    more than a wheeled robot leans.
+    more than a wheeled robot leans. stated_uncertainty: how sure the tables are; None where nobody has said so.
     """
 
     width: int
@@ -67,6 +68,7 @@ class OmniCamera:
     bearing_offset_rad: FloatArray | None = None
     viewpoint_height_m: float | None = None
     use_attitude: bool = False
+    stated_uncertainty: CameraUncertainty | None = None
     # for the compiled loops: ranges (1, B, F) at uniform steps, with bearing offsets below them (2, B, F);
     # u0, v0, handedness, yaw, first radius, step, last radius
     lookup_table: FloatArray = field(init=False, repr=False)
@@ -98,6 +100,11 @@ class OmniCamera:
     def model(self) -> str:
         """`omni`."""
         return "omni"
+
+    @property
+    def uncertainty(self) -> CameraUncertainty:
+        """How sure the tables are: as stated, or as usual."""
+        return self.stated_uncertainty or usual_uncertainty(self.outer_radius_px)
 
     @property
     def base_from_camera(self) -> Pose3:
@@ -223,6 +230,7 @@ def _from_mapping(tree: dict[str, Any], path: Path) -> OmniCamera:
         offsets,
         viewpoint_height_m,
         use_attitude,
+        read_uncertainty(tree, outer, path),
     )
 
 

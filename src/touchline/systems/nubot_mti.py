@@ -53,7 +53,7 @@ class NubotMti:
         )
         self.max_range_m = setup.max_range_m
         self.history = MotionHistory(s.step_noise, s.compass_track)
-        self.tilt = MirrorTilt(field, s.mirror_tilt)
+        self.tilt = MirrorTilt(field, s.mirror_tilt, camera)
         self.compass_correction = CompassCorrection(s.compass)
         self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
         c_m = SAMPLE_C_M if s.global_search.paper.one_c else s.matching.c_m

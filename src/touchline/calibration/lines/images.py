@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from touchline.calibration.lines.calibration import LineCalibration, calibrate_points, refined_again
+from touchline.calibration.lines.equations import HEIGHT_M
 from touchline.calibration.lines.image_points import Circle, generic_camera, mirror_circle, points_through
 from touchline.calibration.lines.search import WIDTHS
 from touchline.camera import OmniCamera
+from touchline.camera.uncertainty import CameraUncertainty, usual_uncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
@@ -84,4 +86,17 @@ def camera_of(
     radii = np.arange(lines.last_px, max(rim_px, lines.last_px) + 0.5, 0.5)
     ranges = lines.shape.range_m(radii)
     outer = float(radii[ranges <= _FARTHER * ranges[0]][-1])
-    return lines.shape.camera(size, inner_px, outer, mount_yaw_rad)
+    camera = lines.shape.camera(size, inner_px, outer, mount_yaw_rad)
+    return replace(camera, stated_uncertainty=_uncertainty(lines, outer))
+
+
+def _uncertainty(lines: LineCalibration, outer_px: float) -> CameraUncertainty:
+    """How sure a calibration is between its nearest and farthest points; one image doesn't tell how a mirror leans."""
+    radii = np.linspace(lines.first_px, lines.last_px, 9)[1:8]
+    ranges = float(lines.certainty.range_ratio(lines.shape, radii).max())
+    usual = usual_uncertainty(outer_px)
+    leans_deg = float(np.degrees(0.5 * HEIGHT_M * lines.certainty.bend_per_m.max()))
+    told = len(lines.pixels) > 1 and leans_deg < usual.tilt_deg
+    return CameraUncertainty(
+        leans_deg if told else usual.tilt_deg, float(lines.certainty.center_px.max()), min(ranges, 0.5)
+    )

@@ -9,13 +9,12 @@ import numpy as np
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.matching.covariance import MIN_RESIDUAL_M
-from touchline.localization.matching.matcher import Match, Matcher, as_pose
+from touchline.localization.matching.matcher import Match, Matcher
 from touchline.localization.matching.mirror_tilt import MAX_ERROR, MirrorTilt
 from touchline.localization.matching.weights import WeightSettings, precision_weights
 from touchline.motion import MotionHistory
 from touchline.types import LinePoints, Observation
 
-CLEARLY_LESS = 0.98  # of an error that many points on no line make up: less than this is no chance
 MEDIAN_CHI2 = 0.455  # median of a squared normal deviate
 REPEATED = 4.0  # so many points or images err together: neighbours on a line, a head that shakes
 MOST_INFLATION = 40.0  # beyond it the points are none
@@ -80,22 +79,26 @@ class MatchInputs:
 
 
 def refine_with_tilt(matcher: Matcher, view: MatchInput, pose: FloatArray, error: float) -> Match:
-    """The match at a pose (3,) of this error, refined with this frame's own tilt of the mirror taken out."""
-    tilt = view.tilt
+    """The match at a pose (3,) of this error, refined with this frame's own errors of the mirror taken out.
+
+    Where they can't be settled the match is that of the errors' mean, and says so.
+    """
+    tilt, points = view.tilt, view.points
     fits = error < MAX_ERROR
+    settled = not tilt.settings.paper.enabled
     # a camera whose ranges are wrong can look tilted: among points on no line only a known tilt is followed
-    if (
-        tilt.settings.paper.enabled
-        and (fits or not tilt.is_unknown)
-        and tilt.is_told(view.points.positions_m, as_pose(pose))
-    ):
-        wanted = error if fits else CLEARLY_LESS * error
-        positions_m = tilt.corrected(view.points.positions_m, tilt.update(view.points, as_pose(pose)))
-        refined, refined_error, _ = matcher.descend(positions_m, view.weights, pose)
-        if refined_error <= wanted:
-            match = matcher.assess(positions_m, view.weights, refined, refined_error)
-            return _inflated(matcher, view, positions_m, match)
-    return _inflated(matcher, view, view.positions_m, matcher.assess(view.positions_m, view.weights, pose, error))
+    if tilt.settings.paper.enabled and (fits or not tilt.is_unknown):
+        fit = tilt.fit_to(points, pose)
+        if fit is not None:
+            positions_m = tilt.corrected(points.positions_m, fit.errors)
+            refined_error = matcher.error(positions_m, view.weights, fit.pose)
+            settled = tilt.settles(positions_m, fit.pose)
+            if settled and refined_error <= max(error, MAX_ERROR):
+                tilt.learn(fit)
+                match = matcher.assess(positions_m, view.weights, fit.pose, refined_error)
+                return _inflated(matcher, view, positions_m, match)
+    match = matcher.assess(view.positions_m, view.weights, pose, error)
+    return replace(_inflated(matcher, view, view.positions_m, match), settled=settled)
 
 
 def _inflated(matcher: Matcher, view: MatchInput, positions_m: FloatArray, match: Match) -> Match:

@@ -27,6 +27,7 @@ SHOVED_RAD = 0.05
 # place, or points that are none
 MAX_SHOVE_M = 0.6
 MAX_SHOVE_RAD = 0.8
+MAX_UNSETTLED = 5  # frames in a row that are left out as their tilt can't be settled; more: the camera is a poor one
 LONE_LINE_SHOVE = 0.3  # share of a usual shove that is believed where only one line is seen
 
 
@@ -53,6 +54,7 @@ class Tracker:
         pose = prior.pose or Pose(0.0, 0.0, 0.0)
         self.filter = PoseFilter(pose, prior.covariance, self.settings, self._scales)
         self.has_pose = prior.pose is not None
+        self._unsettled = 0
 
     def start_at(self, pose: Pose, covariance: FloatArray, has_pose: bool = True) -> None:
         """Go on from a pose with its covariance (3, 3); has_pose: whether matching may start from it."""
@@ -85,7 +87,7 @@ class Tracker:
 
     def fuse(self, view: MatchInput, match: Match | None) -> Fusion:
         """Kalman fusion of prediction and match; without a match the prediction stays. What the match says of it."""
-        if match is None:
+        if match is None or self._waits_for_a_better(match):
             return Fusion.SUPPORTS
         s = self.settings
         if not s.paper.shoves or self.filter.distance2_to(match.pose, match.covariance) <= s.gate:
@@ -100,6 +102,11 @@ class Tracker:
         trusted = s.paper.any_shove or self._may_be_shove(match)
         self.filter.update(match.pose, match.covariance, trusted=trusted)
         return Fusion.SHOVED if trusted else Fusion.CONTRADICTS
+
+    def _waits_for_a_better(self, match: Match) -> bool:
+        """Whether a frame is left out, as a shaking mirror may have shifted it by decimetres; not many in a row."""
+        self._unsettled = 0 if match.settled else self._unsettled + 1
+        return 0 < self._unsettled <= MAX_UNSETTLED
 
     def follow(self, view: MatchInput, match: Match | None) -> Fusion:
         """`fuse`, and a match that does not contradict the odometry corrects the compass."""

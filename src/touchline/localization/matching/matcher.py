@@ -74,7 +74,8 @@ class Match:
     error: weighted mean of e(d) with c_m. mean_distance_m: weighted mean distance of the points to the nearest line.
     covariance: (3, 3) of x, y, heading in (m, m, rad), field frame; huge along a direction that no line observes.
     iterations: (K, 4) x, y, heading, error of each pose visited, or None unless asked for. inflation: of covariance,
-    by what the residuals show beyond the points' noise.
+    by what the residuals show beyond the points' noise. settled: whether the frame's own errors of the mirror are taken
+    out, or none are looked for.
     """
 
     pose: Pose
@@ -83,6 +84,7 @@ class Match:
     covariance: FloatArray
     iterations: FloatArray | None = field(default=None, repr=False)
     inflation: float = 1.0
+    settled: bool = True
 
 
 class Matcher:

@@ -1,43 +1,58 @@
-"""The mirror's tilt, from how the lines bend: measured in every frame, so that a vibrating head does no harm.
+"""How the mirror differs from its camera.yaml, from how the lines bend: measured in every frame, so that a vibrating
+head does no harm.
 
-A mirror tilted by a little turns every reflected ray by a little about one horizontal axis. For rays from the height h
-that moves a ground point, to first order, p -> p + (g·p) p + h² g, with g (1/m) towards the side that is seen too near:
-a bend that grows with the square of the range. Lines that should be straight, parallel and in their known places show
-g next to the pose. The shift h² g can't be seen in one image; it follows from g.
+A mirror tilted or displaced by a little, and ranges that are too long, move ground points as `mirror_fit` says. Lines
+that should be straight, parallel and in their known places show these errors next to the pose. How much error is
+expected before the first image is what camera.yaml states; what later images leave open shifts every pose alike, and no
+number of images averages it out.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from pydantic import Field
 
+from touchline.camera import Camera, OmniCamera
+from touchline.camera.uncertainty import USUAL_TILT_DEG
 from touchline.config import Settings, added, constants_now
 from touchline.field import FieldModel
-from touchline.field.distances import nearest_line_point
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.matching.mirror_fit import (
+    ERRORS,
+    SCALE_STEP_M,
+    FitPlan,
+    Known,
+    Mirror,
+    MirrorFit,
+    fit_mirror,
+    moved,
+)
 from touchline.types import LinePoints
 
 MAX_ERROR = 0.1  # mean error of most points above which the lines are too uncertain to tell a tilt
 MOST_POINTS = 0.75  # of the points, the nearest to lines, are those; the others may be nets, or lines of a field beside
-UNKNOWN_PER_M = 0.015  # standard deviation of g before the first frame: a mirror 0.3 degrees off
-VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from frame to frame: vibration of 0.06 degrees
-DRIFT_PER_M = 0.0001  # drift of the mean g per frame: a loosening mount
+VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from frame to frame, at first: 0.06 degrees
+LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.0005, 0.02  # limits of what is learned of it
+VIBRATION_GAIN = 0.05  # share of a new image in it
+# a mirror turns about its apex: by how much that displaces its image, as a share of its outer radius, per 1/m of g
+APEX_RATIO_M = 0.35
+# what a mirror that turns about its apex does beyond these errors: shift (m²) and turn (m) of the pose per 1/m of g
+MISFIT_M2, MISFIT_M = 0.5, 0.06
+DRIFT = 0.003  # drift of the mean errors per frame, as a share of what was unknown at first: a loosening mount
 WIDTH_M = 0.1  # distance to the line from which a point loses influence; the pose is already matched
 FIRST_WIDTH_M = 0.25  # the same in the first steps: 0.3 degrees move a line 7 m off by so much; Lauer's c
 MIN_NOISE_M = 0.01  # standard deviation that no point falls below: carpet, calibration
-LOOSE_POSITION_M = 0.2  # how far the pose may move from the match meanwhile: what an unknown tilt may have shifted it
-LOOSE_HEADING_RAD = 0.1  # how far the heading may turn from the match meanwhile: as loose_position_m
+# how far the pose may move meanwhile (m, m, rad): what unknown errors may have shifted it
+LOOSE = np.array([0.2, 0.2, 0.1])
 FIRST_ITERATIONS = 3  # Gauss-Newton steps per frame with the first width: from the mean of the frames before
 ITERATIONS = 2  # those after them
-# how unsure the pose's shift is that goes with g (m² per unit of g), which no image shows: h² g if the mirror turns
-# about its focus, two or three times that about its apex, and a mirror that leans is mostly displaced as well
-SHIFT_M2 = 1.2
-_LOOSE = np.diag([LOOSE_POSITION_M**-2.0, LOOSE_POSITION_M**-2.0, LOOSE_HEADING_RAD**-2.0, 0.0, 0.0])
-SHAKING_GAIN = 0.05  # share of a new image in how far the bend of single images lies from the mean
+REPEATED_POINTS, REPEATED_IMAGES = 2.0, 3.0  # so many err together: neighbours on a line, and the same place seen again
+MIN_NOISE, MAX_NOISE, NOISE_GAIN = 0.2, 25.0, 0.05  # limits of what is learned of the noise; share of a new image
+FARTHEST_M = 20.0  # of the table of scales
 
 
 class MirrorTiltPaper(Settings):
@@ -47,6 +62,12 @@ class MirrorTiltPaper(Settings):
         True,
         paper=False,
         description="estimate the tilt; without it, as in the papers, a mirror 0.2 degrees off costs 5 cm",
+    )
+    displacement: bool = added(
+        True,
+        paper=False,
+        description="estimate the mirror's displacement and the scale of the ranges, too; without it a mirror 0.3 mm "
+        "off costs 4 cm",
     )
 
 
@@ -73,120 +94,131 @@ class MirrorTiltSettings(Settings):
 
 
 class MirrorTilt:
-    """The bend g (2,) in 1/m, robot frame: this frame's, and the mean over the frames with its covariance."""
+    """`mean` (5,): the mirror's errors as learned so far, see `mirror_fit`; `covariance` (5, 5)."""
 
-    def __init__(self, field: FieldModel, settings: MirrorTiltSettings | None = None) -> None:
+    def __init__(
+        self, field: FieldModel, settings: MirrorTiltSettings | None = None, camera: Camera | None = None
+    ) -> None:
+        """camera: without one a displacement is not looked for."""
         self.settings = settings or MirrorTiltSettings()
         self._field, self._lines = field, field.line_tables
+        omni = camera if isinstance(camera, OmniCamera) else None
+        shown = omni if self.settings.paper.displacement else None
+        self._mirror = Mirror(self.settings.height_m, np.zeros((0, 2)) if shown is None else ground_scales(shown))
+        self._unknown = _unknown(omni, shown is not None, self.settings.height_m)
+        self._apex_px_m = 0.0 if shown is None else APEX_RATIO_M * shown.outer_radius_px
         self.reset()
 
     def reset(self) -> None:
-        """Back to an upright mirror of unknown error."""
-        self.mean_per_m = np.zeros(2)
-        self.covariance = np.eye(2) * UNKNOWN_PER_M**2
-        self._shaking = 0.0
+        """Nothing has been seen yet."""
+        self.mean = np.zeros(ERRORS)
+        self.covariance: FloatArray = np.diag(np.square(self._unknown))
+        self.vibration_per_m = VIBRATION_PER_M
+        self.noise = 1.0
+        self.fit: MirrorFit | None = None
 
-    def corrected(self, positions_m: FloatArray, bend_per_m: FloatArray | None = None) -> FloatArray:
-        """Points (N, 2) as an upright mirror would have seen them; with the mean bend, or the one given."""
-        bend = self.mean_per_m if bend_per_m is None else bend_per_m
-        return bent(positions_m, bend, self.settings.height_m)
+    @property
+    def mean_per_m(self) -> FloatArray:
+        """The tilt g (2,) of the mean."""
+        return self.mean[:2]
+
+    def corrected(self, positions_m: FloatArray, errors: FloatArray | None = None) -> FloatArray:
+        """Points (N, 2) as a perfect mirror would have seen them; without the mean errors, or those (5,) given."""
+        points: FloatArray = moved(
+            np.ascontiguousarray(positions_m), self.mean if errors is None else errors, self._mirror
+        )
+        return points
 
     @property
     def is_unknown(self) -> bool:
         """Whether hardly any frame has told the mean yet."""
-        return float(np.trace(self.covariance)) > 0.1 * UNKNOWN_PER_M**2
+        return float(np.trace(self.covariance[:2, :2])) > 0.1 * 2.0 * 0.015**2
 
-    def is_told(self, positions_m: FloatArray, pose: Pose) -> bool:
-        """Whether points (N, 2), robot frame, at a pose that fits them but for the tilt, can tell it."""
-        squares = np.sort(np.square(self._field.line_distances(pose.transform(self.corrected(positions_m)))))
-        nearest = squares[: max(int(MOST_POINTS * len(squares)), 1)]
+    def settles(self, positions_m: FloatArray, pose: FloatArray) -> bool:
+        """Whether points (N, 2), robot frame, with their frame's errors taken out lie so near the lines at a pose (3,)
+        that the errors are those of the mirror.
+        """
+        squares = np.square(self._field.line_distances(Pose(*pose.tolist()).transform(positions_m)))
+        nearest = np.sort(squares)[: max(int(MOST_POINTS * len(squares)), 1)]
         return float(np.mean(nearest / (nearest + FIRST_WIDTH_M**2))) < MAX_ERROR
 
     @property
     def unseen(self) -> FloatArray:
-        """Covariance (3, 3) of what the tilt does to every pose alike, in (m, m, rad): no number of images shows it."""
-        variance_m2 = SHIFT_M2**2 * float(self.mean_per_m @ self.mean_per_m + np.trace(self.covariance))
-        return np.diag([variance_m2, variance_m2, 0.0])
+        """Covariance (3, 3) of what the errors do to every pose alike, in (m, m, rad): no number of images shows it."""
+        if self.fit is None:
+            return np.zeros((3, 3))
+        shared: FloatArray = self.fit.lever @ self.covariance @ self.fit.lever.T
+        askew2 = float(self.mean[:2] @ self.mean[:2])
+        return shared + np.diag([MISFIT_M2**2 * askew2, MISFIT_M2**2 * askew2, MISFIT_M**2 * askew2])
 
     @property
     def shaken(self) -> FloatArray:
-        """Covariance (3, 3) of what a shaking head does to the pose of one image, as `unseen`."""
-        variance_m2 = SHIFT_M2**2 * self._shaking
-        return np.diag([variance_m2, variance_m2, 0.0])
+        """Covariance (3, 3) of what a shaking head leaves in the pose of one image, as `unseen`."""
+        if self.fit is None:
+            return np.zeros((3, 3))
+        own: FloatArray = self.fit.lever @ self.fit.image @ self.fit.lever.T
+        return own
 
-    def update(self, points: LinePoints, pose: Pose) -> FloatArray:
-        """This frame's bend (2,), from points as seen and a pose that fits them but for the bend."""
-        s = self.settings
-        prior = self.covariance + np.eye(2) * VIBRATION_PER_M**2
-        information = _LOOSE.copy()
-        information[3:, 3:] = np.linalg.inv(prior)
-        start = np.array([*pose, *self.mean_per_m])
-        state = start.copy()
-        widths = [FIRST_WIDTH_M] * FIRST_ITERATIONS + [WIDTH_M] * ITERATIONS
-        covariances_m2 = np.ascontiguousarray(points.covariances_m2)  # another layout would be compiled for again
-        for width_m in widths:
-            matrix, vector = normal_equations(
-                points.positions_m, covariances_m2, state, s.height_m, width_m, MIN_NOISE_M, self._lines
-            )
-            state = state + np.linalg.solve(matrix + information, vector + information @ (start - state))
-        bend = state[3:]
-        if not np.all(np.isfinite(bend)):
-            return self.mean_per_m
-        posterior = np.linalg.inv(matrix + information)[3:, 3:]
-        self._shaking += SHAKING_GAIN * (float(np.square(bend - self.mean_per_m).sum()) - self._shaking)
-        self._learn(bend, posterior, information[3:, 3:])
-        return np.asarray(bend)
-
-    def _learn(self, bend: FloatArray, posterior: FloatArray, prior_information: FloatArray) -> None:
-        """Kalman update of the mean by what this frame alone has said (the posterior without its prior)."""
-        information = np.linalg.inv(posterior)
-        own = information - prior_information + np.eye(2) * 1e-3
-        measured = self.mean_per_m + np.linalg.solve(own, information @ (bend - self.mean_per_m))
-        spread = np.linalg.inv(own) + np.eye(2) * VIBRATION_PER_M**2
-        gain = self.covariance @ np.linalg.inv(self.covariance + spread)
-        self.mean_per_m = self.mean_per_m + gain @ (measured - self.mean_per_m)
-        self.covariance = (np.eye(2) - gain) @ self.covariance + np.eye(2) * DRIFT_PER_M**2
-
-
-def bent(positions_m: FloatArray, bend_per_m: FloatArray, height_m: float) -> FloatArray:
-    """Points (N, 2) moved by (g·p) p + h² g, g (2,) in 1/m, h in m."""
-    moved: FloatArray = positions_m * (1.0 + positions_m @ bend_per_m)[:, np.newaxis] + height_m**2 * bend_per_m
-    return moved
-
-
-@njit(cache=True)
-def normal_equations(points, covariances, state, height_m, width_m, least_noise_m, lines):  # type: ignore[no-untyped-def]
-    """Robust Gauss-Newton equations of the distances to the lines: matrix (5, 5) and vector (5,) of a step.
-
-    points (N, 2) and covariances (N, 2, 2): as seen, robot frame, m. state: x, y, heading (field frame; m, rad) and the
-    bend g (1/m). height_m: of the mirror. width_m: c of the error function. lines: LineTables.
-    """
-    matrix = np.zeros((5, 5))
-    vector = np.zeros(5)
-    row = np.empty(5)
-    square = height_m * height_m
-    cosine, sine = np.cos(state[2]), np.sin(state[2])
-    for i in range(len(points)):
-        px, py = points[i, 0], points[i, 1]
-        stretch = 1.0 + state[3] * px + state[4] * py
-        bx, by = stretch * px + square * state[3], stretch * py + square * state[4]
-        fx, fy = state[0] + cosine * bx - sine * by, state[1] + sine * bx + cosine * by
-        distance, line_x, line_y = nearest_line_point(lines, fx, fy)
-        if distance < 1e-7:
-            continue
-        nx, ny = (fx - line_x) / distance, (fy - line_y) / distance
-        rx, ry = cosine * nx + sine * ny, -sine * nx + cosine * ny  # the normal in the robot frame
-        radial = rx * px + ry * py
-        row[0], row[1] = nx, ny
-        row[2] = ry * bx - rx * by
-        row[3], row[4] = radial * px + square * rx, radial * py + square * ry
-        variance = least_noise_m * least_noise_m + (
-            rx * rx * covariances[i, 0, 0] + 2.0 * rx * ry * covariances[i, 0, 1] + ry * ry * covariances[i, 1, 1]
+    def fit_to(self, points: LinePoints, pose: FloatArray) -> MirrorFit | None:
+        """A frame's pose and errors, from points as seen and a pose (3,) that fits them but for the errors."""
+        plan = FitPlan(
+            np.array([FIRST_WIDTH_M] * FIRST_ITERATIONS + [WIDTH_M] * ITERATIONS),
+            MIN_NOISE_M,
+            REPEATED_POINTS * self.noise,
+            LOOSE,
+            REPEATED_IMAGES,
         )
-        influence = width_m * width_m / (width_m * width_m + distance * distance)
-        weight = influence * influence / variance
-        for a in range(5):
-            vector[a] -= weight * row[a] * distance
-            for b in range(5):
-                matrix[a, b] += weight * row[a] * row[b]
-    return matrix, vector
+        known = Known(self.mean, self.covariance, self._swing)
+        fit: MirrorFit = fit_mirror(
+            np.ascontiguousarray(points.positions_m), np.ascontiguousarray(points.covariances_m2), pose,
+            known, self._mirror, plan, self._lines,
+        )  # fmt: skip
+        return fit if math.isfinite(fit.pose.sum() + fit.errors.sum() + fit.covariance.sum()) else None
+
+    def learn(self, fit: MirrorFit) -> None:
+        """What a frame has told of the head's errors, of its shaking and of the points' noise."""
+        self.noise += NOISE_GAIN * (min(max(fit.noise, MIN_NOISE), MAX_NOISE) - self.noise)
+        deviation = fit.errors[:2] - fit.mean[:2]
+        seen = 0.5 * (float(deviation @ deviation) + fit.image[0, 0] + fit.image[1, 1])
+        variance = self.vibration_per_m**2 + VIBRATION_GAIN * (seen - self.vibration_per_m**2)
+        self.vibration_per_m = min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M)
+        drift: FloatArray = np.diag(np.square(DRIFT * self._unknown))
+        self.mean, self.covariance, self.fit = fit.mean, fit.covariance + drift, fit
+
+    def update(self, points: LinePoints, pose: Pose) -> MirrorFit | None:
+        """`fit_to`, and `learn` if there is a fit."""
+        fit = self.fit_to(points, pose.as_array())
+        if fit is not None:
+            self.learn(fit)
+        return fit
+
+    @property
+    def _swing(self) -> FloatArray:
+        axis = np.zeros((ERRORS, 2))
+        axis[0, 0] = axis[1, 1] = self.vibration_per_m
+        axis[2, 0] = axis[3, 1] = self._apex_px_m * self.vibration_per_m
+        swing: FloatArray = axis @ axis.T
+        return swing
+
+
+def ground_scales(camera: OmniCamera) -> FloatArray:
+    """(K, 2) of `mirror_fit.Mirror.scales`: the mean of all directions."""
+    ranges_m = np.exp(np.log(np.maximum(camera.range_m, 1e-3)).mean(axis=0))
+    places = SCALE_STEP_M * np.arange(int(FARTHEST_M / SCALE_STEP_M) + 1)
+    inside = np.clip(places, max(ranges_m[0], 0.05), ranges_m[-1] - 0.1)
+    radii = np.interp(inside, ranges_m, camera.radius_px)
+    ahead, behind = (np.interp(inside + step, ranges_m, camera.radius_px) for step in (0.05, -0.05))
+    return np.ascontiguousarray(
+        np.column_stack((0.1 / np.maximum(ahead - behind, 1e-3), inside / np.maximum(radii, 1.0)))
+    )
+
+
+def _unknown(camera: OmniCamera | None, displaced: bool, height_m: float) -> FloatArray:
+    """Standard deviations (5,) of the errors before the first image; displaced: more than the tilt is looked for."""
+    tilt_deg = USUAL_TILT_DEG if camera is None else camera.uncertainty.tilt_deg
+    per_m = 2.0 * math.radians(tilt_deg) / max(height_m, 0.1)
+    if camera is None or not displaced:
+        return np.array([per_m, per_m, 0.0, 0.0, 0.0])
+    stated = camera.uncertainty
+    shift_px = math.hypot(stated.center_px, APEX_RATIO_M * camera.outer_radius_px * per_m)
+    return np.array([per_m, per_m, shift_px, shift_px, stated.range_ratio])

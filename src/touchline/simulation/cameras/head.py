@@ -10,6 +10,7 @@ import numpy as np
 
 from touchline.camera import OmniCamera
 from touchline.camera.model_free import Edges, calibrated_camera
+from touchline.camera.uncertainty import CameraUncertainty
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.simulation.cameras.mirror_rays import MirrorMount
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
@@ -19,6 +20,9 @@ from touchline.simulation.scenario import CameraSettings
 
 _DRIVING_M_S = 0.3  # from this speed on a head shakes as much as it ever does; standing it is still
 _TURNING_M = 0.3  # a robot that turns on the spot shakes like one whose wheels drive with this lever
+_PX_PER_MM = (
+    5.0  # of the image's centre, for a mirror displaced: 620 px of focal length over 0.1 m, less what looks tilted
+)
 _DIRECTIONS = 24  # in which the strip is laid for a calibration, as in the paper
 _EDGE_PX = 0.1  # error of an edge found in an image
 _BEARING_RAD = math.radians(0.1)  # error of a direction that the robot was turned to, after smoothing
@@ -64,11 +68,24 @@ def known_camera(settings: CameraSettings, head: Head, camera: SimulatedOmniCame
     if settings.known_from == "calibrate-mirror":
         return _calibrated(head, camera)
     scale = 1.0 + head.range_error
+    stated = _uncertainty(settings)
     if settings.known_from == "design":
-        return camera.design if scale == 1.0 else replace(camera.design, range_m=scale * camera.design.range_m)
+        if camera.mirror is None:  # a camera.yaml of its own
+            return camera.design
+        return replace(camera.design, range_m=scale * camera.design.range_m, stated_uncertainty=stated)
     calibrated = _calibrated(head, camera)  # calibrate range: one table, the mean of all directions
     ranges = scale * np.exp(np.log(calibrated.range_m).mean(axis=0, keepdims=True))
-    return replace(calibrated, bearings_rad=np.zeros(1), range_m=ranges, bearing_offset_rad=None)
+    return replace(
+        calibrated, bearings_rad=np.zeros(1), range_m=ranges, bearing_offset_rad=None, stated_uncertainty=stated
+    )
+
+
+def _uncertainty(settings: CameraSettings) -> CameraUncertainty:
+    """What whoever has built such heads would say of their design: nothing can be wrong with an ideal one."""
+    mirror = settings.mirror
+    tilt_deg = math.hypot(mirror.tilt_spread_deg, *mirror.tilt_deg)
+    shift_mm = math.hypot(mirror.shift_spread_mm, *mirror.shift_mm)
+    return CameraUncertainty(tilt_deg, _PX_PER_MM * shift_mm, mirror.range_spread)
 
 
 def _calibrated(head: Head, camera: SimulatedOmniCamera) -> OmniCamera:

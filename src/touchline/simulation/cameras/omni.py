@@ -219,6 +219,7 @@ def omni_mapping(design: OmniCamera) -> dict[str, Any]:
             ]
     else:
         table["range_m"] = [round(float(value), 5) for value in design.range_m[0]]
+    sure = design.stated_uncertainty
     return {
         "model": "omni",
         "width": design.width,
@@ -228,6 +229,7 @@ def omni_mapping(design: OmniCamera) -> dict[str, Any]:
         "outer_radius_px": float(design.outer_radius_px),
         "handedness": design.handedness,
         "mount_yaw": float(design.mount_yaw_rad),
+        **({} if sure is None else {"uncertainty": sure.mapping()}),
         "range_table": table,
     }
 
