@@ -235,7 +235,7 @@ def _driven(c: Condition, seed: int, ideal: bool) -> tuple[Simulation, tuple[Fra
 def drive(condition: Condition, seed: int, ideal: bool = False, paper: bool = False) -> Drive:
     """A robot of this seed, as built or ideal, along the tracks under a condition; paper: by the paper's own form."""
     simulation, frames = _driven(condition, seed, ideal)
-    setup = RobotSetup(simulation.field, wheel_directions_rad=simulation.wheel_directions_rad)
+    setup = RobotSetup(simulation.field, simulation.camera, simulation.wheel_directions_rad)
     settings = paper_settings(condition.system) if paper else None
     system = open_system(condition.system, setup, settings, np.random.default_rng(seed))
     told = frames if condition.odometry else [replace(frame, odometry=None) for frame in frames]

@@ -10,6 +10,7 @@ from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.fusion.compass_correction import CompassCorrection
 from touchline.localization.matching.covariance import MIN_RESIDUAL_M
 from touchline.localization.matching.matcher import Match, Matcher
+from touchline.localization.matching.mirror_fit import Expected
 from touchline.localization.matching.mirror_tilt import MAX_ERROR, MirrorTilt
 from touchline.localization.matching.weights import WeightSettings, precision_weights
 from touchline.motion import MotionHistory
@@ -78,17 +79,20 @@ class MatchInputs:
         return MatchInput(points, weights, usable, compass_rad, self.tilt, self.correction)
 
 
-def refine_with_tilt(matcher: Matcher, view: MatchInput, pose: FloatArray, error: float) -> Match:
+def refine_with_tilt(
+    matcher: Matcher, view: MatchInput, pose: FloatArray, error: float, expected: Expected | None = None
+) -> Match:
     """The match at a pose (3,) of this error, refined with this frame's own errors of the mirror taken out.
 
-    Where they can't be settled the match is that of the errors' mean, and says so.
+    expected: where the robot should be, if that is known. Where the errors can't be settled the match is that of their
+    mean, and says so.
     """
     tilt, points = view.tilt, view.points
     fits = error < MAX_ERROR
     settled = not tilt.settings.paper.enabled
     # a camera whose ranges are wrong can look tilted: among points on no line only a known tilt is followed
     if tilt.settings.paper.enabled and (fits or not tilt.is_unknown):
-        fit = tilt.fit_to(points, pose)
+        fit = tilt.fit_to(points, pose, expected)
         if fit is not None:
             positions_m = tilt.corrected(points.positions_m, fit.errors)
             refined_error = matcher.error(positions_m, view.weights, fit.pose)

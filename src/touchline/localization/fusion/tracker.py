@@ -14,6 +14,7 @@ from touchline.localization.fusion.match_input import MatchInput, refine_with_ti
 from touchline.localization.fusion.pose_filter import Fusion, FusionSettings, PoseFilter, Scales, equal_error
 from touchline.localization.matching.covariance import is_observed
 from touchline.localization.matching.matcher import Match, Matcher
+from touchline.localization.matching.mirror_fit import Expected
 from touchline.motion import Motion, OdometrySettings
 from touchline.types import Prior
 
@@ -27,6 +28,7 @@ SHOVED_RAD = 0.05
 # place, or points that are none
 MAX_SHOVE_M = 0.6
 MAX_SHOVE_RAD = 0.8
+EXPECTED = (0.03, 0.03, 0.01)  # m, m, rad: what the prediction may be off by beside its covariance
 MAX_UNSETTLED = 5  # frames in a row that are left out as their tilt can't be settled; more: the camera is a poor one
 LONE_LINE_SHOVE = 0.3  # share of a usual shove that is believed where only one line is seen
 
@@ -83,7 +85,17 @@ class Tracker:
             other, other_error, _ = self.matcher.descend(positions_m, view.weights, turned.as_array())
             if other_error < error:
                 pose, error = other, other_error
-        return refine_with_tilt(self.matcher, view, pose, error)
+        return refine_with_tilt(self.matcher, view, pose, error, self._expected(pose))
+
+    def _expected(self, pose: FloatArray) -> Expected | None:
+        """The prediction, for a match at a pose (3,) that shows no shove."""
+        predicted, more = self.filter.pose, np.diag(np.square(EXPECTED))
+        turned_rad = abs(wrap_angle(float(pose[2]) - predicted.heading))
+        away_m = math.hypot(float(pose[0]) - predicted.x, float(pose[1]) - predicted.y)
+        if turned_rad > SHOVED_RAD or away_m > SHOVE_POSITION_M:
+            return None
+        unwrapped = np.array([predicted.x, predicted.y, pose[2] + wrap_angle(predicted.heading - float(pose[2]))])
+        return Expected(unwrapped, np.ascontiguousarray(self.filter.covariance + more))
 
     def fuse(self, view: MatchInput, match: Match | None) -> Fusion:
         """Kalman fusion of prediction and match; without a match the prediction stays. What the match says of it."""

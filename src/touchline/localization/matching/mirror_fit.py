@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from touchline.field.distances import LineTables, nearest_line_point
+from touchline.field.distances import nearest_line_point
 from touchline.geometry import FloatArray
 
 ERRORS = 5
@@ -30,9 +30,13 @@ SCALE_STEP_M = 0.1  # between the rows of a table of scales
 
 
 class Known(NamedTuple):
-    """What is known of the errors before an image: mean (5,), its covariance (5, 5), and what shaking adds (5, 5)."""
+    """What is known of the errors before an image: mean (5,), its covariance (5, 5), and what shaking adds (5, 5).
+
+    believed (5,): the mean, or what is taken for it as long as it is not sure that the camera is wrong at all.
+    """
 
     mean: FloatArray
+    believed: FloatArray
     covariance: FloatArray
     swing: FloatArray
 
@@ -59,12 +63,19 @@ class FitPlan(NamedTuple):
     images: float
 
 
-class MirrorFit(NamedTuple):
-    """pose (3,) and errors (5,) of one image. mean (5,), covariance (5, 5): of the head's errors after it.
+class Expected(NamedTuple):
+    """Where the robot should be by what is known beside the image: pose (3,) and covariance (3, 3) (m, m, rad)."""
 
-    lever (3, 5): derivative of the pose by errors that are not taken out, field frame. image (5, 5): how unsure the
-    image's own errors are where the head's are known. pose_covariance (3, 3): where all errors are known. noise:
-    squared residuals in the unit of the points' own variances.
+    pose: FloatArray
+    covariance: FloatArray
+
+
+class MirrorFit(NamedTuple):
+    """pose (3,) by the lines alone, where the errors (5,) of one image are taken out.
+
+    mean (5,), covariance (5, 5): of the head's errors after it. lever (3, 5): derivative of the pose by errors that are
+    not taken out, field frame. image (5, 5): how unsure the image's own errors are where the head's are known.
+    noise: squared residuals in the unit of the points' variances.
     """
 
     pose: FloatArray
@@ -73,7 +84,6 @@ class MirrorFit(NamedTuple):
     covariance: FloatArray
     lever: FloatArray
     image: FloatArray
-    pose_covariance: FloatArray
     noise: float
 
 
@@ -214,19 +224,21 @@ def _updated(mean, spread, information, said):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fit_mirror(points, covariances, pose, known, mirror, plan, lines):  # type: ignore[no-untyped-def]
+def fit_mirror(points, covariances, pose, expected, known, mirror, plan, lines):  # type: ignore[no-untyped-def]
     """`MirrorFit` of points as seen, from a pose (3,) that is close."""
-    prior = np.zeros((STATE, STATE))
+    prior, loose = np.zeros((STATE, STATE)), np.zeros((3, 3))
     for k in range(3):
-        prior[k, k] = 1.0 / (plan.loose[k] * plan.loose[k])
+        loose[k, k] = 1.0 / (plan.loose[k] * plan.loose[k])
+    prior[:3, :3] = inverse(expected.covariance)
     spread = known.covariance + known.swing
     apart = spread.copy()
     for k in range(ERRORS):
         apart[k, k] += 1e-14  # errors that are known exactly
     prior[3:, 3:] = inverse(apart)
     start = np.empty(STATE)
-    start[:3], start[3:] = pose, known.mean
+    start[:3], start[3:] = expected.pose, known.believed
     state, last = start.copy(), start.copy()
+    state[:3] = pose
     matrix, vector, noise = np.zeros((STATE, STATE)), np.zeros(STATE), 1.0
     for width_m in plan.widths_m:
         matrix, vector, noise = normal_equations(points, covariances, state, mirror, plan, width_m, lines)
@@ -237,22 +249,25 @@ def fit_mirror(points, covariances, pose, known, mirror, plan, lines):  # type: 
             for b in range(STATE):
                 pull[a, 0] += prior[a, b] * (start[b] - state[b])
         state = state + _times(inverse(matrix + prior), pull)[:, 0]
-    own = inverse(matrix[:3, :3] + prior[:3, :3])
+    own = inverse(matrix[:3, :3] + loose)
     lever = -_times(own, np.ascontiguousarray(matrix[:3, 3:]))
     information = matrix[3:, 3:] + _times(np.ascontiguousarray(matrix[3:, :3]), lever)
     said = np.empty(ERRORS)
     for i in range(ERRORS):
         said[i] = vector[3 + i]
         for k in range(3):
-            said[i] += lever[k, i] * (vector[k] + prior[k, k] * (start[k] - last[k]))
+            said[i] += lever[k, i] * (vector[k] + loose[k, k] * (pose[k] - last[k]))
         for j in range(ERRORS):
             said[i] += information[i, j] * last[3 + j]
+    free = last[:3].copy()  # the pose that the lines want with these errors, whatever is expected
+    for i in range(3):
+        for k in range(3):
+            free[i] += own[i, k] * (vector[k] + loose[k, k] * (pose[k] - last[k]))
+        for j in range(ERRORS):
+            free[i] += lever[i, j] * (state[3 + j] - last[3 + j])
     image = _updated(known.mean, known.swing, information, said)[1]
     share = inverse(plan.images * np.eye(ERRORS) + _times(information, known.swing))
     mean, covariance = _updated(
         known.mean, known.covariance, _times(share, information), _times(share, said.reshape(ERRORS, 1))[:, 0]
     )
-    return MirrorFit(state[:3], state[3:], mean, covariance, lever, image, own, noise)
-
-
-__all__ = ["ERRORS", "FitPlan", "Known", "LineTables", "Mirror", "MirrorFit", "fit_mirror", "moved", "normal_equations"]
+    return MirrorFit(free, state[3:], mean, covariance, lever, image, noise)

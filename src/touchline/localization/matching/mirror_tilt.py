@@ -24,6 +24,7 @@ from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching.mirror_fit import (
     ERRORS,
     SCALE_STEP_M,
+    Expected,
     FitPlan,
     Known,
     Mirror,
@@ -36,7 +37,7 @@ from touchline.types import LinePoints
 MAX_ERROR = 0.1  # mean error of most points above which the lines are too uncertain to tell a tilt
 MOST_POINTS = 0.75  # of the points, the nearest to lines, are those; the others may be nets, or lines of a field beside
 VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from frame to frame, at first: 0.06 degrees
-LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.0005, 0.02  # limits of what is learned of it
+LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
 VIBRATION_GAIN = 0.05  # share of a new image in it
 # a mirror turns about its apex: by how much that displaces its image, as a share of its outer radius, per 1/m of g
 APEX_RATIO_M = 0.35
@@ -94,7 +95,10 @@ class MirrorTiltSettings(Settings):
 
 
 class MirrorTilt:
-    """`mean` (5,): the mirror's errors as learned so far, see `mirror_fit`; `covariance` (5, 5)."""
+    """`mean` (5,): the mirror's errors as learned so far, see `mirror_fit`; `covariance` (5, 5). `believed` (5,): what
+
+    is taken off the points, which is nothing until the lines contradict camera.yaml beyond doubt.
+    """
 
     def __init__(
         self, field: FieldModel, settings: MirrorTiltSettings | None = None, camera: Camera | None = None
@@ -106,13 +110,15 @@ class MirrorTilt:
         shown = omni if self.settings.paper.displacement else None
         self._mirror = Mirror(self.settings.height_m, np.zeros((0, 2)) if shown is None else ground_scales(shown))
         self._unknown = _unknown(omni, shown is not None, self.settings.height_m)
+        self._open = np.outer(self._unknown > 0.0, self._unknown > 0.0).astype(np.float64)
         self._apex_px_m = 0.0 if shown is None else APEX_RATIO_M * shown.outer_radius_px
         self.reset()
 
     def reset(self) -> None:
         """Nothing has been seen yet."""
-        self.mean = np.zeros(ERRORS)
-        self.covariance: FloatArray = np.diag(np.square(self._unknown))
+        self.mean: FloatArray = np.zeros(ERRORS)
+        self.believed: FloatArray = np.zeros(ERRORS)
+        self.covariance: FloatArray = np.diag(self._unknown * self._unknown)
         self.vibration_per_m = VIBRATION_PER_M
         self.noise = 1.0
         self.fit: MirrorFit | None = None
@@ -123,9 +129,9 @@ class MirrorTilt:
         return self.mean[:2]
 
     def corrected(self, positions_m: FloatArray, errors: FloatArray | None = None) -> FloatArray:
-        """Points (N, 2) as a perfect mirror would have seen them; without the mean errors, or those (5,) given."""
+        """Points (N, 2) as a perfect mirror would have seen them; without what is believed, or errors (5,) given."""
         points: FloatArray = moved(
-            np.ascontiguousarray(positions_m), self.mean if errors is None else errors, self._mirror
+            np.ascontiguousarray(positions_m), self.believed if errors is None else errors, self._mirror
         )
         return points
 
@@ -147,8 +153,9 @@ class MirrorTilt:
         """Covariance (3, 3) of what the errors do to every pose alike, in (m, m, rad): no number of images shows it."""
         if self.fit is None:
             return np.zeros((3, 3))
-        shared: FloatArray = self.fit.lever @ self.covariance @ self.fit.lever.T
-        askew2 = float(self.mean[:2] @ self.mean[:2])
+        left = self.mean - self.believed
+        shared: FloatArray = self.fit.lever @ (self.covariance + np.outer(left, left)) @ self.fit.lever.T
+        askew2 = float(self.believed[:2] @ self.believed[:2])
         return shared + np.diag([MISFIT_M2**2 * askew2, MISFIT_M2**2 * askew2, MISFIT_M**2 * askew2])
 
     @property
@@ -159,8 +166,11 @@ class MirrorTilt:
         own: FloatArray = self.fit.lever @ self.fit.image @ self.fit.lever.T
         return own
 
-    def fit_to(self, points: LinePoints, pose: FloatArray) -> MirrorFit | None:
-        """A frame's pose and errors, from points as seen and a pose (3,) that fits them but for the errors."""
+    def fit_to(self, points: LinePoints, pose: FloatArray, expected: Expected | None = None) -> MirrorFit | None:
+        """A frame's pose and errors, from points as seen and a pose (3,) that fits them but for the errors.
+
+        expected: where the robot should be; what the lines leave open between pose and errors is decided by it.
+        """
         plan = FitPlan(
             np.array([FIRST_WIDTH_M] * FIRST_ITERATIONS + [WIDTH_M] * ITERATIONS),
             MIN_NOISE_M,
@@ -168,22 +178,36 @@ class MirrorTilt:
             LOOSE,
             REPEATED_IMAGES,
         )
-        known = Known(self.mean, self.covariance, self._swing)
+        known = Known(self.mean, self.believed, self.covariance, self._swing)
         fit: MirrorFit = fit_mirror(
             np.ascontiguousarray(points.positions_m), np.ascontiguousarray(points.covariances_m2), pose,
-            known, self._mirror, plan, self._lines,
+            expected or Expected(pose, np.diag(np.square(LOOSE))), known, self._mirror, plan, self._lines,
         )  # fmt: skip
         return fit if math.isfinite(fit.pose.sum() + fit.errors.sum() + fit.covariance.sum()) else None
 
     def learn(self, fit: MirrorFit) -> None:
         """What a frame has told of the head's errors, of its shaking and of the points' noise."""
         self.noise += NOISE_GAIN * (min(max(fit.noise, MIN_NOISE), MAX_NOISE) - self.noise)
-        deviation = fit.errors[:2] - fit.mean[:2]
+        deviation = fit.errors[:2] - self.believed[:2]
         seen = 0.5 * (float(deviation @ deviation) + fit.image[0, 0] + fit.image[1, 1])
         variance = self.vibration_per_m**2 + VIBRATION_GAIN * (seen - self.vibration_per_m**2)
         self.vibration_per_m = min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M)
         drift: FloatArray = np.diag(np.square(DRIFT * self._unknown))
-        self.mean, self.covariance, self.fit = fit.mean, fit.covariance + drift, fit
+        self.mean, self.covariance, self.fit = fit.mean, (fit.covariance + drift) * self._open, fit
+        self.believed = self._ratio_wrong() * self.mean
+
+    def _ratio_wrong(self) -> float:
+        """How probable it is that the camera is wrong, as far as is stated, rather than right: Bayes factor of both.
+
+        A camera.yaml that is exact would else be spoilt by what the detector errs by.
+        """
+        which = self._unknown > 0.0
+        if not which.any():
+            return 0.0
+        mean, spread = self.mean[which], self.covariance[np.ix_(which, which)]
+        narrower = 2.0 * float(np.log(self._unknown[which]).sum()) - float(np.linalg.slogdet(spread)[1])
+        odds = 0.5 * (narrower - float(mean @ np.linalg.solve(spread, mean)))
+        return 1.0 / (1.0 + math.exp(min(odds, 50.0)))
 
     def update(self, points: LinePoints, pose: Pose) -> MirrorFit | None:
         """`fit_to`, and `learn` if there is a fit."""
