@@ -37,6 +37,7 @@ GEOMETRY, MODES, SIDE = "geometry.py", "localization/fusion/modes.py", "localiza
 WHEELS, ROLLED, RECKONING = "motion/wheels.py", "motion/wheel_odometry.py", "motion/dead_reckoning.py"
 PAIR, GYRO = "motion/wheel_pair.py", "motion/gyro.py"
 KERNELS, TILT = "localization/matching/kernels.py", "localization/matching/mirror_tilt.py"
+FIT, T_SURE = "localization/matching/mirror_fit.py", "test_camera_uncertainty.py"
 FILTER, FAILURE = "localization/fusion/pose_filter.py", "localization/fusion/failure.py"
 MOTION_MODEL, SET = "localization/particles/motion_model.py", "localization/particles/particle_set.py"
 RESAMPLING, IRIS = "localization/particles/resampling.py", "localization/particles/iris_particles.py"
@@ -78,9 +79,10 @@ FAULTS = (
     Fault(KERNELS, "min(steps[k] * grow, largest_steps[k])", "steps[k]", T_MATCHING, "steps_grow"),
     Fault(KERNELS, "if error < best_error:", "if error < 9.0:", T_MATCHING, "best_pose_seen"),
     Fault(KERNELS, "slope = weights[i] * k * k * d", "slope = weights[i] * k * d", T_MATCHING, "error_and_gradient"),
-    Fault(TILT, " + np.eye(2) * DRIFT_PER_M**2", "", T_TILT, "loosens"),
-    Fault(TILT, "[:, np.newaxis] + height_m**2 * bend_per_m", "[:, np.newaxis]", T_TILT, "one_focus"),
-    Fault(TILT, "row[2] = ry * bx - rx * by", "row[2] = ry * bx + rx * by", T_TILT, "numeric_derivative"),
+    Fault(TILT, "(fit.covariance + drift)", "fit.covariance", T_TILT, "loosens"),
+    Fault(TILT, "return 1.0 / (1.0 + math.exp(min(odds, 50.0)))", "return 1.0", T_SURE, "spoilt"),
+    Fault(FIT, "(qx + square * errors[0]), nearer * (qy + square * errors[1])", "qx, nearer * qy", T_TILT, "one_focus"),
+    Fault(FIT, "row[2] = ry * bx - rx * by", "row[2] = ry * bx + rx * by", T_TILT, "numeric_derivative"),
     Fault(WEIGHTS, "points.confidences / (variance", "1.0 / (variance", T_MATCHING, "weights_fall"),
     Fault(WEIGHTS, "settings.range_noise_relative * ranges_m", "settings.range_noise_relative", T_MATCHING,
           "weights_fall"),
