@@ -68,7 +68,8 @@ def follow(
     """Errors (N, 3), estimates, and which images are black (N,)."""
     frames, black, poses = recorded(folder, sectors)
     settings = load_settings(SYSTEMS[name].settings, None, sets)
-    system = open_system(name, RobotSetup(open_source(folder).field), settings)
+    source = open_source(folder)
+    system = open_system(name, RobotSetup(source.field, source.camera), settings)
     return *errors_of([system.step(each) for each in frames], poses), np.array(black)
 
 
