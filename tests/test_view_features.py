@@ -11,9 +11,21 @@ import pytest
 
 import touchline
 from touchline.camera import GroundView, PinholeCamera
+from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.perception.feature_pictures import CROSSING_PAINT, LINE_PAINT, Canvas, draw_features
-from touchline.types import Crossings, Landmarks, Lines, Observation, no_landmarks, no_lines
+from touchline.types import (
+    Crossings,
+    Estimate,
+    Hypothesis,
+    Landmarks,
+    Lines,
+    Observation,
+    Status,
+    no_landmarks,
+    no_lines,
+)
+from touchline.view.belief import GUESS_COLOR, belief_picture
 from touchline.view.look import look_at_recording, system_for
 from touchline.view.overlay import LINE_COLOR
 
@@ -104,6 +116,21 @@ def test_a_humanoids_stages_end_with_the_belief(small_data: Path) -> None:
     assert look.belief.likelihoods[near].max() > 0.5, "what is seen speaks for the true place"
     assert look.belief.likelihoods.max() == pytest.approx(1.0)
     assert len(look.belief.poses) > 1000
+
+
+def test_a_guess_and_its_twin_are_drawn_pale_and_the_robot_is_not() -> None:
+    field, pose = open_field("humanoid-kid-9x6"), Pose(2.0, 1.0, 0.5)
+    twin = Hypothesis(pose.mirrored(), math.nan)
+
+    def colours(status: Status, hypotheses: tuple[Hypothesis, ...]) -> list[bool]:
+        estimate = Estimate(0, pose, np.eye(3), status, math.nan, 0, hypotheses)
+        picture = belief_picture(field, None, None, estimate)
+        ends = (picture[:800, : picture.shape[1] // 2], picture[:800, picture.shape[1] // 2 :])
+        return [bool((end == paint).all(axis=2).any()) for paint in (LINE_COLOR, GUESS_COLOR) for end in ends]
+
+    assert colours(Status.TRACKING, ()) == [False, True, False, False]
+    assert colours(Status.TRACKING, (twin,)) == [False, True, True, False]
+    assert colours(Status.SEARCHING, (twin,)) == [False, False, True, True]
 
 
 def test_the_first_system_that_sees_through_a_camera(view: GroundView) -> None:

@@ -63,6 +63,11 @@ def draw_features(canvas: Canvas, seen: Observation, circle_m: float = 0.0) -> L
     return legend
 
 
+def landmark_name(kind: str) -> str:
+    """What a kind of landmark is called in pictures: `circle` is where the circle's middle lies."""
+    return "circle's centre" if kind == LandmarkKind.CIRCLE.value else kind.replace("_", " ")
+
+
 def label(picture: ImageArray, at: tuple[int, int], text: str, paint: Paint) -> None:
     """A word beside a place of a picture, readable on any ground and at any size of the picture."""
     size = 1.1 * picture.shape[1] / 1504.0
@@ -103,8 +108,7 @@ def _draw_landmarks(canvas: Canvas, seen: Observation, circle_m: float) -> None:
         at = _place(canvas, foot)
         if at is not None:
             cv2.drawMarker(canvas.picture, at, LANDMARK_PAINT, cv2.MARKER_CROSS, 8 * canvas.zoom, canvas.zoom)
-            name = "centre" if kind == LandmarkKind.CIRCLE.value else kind.replace("_", " ")
-            label(canvas.picture, at, " ".join(("-".join(colors), name)).strip(), LANDMARK_PAINT)
+            label(canvas.picture, at, " ".join(("-".join(colors), landmark_name(kind))).strip(), LANDMARK_PAINT)
 
 
 def _draw_ground(canvas: Canvas, ends: FloatArray, paint: Paint, width: int) -> None:

@@ -19,14 +19,15 @@ from touchline.field.drawing import FieldView, draw_field, field_view
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.particles.feature_model import FeatureModel
 from touchline.localization.particles.features import FeaturePaper, Features
-from touchline.perception.feature_pictures import CROSSING_PAINT, LINE_PAINT, label
-from touchline.perception.stages import Legend, with_legend
+from touchline.perception.feature_pictures import CROSSING_PAINT, LANDMARK_PAINT, LINE_PAINT, label, landmark_name
+from touchline.perception.stages import Legend, Paint, with_legend
 from touchline.systems import LocalizationSystem
 from touchline.systems.nimbro_lines import NimbroLines
-from touchline.types import ImageArray, Observation
+from touchline.types import Estimate, ImageArray, Observation, Status
 from touchline.view.overlay import LINE_COLOR
 
-BELIEF_COLOR, PARTICLE_COLOR = (255, 200, 0), (30, 150, 255)  # BGR
+BELIEF_COLOR, PARTICLE_COLOR = (255, 200, 0), (170, 255, 150)  # BGR; orange are points beside the lines
+GUESS_COLOR = (245, 190, 240)  # pale: of a robot that is not located, and of the twin
 _STEP_M, _HEADINGS = 0.25, 48
 _BEYOND_M = 0.5
 _LEAST = 0.02  # likelihood, beside the highest, that is drawn
@@ -75,10 +76,12 @@ def belief_picture(
     field: FieldModel,
     belief: Belief | None,
     particles: FloatArray | None,
-    pose: Pose | None = None,
-    seen: Observation | None = None,
+    estimate: Estimate | None = None,
 ) -> ImageArray:
-    """The field from above, BGR, with the belief, particles (N, 4), and the robot at a pose with its features there."""
+    """The field from above, BGR, with the belief, particles (N, 4), and the robot where the estimate has it.
+
+    What it sees is drawn if it is located; where its pose is but a guess, and a twin at the other end, both are pale.
+    """
     scale = _SIDE_PX / (field.length + 2.0 * field.border)
     view, picture = field_view(field, scale), draw_field(field, scale)
     picture = (0.75 * picture).astype(np.uint8)
@@ -86,16 +89,21 @@ def belief_picture(
     if belief is not None:
         _draw_belief(picture, view, belief)
         legend.append(("belief of this image alone", BELIEF_COLOR))
-    if pose is not None and seen is not None:
-        _draw_features(picture, view, pose, seen)
+    located = estimate is not None and estimate.status is Status.TRACKING
+    if located and estimate is not None and estimate.observation is not None:
+        seen = estimate.observation
+        _draw_features(picture, view, estimate.pose, seen)
         legend += [("lines", LINE_PAINT)] * bool(len(seen.lines))
         legend += [("crossings", CROSSING_PAINT)] * bool(len(seen.crossings))
+        legend += [("landmarks", LANDMARK_PAINT)] * bool(len(seen.landmarks))
     if particles is not None:
         _draw_particles(picture, view, particles)
         legend.append(("particles", PARTICLE_COLOR))
-    if pose is not None:
-        _draw_robot(picture, view, pose)
-        legend.append(("the robot", LINE_COLOR))
+    if estimate is not None:
+        for twin in estimate.hypotheses:
+            _draw_robot(picture, view, twin.pose, GUESS_COLOR, "twin: looks the same")
+        _draw_robot(picture, view, estimate.pose, LINE_COLOR if located else GUESS_COLOR, "" if located else "a guess")
+        legend.append(("the robot", LINE_COLOR) if located else ("the robot, not located", GUESS_COLOR))
     return with_legend(picture, legend)
 
 
@@ -123,18 +131,21 @@ def _draw_features(picture: ImageArray, view: FieldView, pose: Pose, seen: Obser
     for ends in seen.lines.ends_m:
         start, end = _fixed(view, pose.transform(ends))
         cv2.line(picture, start, end, LINE_PAINT, 3, cv2.LINE_AA, _SHIFT)
-    kinds = seen.crossings.kinds.tolist() + [kind.replace("_", " ") for kind in seen.landmarks.kinds.tolist()]
+    kinds = seen.crossings.kinds.tolist() + [landmark_name(kind) for kind in seen.landmarks.kinds.tolist()]
+    paints = [CROSSING_PAINT] * len(seen.crossings) + [LANDMARK_PAINT] * len(seen.landmarks)
     places = np.concatenate((seen.crossings.positions_m, seen.landmarks.positions_m))
-    for kind, place in zip(kinds, _fixed(view, pose.transform(places)), strict=True):
-        cv2.circle(picture, place, 7 * 2**_SHIFT, CROSSING_PAINT, 2, cv2.LINE_AA, _SHIFT)
+    for kind, paint, place in zip(kinds, paints, _fixed(view, pose.transform(places)), strict=True):
+        cv2.circle(picture, place, 7 * 2**_SHIFT, paint, 2, cv2.LINE_AA, _SHIFT)
         label(picture, (place[0] >> _SHIFT, place[1] >> _SHIFT), kind, (255, 255, 255))
 
 
-def _draw_robot(picture: ImageArray, view: FieldView, pose: Pose) -> None:
+def _draw_robot(picture: ImageArray, view: FieldView, pose: Pose, paint: Paint, name: str) -> None:
     start, end = _fixed(view, pose.transform(np.array([[0.0, 0.0], [0.6, 0.0]])))
     radius = round(0.15 * view.pixels_per_metre * 2**_SHIFT)
-    cv2.circle(picture, start, radius, LINE_COLOR, 3, cv2.LINE_AA, _SHIFT)
-    cv2.arrowedLine(picture, start, end, LINE_COLOR, 3, cv2.LINE_AA, _SHIFT, 0.3)
+    cv2.circle(picture, start, radius, paint, 3, cv2.LINE_AA, _SHIFT)
+    cv2.arrowedLine(picture, start, end, paint, 3, cv2.LINE_AA, _SHIFT, 0.3)
+    if name:
+        label(picture, ((start[0] + radius) >> _SHIFT, start[1] >> _SHIFT), name, paint)
 
 
 def _fixed(view: FieldView, places: npt.ArrayLike) -> list[tuple[int, int]]:

@@ -37,7 +37,7 @@ class Look:
 
     view: the camera at this image. detector: made the observation and has seen nothing since; None if the observation
     came with the image. belief: what the features of this image alone say of the pose; particles (N, 4): after it;
-    None of a system without them.
+    None of a system without them. estimate: the system's.
     """
 
     name: str
@@ -50,6 +50,7 @@ class Look:
     found: str
     belief: Belief | None = None
     particles: FloatArray | None = None
+    estimate: Estimate | None = None
 
     def overlay(self) -> ImageArray:
         """What was seen and field lines over the image."""
@@ -68,8 +69,7 @@ class Look:
             "bird's-eye view": birds_eye_image(self.image, self.view, self.observation.points),
         }
         if self.field is not None and (self.belief is not None or self.particles is not None):
-            drawn = (self.belief, self.particles, self.field_from_robot, self.observation)
-            pictures["belief and particles"] = belief_picture(self.field, *drawn)
+            pictures["belief and particles"] = belief_picture(self.field, self.belief, self.particles, self.estimate)
         return {**pictures, "overlay": self.overlay()}
 
     def words(self) -> str:
@@ -144,6 +144,7 @@ def look_at_recording(
         found,
         belief_of(running, source.field, estimate.observation),
         particles_of(running),
+        estimate,
     )
 
 

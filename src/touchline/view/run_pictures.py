@@ -40,6 +40,5 @@ def _of_frame(source: Recording, kept: KeptFrame, image: ImageArray, system: Loc
         return pictures
     title = f"The field at {kept.frame.stamp_ns / 1e9:.2f} s"
     caption = f"{counted(len(kept.particles), 'particle')}; discs: what this image alone says, larger where likelier"
-    pose = estimate.pose if located else None
-    drawn = belief_picture(source.field, belief, kept.particles, pose, estimate.observation)
+    drawn = belief_picture(source.field, belief, kept.particles, estimate)
     return [*pictures, Picture(title, caption, drawn)]
