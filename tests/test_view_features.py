@@ -119,7 +119,7 @@ def test_a_humanoids_stages_end_with_the_belief(small_data: Path) -> None:
 
 
 def test_a_guess_and_its_twin_are_drawn_pale_and_the_robot_is_not() -> None:
-    field, pose = open_field("humanoid-kid-9x6"), Pose(2.0, 1.0, 0.5)
+    field, pose = open_field("humanoid-kid-9x6"), Pose(3.9, 1.0, 0.5)
     twin = Hypothesis(pose.mirrored(), math.nan)
 
     def colours(status: Status, hypotheses: tuple[Hypothesis, ...]) -> list[bool]:
