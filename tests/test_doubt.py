@@ -100,7 +100,7 @@ def test_a_compass_that_fails_moves_nothing(name: str, fault: object) -> None:
         assert wrong(drive, localized(name, drive, "paper.compass.may_fail=false")) > 5
 
 
-@BOTH
+@pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl", "iris-fusion"])
 @pytest.mark.parametrize("seed", [2, 3, 4])
 def test_a_robot_carried_away_in_full_view_is_found_within_ten_frames(name: str, seed: int) -> None:
     drive = spliced(driven(1), driven(seed), 2.0)

@@ -168,6 +168,29 @@ def test_a_robot_without_a_pose_is_found_only_by_images_that_fit_well() -> None:
     assert fusion.has_pose
 
 
+def test_a_moving_robot_is_found_by_more_images_that_fit_less_well_and_one_bad_image_says_nothing() -> None:
+    ahead = Motion(Pose(0.1, 0.0, 0.0), STEP.covariance, 0.0)
+    start = Pose(-2.0, 0.5, 0.3)
+    places = [start.compose(Pose(0.1 * k, 0.0, 0.0)) for k in range(6)]
+    ratios = [0.75, 0.75, 0.55, 0.75, 0.75, 0.75]
+    fusion = SensorFusion()
+    found = [
+        step(fusion, HERE, seen(place, inlier_ratio=ratio), ahead) is Mode.OMNIVISION
+        for place, ratio in zip(places, ratios, strict=True)
+    ]
+    assert found == [False] * 5 + [True]
+
+
+def test_an_image_of_a_lone_line_contradicts_nothing() -> None:
+    for along_m, mode in ((0.2, Mode.ODOMETRY), (0.05, Mode.OMNIVISION)):
+        fusion = placed()
+        covariance = np.diag([along_m, 0.01, 0.01]) ** 2
+        for _ in range(limits.FRAMES):
+            still = Motion(Pose(0, 0, 0), STEP.covariance, 0.0)
+            told = fusion.update(HERE, still, seen(at(-2.0)), 0.1, image_covariance=covariance)
+        assert told is mode
+
+
 def test_without_odometry_omnivision_goes_on_alone() -> None:
     fusion = placed()
     blind = Motion(Pose(0.0, 0.0, 0.0), np.diag([0.01, 0.01, 0.02]), 0.1)
@@ -291,6 +314,9 @@ def test_particles_start_anew_after_several_images_that_contradict_them_or_after
     rule = RestartRule()
     poor = restart.MIN_RATIO - 0.1
     assert [rule.is_refuted(poor) for _ in range(restart.FRAMES)] == [False] * (restart.FRAMES - 1) + [True]
+    rule.start()
+    assert [rule.is_refuted(0.1) for _ in range(2)] == [False, True]
+    rule.start()
     rule.reset()
     for _ in range(restart.FRAMES - 1):
         rule.is_refuted(poor)

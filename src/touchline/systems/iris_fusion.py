@@ -209,7 +209,7 @@ class IrisFusion:
                 return vision, residual_m
             self.searching, self.status = True, Status.LOST
             self._start(compass_rad)
-        elif self.restart.start_is_due():
+        elif self.restart.start_is_due() and not self.fusion.contradicting:
             self._start(compass_rad)
         vision, residual_m = self._cycles(points, image_cycles)
         return vision if self._began_in_start_region(vision.pose) else None, residual_m

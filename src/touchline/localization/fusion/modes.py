@@ -43,6 +43,12 @@ TURNED_RAD = 0.5
 # images in a row that must contradict the odometry in one and the same way until the particles are believed alone, and
 # that must agree until the odometry is believed again: 0.3 s after a slip
 FRAMES = 3
+# what an image with fewer points on lines than found_ratio, but accepted_ratio, counts where the robot has moved since
+# the last one: five of them in a row, all in one way, say as much as FRAMES. Clutter about a right pose leaves 0.7 to
+# 0.9; to a robot that stands a wrong one that leaves as much shows the same again and again
+FEWER_ON_LINES = 0.6
+MOVED_M, MOVED_RAD = 0.05, 0.05  # see FEWER_ON_LINES: a walking pace
+NOTHING_NEW_RATIO = 0.5  # share of points on lines from which an image that is not good leaves the count as it was
 
 
 class SensorFusionPaper(Settings):
@@ -176,7 +182,7 @@ class SensorFusion:
     def _forget_images(self) -> None:
         """Images have to follow each other anew."""
         self.agreeing = 0
-        self.contradicting = 0
+        self.contradicting = 0.0
         self._unused = 0
         self._seen: Pose | None = None
 
@@ -200,18 +206,34 @@ class SensorFusion:
         self._turned_by_gyro &= by_gyro
         if vision is None or not self._is_good(vision):
             if vision is not None:
-                unused = self._unused + (vision.inlier_ratio < MIN_RATIO)
-                self._forget_images()
-                self._unused = unused
+                self._pass_over(motion, vision)
             elif self._seen is not None:  # nothing was seen that speaks against the images before
                 self._seen = self._seen.compose(motion.pose)
             self.mode, self.pose = Mode.ODOMETRY, odometry
             return self.mode
-        self._compare(odometry, motion, vision)
+        fixed = image_covariance is None or _widest_m(image_covariance) < NARROW_M
+        self._compare(odometry, motion, vision, fixed)
         self.mode = self._next_mode(trusted=motion.missing_s == 0.0)
         self._unused = self._unused + 1 if self.mode is Mode.ODOMETRY else 0
         self._take(odometry, vision, vision.covariance if image_covariance is None else image_covariance)
         return self.mode
+
+    def _pass_over(self, motion: Motion, vision: ParticleEstimate) -> None:
+        """An image that is not good. One with half its points on lines, where the last was, says nothing new."""
+        unused = self._unused + (vision.inlier_ratio < MIN_RATIO)
+        goes_on = vision.inlier_ratio >= NOTHING_NEW_RATIO and self._is_steady(motion, vision)
+        contradicting, seen = self.contradicting, vision.pose
+        self._forget_images()
+        self._unused = unused
+        if goes_on:
+            self.contradicting, self._seen = contradicting, seen
+
+    def _is_steady(self, motion: Motion, vision: ParticleEstimate) -> bool:
+        """Whether an image shows the robot where it has come from what the last one showed."""
+        expected = None if self._seen is None else self._seen.compose(motion.pose)
+        blind_m, blind_rad = _unseen(motion)
+        reach_rad = min(AGREEMENT_RAD + blind_rad, _QUARTER_TURN)
+        return expected is not None and _near(expected, vision.pose, AGREEMENT_M + blind_m, reach_rad)
 
     @property
     def lost(self) -> bool:
@@ -244,23 +266,26 @@ class SensorFusion:
         agree = vision.deviation_m <= max_m and vision.deviation_rad <= max_rad
         return vision.points >= points and vision.inlier_ratio >= ratio and agree
 
-    def _compare(self, odometry: Pose, motion: Motion, vision: ParticleEstimate) -> None:
-        """Count the images in a row that agree with the odometry, and those that contradict it in one way."""
+    def _compare(self, odometry: Pose, motion: Motion, vision: ParticleEstimate, fixed: bool) -> None:
+        """Count the images in a row that agree with the odometry, and those that contradict it in one way.
+
+        fixed: whether the image's lines leave a pose at all; a lone line, where the particles agree by chance, does not
+        contradict.
+        """
         s = self.settings
-        blind_m = 3.0 * _spread_m(motion.covariance) if motion.missing_s else 0.0  # what may have been driven unseen
-        blind_rad = 3.0 * _spread_rad(motion.covariance) if motion.missing_s else 0.0
+        blind_m, blind_rad = _unseen(motion)
         reach_m = min(AGREEMENT_M + 3.0 * _spread_m(self.bound), s.lost_m + blind_m)
         reach_rad = min(AGREEMENT_RAD + 3.0 * _spread_rad(self.bound), TURNED_RAD + blind_rad, _QUARTER_TURN)
         agrees = self.has_pose and _near(odometry, vision.pose, reach_m, reach_rad)
-        expected = None if self._seen is None else self._seen.compose(motion.pose)
-        steady = expected is not None and _near(
-            expected, vision.pose, AGREEMENT_M + blind_m, min(AGREEMENT_RAD + blind_rad, _QUARTER_TURN)
-        )
+        steady = self._is_steady(motion, vision)
         self.agreeing = self.agreeing + 1 if agrees else 0
-        if agrees or vision.inlier_ratio < max(s.found_ratio - DOUBT * self._failed_searches, s.accepted_ratio):
-            self.contradicting = 0
+        if agrees or not fixed or vision.inlier_ratio < s.accepted_ratio:
+            self.contradicting = 0.0
         else:
-            self.contradicting = self.contradicting + 1 if steady else 1
+            found_ratio = max(s.found_ratio - DOUBT * self._failed_searches, s.accepted_ratio)
+            moved = abs(motion.pose.heading) > MOVED_RAD or math.hypot(motion.pose.x, motion.pose.y) > MOVED_M
+            says = 1.0 if vision.inlier_ratio >= found_ratio else FEWER_ON_LINES if moved else 0.0
+            self.contradicting = self.contradicting + says if steady else says
         self._seen = vision.pose
 
     @property
@@ -351,6 +376,19 @@ def shared_out(apart: FloatArray) -> FloatArray:
 def _spread_m(covariance: FloatArray) -> float:
     """Standard deviation of the position (m)."""
     return math.sqrt(covariance[0, 0] + covariance[1, 1])
+
+
+def _unseen(motion: Motion) -> tuple[float, float]:
+    """What may have been driven (m) and turned (rad) while nothing was felt."""
+    if not motion.missing_s:
+        return 0.0, 0.0
+    return 3.0 * _spread_m(motion.covariance), 3.0 * _spread_rad(motion.covariance)
+
+
+def _widest_m(covariance: FloatArray) -> float:
+    """Standard deviation of the position along its least known direction (m)."""
+    (a, b), (_, d) = covariance[:2, :2].tolist()
+    return math.sqrt(0.5 * (a + d) + math.hypot(0.5 * (a - d), b))
 
 
 def _spread_rad(covariance: FloatArray) -> float:

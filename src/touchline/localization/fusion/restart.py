@@ -12,8 +12,9 @@ from touchline.config import Settings, added, constants_now
 
 MIN_RATIO = 0.6  # share of points on lines below which an image contradicts the particles
 # such images in a row after which the particles start anew over the field, or images while the pose is lost
-# (fusion.lost_m)
-FRAMES = 5
+# (fusion.lost_m): as many as make the pose doubtful, so that a kidnapped robot is right again within ten
+FRAMES = 3
+HOPELESS_RATIO = 0.2  # share of points on lines below which two such images are enough: no shove leaves so few
 # images without usable points in a row after which one such image is enough: whoever was covered may have been carried
 BLIND_FRAMES = 2
 MAX_CYCLES = 16  # cycles after which a search that found nothing starts anew: it takes 4 to 9
@@ -72,7 +73,7 @@ class RestartRule:
         """Forget everything."""
         self._starts = 0
         self._cycles = 0
-        self._contradicted = 0
+        self._contradicted = 0.0
         self._blind = 0
 
     def see_nothing(self) -> None:
@@ -87,7 +88,8 @@ class RestartRule:
         """
         enough = 1 if self._blind >= BLIND_FRAMES else FRAMES
         self._blind = 0
-        self._contradicted = self._contradicted + 1 if lost or inlier_ratio < MIN_RATIO else 0
+        says = FRAMES / 2 if inlier_ratio < HOPELESS_RATIO else 1
+        self._contradicted = self._contradicted + says if lost or inlier_ratio < MIN_RATIO else 0
         return self.settings.paper.again and self._contradicted >= enough
 
     def start_is_due(self) -> bool:
@@ -106,7 +108,7 @@ class RestartRule:
     def start(self) -> float:
         """A search starts, or starts anew; returns how many times wider than at first the headings shall be."""
         self._starts += 1
-        self._cycles = self._contradicted = 0
+        self._cycles, self._contradicted = 0, 0.0
         return WIDENING ** (self._starts - 1)
 
     def found(self) -> None:
