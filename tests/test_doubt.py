@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
@@ -29,8 +30,9 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
-from touchline.types import Estimate, Status
+from touchline.types import Estimate, Frame, LinePoints, Observation, Status, points_at
 
+POINT_ARRAYS = [field.name for field in fields(LinePoints)]
 BOTH = pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl"])
 
 
@@ -116,6 +118,28 @@ def test_the_learned_offset_is_bounded_in_total() -> None:
     assert abs(one.offset_rad) <= 0.6 + 1e-9
     assert one.doubted
     assert math.isfinite(one.offset_rad)
+
+
+def cables(drive: Drive, index: int, rng: np.random.Generator) -> Frame:
+    """A frame with three points in ten on cables two metres long, which lie where they lie."""
+    frame, places = drive.frames[index], np.random.default_rng(7).uniform((-9.0, -6.0), (9.0, 6.0), (14, 2))
+    assert frame.observation is not None
+    points = frame.observation.points
+    pose = Pose(*drive.truth[index].tolist())
+    near = places[np.argsort(np.hypot(*(places - [pose.x, pose.y]).T))[:3]]
+    count = round(3 / 7 * len(points))
+    on_them = near[rng.integers(0, 3, count)] + rng.uniform(-1.0, 1.0, (count, 1)) * [0.5, 0.87]
+    beside = points_at(pose.inverse().transform(on_them))
+    together = (np.concatenate((getattr(points, name), getattr(beside, name))) for name in POINT_ARRAYS)
+    return replace(frame, observation=Observation(frame.stamp_ns, LinePoints(*together)))
+
+
+@BOTH
+def test_three_points_in_ten_on_no_line_raise_no_alarm(name: str) -> None:
+    drive = Fault("cables", 0.5, 9.0, cables).laid_into(driven(2), np.random.default_rng(0))
+    estimates = localized(name, drive)
+    assert all(estimate.status is Status.TRACKING for estimate in estimates[5:])
+    assert wrong(drive, estimates) == 0
 
 
 def test_clutter_beside_the_lines_does_not_hide_that_the_compass_has_failed() -> None:

@@ -57,20 +57,26 @@ class Doubt:
 
         match: of its points, None without usable ones. tracked: the pose after fusion.
         """
-        agrees = fusion is not Fusion.CONTRADICTS
-        fits = match is not None and match.error < POOR_ERROR
+        s, agrees = self.settings, fusion is not Fusion.CONTRADICTS
+        cluttered = match is not None and self._is_cluttered(view, match)
+        fits = match is not None and (match.error < POOR_ERROR or cluttered)
         self._supported = self._supported + fits if fusion is Fusion.SUPPORTS else 0
-        s = self.settings
         if not s.paper.doubts:
             return False
-        poor = match is not None and (not agrees or match.mean_distance_m > s.deviation_m)
+        far = match is not None and match.mean_distance_m > s.deviation_m and not cluttered
+        poor = match is not None and (not agrees or far)
         self._poor = self._poor + 1 if poor else 0
         suspect = match is not None and match.mean_distance_m > SUSPECT_M
         self._suspect = self._suspect + 1 if suspect else 0
         self._ambiguous = self._ambiguous and (poor or suspect) and self._supported < SUPPORTED_FRAMES
         refuted = match is not None and self._look_is_due and self._looks(view, match, tracked.pose)
-        self.reasons = self._found(match, tracked, agrees)
+        self.reasons = self._found(None if cluttered else match, tracked, agrees)
         return refuted
+
+    def _is_cluttered(self, view: MatchInput, match: Match) -> bool:
+        """Whether a match is poor for clutter alone: legs, cables, chairs and nets may be three points in ten."""
+        poor = match.error >= POOR_ERROR or match.mean_distance_m > min(self.settings.deviation_m, MAX_DEVIATION_M)
+        return poor and self.search.matcher.is_cluttered(view.positions_m, view.weights, match.pose)
 
     @property
     def _look_is_due(self) -> bool:

@@ -96,16 +96,22 @@ class FailureDetector:
         self.bad_frames = self.blind_frames = self.suspect_frames = 0
 
     def update(
-        self, points: int, mean_distance_m: float, heading_error_rad: float | None, missing_s: float = 0.0
+        self,
+        points: int,
+        mean_distance_m: float,
+        heading_error_rad: float | None,
+        missing_s: float = 0.0,
+        cluttered: bool = False,
     ) -> bool:
         """Judge one frame; True once the localization has failed.
 
         points: number of line points; mean_distance_m: of the match (ignored without usable points);
         heading_error_rad: heading minus corrected compass, None without a compass; missing_s: time since the frame
-        before that no odometry covers (s).
+        before that no odometry covers (s). cluttered: most points lie on lines, so that the mean is the others'.
         """
         s = self.settings
-        self.bad_frames = self.bad_frames + 1 if self.is_bad(points, mean_distance_m, heading_error_rad) else 0
+        bad = self.is_bad(points, mean_distance_m, heading_error_rad, cluttered)
+        self.bad_frames = self.bad_frames + 1 if bad else 0
         blind = points < s.min_points
         self.blind_frames = self.blind_frames + 1 if blind else 0
         self.suspect_frames = self.suspect_frames + 1 if not blind and mean_distance_m > SUSPECT_M else 0
@@ -118,14 +124,16 @@ class FailureDetector:
         due = self.suspect_frames > 0 and self.suspect_frames % SUSPECT_FRAMES == 0
         return self.settings.paper.single_criterion_failure and due
 
-    def is_bad(self, points: int, mean_distance_m: float, heading_error_rad: float | None) -> bool:
+    def is_bad(
+        self, points: int, mean_distance_m: float, heading_error_rad: float | None, cluttered: bool = False
+    ) -> bool:
         """Whether this frame alone speaks against the pose; arguments as for `update`."""
         s = self.settings
         if points < s.min_points:
             return s.paper.single_criterion_failure
         heading_inconsistent = heading_error_rad is not None and abs(heading_error_rad) > s.heading_rad
         turned = heading_error_rad is not None and abs(heading_error_rad) > MAX_HEADING_ERROR_RAD
-        far_off = s.paper.single_criterion_failure and (mean_distance_m > MAX_DEVIATION_M or turned)
+        far_off = s.paper.single_criterion_failure and ((mean_distance_m > MAX_DEVIATION_M and not cluttered) or turned)
         return far_off or (mean_distance_m > s.deviation_m and heading_inconsistent)
 
     def reset(self) -> None:

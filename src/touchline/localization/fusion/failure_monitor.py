@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from touchline.geometry import Pose
-from touchline.localization.fusion.failure import MAX_HEADING_ERROR_RAD, FailureDetector, FailureSettings
+from touchline.localization.fusion.failure import (
+    MAX_DEVIATION_M,
+    MAX_HEADING_ERROR_RAD,
+    FailureDetector,
+    FailureSettings,
+)
 from touchline.localization.fusion.match_input import MatchInput
 from touchline.localization.fusion.pose_filter import equal_error
 from touchline.localization.matching.global_search import GlobalSearch
@@ -61,7 +66,9 @@ class FailureMonitor:
         if match is None:
             return self.detector.update(len(view.points), float("inf"), None, missing_s)
         error_rad = view.heading_error_rad(pose.heading)
-        failed = self.detector.update(len(view.points), match.mean_distance_m, error_rad, missing_s)
+        far = match.mean_distance_m > MAX_DEVIATION_M
+        cluttered = far and self.search.matcher.is_cluttered(view.positions_m, view.weights, match.pose)
+        failed = self.detector.update(len(view.points), match.mean_distance_m, error_rad, missing_s, cluttered)
         return failed or (self.detector.suspicious and self._fits_elsewhere(view, match))
 
     def _fits_elsewhere(self, view: MatchInput, match: Match) -> bool:
