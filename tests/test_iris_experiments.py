@@ -50,12 +50,12 @@ def test_the_robot_stands_at_twenty_places(toured: IrisDrive) -> None:
     assert len(np.unique(toured.truth[[images[0] for images in places]], axis=0)) == 20
 
 
-def test_table_1_the_fusion_is_within_5_cm_and_better_than_its_particle_filter_while_odometry_drifts(
+def test_table_1_the_fusion_is_within_4_mm_and_better_than_its_particle_filter_while_odometry_drifts(
     toured: IrisDrive,
 ) -> None:
     odometry, particles, fusion = (mean_errors(toured, system) for system in SYSTEMS)
-    assert max(fusion[:2]) <= 0.05
-    assert fusion[2] <= 1.2
+    assert max(fusion[:2]) <= 0.0038
+    assert fusion[2] <= 0.11
     assert math.hypot(*fusion[:2]) < math.hypot(*particles[:2])
     assert fusion[2] < particles[2]
     assert math.hypot(*odometry[:2]) > 0.1
@@ -76,8 +76,8 @@ def test_the_same_table_on_a_recording_with_places(shared_data: Path, monkeypatc
     places = np.loadtxt(shared_data / iris_points.PUBLIC / "images.csv", delimiter=",", skiprows=1, usecols=4)
     assert len(iris_points.standing(driven)) == places.max() + 1
     odometry, particles, fusion = (mean_errors(driven, system) for system in SYSTEMS)
-    assert max(fusion[:2]) <= 0.05
-    assert fusion[2] <= 1.2
+    assert max(fusion[:2]) <= 0.0043
+    assert fusion[2] <= 0.3
     assert math.hypot(*fusion[:2]) < math.hypot(*particles[:2])
     assert math.hypot(*odometry[:2]) > 0.1
     assert driven.jitter("sensor fusion")[0] < driven.jitter("particle filter")[0]
@@ -115,7 +115,7 @@ def test_figure_17_is_by_odometry_alone_while_the_camera_is_covered(monkeypatch:
     assert np.count_nonzero(hidden) == pytest.approx(10 * seconds, abs=1)
     alone = np.array([mode is Mode.ODOMETRY for mode in driven.modes])
     assert np.array_equal(alone, hidden)
-    assert driven.distances_m("sensor fusion").max() < 0.1
+    assert driven.distances_m("sensor fusion").max() < 0.074
     monkeypatch.setattr(iris_tracks, "from_a_to_b", lambda *_: driven)
     found: ExperimentResult = iris_tracks.iris_track(1)
     assert [row[0] for row in found.rows] == [mode.value for mode in Mode]
@@ -131,8 +131,8 @@ def test_disturbances_one_at_a_time(scenario: str, field: str) -> None:
         case = iris_disturbances.Case(scenario, field, 0, changes=IDEAL)
         outcome = iris_disturbances.disturbed_drive(kind, case)
         assert outcome.far_s <= (0.5 if kind == "slip" else 0.0), kind
-        assert outcome.back_m <= 0.1, kind
-        assert outcome.lost_s <= (0.0 if kind == "nothing" else 1.0), kind
+        assert outcome.back_m <= (0.044 if field == "indoor-9x6" else 0.1), kind
+        assert outcome.lost_s <= (0.4 if kind == "slip" else 0.0), kind
         assert outcome.is_kept(kind)
         assert outcome.drive.found_after <= 15
         if kind == "covered":
@@ -227,7 +227,7 @@ def test_disturbed_drives_that_never_find_the_robot_are_not_kept(monkeypatch: py
     found = iris_disturbances.iris_disturbances(1)
     assert found.headline.ours.startswith("as built 0 of 16; its form here 0 of 16;")
     assert "In 16 drives (as built) the robot was not found in time" in found.notes[1]
-    assert {row[2:] for row in found.rows} == {("0 of 2", "0 of 2", "0 of 2", "0 of 2", "–", "–", "–", "–")}
+    assert {row[2:] for row in found.rows} == {("0 of 2", "0 of 2", "0 of 1", "0 of 2", "–", "–", "–", "–")}
 
 
 def test_the_experiments_are_registered_with_their_figures() -> None:

@@ -133,7 +133,7 @@ def iris_disturbances(seeds: int) -> ExperimentResult:
                 outcomes[form][field, kind].append(disturbed_drive(kind, case))
                 if form == "as built":
                     outcomes["its form here"][field, kind].append(disturbed_drive(kind, case, paper=True))
-    for field, name in follow(places, "drives on images"):
+    for field, name in follow(list(zip(FIELDS, SCENARIOS, strict=True)), "drives on images"):
         for kind in KINDS:
             outcomes["on images"][field, kind].append(disturbed_drive(kind, Case(name, field, 0, "images")))
     missed = {form: sum(not o.found for found in each.values() for o in found) for form, each in outcomes.items()}
@@ -153,7 +153,8 @@ def iris_disturbances(seeds: int) -> ExperimentResult:
             f"{math.degrees(DRIFT_RAD_S):g} degree per second more, beside its own bias. Scenarios {SCENARIOS[0]} "
             f"(1.2 m/s) and {SCENARIOS[1]} (3 m/s among eight robots, without shoves), robots as built, 10 images per "
             "second, at the observation level with the geometry and the errors of their own eyes, one robot also on "
-            "images; the last four columns are the worst of all drives of robots as built at the observation level.",
+            f"images, {SCENARIOS[0]} on {FIELDS[0]} and {SCENARIOS[1]} on {FIELDS[1]}; the last four columns are the "
+            "worst of all drives of robots as built at the observation level.",
             *(f"In {count} drives ({form}) the robot was not found in time; they count as not kept, and the "
               "last four columns leave them out." for form, count in missed.items() if count),
         ),

@@ -123,7 +123,7 @@ def drive(
 Runs = dict[str, list[IrisDrive]]
 """Drives by form: the names of FORMS, and the same on images."""
 FORMS = ("as built", "its form here", "ideal")
-IMAGE_ROBOTS = 2  # robots whose images are rendered: each takes a hundred times as long as its points
+IMAGE_ROBOTS = 1  # robots whose images are rendered, which takes a hundred times as long as their points
 
 
 def by_form(seeds: Sequence[int], one: Callable[[int, tuple[str, ...], bool], IrisDrive]) -> Runs:
