@@ -32,6 +32,7 @@ from touchline.experiments.scenes import (
     field_axes,
     new_figure,
     random_place,
+    the_camera,
     the_views,
 )
 from touchline.field import FieldModel, open_field
@@ -147,7 +148,7 @@ def kidnap(
 
 def _system(name: str, field: FieldModel, rng: np.random.Generator, paper: bool) -> NubotMti | NubotMcl:
     """The system that is examined, with its parts at hand: how often it has failed is not in its estimates."""
-    system = open_system(name, RobotSetup(field), paper_settings(name) if paper else None, rng)
+    system = open_system(name, RobotSetup(field, the_camera()), paper_settings(name) if paper else None, rng)
     assert isinstance(system, NubotMti | NubotMcl)
     return system
 

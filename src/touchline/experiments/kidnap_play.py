@@ -50,7 +50,7 @@ def is_right(estimate: Estimate, truth: Pose) -> bool:
 def kidnaps_in_play(system: str, seed: int, covered: int, ideal: bool = False, paper: bool = False) -> list[PlayKidnap]:
     """The kidnaps of one match, each with so many covered images; a robot as built or ideal, paper: in its own form."""
     simulation, frames = _match(seed, covered, ideal)
-    setup = RobotSetup(simulation.field, wheel_directions_rad=simulation.wheel_directions_rad)
+    setup = RobotSetup(simulation.field, simulation.camera, simulation.wheel_directions_rad)
     localizer = open_system(system, setup, paper_settings(system) if paper else None, np.random.default_rng(seed))
     estimates = [localizer.step(frame) for frame in frames]
     right = np.array([is_right(e, simulation.truth[k]) for k, e in enumerate(estimates)])

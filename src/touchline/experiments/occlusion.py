@@ -221,21 +221,23 @@ def xiong_tracking(seeds: int) -> ExperimentResult:
 
 
 @lru_cache(maxsize=2)
-def _driven(c: Condition, seed: int, ideal: bool) -> tuple[Simulation, tuple[Frame, ...]]:
-    """A run and its frames, kept for the next system that takes them."""
+def _driven(c: Condition, seed: int, ideal: bool) -> tuple[Simulation, Camera, tuple[Frame, ...]]:
+    """A run, the camera that its camera.yaml tells and its frames, kept for the next system that takes them."""
     scenario = open_scenario(c.scenario, seed, changes=["ideal=true"] if ideal else c.changes)
-    camera = scenario.camera.model_copy(update={"black_sectors_deg": c.sectors})
-    chosen = scenario.model_copy(update={"camera": camera})
+    hidden = scenario.camera.model_copy(update={"black_sectors_deg": c.sectors})
+    chosen = scenario.model_copy(update={"camera": hidden})
     simulation = Simulation(chosen, level="points")
+    camera: Camera = simulation.camera
     if c.calibrated:
-        simulation = Simulation(chosen, level="points", eyes=Eyes(known=calibrated_head(simulation)[0].camera))
-    return simulation, tuple(simulation)
+        camera = calibrated_head(simulation)[0].camera
+        simulation = Simulation(chosen, level="points", eyes=Eyes(known=camera))
+    return simulation, camera, tuple(simulation)
 
 
 def drive(condition: Condition, seed: int, ideal: bool = False, paper: bool = False) -> Drive:
     """A robot of this seed, as built or ideal, along the tracks under a condition; paper: by the paper's own form."""
-    simulation, frames = _driven(condition, seed, ideal)
-    setup = RobotSetup(simulation.field, simulation.camera, simulation.wheel_directions_rad)
+    simulation, camera, frames = _driven(condition, seed, ideal)
+    setup = RobotSetup(simulation.field, camera, simulation.wheel_directions_rad)
     settings = paper_settings(condition.system) if paper else None
     system = open_system(condition.system, setup, settings, np.random.default_rng(seed))
     told = frames if condition.odometry else [replace(frame, odometry=None) for frame in frames]
