@@ -21,10 +21,14 @@ MOST_PX = 1300  # width of a picture
 JPEG = (cv2.IMWRITE_JPEG_QUALITY, 60, cv2.IMWRITE_JPEG_OPTIMIZE, 1, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
 HEAD = """# Results of the experiments
 
-The papers' experiments, rerun by `touchline experiment all`, our figures beside theirs. ± is the standard deviation
-over the seeds; the last column says how many, from 0 on. The papers drove a real robot by hand; here it drives in
-simulation, but for the rows named *recorded*. So the rows are no comparison of methods, and the papers' times were
-measured on other processors, one of them of 1.66 GHz.
+The papers' experiments, rerun by `touchline experiment all`, our figures beside theirs. The papers drove a real robot
+by hand; here it drives in simulation, but for the rows named *recorded*. So the rows are no comparison of methods, and
+the papers' times were measured on other processors, one of them of 1.66 GHz.
+
+The tables show the paper's figures, *its form here* (the system with `--preset paper`: exactly what the paper says and
+nothing more) and ours, of [robots as built](simulation.md#a-robot-as-built), each drawn anew from its seed; *ideal*
+stands for the same seeds' robots as designed. ± is the standard deviation over the seeds, the last column says how
+many, from 0 on. Brackets hold the interval of 95 %: by bootstrap over the robots behind a mean, Wilson's behind a rate.
 
 Measured on one virtual core of an {core}, while other programs ran. `python docs/images/results.py RESULTS` writes this
 page from the folder of a run.
