@@ -8,7 +8,7 @@ import numpy as np
 
 from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.fusion.compass_correction import CompassCorrection
-from touchline.localization.matching.covariance import MIN_RESIDUAL_M
+from touchline.localization.matching.covariance import MIN_RESIDUAL_M, is_observed
 from touchline.localization.matching.matcher import Match, Matcher
 from touchline.localization.matching.mirror_fit import Expected
 from touchline.localization.matching.mirror_tilt import MAX_ERROR, MirrorTilt
@@ -98,9 +98,11 @@ def refine_with_tilt(
             refined_error = matcher.error(positions_m, view.weights, fit.pose)
             settled = tilt.settles(positions_m, fit.pose)
             if settled and refined_error <= max(error, MAX_ERROR):
-                tilt.learn(fit)
                 match = matcher.assess(positions_m, view.weights, fit.pose, refined_error)
-                return _inflated(matcher, view, positions_m, match)
+                if is_observed(match.covariance):
+                    tilt.learn(fit)
+                    return _inflated(matcher, view, positions_m, match)
+                tilt.leave_open(fit)  # a lone line bends by a tilt as by a step aside and a turn
     match = matcher.assess(view.positions_m, view.weights, pose, error)
     return replace(_inflated(matcher, view, view.positions_m, match), settled=settled)
 

@@ -12,7 +12,7 @@ import numpy as np
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
 from touchline.localization.fusion.pose_filter import Fusion, FusionSettings, PoseFilter, Scales, equal_error
-from touchline.localization.matching.covariance import is_observed
+from touchline.localization.matching.covariance import MAX_DEVIATION_OF_POSITION_M, is_observed
 from touchline.localization.matching.matcher import Match, Matcher
 from touchline.localization.matching.mirror_fit import Expected
 from touchline.motion import Motion, OdometrySettings
@@ -156,6 +156,14 @@ class Tracker:
             if not fused.update(match.pose, there, trusted=False):
                 continue
             if self.matcher.error(positions_m, view.weights, fused.pose.as_array()) <= equal_error(match.error):
-                self.filter = fused
+                self.filter = fused.loosened(_shoved_unseen(there)) if shove else fused
                 return Fusion.SHOVED if shove else Fusion.SUPPORTS
         return Fusion.CONTRADICTS
+
+
+def _shoved_unseen(there: FloatArray) -> FloatArray:
+    """Covariance (3, 3) of a shove along what a covariance (3, 3) leaves open: a lone line shows only half of it."""
+    variances, axes = np.linalg.eigh(there[:2, :2])
+    more = np.zeros((3, 3))
+    more[:2, :2] = (axes * np.where(variances > MAX_DEVIATION_OF_POSITION_M**2, SHOVE_POSITION_M**2, 0.0)) @ axes.T
+    return more

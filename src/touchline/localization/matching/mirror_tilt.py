@@ -209,6 +209,10 @@ class MirrorTilt:
         odds = 0.5 * (narrower - float(mean @ np.linalg.solve(spread, mean)))
         return 1.0 / (1.0 + math.exp(min(odds, 50.0)))
 
+    def leave_open(self, fit: MirrorFit) -> None:
+        """A frame that tells nothing of its errors: they may be as large as the head's shaking makes them."""
+        self.fit = fit._replace(image=self._swing)
+
     def update(self, points: LinePoints, pose: Pose) -> MirrorFit | None:
         """`fit_to`, and `learn` if there is a fit."""
         fit = self.fit_to(points, pose.as_array())
