@@ -24,13 +24,22 @@ from touchline.types import Prior
 HUMANOID = ("chessboard", "humanoid-walk", "walk-in-place")
 
 
+class Recordings(dict[str, Path]):
+    """Every scenario at reduced length, written when first asked for: no process writes what its tests do not need."""
+
+    def __init__(self, parent: Path) -> None:
+        super().__init__()
+        self.parent = parent
+
+    def __missing__(self, name: str) -> Path:
+        self[name] = self.parent / name
+        write_recording(shortened(name), self[name])
+        return self[name]
+
+
 @pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Every scenario at reduced length, written once."""
-    parent = tmp_path_factory.mktemp("simulated")
-    for name in NAMES:
-        write_recording(shortened(name), parent / name)
-    return {name: parent / name for name in NAMES}
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Recordings:
+    return Recordings(tmp_path_factory.mktemp("simulated"))
 
 
 class TestEveryScenario:
@@ -38,7 +47,7 @@ class TestEveryScenario:
         assert tuple(scenario_names()) == NAMES
 
     @pytest.mark.parametrize("name", NAMES)
-    def test_its_recording_is_read_without_a_problem(self, recordings: dict[str, Path], name: str) -> None:
+    def test_its_recording_is_read_without_a_problem(self, recordings: Recordings, name: str) -> None:
         recording = open_source(recordings[name])
         frames = list(recording)
         assert len(frames) == len(recording) > 0
@@ -48,7 +57,7 @@ class TestEveryScenario:
         assert recording.sequence["simulation"]["seed"] == 1
 
     @pytest.mark.parametrize("name", [name for name in NAMES if name not in (*HUMANOID, "calibration-strip")])
-    def test_nubot_mti_follows_the_robot_to_a_centimetre(self, recordings: dict[str, Path], name: str) -> None:
+    def test_nubot_mti_follows_the_robot_to_a_centimetre(self, recordings: Recordings, name: str) -> None:
         recording = open_source(recordings[name])
         errors = errors_of(recording, recording.camera)
         without = {"kidnap": 3, "worn-hall": 2}.get(
@@ -61,7 +70,7 @@ class TestEveryScenario:
 
     @pytest.mark.parametrize("name", HUMANOID)
     def test_the_humanoids_images_show_the_lines_where_the_projection_says(
-        self, recordings: dict[str, Path], name: str
+        self, recordings: Recordings, name: str
     ) -> None:
         recording, simulation = open_source(recordings[name]), shortened(name)
         camera = simulation.camera_model
@@ -115,7 +124,7 @@ class TestDeterminism:
         list(simulation)
         np.testing.assert_array_equal(simulation.image(1), shortened("match", 1.0).image(1))
 
-    def test_the_live_samples_are_those_of_the_recording(self, recordings: dict[str, Path]) -> None:
+    def test_the_live_samples_are_those_of_the_recording(self, recordings: Recordings) -> None:
         for live, read in zip(shortened("match"), open_source(recordings["match"]), strict=True):
             for sensor in ("odometry", "wheels", "gyro", "compass", "tilt"):
                 one, other = getattr(live, sensor), getattr(read, sensor)
@@ -124,7 +133,7 @@ class TestDeterminism:
 
 
 class TestOcclusionAndLight:
-    def test_covered_images_are_black(self, recordings: dict[str, Path]) -> None:
+    def test_covered_images_are_black(self, recordings: Recordings) -> None:
         means = [frame.image.mean() for frame in open_source(recordings["kidnap"]) if frame.image is not None]
         assert max(means[17:20]) < 10.0
         assert min(means[:17] + means[20:]) > 20.0
@@ -141,7 +150,7 @@ class TestOcclusionAndLight:
             dark = simulation.image(index).max(axis=2)[ring] < 40
             assert np.mean(dark) == pytest.approx(share, abs=0.045)
 
-    def test_the_three_lightings_differ_as_their_levels_do(self, recordings: dict[str, Path]) -> None:
+    def test_the_three_lightings_differ_as_their_levels_do(self, recordings: Recordings) -> None:
         green = {
             name: float(np.median(open_source(recordings[name]).image(0)[..., 1]))  # type: ignore[index]
             for name in ("lighting-1", "lighting-2", "lighting-3")
