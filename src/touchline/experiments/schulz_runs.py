@@ -118,7 +118,8 @@ def walk(field_name: str, robot: Robot, seed: int, seconds: float, changes: Sequ
     )
     simulation = Simulation(open_scenario(SCENARIO, seed, seconds, changed), "points", feature_noise=noise)
     frames = tuple(_seen(simulation, robot, index) for index in range(len(simulation)))
-    return Walk(RobotSetup(simulation.field), frames, np.asarray(simulation.truth.poses))
+    setup = RobotSetup(simulation.field, height_m=PINHOLE_FEATURES.height_m)
+    return Walk(setup, frames, np.asarray(simulation.truth.poses))
 
 
 def _seen(simulation: Simulation, robot: Robot, index: int) -> Frame:
