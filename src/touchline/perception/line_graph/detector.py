@@ -129,7 +129,7 @@ class LineGraphDetector:
         if circle is not None:
             lines = without_arcs(lines, circle)
         crossings = find_crossings(structure, lines, pixels, plane, self.settings)
-        upright = find_landmarks(structure, pixels, lines, plane, self.field, self.settings)
+        upright = find_landmarks(structure, classes, pixels, lines, plane, self.field, self.settings)
         landmarks = joined(upright, circle_landmark(circle))
         return Observation(stamp_ns, points, lines, crossings, landmarks, self._boundary(structure, plane))
 
