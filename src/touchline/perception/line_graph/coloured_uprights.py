@@ -19,14 +19,13 @@ from touchline.geometry import FloatArray
 from touchline.perception.line_graph.colour_classes import (
     BLUE,
     CELL_PX,
-    CLASSES,
     FIRST_WHITE,
     FULL,
     YELLOW,
     ColourClasses,
     CountArray,
 )
-from touchline.perception.line_graph.image_plane import ImagePlane, plane_from_pixel, transformed
+from touchline.perception.line_graph.image_plane import ImagePlane, ground_from_pixel, plane_from_pixel, transformed
 from touchline.perception.line_graph.profiles import Pixels, is_carpet
 from touchline.perception.line_graph.structure import Structure
 from touchline.types import Colors, ImageArray
@@ -44,16 +43,18 @@ _MOST_BESIDE = 0.8  # of its rows: its colour may go on there, a crossbar or som
 _LONG_ROWS = 9  # from so many rows on a band has two at least
 _EQUAL_BANDS = 2.0
 _MOST, _MOST_BANDS = 20, 5
-_U, _V, _HEIGHT, _CUT, _BANDS = range(5)  # columns of what is found; the colours of the bands follow
+_U, _V, _HEIGHT, _WIDTH, _CUT, _BANDS = range(6)  # columns of what is found; the colours of the bands follow
 _LOW_ROWS, _PER_ROW = 10, 2  # rows of cells that tell the axis, and rows of pixels in each
 _ACROSS = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the width: where it is looked for its foot
-_BELOW_PX = 9  # down to here there is the ground below the foot
+_BELOW_PX = 6  # and as much as a line's paint: what is looked at below the foot
+_BESIDE = (-0.8, -0.4, 0.0, 0.4, 0.8)
+_CARPET, _GROUND = 0.4, 0.75  # least share of carpet there, and of carpet and paint
 
 
 class Upright(NamedTuple):
     """Something upright: where its foot meets the ground (m, robot frame), its pixel, its colours from the ground up.
 
-    cut: whether it leaves the image at the top. seen_m: how high its lowest colour reaches.
+    cut: whether it leaves the image at the top. seen_m: how high its lowest colour reaches. width_m: how wide it looks.
     """
 
     place: FloatArray
@@ -61,6 +62,7 @@ class Upright(NamedTuple):
     colors: Colors
     cut: bool = False
     seen_m: float = 0.0
+    width_m: float = 0.0
 
 
 def coloured_uprights(
@@ -78,7 +80,7 @@ def coloured_uprights(
         x, y = plane_from_pixel(plane.lens, row[_U], row[_V])
         place = np.array(transformed(plane.ground, x, y))
         colors = tuple(_NAMES[int(code)] for code in row[_BANDS + 1 : _BANDS + 1 + int(row[_BANDS])])
-        uprights.append(Upright(place, row[:2].copy(), colors, bool(row[_CUT]), float(row[_HEIGHT])))
+        uprights.append(Upright(place, row[:2].copy(), colors, bool(row[_CUT]), *row[[_HEIGHT, _WIDTH]].tolist()))
     return uprights
 
 
@@ -93,28 +95,23 @@ def _find(
     found: FloatArray,
 ) -> int:
     """Look for uprights; limits: least height, greatest diameter (m). Fills rows of found, and returns how many."""
-    rows, columns = counts.shape[1], counts.shape[2]
-    off = np.full((rows, columns), np.nan)
+    cells, turns, number = np.empty((counts[0].size, 3), dtype=np.int64), np.empty(counts[0].size), 0
     middle = _azimuth(plane, plane.lens.pinhole[2], plane.lens.pinhole[3])
-    least, most, number = np.inf, -np.inf, 0
-    for row in range(rows):
-        for column in range(columns):
+    for row in range(counts.shape[1]):
+        for column in range(counts.shape[2]):
             if np.int64(counts[YELLOW, row, column]) + np.int64(counts[BLUE, row, column]) > _FILLED * FULL:
                 turn = _azimuth(plane, CELL_PX * (column + 0.5) - 0.5, CELL_PX * (row + 0.5) - 0.5) - middle
                 turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
-                off[row, column] = turn
                 if not math.isnan(turn):
-                    least, most, number = min(least, turn), max(most, turn), number + 1
+                    cells[number, 0], cells[number, 1], turns[number] = row, column, turn
+                    number += 1
     if number < _FEWEST_CELLS:
         return 0
-    step = _BIN_PX / plane.lens.pinhole[0]
-    sums = np.zeros(int((most - least) / step) + 1)
-    bins = np.full((rows, columns), -1, dtype=np.int64)
-    for row in range(rows):
-        for column in range(columns):
-            if not math.isnan(off[row, column]):
-                bins[row, column] = int((off[row, column] - least) / step)
-                sums[bins[row, column]] += counts[YELLOW, row, column] + counts[BLUE, row, column]
+    step, least = _BIN_PX / plane.lens.pinhole[0], turns[:number].min()
+    sums = np.zeros(int((turns[:number].max() - least) / step) + 1)
+    for k in range(number):
+        cells[k, 2] = int((turns[k] - least) / step)
+        sums[cells[k, 2]] += counts[YELLOW, cells[k, 0], cells[k, 1]] + counts[BLUE, cells[k, 0], cells[k, 1]]
     sums /= FULL
     first, kept = -1, 0
     for k in range(len(sums) + 1):
@@ -125,8 +122,9 @@ def _find(
         if strong and first < 0:
             first = k
         if not strong and first >= 0:
-            mask = (bins >= max(first - 1, 0)) & (bins <= k)  # cells beside the axis may lie in the next bin
-            if kept < len(found) and _measure(pixels, table, counts, ends, plane, limits, mask, found[kept]):
+            # cells beside the axis may lie in the next bin
+            mine = cells[:number][(cells[:number, 2] >= first - 1) & (cells[:number, 2] <= k)]
+            if kept < len(found) and _measure(pixels, table, counts, ends, plane, limits, mine, found[kept]):
                 kept += 1
             first = -1
     return kept
@@ -150,31 +148,36 @@ def _measure(
     ends: FloatArray,
     plane: ImagePlane,
     limits: FloatArray,
-    mask: npt.NDArray[np.bool_],
+    cells: npt.NDArray[np.int64],
     out: FloatArray,
 ) -> bool:
-    """What cells (rows, columns) of neighbouring azimuths show, from its foot up; False if it is nothing upright."""
-    rows, columns = mask.shape
+    """What cells (N, 3), row by row, of neighbouring azimuths show, from its foot up; False: nothing upright."""
+    rows, columns = counts.shape[1], counts.shape[2]
     # rows of cells from the bottom up: first and last column, which colour there is more of, which row
     spans, size, bottom, top, area, beside = np.empty((rows, 4), dtype=np.int64), 0, -1, -1, 0, 0
-    amounts = np.zeros(CLASSES)  # of each colour in a row, and in the mean of those below
-    kind, usual = 0, 0.0
-    for row in range(rows - 1, -1, -1):
-        for colour in (YELLOW, BLUE):
-            amounts[colour] = (counts[colour, row] * mask[row]).sum()
-        if kind == 0 or amounts[kind] < _GOES_ON * usual:
-            kind, usual = (YELLOW if amounts[YELLOW] >= amounts[BLUE] else BLUE), 0.0
-        cells = np.flatnonzero(mask[row] & (counts[kind, row] > _FILLED * FULL))
-        if not len(cells):
-            if bottom >= 0 and top - row >= _GAP_ROWS:
-                break
-            kind = kind if bottom >= 0 else 0
+    kind, usual, end = 0, 0.0, len(cells)
+    while end > 0:
+        row, start, yellow, blue = cells[end - 1, 0], end, 0, 0
+        while start > 0 and cells[start - 1, 0] == row:
+            start -= 1
+            yellow, blue = yellow + counts[YELLOW, row, cells[start, 1]], blue + counts[BLUE, row, cells[start, 1]]
+        if kind == 0 or (yellow if kind == YELLOW else blue) < _GOES_ON * usual:
+            kind, usual = (YELLOW if yellow >= blue else BLUE), 0.0
+        amount = 1.0 * (yellow if kind == YELLOW else blue)
+        first, last, inside = -1, -1, 0
+        for k in range(start, end):
+            if counts[kind, row, cells[k, 1]] > _FILLED * FULL:
+                first, last, inside = cells[k, 1] if first < 0 else first, cells[k, 1], inside + 1
+        end = start
+        if not inside:
             continue
-        usual = amounts[kind] if usual == 0.0 else 0.7 * usual + 0.3 * amounts[kind]
-        bottom, top, area = row if bottom < 0 else bottom, row, area + len(cells)
-        spans[size] = cells[0], cells[-1], kind, row
+        if bottom >= 0 and top - row > _GAP_ROWS:
+            break
+        usual = amount if usual == 0.0 else 0.7 * usual + 0.3 * amount
+        bottom, top, area = row if bottom < 0 else bottom, row, area + inside
+        spans[size, 0], spans[size, 1], spans[size, 2], spans[size, 3] = first, last, kind, row
         size += 1
-        for column in (cells[0] - 2, cells[-1] + 2):
+        for column in (first - 2, last + 2):
             if 0 <= column < columns:
                 beside += counts[kind, row, column] > _FILLED * FULL
     width = area / max(size, 1)
@@ -194,6 +197,8 @@ def _measure(
         return False
     top = _bands(spans[:size], out)
     out[_HEIGHT] = _height(plane, out[_U], CELL_PX * top, away)
+    above = _height(plane, out[_U], out[_V], 0.0)
+    out[_WIDTH] *= math.hypot(away, above) / plane.lens.pinhole[0]
     return True
 
 
@@ -208,20 +213,21 @@ def _foot(
 ) -> bool:
     """Pixel of the foot, into out: below it there is ground. spans: of rows of cells from the bottom up."""
     height, width = pixels.image.shape[:2]
-    turns, number, wide, seen, below, ground = np.empty(_LOW_ROWS * _PER_ROW), 0, 0.0, 0.0, 0, 0
+    turns, widths, number, seen, below = np.empty(_LOW_ROWS * _PER_ROW), np.empty(_LOW_ROWS * _PER_ROW), 0, 0.0, 0
     for k in range(min(len(spans), _LOW_ROWS)):
-        for part in range(_PER_ROW):
-            v = CELL_PX * (bottom - k) + 2 + 4 * part
+        for half in range(_PER_ROW):
+            v = CELL_PX * (bottom - k) + 2 + 4 * half
             total, coloured = 0, 0
             for u in range(max(CELL_PX * (spans[k, 0] - 1), 0), min(CELL_PX * (spans[k, 1] + 2), width)):
                 if _code(pixels.image, table, u, v) == spans[k, 2]:
                     total, coloured = total + u, coloured + 1
             if coloured >= 3:
                 turns[number] = _azimuth(plane, float(total) / coloured, float(v))
-                number, wide = number + 1, wide + coloured
+                widths[number] = coloured
+                number += 1
     if not number:
         return False
-    turn, wide = float(np.median(turns[:number])), wide / number
+    turn, wide = float(np.median(turns[:number])), float(np.median(widths[:number]))
     axis = 0.5 * CELL_PX * (spans[0, 0] + spans[0, 1] + 1)
     start = CELL_PX * (bottom - 1)
     for v in range(start, min(CELL_PX * (bottom + 3), height)):
@@ -237,12 +243,26 @@ def _foot(
         seen, below = seen + coloured / len(_ACROSS), 0 if coloured else below + 1
         if below >= 3:
             break
-    out[_U], out[_V] = axis, start - 0.5 + seen
-    for row in range(int(out[_V]) + 3, min(int(out[_V]) + _BELOW_PX, height)):
-        for part in _ACROSS:
-            column = round(axis + part * wide)
-            ground += is_carpet(pixels, column, row) or _code(pixels.image, table, column, row) >= FIRST_WHITE
-    return bool(below >= 3 and 2 * ground > (_BELOW_PX - 3) * len(_ACROSS))
+    out[_U], out[_V], out[_WIDTH] = axis, start - 0.5 + seen, wide
+    return below >= 3 and _stands(pixels, table, plane, out)
+
+
+@njit(cache=True, error_model="numpy")
+def _stands(pixels: Pixels, table: npt.NDArray[np.uint8], plane: ImagePlane, out: FloatArray) -> bool:
+    """Whether there is carpet below a foot, and nothing else than a line's paint before it."""
+    height, width = pixels.image.shape[:2]
+    near, far = ground_from_pixel(plane, out[_U], out[_V] + 1.0), ground_from_pixel(plane, out[_U], out[_V])
+    line_px = pixels.width_m / max(math.hypot(far[0] - near[0], far[1] - near[1]), 1e-6)
+    first, carpet, pale, number = int(out[_V]) + 3, 0, 0, 0
+    for row in range(first, min(first + int(2.0 * line_px) + _BELOW_PX, height)):
+        for part in _BESIDE:
+            column = round(out[_U] + part * out[_WIDTH])
+            if 0 <= column < width:
+                green = is_carpet(pixels, column, row)
+                carpet += green
+                pale += not green and _code(pixels.image, table, column, row) >= FIRST_WHITE
+                number += 1
+    return carpet > _CARPET * number and carpet + pale > _GROUND * number
 
 
 @njit(cache=True)

@@ -26,6 +26,7 @@ from touchline.types import Colors, LandmarkKind, Landmarks, Lines, no_landmarks
 _OFF_LINES_PX = 12.0  # penalty marks lie farther from all lines
 _WHITE: Colors = ("white",)
 _ONE_BAND = 1.4  # of a band's height: what is of one colour beyond it is no pole
+_TIGHTEST, _LOOSEST = 0.5, 1.5  # of a post's diameter: how wide it may look
 _SAME_M = 0.4  # two uprights closer than this are one
 _GOAL_M = 0.35  # how far the distance between two posts of a goal may be off, and more with the range
 _FOOT_PX = 3.0  # standard deviation of a foot
@@ -81,7 +82,7 @@ def _coloured(uprights: list[Upright], field: FieldModel, settings: LineGraphSet
     found: list[_Landmark] = []
     for upright in uprights:
         post = _post_like(upright, field)
-        if post is None:
+        if post is None or not _TIGHTEST * post.diameter < upright.width_m < _LOOSEST * post.diameter:
             continue
         away = float(np.hypot(*upright.place))
         place = upright.place * (1.0 + 0.5 * post.diameter / max(away, 0.1))
