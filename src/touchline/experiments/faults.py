@@ -30,6 +30,11 @@ class Drive(NamedTuple):
         """(N,) time stamps."""
         return np.array([frame.stamp_ns for frame in self.frames]) / 1e9
 
+    def until(self, time_s: float) -> Drive:
+        """The same, ending before a time."""
+        end = int(np.searchsorted(self.times_s, time_s))
+        return self._replace(frames=self.frames[:end], truth=self.truth[:end])
+
 
 Change: TypeAlias = Callable[[Drive, int, np.random.Generator], Frame]
 
