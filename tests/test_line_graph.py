@@ -202,11 +202,14 @@ def test_arms_of_a_line_that_bends_meet_where_they_cross() -> None:
 
 def test_paint_is_found_between_carpet() -> None:
     samples = np.array([0.0, 0.0, 0.0, 0.25, 1.0, 1.0, 1.0, 0.75, 0.0, 0.0, 0.0])
-    shown, middle, width, _ = find_paint(samples, 4.0)
+    shown, middle, width, _ = find_paint(samples, 4.0, 2.0)
     assert shown == LINE
     assert (middle, width) == (pytest.approx(5.333, abs=0.2), pytest.approx(4.0, abs=0.3))
-    assert find_paint(np.ones(11), 4.0)[0] == NO_LINE
-    assert find_paint(np.zeros(11), 4.0)[0] == NO_LINE
+    thin = np.array([0.0, 0.0, 0.0, 0.3, 0.7, 0.6, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert find_paint(thin, 1.2, 2.0)[0] == NO_LINE  # half a cell off: not where a line that is placed would be
+    assert find_paint(thin, 1.2, 5.0)[:2] == (LINE, pytest.approx(4.5, abs=0.3))
+    assert find_paint(np.ones(11), 4.0, 2.0)[0] == NO_LINE
+    assert find_paint(np.zeros(11), 4.0, 2.0)[0] == NO_LINE
 
 
 @pytest.mark.parametrize("name", ["humanoid_9x6_walk", "humanoid_hsl_pan"])

@@ -25,6 +25,7 @@ from touchline.perception.line_graph.image_plane import (
 from touchline.perception.line_graph.key_nodes import key_nodes
 from touchline.perception.line_graph.profiles import (
     LINE,
+    NEAR_PX,
     NO_LINE,
     OUTSIDE,
     Pixels,
@@ -192,7 +193,7 @@ def read_arm(pixels: Pixels, plane: ImagePlane, x: float, y: float, angle: float
     for k in range(_PATH_STEPS):
         away = (_PATH_FIRST + k * _PATH_STEP) * pixels.width_m
         px, py = x + away * c, y + away * s
-        if read_profile(pixels, plane, px, py, -s, c, found) == LINE:
+        if read_profile(pixels, plane, px, py, -s, c, found, NEAR_PX) == LINE:
             painted += 1
             near += k < _PATH_NEAR
             continue

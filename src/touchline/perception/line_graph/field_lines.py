@@ -116,7 +116,7 @@ def cell_pixels(places: FloatArray) -> FloatArray:
 
 @njit(cache=True, error_model="numpy")
 def _place_lines(pixels, plane, candidates, limits, confidences, points):  # type: ignore[no-untyped-def]
-    """Refine candidates (L, 4), in place, those that are kept first; how many lines and points there are then."""
+    """Place candidates (L, 4) by their pixels, those that are kept first; how many lines and points there are then."""
     kept, total = 0, 0
     covered = _COVERED_PX / plane.lens.pinhole[0]
     for k in range(len(candidates)):

@@ -18,6 +18,8 @@ from touchline.types import ImageArray
 
 OUTSIDE, NO_LINE, LINE = 0, 1, 2
 """What a profile shows: it leaves the image, no line, a line."""
+NEAR_PX = 2.0
+"""How far off a line that other profiles have placed is looked for."""
 _MOST_SAMPLES = 160
 _FLANK_PX = 3  # carpet looked at on each side
 _FAINTEST = 0.25  # least contrast of a line
@@ -102,8 +104,10 @@ def cut_across(pixels: Pixels, plane: ImagePlane, x: float, y: float, nx: float,
 
 
 @njit(cache=True, error_model="numpy")
-def read_profile(pixels: Pixels, plane: ImagePlane, x: float, y: float, nx: float, ny: float, found: FloatArray) -> int:
-    """Read a profile across a line whose ground point (x, y) and normal (nx, ny) are known roughly.
+def read_profile(
+    pixels: Pixels, plane: ImagePlane, x: float, y: float, nx: float, ny: float, found: FloatArray, reach_px: float
+) -> int:
+    """Read a profile across a line whose ground point (x, y) and normal (nx, ny) are known to within reach_px.
 
     Writes the middle's pixel u, v, its width (px), the width expected (px) and its contrast into found (5,). Returns
     OUTSIDE, NO_LINE or LINE.
@@ -112,13 +116,13 @@ def read_profile(pixels: Pixels, plane: ImagePlane, x: float, y: float, nx: floa
     if not cut.width_px > 0.0:
         return OUTSIDE
     height, width = pixels.image.shape[0], pixels.image.shape[1]
-    steps = int(min(cut.width_px * 1.3 + 4.0, 0.5 * _MOST_SAMPLES - 2))
+    steps = int(min(cut.width_px * 1.3 + 2.0 + reach_px, 0.5 * _MOST_SAMPLES - 2))
     samples = np.full(2 * steps + 1, np.nan)  # NaN beyond the image's edge
     for k in range(-steps, steps + 1):
         u, v = cut.u + k * cut.du, cut.v + k * cut.dv
         if 0.0 <= u <= width - 1 and 0.0 <= v <= height - 1:
             samples[k + steps] = signal_at(pixels, u, v)
-    shown, middle, paint, top = find_paint(samples, cut.width_px)
+    shown, middle, paint, top = find_paint(samples, cut.width_px, reach_px)
     if shown != LINE:
         return shown
     if paint > pixels.loosest * cut.width_px + 1.5 or paint < pixels.tightest * cut.width_px - 0.5:
@@ -137,13 +141,13 @@ def read_profile(pixels: Pixels, plane: ImagePlane, x: float, y: float, nx: floa
 
 
 @njit(cache=True, error_model="numpy")
-def find_paint(samples: FloatArray, width_px: float) -> tuple[int, float, float, float]:
-    """The run of paint next to the middle of samples (N,), its edges at half height.
+def find_paint(samples: FloatArray, width_px: float, reach_px: float) -> tuple[int, float, float, float]:
+    """The run of paint next to the middle of samples (N,), within reach_px and half a line; its edges at half height.
 
     Returns what is shown, and of a LINE its middle (samples from the first), its width and its contrast.
     """
     n, middle = len(samples), len(samples) // 2
-    near = max(2, int(0.6 * width_px) + 2)
+    near = int(0.6 * width_px + reach_px)
     top, peak = -np.inf, middle
     for k in range(max(0, middle - near), min(n, middle + near + 1)):
         if samples[k] > top:

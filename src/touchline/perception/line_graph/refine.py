@@ -8,12 +8,15 @@ import numpy as np
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.perception.line_graph.colour_classes import CELL_PX
 from touchline.perception.line_graph.graph import IntArray
 from touchline.perception.line_graph.image_plane import ImagePlane, plane_from_pixel, transformed
 from touchline.perception.line_graph.lines import fit_line
-from touchline.perception.line_graph.profiles import LINE, NO_LINE, OUTSIDE, Pixels, read_profile
+from touchline.perception.line_graph.profiles import LINE, NEAR_PX, NO_LINE, OUTSIDE, Pixels, read_profile
 from touchline.perception.line_graph.sorting import median_of
 
+_CELLS_PX = 0.5 * CELL_PX + 1.0  # how far off the cells may have a line
+_MOST_MISSED = 0.25  # profiles of such a line without paint, as a share of those with
 _STEP_PX = 6.0  # between profiles
 _FEWEST, _MOST = 6, 48
 _LEAST_POINTS = 4
@@ -35,20 +38,14 @@ def refine_line(pixels: Pixels, plane: ImagePlane, line: FloatArray, points: Flo
     0 where it is none, and how many points there are.
     """
     focal = plane.lens.pinhole[0]
-    length_px = focal * math.hypot(line[2] - line[0], line[3] - line[1])
-    steps = min(max(int(length_px / _STEP_PX), _FEWEST), _MOST)
-    found, rows = np.empty(5), np.empty((steps + 2 * _MOST_BEYOND, _ROW))
-    hits, misses = 0, 0
-    for k in range(steps):
-        shown = _read_at(pixels, plane, line, (k + 0.5) / steps, found)
-        if shown == LINE:
-            _write(plane, found, rows[hits])
-            hits += 1
-        misses += shown == NO_LINE
-    if hits < _LEAST_POINTS or hits < misses or hits < 0.4 * steps:
-        return 0.0, 0
-    use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
-    if len(use) < max(_LEAST_POINTS, 0.6 * hits):
+    rows = np.empty((_MOST + 2 * _MOST_BEYOND, _ROW))
+    sure, hits, misses = _along(pixels, plane, line, NEAR_PX, rows)
+    if not sure:  # thin lines may lie beside where the cells have them
+        sure, hits, misses = _along(pixels, plane, line, _CELLS_PX, rows)
+        if sure:
+            sure, hits, misses = _along(pixels, plane, line, NEAR_PX, rows)
+            sure = sure and misses <= _MOST_MISSED * hits  # else it may be drawn from one line to another
+    if not sure:
         return 0.0, 0
     for backward in (True, False):
         hits += _extend(pixels, plane, line, backward, rows[hits:])
@@ -61,6 +58,31 @@ def refine_line(pixels: Pixels, plane: ImagePlane, line: FloatArray, points: Flo
 
 
 @njit(cache=True, error_model="numpy")
+def _along(
+    pixels: Pixels, plane: ImagePlane, line: FloatArray, reach_px: float, rows: FloatArray
+) -> tuple[bool, int, int]:
+    """Profiles along a line (4,), which is placed by those that show it, in place; these go into rows (N, 6).
+
+    Returns whether enough do and agree, how many do and how many show none.
+    """
+    focal = plane.lens.pinhole[0]
+    steps = int(focal * math.hypot(line[2] - line[0], line[3] - line[1]) / _STEP_PX)
+    steps = min(max(steps, _FEWEST), _MOST)
+    found = np.empty(5)
+    hits, misses = 0, 0
+    for k in range(steps):
+        shown = _read_at(pixels, plane, line, (k + 0.5) / steps, reach_px, found)
+        if shown == LINE:
+            _write(plane, found, rows[hits])
+            hits += 1
+        misses += shown == NO_LINE
+    if hits < _LEAST_POINTS or hits < misses or hits < 0.4 * steps:
+        return False, hits, misses
+    use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
+    return len(use) >= max(_LEAST_POINTS, 0.6 * hits), hits, misses
+
+
+@njit(cache=True, error_model="numpy")
 def _write(plane: ImagePlane, found: FloatArray, row: FloatArray) -> None:
     """What a profile found: where in the plane, which pixel, contrast, width against the expected, into row (6,)."""
     row[0], row[1] = plane_from_pixel(plane.lens, found[0], found[1])
@@ -68,7 +90,9 @@ def _write(plane: ImagePlane, found: FloatArray, row: FloatArray) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _read_at(pixels: Pixels, plane: ImagePlane, line: FloatArray, share: float, found: FloatArray) -> int:
+def _read_at(
+    pixels: Pixels, plane: ImagePlane, line: FloatArray, share: float, reach_px: float, found: FloatArray
+) -> int:
     """The profile at a share of a line's length."""
     dx, dy = line[2] - line[0], line[3] - line[1]
     x, y = line[0] + share * dx, line[1] + share * dy
@@ -79,7 +103,7 @@ def _read_at(pixels: Pixels, plane: ImagePlane, line: FloatArray, share: float, 
     norm = math.hypot(tx, ty)
     if not norm > 0.0:
         return OUTSIDE
-    return read_profile(pixels, plane, gx, gy, -ty / norm, tx / norm, found)
+    return read_profile(pixels, plane, gx, gy, -ty / norm, tx / norm, found, reach_px)
 
 
 @njit(cache=True, error_model="numpy")
@@ -149,7 +173,7 @@ def _extend(pixels: Pixels, plane: ImagePlane, line: FloatArray, backward: bool,
         step, begin = -step, 0.0
     missed, hit, count = 0, 0, 0
     for k in range(1, _MOST_BEYOND):
-        shown = _read_at(pixels, plane, line, begin + k * step, found)
+        shown = _read_at(pixels, plane, line, begin + k * step, NEAR_PX, found)
         if shown == OUTSIDE:
             break
         if shown == LINE:
