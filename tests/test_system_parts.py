@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from line_scenes import view as points_seen
@@ -22,7 +24,8 @@ from touchline.localization.fusion.grid_localizer import GridLocalizer
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
 from touchline.localization.fusion.particle_follower import ParticleFollower
 from touchline.localization.fusion.particle_localizer import ParticleLocalizer, ParticleSearch, ParticleSearchSettings
-from touchline.localization.fusion.tracker import Tracker
+from touchline.localization.fusion.pose_filter import Fusion
+from touchline.localization.fusion.tracker import MAX_UNSETTLED, Tracker
 from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
 from touchline.localization.particles import NubotParticles
 from touchline.motion import Motion, MotionHistory
@@ -91,6 +94,33 @@ def test_the_tracker_finds_the_pose_near_the_prediction_and_fuses_it() -> None:
     assert match.pose.distance_to(HERE) < 0.02
     tracker.fuse(match_input(), match)
     assert tracker.filter.pose.distance_to(HERE) < 0.03
+
+
+def test_a_frame_whose_tilt_cannot_be_settled_is_not_fused_unless_there_are_many() -> None:
+    """A vibrating head threw single frames decimetres off while the robot was tracked."""
+    tracker, there = Tracker(MATCHER), Pose(HERE.x + 0.2, HERE.y, HERE.heading)
+    tracker.start_at(HERE, np.diag([0.1, 0.1, 0.05]) ** 2)
+    seen = match_input(there)
+    match = tracker.match(seen)
+    assert match is not None
+    assert match.settled
+    for _ in range(MAX_UNSETTLED):
+        assert tracker.fuse(seen, replace(match, settled=False)) is Fusion.SUPPORTS
+        assert tracker.filter.pose == HERE
+    tracker.fuse(seen, replace(match, settled=False))
+    assert tracker.filter.pose.distance_to(there) < 0.05
+
+
+def test_a_lone_line_tells_nothing_of_the_mirror() -> None:
+    y = np.linspace(-2.0, 2.0, 40)
+    count, pose = len(y), Pose(6.9375, 0.0, 0.0)  # 2 m before the goal line
+    ahead = LinePoints(
+        np.column_stack((np.full(count, 2.0), y)), np.tile(np.eye(2) * 1e-4, (count, 1, 1)), np.ones(count),
+        np.full((count, 2), np.nan),
+    )  # fmt: skip
+    seen = replace(match_input(), points=ahead, weights=np.full(count, 1.0 / count))
+    refine_with_tilt(MATCHER, seen, pose.as_array(), 0.0)
+    assert not seen.tilt.mean.any()
 
 
 def test_there_is_no_match_without_a_pose_or_without_usable_points() -> None:

@@ -42,7 +42,7 @@ VIBRATION_GAIN = 0.05  # share of a new image in it
 # a mirror turns about its apex: by how much that displaces its image, as a share of its outer radius, per 1/m of g
 APEX_RATIO_M = 0.35
 # what a mirror that turns about its apex does beyond these errors: shift (m²) and turn (m) of the pose per 1/m of g
-MISFIT_M2, MISFIT_M = 0.5, 0.06
+MISFIT_M2, MISFIT_M = 0.65, 0.08
 DRIFT = 0.003  # drift of the mean errors per frame, as a share of what was unknown at first: a loosening mount
 WIDTH_M = 0.1  # distance to the line from which a point loses influence; the pose is already matched
 FIRST_WIDTH_M = 0.25  # the same in the first steps: 0.3 degrees move a line 7 m off by so much; Lauer's c
