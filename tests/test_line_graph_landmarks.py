@@ -100,3 +100,47 @@ def test_a_penalty_mark_is_found_a_ball_is_none() -> None:
     u, v = pixel(2.0, -0.4, 0.07)
     cv2.circle(ball, (round(u), round(v)), round(450.0 * 0.07 / 2.2), WHITE, -1, cv2.LINE_AA)
     assert len(found(ball)["penalty_mark"]) == 0
+
+
+YELLOW, BLUE = (20, 190, 220), (180, 70, 40)
+
+
+def stand(
+    image: ImageArray, x: float, y: float, half_width: float, bands: list[tuple[int, int, int]], top: float
+) -> None:
+    """Something upright with bands of one height from the ground up to a top (m)."""
+    for k, colour in enumerate(bands):
+        low, high = top * k / len(bands), top * (k + 1) / len(bands)
+        corners = ((1, low), (1, high), (-1, high), (-1, low))
+        paint(image, [pixel(x, y + side * half_width, z) for side, z in corners], colour)
+
+
+def coloured(image: ImageArray) -> dict[tuple[str, tuple[str, ...]], FloatArray]:
+    noise = np.random.default_rng(5).normal(0.0, 3.0, image.shape)
+    image = np.clip(image + noise, 0, 255).astype(np.uint8)
+    seen = LineGraphDetector(CAMERA, LineGraphSettings(), open_field("indoor-9x6")).detect(image, GroundView(CAMERA))
+    marks = seen.landmarks
+    return {(str(k), c): p for k, c, p in zip(marks.kinds, marks.colors, marks.positions_m, strict=True)}
+
+
+def test_a_coloured_post_that_leaves_the_image_stands_where_its_foot_is() -> None:
+    image = hall()
+    stand(image, GOAL_X, 0.9, 0.05, [YELLOW], 1.8)
+    stand(image, 2.4, -0.7, 0.1, [BLUE, YELLOW, BLUE], 1.0)
+    found = coloured(image)
+    assert set(found) == {("post", ("yellow",)), ("pole", ("blue", "yellow", "blue"))}
+    np.testing.assert_allclose(found["post", ("yellow",)], [GOAL_X + 0.05, 0.9], atol=0.04)
+    np.testing.assert_allclose(found["pole", ("blue", "yellow", "blue")], [2.5, -0.7], atol=0.06)
+
+
+@pytest.mark.parametrize("foot", ["on the wall", "as a board", "behind a robot"])
+def test_colours_that_stand_on_no_carpet_or_are_too_wide_are_no_post(foot: str) -> None:
+    image = hall()
+    if foot == "on the wall":
+        stand(image, 7.0, 0.9, 0.05, [YELLOW], 1.8)
+    else:
+        stand(image, GOAL_X, 0.9, 0.15 if foot == "as a board" else 0.05, [YELLOW], 1.8)
+    if foot == "behind a robot":
+        u, v = pixel(GOAL_X, 0.9, 0.15)
+        cv2.rectangle(image, (round(u) - 25, round(v)), (round(u) + 25, round(v) + 60), (40, 40, 40), -1)
+    assert not coloured(image)
