@@ -23,7 +23,7 @@ from touchline.localization.matching.global_search import Region
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
-from touchline.localization.particles.random_particles import UniformPoses
+from touchline.localization.particles.random_particles import BEYOND_M, UniformPoses
 from touchline.localization.particles.resampling import EVERY_CYCLE, Resampling
 from touchline.localization.particles.sensor_models import ErrorMapModel, LineView
 from touchline.motion.odometry import Motion
@@ -49,7 +49,6 @@ class MeasuredMotionNoise(MotionNoise):
     )
 
 
-BEYOND_M = 1.0  # how far beyond the field particles start: the robot's margin
 FARTHEST_M = 1.0  # distance from a line at which the map's error is 255: half way between most lines
 MAP_M = 0.05  # distance of the error map's samples: a thin line's width
 NEARBY_M = 0.25  # standard deviation of their x and y: a shove is 0.1 to 0.3

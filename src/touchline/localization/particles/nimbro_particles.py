@@ -24,11 +24,10 @@ from touchline.localization.particles.feature_poses import FeaturePoses, PosePro
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.localization.particles.particle_set import ParticleSet, mean_and_covariance
-from touchline.localization.particles.random_particles import AugmentedInjection, UniformPoses
+from touchline.localization.particles.random_particles import BEYOND_M, AugmentedInjection, UniformPoses
 from touchline.localization.particles.resampling import EVERY_CYCLE, CertaintyNumber, Resampling
 from touchline.motion.odometry import Motion
 
-BEYOND_M = 1.0  # how far beyond the field particles start: the robot's margin
 MIN_DEVIATIONS = np.array([0.02, 0.02, 0.01])  # smallest believed ones of a mode: few particles may be left in it
 UNCERTAIN_M = 1.0  # deviation of the position from which there are most particles
 MODE_M = 0.6  # radius of a mode of the particles ...

@@ -20,12 +20,11 @@ from touchline.localization.matching.matcher import Matcher, checked_points
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
-from touchline.localization.particles.random_particles import InjectionUntilConverged, UniformPoses
+from touchline.localization.particles.random_particles import BEYOND_M, InjectionUntilConverged, UniformPoses
 from touchline.localization.particles.resampling import BIN_M, BIN_RAD, AdaptiveSettings, KldNumber, Resampling
 from touchline.localization.particles.sensor_models import DistanceMapModel, LineView
 from touchline.motion.odometry import Motion
 
-BEYOND_M = 1.0  # how far beyond the field particles start: the robot's margin
 TABLE_M = 0.05  # sample distance of the table of distances: fine beside sigma_m, fits the cache
 CONVERGED_RAD = 0.15  # the same of the heading
 CLUSTER_M = 0.7  # distance of two clusters: that of the first particles

@@ -14,6 +14,8 @@ from touchline.localization.particles.particle_set import ParticleEstimate
 
 WHOLE_FIELD = Region()
 
+BEYOND_M = 1.0  # how far beyond the field particles start: the robot's margin
+
 
 class UniformPoses(NamedTuple):
     """Poses drawn evenly over a region within reach_m (2,) of the centre.
