@@ -11,7 +11,7 @@ import pytest
 
 from touchline.checks.delay import find_delay
 from touchline.checks.findings import Severity
-from touchline.checks.lines import check_lines, chosen_frames
+from touchline.checks.lines import check_lines
 from touchline.checks.survey import take_survey
 from touchline.geometry import FloatArray, Pose
 from touchline.simulation.recording import write_recording
@@ -50,30 +50,6 @@ def test_the_delay_is_found_beside_a_scale_error(delay_s: float) -> None:
     assert found is not None
     assert found.late_s == pytest.approx(delay_s, abs=max(0.006, 4.0 * found.deviation_s))
     assert found.deviation_s < 0.01
-
-
-def test_a_delay_is_found_in_blocks_of_images_and_the_gaps_between_them_do_not_count() -> None:
-    """The robot is carried between the blocks, where odometry sees nothing of it."""
-    found = []
-    for estimate in estimates(0.1):
-        block, place = divmod(round(1e-9 * estimate.stamp_ns * 10.0) - 10, 25)
-        if place < 20:
-            found.append(replace(estimate, pose=replaced(estimate.pose, 3.0 * block)))
-    late = find_delay(found, odometry())
-    assert late is not None
-    assert late.late_s == pytest.approx(0.1, abs=0.01)
-
-
-def replaced(pose: Pose, shift_m: float) -> Pose:
-    return Pose(pose.x + shift_m, pose.y, pose.heading)
-
-
-def test_images_are_looked_at_all_over_a_long_recording() -> None:
-    assert chosen_frames(80) == frozenset(range(80))
-    spread = chosen_frames(3000)
-    assert len(spread) == 100
-    assert {0, 2999} <= spread
-    assert max(np.diff(sorted(spread))) < 800
 
 
 def test_too_little_to_compare_tells_nothing() -> None:

@@ -18,7 +18,6 @@ _STEP_S = 0.01
 _LEVER_M = 1.0  # a turn by one radian counts like so much way
 _KEPT = 0.9  # of the steps: the worst are shoves
 _LEAST_STEPS = 20
-_GAP = 2.5  # usual steps between two estimates: over a longer one odometry's own errors are what is seen
 
 
 class Delay(NamedTuple):
@@ -31,7 +30,7 @@ class Delay(NamedTuple):
 def find_delay(estimates: list[Estimate], odometry: Samples) -> Delay | None:
     """The delay at which the steps of estimates agree best with those of odometry, samples (M, 3) x, y, theta.
 
-    Steps across a gap between the estimates don't count. None where too little is compared.
+    None where too little is compared.
     """
     if len(estimates) <= _LEAST_STEPS or len(odometry) < 2:
         return None
@@ -39,8 +38,7 @@ def find_delay(estimates: list[Estimate], odometry: Samples) -> Delay | None:
     times_s = 1e-9 * (odometry.stamp_ns - estimates[0].stamp_ns).astype(np.float64)
     path = np.column_stack((odometry.values[:, :2], np.unwrap(odometry.values[:, 2])))
     seen = _steps(np.array([estimate.pose for estimate in estimates]))
-    steps_s = np.diff(stamps_s)
-    inside = (stamps_s[:-1] - LATEST_S >= times_s[0]) & (steps_s < _GAP * np.median(steps_s))
+    inside = stamps_s[:-1] - LATEST_S >= times_s[0]
     if np.count_nonzero(inside) < _LEAST_STEPS:
         return None
     shifts = np.arange(-0.1, LATEST_S + 1e-9, _STEP_S)
