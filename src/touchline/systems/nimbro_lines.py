@@ -118,11 +118,8 @@ class NimbroLines:
         self.tracker.predict(motion, self.particles.filter.motion_model.deviations(motion))
         frame = self._with_lean(frame)  # roll and pitch at the image, section 4.4
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # features, sections 3 and 4
-        view = self.features.of(
-            observation, self.tracker.filter.lean
-        )  # egocentric, with noise and confidence, sections 4.4 and 5.3
-        searching = self.tracker.belief.is_searching
-        mode = self.particles.update(view, self._side(), searching)  # observation model, resampling, (4) to (8)
+        view = self.features.of(observation, self.tracker.filter.lean)  # egocentric, sections 4.4 and 5.3
+        mode = self.particles.update(view, self._side(), self.tracker.belief.is_searching)  # resampling, (4) to (8)
         self.tracker.update(view, mode, frame.stamp_ns)  # ours: least squares about the main mode; is it believed
         if self.tracker.turned:
             self.particles.start_at(self.tracker.pose, self.tracker.filter.covariance)
