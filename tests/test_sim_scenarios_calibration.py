@@ -48,15 +48,17 @@ class TestCalibrationInputs:
                 assert (image[v, u].min() > 120) == (colour == "white"), (index, colour)
 
     def test_the_mirror_askew_costs_centimetres_and_its_calibration_brings_them_back(self, tmp_path: Path) -> None:
-        """A mirror 0.58 mm aside is seen 3.6 cm aside wherever the robot stands: nothing but a calibration tells."""
+        """A mirror 0.58 mm aside is seen 3.6 cm aside wherever the robot stands; driving tells a part of it."""
         scenario = open_scenario("calibration-strip")
         straight = scenario.camera.model_copy(update={"mirror": MirrorSettings(profile="recorded")})
         ideal = Simulation(scenario.model_copy(update={"camera": straight, "seconds": 9.0}))
         assert np.mean(errors_of(ideal, ideal.camera)[:, 0]) < 0.004
         write_recording(Simulation(scenario), tmp_path / "askew")
         recording = open_source(tmp_path / "askew")
-        assert 0.03 < np.mean(errors_of(recording, recording.camera)[:, 0]) < 0.05
-        assert np.mean(errors_of(recording, calibrate_mirror(recording).camera)[:, 0]) < 0.025
+        askew = np.mean(errors_of(recording, recording.camera)[:, 0])
+        calibrated = np.mean(errors_of(recording, calibrate_mirror(recording).camera)[:, 0])
+        assert 0.015 < askew < 0.035
+        assert calibrated < 0.004
 
     def test_chessboard_corners_are_where_opencv_finds_them(self, recordings: dict[str, Path]) -> None:
         folder = recordings["chessboard"]

@@ -13,6 +13,8 @@ from touchline.motion import Motion
 from touchline.types import Hypothesis
 
 MOST_HYPOTHESES = 5  # that are named beside the pose: those refined in one round
+# frames that a rival counts after it was last seen: of a lone line the search comes to other places now and then only
+RIVAL_FRAMES = 5
 
 
 class GridLocalizer:
@@ -29,8 +31,8 @@ class GridLocalizer:
         self.reset()
 
     def reset(self) -> None:
-        """Forget how often a pose has held against the search."""
-        self._confirmations = 0
+        """Forget how often a pose has held against the search, and its rivals."""
+        self._confirmations = self._rivalled = 0
 
     def predict(self, motion: Motion) -> None:
         """Nothing is carried on: every frame is searched anew."""
@@ -55,8 +57,9 @@ class GridLocalizer:
             self._confirmations = 0
         if self.doubt and confirmed:
             covariance = fused_covariance(prediction.covariance, match.covariance) if kept else match.covariance
-            confirmed = stands_alone(self.search, fix, match, covariance)
+            confirmed = stands_alone(self.search, fix, match, covariance) and self._rivalled == 0
         others = () if fix is None else self._hypotheses(view, fix, match)
+        self._rivalled = RIVAL_FRAMES if others else max(self._rivalled - 1, 0)
         return Localization(match.pose, match.covariance, match, confirmed, True, kept, others)
 
     def _hypotheses(self, view: MatchInput, fix: GlobalFix, chosen: Match) -> tuple[Hypothesis, ...]:
