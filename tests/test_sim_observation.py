@@ -283,8 +283,10 @@ LEVELS = (
 )
 
 
-def reduced(name: str, mirror: dict[str, tuple[float, float]], rate_hz: float, seconds: float) -> Scenario:
-    scenario = open_scenario(name, 1, seconds, ["ideal=true"])
+def reduced(
+    name: str, mirror: dict[str, tuple[float, float]], rate_hz: float, seconds: float, seed: int = 1
+) -> Scenario:
+    scenario = open_scenario(name, seed, seconds, ["ideal=true"])
     askew = scenario.camera.mirror.model_copy(update=mirror)
     return scenario.model_copy(
         update={"camera": scenario.camera.model_copy(update={"rate_hz": rate_hz, "mirror": askew})}
@@ -313,8 +315,14 @@ def both_levels() -> Callable[[int], tuple[FloatArray, FloatArray]]:
 
     @lru_cache
     def errors(index: int) -> tuple[FloatArray, FloatArray]:
-        scenario = reduced(*LEVELS[index])
-        return tracking_errors(scenario, "images"), tracking_errors(scenario, "points")
+        name, *_ = LEVELS[index]
+        seeds = (1, 2) if name == "tour-20" else (1,)  # at its slow turns one run alone is too short for the heading
+        scenarios = [reduced(*LEVELS[index], seed) for seed in seeds]
+        rendered, observed = (
+            np.concatenate([tracking_errors(scenario, level) for scenario in scenarios])
+            for level in ("images", "points")
+        )
+        return rendered, observed
 
     return errors
 
