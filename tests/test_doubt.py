@@ -111,6 +111,75 @@ def test_a_robot_carried_away_in_full_view_is_found_within_ten_frames(name: str,
     assert all(estimate.status is Status.TRACKING for estimate in estimates[30:])
 
 
+SHOVE_M = 0.2
+ALL = pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl", "iris-fusion"])
+
+
+def moved_as_the_compass_turns(drive: Drive, index: int, rng: np.random.Generator) -> Frame:
+    """The compass shows the opposite, and the robot stands farther back than the odometry has it."""
+    frame = turned_compass(drive, index, rng)
+    assert frame.observation is not None
+    points = frame.observation.points
+    shifted = replace(points, positions_m=points.positions_m + np.array([SHOVE_M, 0.0]))
+    return replace(frame, observation=Observation(frame.stamp_ns, shifted))
+
+
+def poses_of_moved(truth: np.ndarray, to_twin: bool) -> np.ndarray:
+    """Its true poses (N, 3): it was shoved as the compass failed, or carried to the other end with a right compass."""
+    back = [Pose(*pose).compose(Pose(-SHOVE_M, 0.0, 0.0)) for pose in truth.tolist()]
+    return np.array([pose.mirrored() if to_twin else pose for pose in back])
+
+
+@ALL
+def test_a_robot_carried_to_its_twin_is_at_either_end_and_found_by_the_compass_when_carried_again(name: str) -> None:
+    drive = Fault("carried", 1.5, 9.0, moved_as_the_compass_turns).laid_into(driven(1), np.random.default_rng(0))
+    drive = drive._replace(truth=np.concatenate((drive.truth[:15], poses_of_moved(drive.truth[15:], to_twin=True))))
+    drive = spliced(drive, driven(3), 2.5)
+    estimates = localized(name, drive)
+    assert wrong(drive, estimates) <= 5
+    assert estimates[23].status is Status.SEARCHING
+    assert all(estimate.status is Status.TRACKING for estimate in estimates[35:])
+
+
+@ALL
+def test_a_compass_that_fails_in_the_frame_of_a_shove_moves_nothing(name: str) -> None:
+    fault = Fault("shoved", 1.5, 2.5, moved_as_the_compass_turns)
+    drive = fault.laid_into(driven(1), np.random.default_rng(0))
+    moved = poses_of_moved(drive.truth[15:25], to_twin=False)
+    drive = drive._replace(truth=np.concatenate((drive.truth[:15], moved, drive.truth[25:])))
+    estimates = localized(name, drive)
+    for estimate, truth in zip(estimates[5:], drive.truth[5:].tolist(), strict=True):
+        assert estimate.pose.distance_to(Pose(*truth)) < 0.5
+    assert estimates[23].status is Status.SEARCHING
+    assert estimates[-1].status is Status.TRACKING
+
+
+def test_a_compass_that_turned_round_as_the_robot_was_moved_is_believed_once_the_robot_is_lost() -> None:
+    for moved in (False, True):
+        one = CompassCorrection()
+        for _ in range(12):
+            one.update(0.02, 0.3, 0.3)
+        for k in range(3):
+            one.update(0.02, 0.3, 0.3 + math.pi, moved=moved and k == 0)
+        assert one.doubted
+        assert bool(one.either_end) is moved
+        one.lose()
+        assert one.doubted is not moved
+
+
+def test_a_compass_that_turned_round_as_the_robot_was_moved_is_believed_after_twenty_seconds() -> None:
+    one = CompassCorrection()
+    for _ in range(12):
+        one.update(0.02, 0.3, 0.3)
+    doubted = []
+    for k in range(210):
+        one.update(0.02, 0.3, 0.3 + math.pi, moved=k == 0)
+        doubted.append(one.doubted)
+    assert all(doubted[2:200])
+    assert not doubted[-1]
+    assert not one.trusted
+
+
 def test_the_learned_offset_is_bounded_in_total() -> None:
     one = CompassCorrection()
     for k in range(400):

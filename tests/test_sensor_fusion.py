@@ -389,6 +389,20 @@ def test_a_robot_that_is_lost_while_the_compass_is_doubted_waits_until_the_compa
         assert side.known is not answers[-1]
 
 
+def test_a_compass_that_turned_round_as_the_robot_was_moved_is_asked_once_the_robot_is_lost() -> None:
+    for moved in (False, True):
+        side = FieldSide(1.6)
+        heard(side, 0.1, 100)
+        side.hear(math.pi, moved)
+        heard(side, math.pi, 20)
+        assert side.doubted
+        assert side.either_end is moved
+        assert side.compass_is_asked is moved
+        side.search(known=True)
+        heard(side, 0.0, field_side.HEADING_FRAMES)
+        assert side.known is moved
+
+
 def test_who_was_told_a_pose_that_the_compass_denies_is_at_one_of_two_ends() -> None:
     side = FieldSide(1.6)
     side.start(known=True, told=True)

@@ -178,13 +178,15 @@ class IrisFusion:
         return self.odometry.advance(frame.stamp_ns, self.fusion.bias_rad_s), duration_s
 
     def _report(self, observation: Observation, residual_m: float, clock: Stopwatch) -> Estimate:
-        covariance = (self.unknown if self.searching else self.fusion.believed_covariance).copy()
+        unknown = self.searching or self.side.either_end
+        status = Status.SEARCHING if unknown and self.status is Status.TRACKING else self.status
+        covariance = (self.unknown if unknown else self.fusion.believed_covariance).copy()
         twin = self.fusion.pose.mirrored(), residual_m, self.side.twin_probability, mirrored_covariance(covariance)
         return Estimate(
             observation.stamp_ns,
             self.fusion.pose,
             covariance,
-            self.status,
+            status,
             residual_m,
             len(observation.points),
             () if self.side.twin_probability == 0.0 else (Hypothesis(*twin),),
@@ -268,7 +270,7 @@ class IrisFusion:
         """Spread the particles over the field, or the start region; the compass helps with the first headings alone."""
         self.fusion.search_anew(self.restart.failed, displaced=self.side.wrong)
         told = self.region is not None or not self.field.is_symmetric
-        believed_rad = None if self.side.doubted and not self.side.wrong else compass_rad
+        believed_rad = compass_rad if self.side.compass_is_asked else None
         self.side.search(known=told or compass_rad is not None, by_compass=not told)
         heading_rad, deviation_rad = self._first_headings(believed_rad, self.restart.start())
         if self.region is not None and heading_rad is not None:
@@ -298,7 +300,8 @@ class IrisFusion:
             self.odometry.set_pose(self.fusion.pose)
             self.status, self.searching = Status.TRACKING, False
             self.restart.found()
-            self.side.hear(None if compass_rad is None else wrap_angle(self.fusion.pose.heading - compass_rad))
+            off_rad = None if compass_rad is None else wrap_angle(self.fusion.pose.heading - compass_rad)
+            self.side.hear(off_rad, self.fusion.moved)
             if self.fusion.confirmed:
                 self.region = None
         elif (self.fusion.lost or self.fusion.doubtful) and self.status is Status.TRACKING:

@@ -104,6 +104,7 @@ class NubotMcl:
             fusion = self.tracker.follow(view, match)  # fuse: Kalman filter; the compass is corrected by the lines
             if self._has_failed(view, match, fusion, motion.missing_s):  # judge: five cycles
                 self.belief.lose(self.compass_correction.trusted)
+                self.compass_correction.lose()
         if view.usable and not self.belief.is_tracking:
             match = self._localize(view, match)  # search: one cycle of the particles, equations (1) to (3)
         return report(observation, self.tracker.filter, self.belief, match, (), clock, self.tracker.unseen(view))
@@ -111,7 +112,8 @@ class NubotMcl:
     def _has_failed(self, view: MatchInput, match: Match | None, fusion: Fusion, missing_s: float) -> bool:
         """Whether the pose is believed wrong, by the papers' rule or because another place alone fits far better."""
         refuted = self.doubt.refutes(view, match, self.tracker.filter, fusion)
-        self.belief.doubts, self.belief.notes = self.doubt.reasons, self.compass_correction.doubts
+        self.belief.doubts = (*self.doubt.reasons, *self.compass_correction.either_end)
+        self.belief.notes = self.compass_correction.doubts
         return self.failure.has_failed(view, match, self.tracker.filter.pose, missing_s) or refuted
 
     def _localize(self, view: MatchInput, match: Match | None) -> Match:

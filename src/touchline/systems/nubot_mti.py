@@ -93,6 +93,7 @@ class NubotMti:
             fusion = self.tracker.follow(view, match)  # fuse: Kalman filter; the lines correct the compass (4.2)
             if self._has_failed(view, match, fusion, motion.missing_s):  # judge (4.2)
                 self.belief.lose(self.compass_correction.trusted)
+                self.compass_correction.lose()
         if view.usable and not self.belief.is_tracking:
             match, rivals = self._localize(view, match)  # search: global localization (4.1)
         return report(observation, self.tracker.filter, self.belief, match, rivals, clock, self.tracker.unseen(view))
@@ -100,7 +101,8 @@ class NubotMti:
     def _has_failed(self, view: MatchInput, match: Match | None, fusion: Fusion, missing_s: float) -> bool:
         """Whether the pose is believed wrong, by the papers' rule or because another place alone fits far better."""
         refuted = self.doubt.refutes(view, match, self.tracker.filter, fusion)
-        self.belief.doubts, self.belief.notes = self.doubt.reasons, self.compass_correction.doubts
+        self.belief.doubts = (*self.doubt.reasons, *self.compass_correction.either_end)
+        self.belief.notes = self.compass_correction.doubts
         return self.failure.has_failed(view, match, self.tracker.filter.pose, missing_s) or refuted
 
     def _localize(self, view: MatchInput, match: Match | None) -> tuple[Match | None, tuple[Hypothesis, ...]]:

@@ -31,6 +31,10 @@ AGREEING_RAD = 0.35
 AGREEING_FRAMES = 10
 # frames in which a compass in doubt kept its difference from the lines, after which that is its error: it has jumped
 STEADY_FRAMES = 15
+# difference from which a compass speaks for the other end of a symmetric field
+OTHER_END_RAD = 0.5 * math.pi
+# frames of contradiction after which a compass that contradicts since the robot was moved is believed after all: 20 s
+PATIENCE_FRAMES = 200
 
 
 class CompassPaper(Settings):
@@ -70,6 +74,9 @@ class CompassCorrection:
 
     The compass is a witness among others. Where the lines fit at the pose that the odometry predicts, and compass and
     lines had agreed before, a compass that contradicts them has failed: `doubted`. It is asked again once it agrees.
+
+    Where the odometry felt nothing of a move in the very frame in which the compass turned round, the robot may have
+    been carried to the other end: the lines alone can't tell that from a compass that failed during a shove.
     """
 
     def __init__(self, settings: CompassSettings | None = None) -> None:
@@ -81,6 +88,8 @@ class CompassCorrection:
         self.offset_rad = 0.0
         self.doubted = False
         self.good_frames = self._agreed = self._contradicted = self._agreeing = self._steady = 0
+        self._moved = self._moved_since = False
+        self._moved_frames = 0
         self._fault_rad = 0.0
 
     def heading(self, compass_rad: float) -> float:
@@ -94,11 +103,25 @@ class CompassCorrection:
             return ()
         return (f"the compass contradicts lines and odometry by {math.degrees(abs(self._fault_rad)):.0f} degrees",)
 
-    def update(self, mean_distance_m: float, heading_rad: float, compass_rad: float, error: float = math.inf) -> bool:
+    @property
+    def either_end(self) -> tuple[str, ...]:
+        """Why the end of the field is unknown, if it is."""
+        return ("the robot was moved as the compass turned round",) if self.doubted and self._moved else ()
+
+    def update(
+        self,
+        mean_distance_m: float,
+        heading_rad: float,
+        compass_rad: float,
+        error: float = math.inf,
+        moved: bool = False,
+    ) -> bool:
         """Learn from one match and the compass's own reading at its time; whether the offset was corrected.
 
-        error: the match's mean error, which clutter does not raise as it does the mean distance.
+        error: the match's mean error, which clutter does not raise as it does the mean distance. moved: the robot was,
+        since the last frame, and the odometry felt nothing of it.
         """
+        self._moved_since |= moved
         difference = wrap_angle(heading_rad - self.heading(compass_rad))
         plausible = abs(difference) < MAX_CORRECTION_RAD
         fits, believable = mean_distance_m < GOOD_DEVIATION_M, plausible or not self.settings.paper.bounded
@@ -120,19 +143,26 @@ class CompassCorrection:
             self._steady = self._steady + 1 if kept else 0
             self._fault_rad = difference_rad
             self.doubted = self._agreeing < AGREEING_FRAMES
+            self._moved_frames += self._moved
+            if self._moved_frames > PATIENCE_FRAMES:
+                self.lose()
             return
+        if self._contradicted == 0:
+            self._moved = self._moved_since and abs(difference_rad) > OTHER_END_RAD
+            self._moved_frames = 0
+        self._moved_since = False
         self._contradicted = 0 if plausible else self._contradicted + 1
         self._agreed += plausible
         if self._contradicted >= CONTRADICTIONS and self.trusted:
             self.doubted, self._fault_rad = True, difference_rad
             self._contradicted = self._agreeing = self._steady = 0
 
-    def learn(self, match: Match | None, compass_rad: float | None) -> None:
+    def learn(self, match: Match | None, compass_rad: float | None, moved: bool = False) -> None:
         """`update` by the match of a frame, where there is a compass; without a match good frames begin anew."""
         if match is None:
             self.interrupt()
         elif compass_rad is not None:
-            self.update(match.mean_distance_m, match.pose.heading, compass_rad, match.error)
+            self.update(match.mean_distance_m, match.pose.heading, compass_rad, match.error, moved)
 
     @property
     def trusted(self) -> bool:
@@ -142,6 +172,12 @@ class CompassCorrection:
     def interrupt(self) -> None:
         """A frame without a match: good frames must follow each other anew."""
         self.good_frames = self._contradicted = self._agreeing = 0
+
+    def lose(self) -> None:
+        """The robot is lost: it is searched for with a compass that may well have been right."""
+        if self._moved:
+            self.doubted = self._moved = False
+            self._agreed = 0
 
     def start_anew(self) -> None:
         """The robot was found: compass and lines must agree anew until the compass may be doubted."""
@@ -156,4 +192,4 @@ class CompassCorrection:
         """
         if compass_rad is None or not self.doubted or self._steady < STEADY_FRAMES:
             return False
-        return abs(wrap_angle(heading_rad - self.heading(compass_rad) - self._fault_rad)) > 0.5 * math.pi
+        return abs(wrap_angle(heading_rad - self.heading(compass_rad) - self._fault_rad)) > OTHER_END_RAD

@@ -7,6 +7,8 @@ Ismail et al. 2021 ask the compass at the start alone; this rule is ours.
 
 from __future__ import annotations
 
+import math
+
 # images in a row with such a difference until the compass contradicts, or without it until it agrees
 HEADING_FRAMES = 5
 # by so many images a contradiction has to last longer than the agreement before it, to be believed after all: 20 s
@@ -21,6 +23,9 @@ class FieldSide:
     """Judges the compass while the robot is followed. `known`: whether the pose's end is; else the twin is named, too.
 
     `doubted`: the compass contradicts a pose that it had agreed with. `by_compass`: nothing but it tells the end.
+
+    A compass that turned round just as the robot was moved unfelt has failed, or the robot was carried to the other
+    end: no witness has followed it.
     """
 
     def __init__(self, heading_rad: float | None) -> None:
@@ -39,6 +44,7 @@ class FieldSide:
 
         by_compass: nothing else tells the end; that is enough if it has agreed with an end that was told.
         """
+        self.doubted = self.doubted and not self._moved
         self.by_compass = by_compass and not self._compass_is_right
         jumped = self._unsettled and self.wrong
         self._unsettled = not jumped and (self.doubted or self._unsettled or (self._told and self.wrong))
@@ -47,14 +53,22 @@ class FieldSide:
         self._forget()
 
     def _forget(self) -> None:
-        self._confirmed = self._had_agreed = self._had_turned = False
+        self._confirmed = self._had_agreed = self._had_turned = self._moved = False
+        self._off_rad = math.inf
         self._agreed = self._against = self._straight = self._turned = 0
 
-    def hear(self, off_compass_rad: float | None) -> None:
-        """One image of a robot that is followed: its heading minus the compass; None without one."""
+    def hear(self, off_compass_rad: float | None, moved: bool = False) -> None:
+        """One image of a robot that is followed: its heading minus the compass; None without one.
+
+        moved: the robot was, since the image before, and the odometry felt nothing of it.
+        """
         if self.heading_rad is None or off_compass_rad is None:
             return
-        if abs(off_compass_rad) > self.heading_rad:
+        off_rad, before_rad = abs(off_compass_rad), self._off_rad
+        self._off_rad = off_rad
+        if off_rad > self.heading_rad:
+            if self._turned == 0:
+                self._moved = moved and before_rad < 0.5 * self.heading_rad
             self._straight, self._turned, self._against = 0, self._turned + 1, self._against + 1
         else:
             self._straight, self._turned, self._agreed = self._straight + 1, 0, min(self._agreed + 1, MOST_AGREED)
@@ -69,6 +83,16 @@ class FieldSide:
             self._had_turned = True
             self.doubted |= self._confirmed
             self.known &= not (self._confirmed or self._unsettled)
+
+    @property
+    def either_end(self) -> bool:
+        """Whether the compass turned round just as the robot was moved: it may be at the other end."""
+        return self.doubted and self._moved
+
+    @property
+    def compass_is_asked(self) -> bool:
+        """Whether a search that begins now is to believe the compass."""
+        return not self.doubted or self._moved or self.wrong
 
     @property
     def twin_probability(self) -> float | None:

@@ -289,6 +289,11 @@ class SensorFusion:
         self._seen = vision.pose
 
     @property
+    def moved(self) -> bool:
+        """Whether the image that was used last showed a move that the odometry had not felt."""
+        return self.agreeing <= 1 or math.hypot(*self.dispute[:2]) > 0.5 * AGREEMENT_M
+
+    @property
     def believed_covariance(self) -> FloatArray:
         """(3, 3) of the pose, with what odometry and image differ by: whichever of both is wrong."""
         return self.covariance + shared_out(self.dispute)

@@ -123,7 +123,8 @@ class Tracker:
     def follow(self, view: MatchInput, match: Match | None) -> Fusion:
         """`fuse`, and a match that does not contradict the odometry corrects the compass."""
         fusion = self.fuse(view, match)
-        view.correction.learn(None if fusion is Fusion.CONTRADICTS else match, view.compass_rad)
+        believed = None if fusion is Fusion.CONTRADICTS else match
+        view.correction.learn(believed, view.compass_rad, moved=fusion is Fusion.SHOVED)
         return fusion
 
     def unseen(self, view: MatchInput) -> FloatArray | None:
