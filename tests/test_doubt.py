@@ -154,6 +154,17 @@ def test_a_compass_that_fails_in_the_frame_of_a_shove_moves_nothing(name: str) -
     assert estimates[-1].status is Status.TRACKING
 
 
+@pytest.mark.parametrize(("name", "seed"), [("nubot-mti", 6), ("nubot-mcl", 6), ("iris-fusion", 3)])
+def test_a_robot_carried_away_while_its_compass_shows_the_opposite_is_found_at_the_right_end(
+    name: str, seed: int
+) -> None:
+    drive = spliced(driven(1), driven(seed), 3.3)
+    drive = Fault("compass", 1.2, 9.0, turned_compass).laid_into(drive, np.random.default_rng(0))
+    estimates = localized(name, drive)
+    assert wrong(drive, estimates) <= 1
+    assert estimates[-1].status is Status.TRACKING
+
+
 def test_a_compass_that_turned_round_as_the_robot_was_moved_is_believed_once_the_robot_is_lost() -> None:
     for moved in (False, True):
         one = CompassCorrection()

@@ -270,7 +270,7 @@ class IrisFusion:
         """Spread the particles over the field, or the start region; the compass helps with the first headings alone."""
         self.fusion.search_anew(self.restart.failed, displaced=self.side.wrong)
         told = self.region is not None or not self.field.is_symmetric
-        believed_rad = compass_rad if self.side.compass_is_asked else None
+        believed_rad = self.side.heading(compass_rad)
         self.side.search(known=told or compass_rad is not None, by_compass=not told)
         heading_rad, deviation_rad = self._first_headings(believed_rad, self.restart.start())
         if self.region is not None and heading_rad is not None:

@@ -190,6 +190,11 @@ class CompassCorrection:
         Its readings tell nothing by themselves, but those that kept their difference from the lines until the robot
         was lost do.
         """
-        if compass_rad is None or not self.doubted or self._steady < STEADY_FRAMES:
-            return False
-        return abs(wrap_angle(heading_rad - self.heading(compass_rad) - self._fault_rad)) > OTHER_END_RAD
+        back_rad = None if compass_rad is None else self.without_jump(compass_rad)
+        return back_rad is not None and abs(wrap_angle(heading_rad - back_rad)) > OTHER_END_RAD
+
+    def without_jump(self, compass_rad: float) -> float | None:
+        """The heading (rad) of a compass that has jumped, its jump taken off; None of any other."""
+        if not self.doubted or self._steady < STEADY_FRAMES:
+            return None
+        return wrap_angle(self.heading(compass_rad) + self._fault_rad)

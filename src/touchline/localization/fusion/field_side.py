@@ -9,11 +9,16 @@ from __future__ import annotations
 
 import math
 
+from touchline.geometry import wrap_angle
+
 # images in a row with such a difference until the compass contradicts, or without it until it agrees
 HEADING_FRAMES = 5
 # by so many images a contradiction has to last longer than the agreement before it, to be believed after all: 20 s
 PATIENCE_FRAMES = 200
 MOST_AGREED = 600  # images of agreement that count: a minute
+# images in which a compass kept its difference from the pose, up to KEPT_RAD, after which that is its jump
+STEADY_FRAMES = 15
+KEPT_RAD = 0.35
 # probability that a compass is false from the first image on, built in or told the wrong way round: the pose's twin has
 # it as long as nothing but the compass tells the end
 COMPASS_FALSE = 0.02
@@ -54,7 +59,7 @@ class FieldSide:
 
     def _forget(self) -> None:
         self._confirmed = self._had_agreed = self._had_turned = self._moved = False
-        self._off_rad = math.inf
+        self._off_rad, self._steady = math.inf, 0
         self._agreed = self._against = self._straight = self._turned = 0
 
     def hear(self, off_compass_rad: float | None, moved: bool = False) -> None:
@@ -64,13 +69,15 @@ class FieldSide:
         """
         if self.heading_rad is None or off_compass_rad is None:
             return
-        off_rad, before_rad = abs(off_compass_rad), self._off_rad
-        self._off_rad = off_rad
-        if off_rad > self.heading_rad:
+        before_rad, self._off_rad = self._off_rad, off_compass_rad
+        if abs(off_compass_rad) > self.heading_rad:
+            kept = self._turned > 0 and abs(wrap_angle(off_compass_rad - before_rad)) < KEPT_RAD
+            self._steady = self._steady + 1 if kept else 0
             if self._turned == 0:
-                self._moved = moved and before_rad < 0.5 * self.heading_rad
+                self._moved = moved and abs(before_rad) < 0.5 * self.heading_rad
             self._straight, self._turned, self._against = 0, self._turned + 1, self._against + 1
         else:
+            self._steady = 0
             self._straight, self._turned, self._agreed = self._straight + 1, 0, min(self._agreed + 1, MOST_AGREED)
         if self._straight >= HEADING_FRAMES:
             self._had_agreed = True
@@ -89,10 +96,11 @@ class FieldSide:
         """Whether the compass turned round just as the robot was moved: it may be at the other end."""
         return self.doubted and self._moved
 
-    @property
-    def compass_is_asked(self) -> bool:
-        """Whether a search that begins now is to believe the compass."""
-        return not self.doubted or self._moved or self.wrong
+    def heading(self, compass_rad: float | None) -> float | None:
+        """The heading (rad) that a search begins with: the compass's, without its jump if it is doubted; or none."""
+        if compass_rad is None or not self.doubted or self._moved or self.wrong:
+            return compass_rad
+        return wrap_angle(compass_rad + self._off_rad) if self._steady >= STEADY_FRAMES else None
 
     @property
     def twin_probability(self) -> float | None:

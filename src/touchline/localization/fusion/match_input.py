@@ -49,6 +49,11 @@ class MatchInput:
             None if self.compass_rad is None or self.correction.doubted else self.correction.heading(self.compass_rad)
         )
 
+    @property
+    def heading_without_jump_rad(self) -> float | None:
+        """What a compass says that is not believed as it has jumped, its jump taken off; None of any other."""
+        return None if self.compass_rad is None else self.correction.without_jump(self.compass_rad)
+
     def heading_error_rad(self, heading_rad: float) -> float | None:
         """A heading minus the corrected compass; None without a compass."""
         return None if self.heading_rad is None else wrap_angle(heading_rad - self.heading_rad)

@@ -166,7 +166,10 @@ class ParticleSearch:
         if near is not None and view.heading_is_plausible(near.pose.heading, MAX_HEADING_ERROR_RAD):
             about = near.pose, near.covariance
         widening = self.settings.paper.widening**self.starts
-        self.particles.restart(view.heading_rad, region, about, widening=widening, everything_near=everything_near)
+        heading_rad = view.heading_rad
+        if heading_rad is None and self.starts % 2 == 0:  # every other time: the jump may have been another error
+            heading_rad = view.heading_without_jump_rad
+        self.particles.restart(heading_rad, region, about, widening=widening, everything_near=everything_near)
         self.cycles = 0
         self.starts += 1
 
