@@ -164,12 +164,12 @@ def test_a_swing_far_beyond_the_mean_is_followed_in_one_frame() -> None:
 
 
 def test_a_mount_that_loosens_keeps_the_mean_tilt_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mirror_tilt, "DRIFT", 0.1)
+    monkeypatch.setattr(mirror_tilt, "DRIFT", 0.4)
     pose, tilt = Pose(1.0, 0.5, 0.2), MirrorTilt(FIELD)
     points = line_points(seen(pose), noise_m=0.005)
     for _ in range(10):
         tilt.update(points, pose)
-    assert np.all(np.diag(tilt.covariance)[:2] >= 0.001**2)
+    assert np.all(np.diag(tilt.covariance)[:2] >= 0.002**2)
 
 
 def test_rays_from_one_focus_that_turn_move_the_point_below_it_too() -> None:

@@ -10,13 +10,10 @@ from pydantic import Field
 
 from touchline.config import Settings, added, constants_now
 from touchline.geometry import wrap_angle
-from touchline.localization.matching.matcher import Match
+from touchline.localization.matching.matcher import POOR_ERROR, Match
 
 # mean distance of the points to the lines below which a frame is good; a right pose has 0.03 to 0.1
 GOOD_DEVIATION_M = 0.12
-# mean error of a match below which the lines bear witness against the compass: unlike the distance it leaves clutter
-# out, the next field's lines among it; as tracking's POOR_ERROR
-WITNESS_ERROR = 0.1
 GOOD_FRAMES = 5  # good frames in a row before the compass is corrected, as many as mean failure
 # difference that can't be the compass's error, so that nothing is learned from it: twice the worst of usual errors, as
 # global_search.heading_tolerance_rad; half a turn means the wrong end of the field
@@ -125,7 +122,7 @@ class CompassCorrection:
         difference = wrap_angle(heading_rad - self.heading(compass_rad))
         plausible = abs(difference) < MAX_CORRECTION_RAD
         fits, believable = mean_distance_m < GOOD_DEVIATION_M, plausible or not self.settings.paper.bounded
-        if self.settings.paper.may_fail and (fits or error < WITNESS_ERROR):
+        if self.settings.paper.may_fail and (fits or error < POOR_ERROR):
             self._judge(difference, plausible)
         self.good_frames = self.good_frames + 1 if fits and believable else 0
         if self.doubted or self.good_frames < GOOD_FRAMES:

@@ -8,7 +8,7 @@ from touchline.localization.fusion.match_input import MatchInput
 from touchline.localization.fusion.pose_filter import Fusion, PoseFilter, equal_error
 from touchline.localization.matching.covariance import is_observed
 from touchline.localization.matching.global_search import GlobalFix, GlobalSearch
-from touchline.localization.matching.matcher import Match
+from touchline.localization.matching.matcher import POOR_ERROR, Match
 
 # contradicted or poorly fitting frames in a row after which the whole field is searched for a better place, and again
 # after as many more as in LOOK_EVERY: one alone is a shove or a robot in the way
@@ -20,8 +20,6 @@ HELD_FACTOR = (
 # frames in a row that support the prediction, after which places that fit as well say nothing against a pose: it is
 # known by how the robot has come there
 SUPPORTED_FRAMES = 5
-# mean error of a match from which it may be that of points that are none: it supports nothing. As accepted_error
-POOR_ERROR = 0.1
 
 
 def stands_alone(

@@ -58,9 +58,8 @@ class FusionSettings(Settings):
 
     removed: ClassVar[Mapping[str, str]] = {
         **constants_now(__name__, "better_factor", "better_margin"),
-        **constants_now(
-            "touchline.localization.fusion.tracker", "poor_error", "shove_position_m", "shove_heading_rad", "shoved_rad"
-        ),
+        **constants_now("touchline.localization.matching.matcher", "poor_error"),
+        **constants_now("touchline.localization.fusion.tracker", "shove_position_m", "shove_heading_rad", "shoved_rad"),
     }
 
     gate: float = Field(

@@ -13,12 +13,11 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
 from touchline.localization.fusion.pose_filter import Fusion, FusionSettings, PoseFilter, Scales, equal_error
 from touchline.localization.matching.covariance import MAX_DEVIATION_OF_POSITION_M, is_observed
-from touchline.localization.matching.matcher import Match, Matcher
+from touchline.localization.matching.matcher import POOR_ERROR, Match, Matcher
 from touchline.localization.matching.mirror_fit import Expected
 from touchline.motion import Motion, OdometrySettings
 from touchline.types import Prior
 
-POOR_ERROR = 0.1  # mean error of a match from which matching also starts with the compass heading; as accepted_error
 SHOVE_POSITION_M = 0.3  # how far a shove moves the robot: 0.1 to 0.3 in matches
 SHOVE_HEADING_RAD = 0.2  # how far a shove turns the robot: about ten degrees
 # difference between corrected compass and predicted heading from which matching also starts with the compass heading:

@@ -26,6 +26,9 @@ MAX_STEP_M = 0.5  # longest step in x and y: half the distance between lines tha
 MAX_STEP_RAD = 0.25  # longest step of the heading: largest_step_m at 2 m
 MIN_STEP_M = 1e-5  # shortest step in x and y: far below any measurement error
 MIN_STEP_RAD = 1e-5  # shortest step of the heading
+# mean error of a match from which it may be that of points that are none; as accepted_error of a global search. Unlike
+# the mean distance it leaves clutter out, the next field's lines among it
+POOR_ERROR = 0.1
 CLUTTERED = 0.7  # of the points' weight, the nearest to the lines, by which a pose among clutter is judged
 # mean distance of those up to which the others are clutter: a right pose among 30 % of it leaves 0.07 m, and of poses
 # more than half a metre off that leave 0.35 m on average one in forty less than this
