@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -18,10 +19,15 @@ from touchline.cli import main
 from touchline.errors import InputError, TouchlineError
 from touchline.perception import LinePointDetector, self_learning
 from touchline.perception.colour import GREEN, OTHER, WHITE, ColourModel
+from touchline.perception.colour_ellipses import FIXED, USUAL_BLACK, Ellipse, learned_names
 from touchline.perception.colour_file import load_colours, save_colours
+from touchline.perception.line_graph import colour_classes as line_graph
+from touchline.perception.line_graph.colour_classes import colour_codes
+from touchline.perception.line_graph.pictures import SHADES
 from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
 from touchline.sources import open_source
 from touchline.types import Frame, ImageArray
+from touchline.view.calibration import colour_picture
 
 LINES = [(1.0, 0.0, 1.5), (0.0, 1.0, -1.0), (0.0, 1.0, 2.0)]
 CARPET, PAINT, SHIRT, BALL = (60, 140, 70), (225, 230, 228), (190, 40, 200), (30, 120, 235)
@@ -87,6 +93,25 @@ def test_a_mark_overrides_the_rule_where_it_lies(tmp_path: Path) -> None:
     assert colours.classify(np.array([[PAINT]], dtype=np.uint8))[0, 0] == OTHER
 
 
+def test_marked_colours_set_the_ellipses_and_black(tmp_path: Path) -> None:
+    """Olive is no usual yellow, and a grey dome no usual black; both are once they are marked."""
+    olive, dome = (60, 95, 105), (48, 50, 52)
+    picture = np.zeros((40, 120, 3))
+    for k, colour in enumerate((CARPET, olive, dome)):
+        picture[:, 40 * k : 40 * k + 40] = colour
+    picture = np.clip(picture + np.random.default_rng(1).normal(0.0, 3.0, picture.shape), 0, 255).astype(np.uint8)
+    (tmp_path / "patches.png").write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+    boxes = [("green", [2, 2, 37, 37]), ("yellow", [43, 3, 77, 37]), ("black", [83, 3, 117, 37])]
+    rows = [{"file": "patches.png", "class": kind, "box": box} for kind, box in boxes]
+    (tmp_path / "regions.yaml").write_text(yaml.safe_dump(rows))
+    colours = calibrate_marked(tmp_path, tmp_path / "regions.yaml").colours
+    assert learned_names(colours.ellipses) == ("yellow",)
+    seen = np.array([olive, dome, [1.3 * value for value in olive]], dtype=np.float64)
+    assert colour_codes(seen, colours).tolist() == [line_graph.YELLOW, line_graph.BLACK, line_graph.YELLOW]
+    unmarked = replace(colours, ellipses=FIXED, black=USUAL_BLACK)
+    assert colour_codes(seen, unmarked).tolist() == [line_graph.OTHER] * 3
+
+
 def test_marks_in_a_recording_are_used_by_themselves(small_data: Path, tmp_path: Path) -> None:
     folder = borrow(small_data / "omni_msl_track", tmp_path / "marked", frames=2)
     unmarked = calibrate_recording(open_source(folder))
@@ -124,7 +149,7 @@ def test_a_table_survives_its_file(colours: ColourModel, tmp_path: Path) -> None
     assert np.array_equal(loaded.table, colours.table)
     for name in ("green", "white", "signal"):
         assert np.array_equal(getattr(loaded, name), getattr(colours, name))
-    assert loaded.noise == colours.noise
+    assert (loaded.noise, loaded.ellipses, loaded.black) == (colours.noise, colours.ellipses, colours.black)
 
 
 def test_other_files_are_refused(colours: ColourModel, tmp_path: Path) -> None:
@@ -142,6 +167,18 @@ def test_other_files_are_refused(colours: ColourModel, tmp_path: Path) -> None:
     whole = dict(np.load(file))
     np.savez(file, **(whole | {"format": np.array("other 7")}))
     with pytest.raises(InputError, match="another format"):
+        load_colours(file)
+    np.savez(file, **({name: whole[name] for name in whole if name != "ellipses"} | {"format": "touchline colours 1"}))
+    with pytest.raises(InputError, match=r"another format \(touchline colours 1\); make it anew"):
+        load_colours(file)
+    for name, value in (("u", 1e300), ("uu", -4.0), ("uv", 1e4)):
+        ellipses = whole["ellipses"].copy()
+        ellipses[1, Ellipse._fields.index(name)] = value
+        np.savez(file, **(whole | {"ellipses": ellipses}))
+        with pytest.raises(InputError, match="the ellipse of yellow in 'ellipses' is none"):
+            load_colours(file)
+    np.savez(file, **(whole | {"black": np.array(7.0)}))
+    with pytest.raises(InputError, match="'black' is no ratio"):
         load_colours(file)
     np.savez(file, **(whole | {"green": np.array([np.nan, 1.0, 1.0])}))
     with pytest.raises(InputError, match="damaged: 'green'"):
@@ -250,11 +287,21 @@ def test_the_command_learns_from_an_image(small_data: Path, tmp_path: Path, caps
     assert "--camera FILE" in capsys.readouterr().err
 
 
+def test_the_picture_shows_the_marked_classes(tmp_path: Path) -> None:
+    calibration = calibrate_marked(tmp_path, patches(tmp_path))
+    classes = colour_picture(calibration.colours, calibration.image)[40:, 640:1280]
+    for kind, row, column in ((line_graph.MAGENTA, 1, 0), (line_graph.ORANGE, 1, 1), (line_graph.WHITE, 0, 1)):
+        patch = classes[320 * row : 320 * row + 320, 320 * column : 320 * column + 320]
+        assert np.mean(np.all(patch == SHADES[kind][1], axis=-1)) > 0.95
+
+
 def test_the_command_learns_from_marks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     regions = patches(tmp_path)
     arguments = ["calibrate", "colour", str(tmp_path / "patches.png"), "--regions", str(regions)]
     assert main([*arguments, "--output", str(tmp_path / "colours.npz")]) == 0
-    assert "4 marked regions in 1 image" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "4 marked regions in 1 image" in said
+    assert "learned: orange, magenta; the usual ones" in said
     assert main([*arguments, "--output", str(tmp_path / "new" / "colours.npz")]) == 0
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"colours.npz", "colours.png"}
 
@@ -265,6 +312,7 @@ def test_a_humanoid_s_colours_are_learned_from_its_images(small_data: Path, tmp_
     assert "8 images of humanoid_9x6_walk" in found.learned_from
     assert found.colours.green[1] > 1.2 * found.colours.green[2]
     assert found.colours.white.min() > 200.0
+    assert learned_names(found.colours.ellipses) == ("orange",)  # the ball
     classes = found.colours.classify(found.image)
     assert (classes[300:] == GREEN).mean() > 0.7
     one = str(recording / "images" / "000000.jpg")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,15 +12,21 @@ import pytest
 from touchline.camera import GroundView, PinholeCamera
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose3
+from touchline.perception.colour_ellipses import FIXED, learned_ellipse, learned_names, tinted_chroma
 from touchline.perception.colour_file import save_colours
 from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
 from touchline.perception.line_graph.colour_classes import (
+    BLUE,
     CELL_PX,
     CLASSES,
     FULL,
     GREEN,
+    MAGENTA,
     ORANGE,
+    OTHER,
     WHITE,
+    classes_of_model,
+    colour_codes,
     count_classes,
     learn_classes,
     suppress_fringes,
@@ -54,6 +61,31 @@ def test_paint_is_learned_from_worn_lines_not_from_walls() -> None:
     model = learn_classes([worn_field()], everywhere(), everywhere(), yuv=False).model
     np.testing.assert_allclose(model.green, CARPET, atol=3.0)
     np.testing.assert_allclose(model.white, WORN, atol=8.0)
+
+
+def test_colours_are_learned_from_what_stands_on_the_carpet_not_from_posters() -> None:
+    image = worn_field()
+    blue, poster = (120, 60, 25), (70, 30, 15)
+    image[90:200, 20:34] = blue
+    image[10:60, 100:140] = poster
+    learned = learn_classes([image], everywhere(), everywhere(), yuv=False).model
+    assert learned_names(learned.ellipses) == ("blue",)
+    seen = np.array([blue, [0.5 * value for value in blue]], dtype=np.float64)
+    assert colour_codes(seen, learned).tolist() == [BLUE, BLUE]
+    assert colour_codes(seen, replace(learned, ellipses=FIXED)).tolist() == [BLUE, OTHER]  # not in the shade
+    image[90:200, 20:34] = CARPET
+    assert learn_classes([image], everywhere(), everywhere(), yuv=False).model.ellipses == FIXED
+
+
+def test_a_colour_file_s_classes_are_those_that_were_marked() -> None:
+    model = learn_classes([worn_field()], everywhere(), everywhere(), yuv=False).model
+    mauve = np.array([[100.0, 75.0, 110.0]])
+    tinted = tinted_chroma(np.repeat(mauve, 40, axis=0), model.white)
+    ellipses = (*FIXED[:3], learned_ellipse(tinted, FIXED[3], 0.0), FIXED[4])
+    b, g, r = mauve[0].astype(int)
+    for colours, wanted in ((model, False), (replace(model, ellipses=ellipses), True)):
+        table = classes_of_model(colours, yuv=False).table
+        assert (table[((b >> 3) << 11) | ((g >> 2) << 5) | (r >> 3)] == MAGENTA) == wanted
 
 
 def test_faint_lines_are_left_out_beside_strong_ones_only() -> None:

@@ -93,6 +93,7 @@ def colour(
     picture = new_files(output, (".npz",), "a colour table", picture)
     from touchline.calibration.colour import calibrate_marked, calibrate_recording, calibrate_unmarked, read_picture
     from touchline.camera import open_camera
+    from touchline.perception.colour_ellipses import learned_names
     from touchline.perception.colour_file import save_colours
     from touchline.sources import is_recording, open_source
     from touchline.view.calibration import colour_picture
@@ -115,7 +116,11 @@ def colour(
     green, white = (
         tuple(round(float(c)) for c in color[::-1]) for color in (calibration.colours.green, calibration.colours.white)
     )
-    words = f"Colours learned from {calibration.learned_from}: green {green}, white {white} (R, G, B)."
+    coloured = ", ".join(learned_names(calibration.colours.ellipses)) or "none"
+    words = (
+        f"Colours learned from {calibration.learned_from}: green {green}, white {white} (R, G, B).\n"
+        f"Of blue, yellow, orange, magenta and cyan learned: {coloured}; the usual ones stand for the rest."
+    )
     print_lines(words, output, picture)
 
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from touchline.errors import TouchlineError
 from touchline.geometry import FloatArray
+from touchline.perception.colour_ellipses import FIXED, USUAL_BLACK, Ellipses
 from touchline.types import ImageArray
 
 OTHER, GREEN, WHITE = 0, 1, 2
@@ -43,7 +44,9 @@ class ColourModel:
 
     table: uint8 (64, 64, 64) class of a colour (B, G, R each shifted right by 2). green, white: (3,) B, G, R of the
     carpet and of the paint in the same light. noise: standard deviation (grey levels) of a carpet pixel against its
-    neighbours. signal: (3,) weights of B, G, R; `signal @ colour` rises by 1 from this green to this white.
+    neighbours. signal: (3,) weights of B, G, R; `signal @ colour` rises by 1 from this green to this white. ellipses:
+    of blue, yellow, orange, magenta and cyan, black: luminance below which a colourless pixel is black, against that of
+    this green; for whoever looks for these.
     """
 
     table: npt.NDArray[np.uint8]
@@ -51,6 +54,8 @@ class ColourModel:
     white: FloatArray
     noise: float
     signal: FloatArray
+    ellipses: Ellipses = FIXED
+    black: float = USUAL_BLACK
 
     def classify(self, image: ImageArray) -> npt.NDArray[np.uint8]:
         """Class (H, W) of every pixel of an image (H, W, 3): OTHER, GREEN or WHITE."""

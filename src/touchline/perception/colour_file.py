@@ -14,19 +14,23 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
+from touchline.geometry import FloatArray
 from touchline.new_files import write_new_file
 from touchline.opened_files import read_bytes
 from touchline.perception.colour import WHITE, ColourModel
+from touchline.perception.colour_ellipses import COLOURED, Ellipse, Ellipses
 
-_FORMAT = "touchline colours 1"
+_FORMAT = "touchline colours 2"
 _SHAPES: dict[str, tuple[int, ...]] = {
     "table": (64, 64, 64),
     "green": (3,),
     "white": (3,),
     "noise": (),
     "signal": (3,),
+    "ellipses": (len(COLOURED), len(Ellipse._fields)),
+    "black": (),
 }
-_MEMBERS: dict[str, tuple[int, ...]] = {"format": (), **_SHAPES}
+_MOST, _THINNEST = 512.0**2, 1.0  # of an ellipse: all its numbers, and its shape's smaller eigenvalue, in U, V squared
 _MOST_BYTES = 4_000_000  # the table as float64, and room to spare
 _MOST_ITEM_BYTES = 400  # the text of `format` has 100 letters at most
 _NO_ARCHIVE = (
@@ -61,25 +65,41 @@ def load_colours(path: str | Path) -> ColourModel:
     data = read_bytes(path, _MOST_BYTES)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as stored:
-            arrays = {name: _array(stored, name, shape) for name, shape in _MEMBERS.items()}
+            written = str(_array(stored, "format", ()))
+            shapes = _SHAPES if written == _FORMAT else {}
+            arrays = {name: _array(stored, name, shape) for name, shape in shapes.items()}
     except InputError as error:
         raise InputError(f"{path}: is damaged: {error}") from None
     except _NO_ARCHIVE:
         raise InputError(f"{path}: is not a colour table; make one with touchline calibrate colour") from None
-    if str(arrays["format"]) != _FORMAT:
-        raise InputError(f"{path}: is a colour table of another format ({arrays['format']!s:.40}); make it anew")
+    if written != _FORMAT:
+        raise InputError(f"{path}: is a colour table of another format ({written:.40}); make it anew")
     for name in _SHAPES:
         if arrays[name].dtype.kind not in "uf" or not np.all(np.isfinite(arrays[name])):
             raise InputError(f"{path}: is damaged: '{name}' holds something else than numbers")
     if arrays["table"].dtype != np.uint8 or int(arrays["table"].max()) > WHITE:
         raise InputError(f"{path}: is damaged: 'table' holds classes that are not known")
+    if not 0.0 <= float(arrays["black"]) <= 1.0:
+        raise InputError(f"{path}: is damaged: 'black' is no ratio of the carpet's luminance")
+    ellipses = _ellipses(arrays["ellipses"].astype(np.float64), path)
     return ColourModel(
         np.ascontiguousarray(arrays["table"]),
         arrays["green"].astype(np.float64),
         arrays["white"].astype(np.float64),
         float(arrays["noise"]),
         arrays["signal"].astype(np.float64),
+        ellipses,
+        float(arrays["black"]),
     )
+
+
+def _ellipses(rows: FloatArray, path: Path) -> Ellipses:
+    """Of rows (5, 7). Raises InputError for one that is no ellipse within U, V."""
+    ellipses = tuple(Ellipse(*map(float, row)) for row in rows)
+    for name, ellipse in zip(COLOURED, ellipses, strict=True):
+        if np.abs(ellipse).max() > _MOST or np.linalg.eigvalsh(ellipse.shape)[0] < _THINNEST:
+            raise InputError(f"{path}: is damaged: the ellipse of {name} in 'ellipses' is none")
+    return ellipses
 
 
 def _array(stored: zipfile.ZipFile, name: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:

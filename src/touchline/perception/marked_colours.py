@@ -21,9 +21,19 @@ from touchline.perception.colour import (
     colour_model,
     pixel_noise,
 )
+from touchline.perception.colour_ellipses import (
+    COLOURED,
+    FIXED,
+    USUAL_BLACK,
+    Ellipses,
+    learned_black,
+    learned_ellipse,
+    luma_chroma,
+    tinted_chroma,
+)
 from touchline.types import ImageArray
 
-CLASSES = ("green", "white", "black", "blue", "yellow", "orange", "magenta", "cyan")
+CLASSES = ("green", "white", "black", *COLOURED)
 LEAST_PIXELS = 30
 _CODES = {"green": GREEN, "white": WHITE}
 _CELLS = 64
@@ -48,7 +58,8 @@ def marked_colour_model(images: Mapping[str, ImageArray], regions: Sequence[Regi
     """Learn from regions of images (H, W, 3), B, G, R, by file name.
 
     The carpet is what is marked green, the paint what is marked white (guessed without); marked colours override the
-    rules in the cells of the table where they lie. Raises InputError without enough green.
+    rules in the cells of the table where they lie, and set the ellipses of their classes. Raises InputError without
+    enough green.
     """
     pixels = {kind: _pixels_of(images, regions, kind) for kind in CLASSES}
     green = pixels["green"]
@@ -64,7 +75,21 @@ def marked_colour_model(images: Mapping[str, ImageArray], regions: Sequence[Regi
             "colours: what is marked white is hardly brighter than what is marked green; are they swapped?"
         )
     model = colour_model(carpet, white)
-    return replace(model, table=_with_votes(model.table, pixels))
+    black = USUAL_BLACK
+    if len(pixels["black"]) >= LEAST_PIXELS:
+        luma, _, _ = luma_chroma(np.vstack((model.green, pixels["black"])))
+        black = learned_black(luma[1:], float(luma[0]))
+    return replace(model, table=_with_votes(model.table, pixels), ellipses=_ellipses(pixels, model), black=black)
+
+
+def _ellipses(pixels: Mapping[str, FloatArray], model: ColourModel) -> Ellipses:
+    """Those of the marked classes from their marks alone, fixed ones for all others."""
+    return tuple(
+        learned_ellipse(tinted_chroma(pixels[name], model.white), fixed, 0.0)
+        if len(pixels[name]) >= LEAST_PIXELS
+        else fixed
+        for name, fixed in zip(COLOURED, FIXED, strict=True)
+    )
 
 
 def _pixels_of(images: Mapping[str, ImageArray], regions: Sequence[Region], kind: str) -> FloatArray:

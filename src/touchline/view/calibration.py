@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from touchline.calibration.mirror import MirrorCalibration, Sighting
 from touchline.camera import GroundView
 from touchline.camera.model_free import range_image
-from touchline.perception.colour import GREEN, OTHER, WHITE, ColourModel
+from touchline.perception.colour import GREEN as IS_GREEN
+from touchline.perception.colour import WHITE as IS_WHITE
+from touchline.perception.colour import ColourModel
+from touchline.perception.line_graph.colour_classes import CLASSES, GREEN, OTHER, WHITE, colour_codes
+from touchline.perception.line_graph.pictures import SHADES, UNCLASSIFIED
 from touchline.types import ImageArray
 from touchline.view.birds_eye import birds_eye_image
 
 _MIRROR_SIDE = 900
 _PURPLE = (220, 60, 200)
 _PALE = (190, 190, 190)
-_CLASS_COLORS = {OTHER: (60, 60, 60), GREEN: (70, 160, 60), WHITE: (245, 245, 245)}  # BGR
 _COLOUR_SIDE = 640
 _SLICES = 16
 _LEVELS_M = (0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.5, 9.0, 12.0)
@@ -89,24 +93,32 @@ def _draw_true_edges(ground: ImageArray, calibration: MirrorCalibration, sightin
 
 def colour_picture(colours: ColourModel, image: ImageArray) -> ImageArray:
     """(S + 40, 3 S, 3) BGR: the image (H, W, 3), its classes, and 16 slices of the table: blue down, red across."""
-    palette = np.array([_CLASS_COLORS[code] for code in (OTHER, GREEN, WHITE)], dtype=np.uint8)
     panels = {
         "image": _fitted(image, cv2.INTER_AREA),
-        "classes: green, white, other": _fitted(palette[colours.classify(image)], cv2.INTER_NEAREST),
-        "the table: G in 16 steps; in each B down, R across": _fitted(_slices(colours, palette), cv2.INTER_NEAREST),
+        "classes: green, white, black, coloured, other": _fitted(_painted(colours, image)[0], cv2.INTER_NEAREST),
+        "the table: G in 16 steps; in each B down, R across": _fitted(_slices(colours), cv2.INTER_NEAREST),
     }
     return np.hstack([_titled(panel, title, _COLOUR_SIDE) for title, panel in panels.items()])
 
 
-def _slices(colours: ColourModel, palette: ImageArray) -> ImageArray:
+def _painted(colours: ColourModel, image: ImageArray) -> tuple[ImageArray, npt.NDArray[np.bool_]]:
+    """An image (H, W, 3) with each pixel in the colour of its class, and (H, W) which are of none."""
+    codes = colour_codes(image.reshape(-1, 3).astype(np.float64), colours).reshape(image.shape[:2])
+    plain = colours.classify(image)
+    codes = np.where(plain == IS_GREEN, GREEN, np.where(plain == IS_WHITE, WHITE, codes))
+    palette = np.array([*(SHADES[code][1] for code in range(CLASSES)), UNCLASSIFIED], dtype=np.uint8)
+    return palette[codes], codes == OTHER
+
+
+def _slices(colours: ColourModel) -> ImageArray:
     """(4 · 66, 4 · 66, 3): every fourth plane of the table; what is no class shows its own colour, darker."""
     levels = (np.arange(64) * 4 + 2).astype(np.uint8)
     tiles = []
     for g in range(0, 64, 64 // _SLICES):
-        classes = colours.table[:, g, :]
         blue, red = np.meshgrid(levels, levels, indexing="ij")
         own = np.stack((blue, np.full_like(blue, levels[g]), red), axis=-1)
-        tile = np.where((classes == OTHER)[..., np.newaxis], own // 3, palette[classes])
+        painted, is_other = _painted(colours, own)
+        tile = np.where(is_other[..., np.newaxis], own // 3, painted)
         tiles.append(np.pad(tile, ((1, 1), (1, 1), (0, 0)), constant_values=120))
     rows = [np.hstack(tiles[k : k + 4]) for k in range(0, _SLICES, 4)]
     return np.vstack(rows).astype(np.uint8)

@@ -8,6 +8,7 @@ the cell. All algorithms behind this one work on the cells.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import cv2
@@ -18,10 +19,12 @@ from numba import njit
 from touchline.geometry import FloatArray
 from touchline.perception.colour import GREEN as IS_GREEN
 from touchline.perception.colour import ColourModel, colour_model, learn_carpet, pixel_noise
+from touchline.perception.colour_ellipses import is_black, luma_chroma, nearest_ellipse, tinted_chroma
+from touchline.perception.line_graph.standing_colours import standing_ellipses
 from touchline.types import ImageArray
 
 CELL_PX = 8
-WHITE, GREEN, BLACK, BLUE, YELLOW, ORANGE, MAGENTA, CYAN = range(8)
+WHITE, GREEN, BLACK, BLUE, YELLOW, ORANGE, MAGENTA, CYAN = range(8)  # from BLUE on as in COLOURED
 CLASSES = 8
 OTHER = 8
 FULL = CELL_PX * CELL_PX  # pixels of a cell
@@ -37,16 +40,6 @@ _BESIDE_PX = 15  # paint lies within so many pixels of carpet
 _FAINTEST_PAINT = 0.2  # of the way from carpet to a guessed white
 _PAINT_ROUNDS = 3
 _EDGES = 0.65  # share of what is pale between carpet that is only partly paint
-# of each colour the middle (U, V), half axes (U, V) and the interval of Y, of full-range YUV with U, V about 0
-_ELLIPSES: dict[int, tuple[float, float, float, float, float, float]] = {
-    BLUE: (60.0, -22.0, 38.0, 22.0, 12.0, 150.0),
-    YELLOW: (-72.0, 18.0, 40.0, 26.0, 60.0, 250.0),
-    ORANGE: (-55.0, 62.0, 35.0, 28.0, 50.0, 220.0),
-    MAGENTA: (12.0, 62.0, 30.0, 30.0, 30.0, 220.0),
-    CYAN: (22.0, -62.0, 30.0, 30.0, 40.0, 240.0),
-}
-_BLACK_Y = 0.45  # of the carpet's luminance, of colourless pixels
-_COLOURLESS = 12.0  # distance from white in U, V
 
 CountArray = npt.NDArray[np.uint8]
 """(8, rows, columns): pixels of each class in each cell, at most 64."""
@@ -66,13 +59,6 @@ class ColourClasses(NamedTuple):
     local: bool
 
 
-def luma_chroma(colours: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Y (N,) 0 to 255 and U, V (N,) about 0 of colours (N, 3) B, G, R."""
-    blue, green, red = colours.T
-    y = 0.114 * blue + 0.587 * green + 0.299 * red
-    return y, 0.564 * (blue - y), 0.713 * (red - y)
-
-
 def learn_classes(
     images: Sequence[ImageArray], near: npt.NDArray[np.bool_], around: npt.NDArray[np.bool_], yuv: bool
 ) -> ColourClasses:
@@ -88,6 +74,8 @@ def learn_classes(
     paint = _learn_paint(images, around, model)
     if paint is not None:
         model = colour_model(carpet, paint)
+    if not yuv:
+        model = replace(model, ellipses=standing_ellipses(images, around, model))
     table = yuv_table(model, carpet.pixels) if yuv else relative_table(model)
     return ColourClasses(table, model, _white_from(model, yuv), not yuv)
 
@@ -103,7 +91,7 @@ def classes_of_model(model: ColourModel, yuv: bool) -> ColourClasses:
 def relative_table(model: ColourModel) -> npt.NDArray[np.uint8]:
     """The table of `ColourClasses` with green as the model has it and white by its signal."""
     colours = _cell_colours()
-    table = _colour_codes(colours, model)
+    table = colour_codes(colours, model)
     whiteness = (colours - model.green) @ model.signal
     pale = (table == OTHER) | (table == BLACK)
     table = np.where(pale & (whiteness > _LEAST_WHITE), _codes(whiteness), table)
@@ -117,7 +105,7 @@ def yuv_table(model: ColourModel, carpet: FloatArray) -> npt.NDArray[np.uint8]:
     carpet: (N, 3) pixels of it, B, G, R.
     """
     colours = _cell_colours()
-    table = _colour_codes(colours, model)
+    table = colour_codes(colours, model)
     y, u, v = luma_chroma(colours)
     carpet_y, carpet_u, carpet_v = luma_chroma(carpet)
     low, high = np.quantile(carpet_y, (0.005, 0.995))
@@ -149,18 +137,14 @@ def _codes(whiteness: FloatArray) -> FloatArray:
     return codes
 
 
-def _colour_codes(colours: FloatArray, model: ColourModel) -> npt.NDArray[np.int64]:
-    """The classes of the coloured and of black; U, V are counted from those of the paint, as the light tints both."""
-    y, u, v = luma_chroma(colours)
-    white_y, white_u, white_v = (float(value[0]) for value in luma_chroma(model.white[np.newaxis]))
-    u, v = u - white_u * y / white_y, v - white_v * y / white_y
+def colour_codes(colours: FloatArray, model: ColourModel) -> npt.NDArray[np.int64]:
+    """(N,) which of colours (N, 3) B, G, R are black or of one of the coloured classes; OTHER for all else."""
+    tinted = tinted_chroma(colours, model.white)
     table = np.full(len(colours), OTHER, dtype=np.int64)
     carpet_y = float(luma_chroma(model.green[np.newaxis])[0][0])
-    table[(y < _BLACK_Y * carpet_y) & (np.hypot(u, v) < _COLOURLESS)] = BLACK
-    for kind, (u0, v0, half_u, half_v, low, high) in _ELLIPSES.items():
-        inside = ((u - u0) / half_u) ** 2 + ((v - v0) / half_v) ** 2 < 1.0
-        table[inside & (y > low) & (y < high)] = kind
-    return table
+    table[is_black(tinted, model.black * carpet_y)] = BLACK
+    kinds = nearest_ellipse(tinted, model.ellipses)
+    return np.where(kinds >= 0, BLUE + kinds, table)
 
 
 def _learn_paint(images: Sequence[ImageArray], around: npt.NDArray[np.bool_], model: ColourModel) -> FloatArray | None:

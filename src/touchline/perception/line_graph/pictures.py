@@ -29,7 +29,7 @@ from touchline.perception.line_graph.structure import Structure
 from touchline.perception.stages import BOUNDARY_PAINT, Paint, draw_paths, enlarged, with_legend
 from touchline.types import ImageArray, Observation
 
-_SHADES: dict[int, tuple[str, Paint]] = {
+SHADES: dict[int, tuple[str, Paint]] = {
     WHITE: ("white", (245, 245, 245)),
     GREEN: ("green", (70, 140, 50)),
     BLACK: ("black", (0, 0, 0)),
@@ -39,7 +39,7 @@ _SHADES: dict[int, tuple[str, Paint]] = {
     MAGENTA: ("magenta", (190, 40, 200)),
     CYAN: ("cyan", (210, 200, 40)),
 }
-_UNCLASSIFIED: Paint = (85, 85, 85)
+UNCLASSIFIED: Paint = (85, 85, 85)
 _LINK_PAINT: Paint = (255, 255, 0)
 _NODES: dict[int, tuple[str, Paint]] = {  # by degree
     1: ("ends", (255, 0, 255)),
@@ -79,15 +79,15 @@ def step_pictures(
 def _classes(structure: Structure) -> FloatArray:
     shares = structure.counts / FULL
     rest = 1.0 - np.minimum(shares.sum(axis=0), 1.0)
-    picture: FloatArray = rest[..., np.newaxis] * np.array(_UNCLASSIFIED, dtype=np.float64)
-    for kind, (_, paint) in _SHADES.items():
+    picture: FloatArray = rest[..., np.newaxis] * np.array(UNCLASSIFIED, dtype=np.float64)
+    for kind, (_, paint) in SHADES.items():
         picture += shares[kind][..., np.newaxis] * np.array(paint)
     return picture
 
 
 def _classes_shown(structure: Structure) -> list[tuple[str, Paint]]:
-    shown = [entry for kind, entry in _SHADES.items() if (structure.counts[kind] > FULL // 4).any()]
-    return [*shown, ("no class", _UNCLASSIFIED)]
+    shown = [entry for kind, entry in SHADES.items() if (structure.counts[kind] > FULL // 4).any()]
+    return [*shown, ("no class", UNCLASSIFIED)]
 
 
 def _smooth(structure: Structure) -> FloatArray:
