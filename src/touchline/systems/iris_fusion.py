@@ -21,7 +21,7 @@ from pydantic import Field
 
 from touchline.config import Settings, added, constants_now
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
-from touchline.localization.fusion.camera_errors import CameraErrors, CameraFit
+from touchline.localization.fusion.camera_errors import HEIGHT_M, CameraErrors, CameraFit
 from touchline.localization.fusion.field_side import FieldSide
 from touchline.localization.fusion.modes import MIN_POINTS, SensorFusion, SensorFusionSettings, difference, shared_out
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
@@ -58,6 +58,10 @@ _STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 
 NEAR_FITTED_M = 0.06  # the same while the camera's errors are unknown, of points that they are fitted to
 NEAR_M = 0.1  # distance within which a point lies on a line: calibration, blur
+# what the head may shake by in one image (rad), which moves far points off their lines: while the robot is searched for
+# such points count, up to NEAR_M more
+SHAKE_RAD = math.radians(0.1)
+_END_RAD = 0.5 * math.pi  # difference of two headings from which they belong to different ends of the field
 # standard deviation of the first headings about the one known before the robot was lost, without a compass, beside what
 # odometry may have gone wrong: a robot may have been turned, hardly to the other goal
 KNOWN_HEADING_RAD = 0.8
@@ -250,8 +254,18 @@ class IrisFusion:
             errors_m, near_m = self.particles.errors_m(positions_m, found.pose), NEAR_M
         else:
             errors_m, near_m = self.fit.residuals_m, NEAR_FITTED_M
-        inlier_ratio = float(np.mean(errors_m <= near_m))
+        inlier_ratio = float(np.mean(errors_m <= near_m + self._shaken_m(positions_m)))
         return found._replace(points=len(points), inlier_ratio=inlier_ratio), float(errors_m.mean())
+
+    def _shaken_m(self, positions_m: FloatArray) -> FloatArray:
+        """How far (M,) a shaking head may have moved points (M, 2) off their lines; none while the robot is followed.
+
+        There the strict measure tells sooner that it is not where it was.
+        """
+        if not self.searching:
+            return np.zeros(len(positions_m))
+        shaken_m: FloatArray = np.minimum(SHAKE_RAD * np.sum(positions_m**2, axis=1) / HEIGHT_M, NEAR_M)
+        return shaken_m
 
     def _cycle(self, positions_m: FloatArray) -> ParticleEstimate:
         """Equations (7) to (14)."""
@@ -279,7 +293,7 @@ class IrisFusion:
         if self.region is not None:
             self.particles.predict(Motion(self.moved, np.zeros((3, 3)), 0.0))
         if self.fusion.has_pose:
-            self.particles.put_nearby(self.odometry.pose)  # it may have been right
+            self._put_nearby(self.odometry.pose, compass_rad)  # it may have been right
 
     def _first_headings(self, compass_rad: float | None, widening: float) -> tuple[float | None, float]:
         """Mean and standard deviation (rad) of the headings that a search starts with: the compass's, or the last."""
@@ -307,7 +321,18 @@ class IrisFusion:
         elif (self.fusion.lost or self.fusion.doubtful) and self.status is Status.TRACKING:
             self.status = Status.LOST
         if self.fusion.has_pose:
-            self.particles.put_nearby(self.fusion.pose)
+            self._put_nearby(self.fusion.pose, compass_rad)
+
+    def _put_nearby(self, pose: Pose, compass_rad: float | None) -> None:
+        """Some particles come to about a pose; in a search by the compass to its twin, if that is at the compass's end.
+
+        Particles at both ends fit alike wherever the robot is near the twin, and would never agree.
+        """
+        believed_rad = self.side.heading(compass_rad) if self.searching else None
+        if believed_rad is not None and self.field.is_symmetric and self.region is None:
+            at_other_end = abs(wrap_angle(pose.heading - believed_rad)) > _END_RAD
+            pose = pose.mirrored() if at_other_end else pose
+        self.particles.put_nearby(pose)
 
 
 def points_chosen(points: LinePoints, most: int) -> LinePoints:
