@@ -55,6 +55,19 @@ def test_stray_points_do_not_fix_what_no_line_observes() -> None:
     assert np.max(normalized) < 3.0
 
 
+def test_stray_points_do_not_tie_the_heading_to_the_place_along_a_lone_line() -> None:
+    """A match may slide along the line by metres: what a pose is moved by to either side then is noise alone."""
+    rng = np.random.default_rng(6)
+    pose = Pose(3.5, -4.5, 0.0)
+    for _ in range(20):
+        line = np.column_stack((rng.uniform(-2.0, 2.0, 40), np.full(40, -1.4375)))
+        stray = np.column_stack((np.full(3, 5.4375), rng.uniform(1.0, 4.0, 3)))  # of the goal line
+        points = np.concatenate((line, stray)) + rng.normal(0, 0.02, (43, 2))
+        covariance = matched(FIELD, points, pose).covariance
+        assert covariance[0, 0] > 3.0
+        assert np.abs(covariance[0, 1:] / covariance[0, 0]).max() < 0.001  # m and rad per metre along the line
+
+
 def test_on_the_centre_circle_alone_the_heading_is_unknown() -> None:
     field = FieldModel(name="circle", length=18.0, width=12.0, line_width=0.125, circles=np.array([[0.0, 0.0, 2.0]]))
     pose = Pose(0.0, 0.0, 0.3)

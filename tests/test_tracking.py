@@ -13,7 +13,13 @@ from line_scenes import lone_line, view
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization import FusionSettings, Matcher, PoseFilter, WeightSettings, range_weights
-from touchline.localization.fusion.pose_filter import BETTER_MARGIN, Scales, equal_error
+from touchline.localization.fusion.compass_correction import CompassCorrection, CompassSettings
+from touchline.localization.fusion.match_input import MatchInput
+from touchline.localization.fusion.pose_filter import BETTER_MARGIN, Fusion, Scales, equal_error
+from touchline.localization.fusion.tracker import Tracker
+from touchline.localization.matching.matcher import Match
+from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
+from touchline.types import points_at
 
 FIELD = open_field("msl-18x12")
 STEP = Pose(0.1, 0.0, 0.02)
@@ -149,6 +155,41 @@ def test_a_drive_along_one_line_leaves_what_the_scale_may_be_wrong_by() -> None:
     for _ in range(100):
         one.predict(Pose(0.1, 0.0, 0.0), np.zeros((3, 3)))
     assert math.sqrt(one.covariance[0, 0]) == pytest.approx(0.3, rel=0.05)
+
+
+def on_a_lone_line(tracker: Tracker, pose: Pose, ahead_m: float | None = None) -> tuple[MatchInput, Match]:
+    """What is seen of a touch line from a pose, with ten points of a line across it so far ahead, if any; matched."""
+    points = np.column_stack((np.linspace(-2.0, 2.0, 40), np.full(40, -1.4375)))
+    if ahead_m is not None:
+        points = np.concatenate((points, np.column_stack((np.full(10, ahead_m), np.linspace(-0.9, 0.5, 10)))))
+    points = points + np.random.default_rng(3).normal(0.0, 0.01, points.shape)
+    seen = points_at(pose.inverse().compose(Pose(pose.x, -4.5, 0.0)).transform(points))
+    tilt = MirrorTilt(FIELD, MirrorTiltSettings(paper=MirrorTiltPaper(enabled=False, displacement=False)))
+    weights = np.full(len(points), 1.0 / len(points))
+    view = MatchInput(seen, weights, True, None, tilt, CompassCorrection(CompassSettings()))
+    return view, tracker.matcher.match(seen.positions_m, weights, pose)
+
+
+def test_one_frames_points_across_a_lone_line_are_no_shove_along_it() -> None:
+    tracker = Tracker(Matcher(FIELD.distance_map()))
+    tracker.start_at(Pose(-3.5, -4.5, 0.0), tight())
+    seen = on_a_lone_line(tracker, Pose(-3.0, -4.5, 0.0), ahead_m=3.0)  # the centre line, half a metre nearer
+    assert tracker.fuse(*seen) is Fusion.CONTRADICTS
+    assert tracker.filter.pose.x == pytest.approx(-3.5, abs=0.05)
+    assert tracker.fuse(*seen) is Fusion.SHOVED
+    assert tracker.filter.pose.x == pytest.approx(-3.0, abs=0.05)
+
+
+def test_after_a_contradiction_a_lone_line_leaves_what_a_shove_may_have_moved_along_it() -> None:
+    for frames, along_m in ((1, 0.02), (3, 0.3)):
+        tracker = Tracker(Matcher(FIELD.distance_map()))
+        tracker.start_at(Pose(-3.5, -4.5, 0.0), tight())
+        for _ in range(frames):
+            assert tracker.fuse(*on_a_lone_line(tracker, Pose(-3.5, -4.5, 0.5))) is Fusion.CONTRADICTS
+        assert tracker.fuse(*on_a_lone_line(tracker, Pose(-3.5, -4.5, 0.0))) is Fusion.SUPPORTS
+        deviations = np.sqrt(np.diag(tracker.filter.covariance))
+        assert deviations[0] == pytest.approx(along_m, abs=0.01)
+        assert deviations[1] < 0.05
 
 
 def test_small_errors_are_equal_within_a_margin_large_ones_within_a_factor() -> None:

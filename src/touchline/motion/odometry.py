@@ -14,7 +14,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 from touchline.types import Samples
 
-TRAVEL_NOISE_M = 0.015  # random position error after one metre, growing with the root of the travel
+TRAVEL_NOISE_M = 0.02  # random position error after one metre, growing with the root of the travel
 TRAVEL_NOISE_RAD = 0.01  # random heading error after one metre, growing with the root of the travel
 TURN_NOISE_RAD = 0.01  # random heading error after one radian, growing with the root of the turn
 DRIFT_M = 0.01  # random position error after one second even at rest (m, root of time): being nudged

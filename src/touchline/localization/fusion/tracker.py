@@ -29,6 +29,9 @@ MAX_SHOVE_M = 0.6
 MAX_SHOVE_RAD = 0.8
 EXPECTED = (0.03, 0.03, 0.01)  # m, m, rad: what the prediction may be off by beside its covariance
 MAX_UNSETTLED = 5  # frames in a row that are left out as their tilt can't be settled; more: the camera is a poor one
+# frames in a row that contradict the prediction, after which a lone line that supports it again shows what a shove has
+# left: nothing of it along the line
+SHOVED_FRAMES = 2
 LONE_LINE_SHOVE = 0.3  # share of a usual shove that is believed where only one line is seen
 
 
@@ -56,6 +59,7 @@ class Tracker:
         self.filter = PoseFilter(pose, prior.covariance, self.settings, self._scales)
         self.has_pose = prior.pose is not None
         self._unsettled = 0
+        self._contradicted = 0  # frames in a row
 
     def start_at(self, pose: Pose, covariance: FloatArray, has_pose: bool = True) -> None:
         """Go on from a pose with its covariance (3, 3); has_pose: whether matching may start from it."""
@@ -100,17 +104,30 @@ class Tracker:
         """Kalman fusion of prediction and match; without a match the prediction stays. What the match says of it."""
         if match is None or self._waits_for_a_better(match):
             return Fusion.SUPPORTS
+        fusion = self._fused_with(view, match)
+        if fusion is Fusion.CONTRADICTS:
+            self._contradicted += 1
+        else:
+            if self._contradicted >= SHOVED_FRAMES and fusion is Fusion.SUPPORTS and self.settings.paper.shoves:
+                self.filter = self.filter.loosened(_shoved_unseen(match.covariance))
+            self._contradicted = 0
+        return fusion
+
+    def _fused_with(self, view: MatchInput, match: Match) -> Fusion:
         s = self.settings
         if not s.paper.shoves or self.filter.distance2_to(match.pose, match.covariance) <= s.gate:
             self.filter.update(match.pose, match.inflation * match.covariance)
             return Fusion.SUPPORTS
-        observed = self._fuse_observable_directions(view, match)
+        there = self._seen_from_prediction(view, match)
+        observed = self._fuse_observable_directions(view, match, there)
         if observed is not Fusion.CONTRADICTS:
             return observed
         error = self.matcher.error(view.positions_m, view.weights, self.filter.pose.as_array())
         if error <= equal_error(match.error):
             return Fusion.SUPPORTS
-        trusted = s.paper.any_shove or self._may_be_shove(match)
+        # where the prediction sees a lone line, one frame's few points beside it are no proof of a shove along it
+        seen_twice = self._contradicted > 0 or is_observed(there)
+        trusted = s.paper.any_shove or (seen_twice and self._may_be_shove(match))
         self.filter.update(match.pose, match.covariance, trusted=trusted)
         return Fusion.SHOVED if trusted else Fusion.CONTRADICTS
 
@@ -138,23 +155,28 @@ class Tracker:
         turned_rad = abs(wrap_angle(pose.heading - predicted.heading)) - 3.0 * math.sqrt(variances[2])
         return far_m < MAX_SHOVE_M and turned_rad < MAX_SHOVE_RAD and is_observed(match.covariance)
 
-    def _fuse_observable_directions(self, view: MatchInput, match: Match) -> Fusion:
+    def _seen_from_prediction(self, view: MatchInput, match: Match) -> FloatArray:
+        """Covariance (3, 3) that the points leave a pose where the prediction is, in (m, m, rad)."""
+        predicted = self.filter.pose.as_array()
+        there = self.matcher.assess(view.positions_m, view.weights, predicted, match.error).covariance
+        return there + view.tilt.shaken if self.matcher.settings.uncertainty.paper.residuals else there
+
+    def _fuse_observable_directions(self, view: MatchInput, match: Match, there: FloatArray) -> Fusion:
         """Fuse a match far from the prediction by what the points observe at the prediction, if that is enough.
 
         RPROP may slide along a lone line to where the same points look unambiguous. First the prediction is taken at
-        its word, then as that of a robot that was shoved.
+        its word, then as that of a robot that was shoved. there (3, 3): what the points leave open at the prediction.
         """
         positions_m = view.positions_m
-        predicted = self.filter.pose.as_array()
-        there = self.matcher.assess(positions_m, view.weights, predicted, match.error).covariance
         # where the lines fix the pose a match after a shove needs no help; along a lone line a long shove can't be told
         # from a line that is none
         shoves = (1.0,) if self.settings.paper.any_shove else () if is_observed(there) else (LONE_LINE_SHOVE,)
         for shove in (0.0, *shoves):
             grown = np.diag([SHOVE_POSITION_M, SHOVE_POSITION_M, SHOVE_HEADING_RAD]) ** 2 * shove**2
             fused = self.filter.loosened(grown)
-            if not fused.update(match.pose, there, trusted=False):
+            if fused.distance2_to(match.pose, there) > self.settings.gate:
                 continue
+            fused.update(match.pose, match.inflation * there)
             if self.matcher.error(positions_m, view.weights, fused.pose.as_array()) <= equal_error(match.error):
                 self.filter = fused.loosened(_shoved_unseen(there)) if shove else fused
                 return Fusion.SHOVED if shove else Fusion.SUPPORTS

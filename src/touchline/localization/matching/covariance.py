@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from touchline.config import Settings, added, constants_now
@@ -91,25 +92,53 @@ def visual_covariance(
     told = principal_information(points, weights, moments, c_m)
     if told is None:
         return s.unknown
-    n = len(points)
-    kept = n - min(max(math.ceil(CLUTTER_RATIO * n), MIN_CLUTTER), n - 1)
-    told.helps.partition(kept - 1, axis=0)
-    values = told.helps[:kept].sum(axis=0)
-    values = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0) * told.unit
-    return told.covariance(values, s)
+    values = _values(told.helps)
+    if values[0] <= 0.0:
+        # the few points that alone have fixed the direction have turned it, too: along a lone line they would pass for
+        # ones that tie its heading to the place along it
+        told = told.turned(_least(told.helps[:, 0]))
+        values = _values(told.helps)
+    return told.covariance(values * told.unit, s)
+
+
+def _kept(count: int) -> int:
+    """How many of so many points are no clutter."""
+    return count - min(max(math.ceil(CLUTTER_RATIO * count), MIN_CLUTTER), count - 1)
+
+
+def _least(helps: FloatArray) -> npt.NDArray[np.intp]:
+    """Of the help (N,) of each point along one direction, the rows of those that are no clutter."""
+    kept = _kept(len(helps))
+    return np.argpartition(helps, kept - 1)[:kept]
+
+
+def _values(helps: FloatArray) -> FloatArray:
+    """(3,) what points, of which each helps (N, 3), tell of the three directions but for clutter."""
+    kept = _kept(len(helps))
+    values = np.partition(helps, kept - 1, axis=0)[:kept].sum(axis=0)
+    told: FloatArray = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0)
+    return told
 
 
 class PrincipalInformation(NamedTuple):
     """What each point says of a pose along its three principal directions.
 
-    helps (N, 3): of each point along each direction; unit: what makes it an inverse variance. vectors (3, 3): the
-    directions, in columns; scale (3,): of x, y and heading to one length.
+    helps (N, 3): of each point along each direction, the least known first; unit: what makes it an inverse variance.
+    vectors (3, 3): the directions, in columns; scale (3,): of x, y and heading to one length. roots (N, 3): their
+    products are each point's information.
     """
 
     helps: FloatArray
     unit: float
     vectors: FloatArray
     scale: FloatArray
+    roots: FloatArray
+
+    def turned(self, rows: npt.NDArray[np.intp]) -> PrincipalInformation:
+        """The same information along the principal directions of some of the points alone."""
+        some = self.roots[rows]
+        vectors = np.linalg.eigh(some.T @ some)[1]
+        return self._replace(helps=(self.roots @ vectors) ** 2, vectors=vectors)
 
     def covariance(self, values: FloatArray, settings: UncertaintySettings) -> FloatArray:
         """Covariance (3, 3) in (m, m, rad) of inverse variances (3,) along the directions."""
@@ -137,7 +166,9 @@ def principal_information(
     u = u / scale
     vectors = np.linalg.eigh((u.T * curvature) @ u)[1]
     helps = curvature[:, np.newaxis] * (u @ vectors) ** 2
-    return PrincipalInformation(helps, mean_curvature / power, vectors, scale)
+    return PrincipalInformation(
+        helps, mean_curvature / power, vectors, scale, u * np.sqrt(np.maximum(curvature, 0.0))[:, np.newaxis]
+    )
 
 
 def is_observed(covariance: FloatArray) -> bool:
