@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -173,10 +174,11 @@ def on_a_lone_line(tracker: Tracker, pose: Pose, ahead_m: float | None = None) -
 def test_one_frames_points_across_a_lone_line_are_no_shove_along_it() -> None:
     tracker = Tracker(Matcher(FIELD.distance_map()))
     tracker.start_at(Pose(-3.5, -4.5, 0.0), tight())
-    seen = on_a_lone_line(tracker, Pose(-3.0, -4.5, 0.0), ahead_m=3.0)  # the centre line, half a metre nearer
-    assert tracker.fuse(*seen) is Fusion.CONTRADICTS
+    view, match = on_a_lone_line(tracker, Pose(-3.0, -4.5, 0.0), ahead_m=3.0)  # the centre line, half a metre nearer
+    shaken = replace(match, covariance=match.covariance + tight(0.1, 0.01))
+    assert tracker.fuse(view, shaken) is Fusion.CONTRADICTS
     assert tracker.filter.pose.x == pytest.approx(-3.5, abs=0.05)
-    assert tracker.fuse(*seen) is Fusion.SHOVED
+    assert tracker.fuse(view, shaken) is Fusion.SHOVED
     assert tracker.filter.pose.x == pytest.approx(-3.0, abs=0.05)
 
 

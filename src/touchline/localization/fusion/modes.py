@@ -15,6 +15,7 @@ from pydantic import Field
 
 from touchline.config import Settings, added, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.matching.covariance import widest_m
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion.odometry import Motion
 from touchline.types import Mode
@@ -211,7 +212,7 @@ class SensorFusion:
                 self._seen = self._seen.compose(motion.pose)
             self.mode, self.pose = Mode.ODOMETRY, odometry
             return self.mode
-        fixed = image_covariance is None or _widest_m(image_covariance) < NARROW_M
+        fixed = image_covariance is None or widest_m(image_covariance) < NARROW_M
         self._compare(odometry, motion, vision, fixed)
         self.mode = self._next_mode(trusted=motion.missing_s == 0.0)
         self._unused = self._unused + 1 if self.mode is Mode.ODOMETRY else 0
@@ -388,12 +389,6 @@ def _unseen(motion: Motion) -> tuple[float, float]:
     if not motion.missing_s:
         return 0.0, 0.0
     return 3.0 * _spread_m(motion.covariance), 3.0 * _spread_rad(motion.covariance)
-
-
-def _widest_m(covariance: FloatArray) -> float:
-    """Standard deviation of the position along its least known direction (m)."""
-    (a, b), (_, d) = covariance[:2, :2].tolist()
-    return math.sqrt(0.5 * (a + d) + math.hypot(0.5 * (a - d), b))
 
 
 def _spread_rad(covariance: FloatArray) -> float:

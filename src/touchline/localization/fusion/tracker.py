@@ -12,7 +12,7 @@ import numpy as np
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
 from touchline.localization.fusion.pose_filter import Fusion, FusionSettings, PoseFilter, Scales, equal_error
-from touchline.localization.matching.covariance import MAX_DEVIATION_OF_POSITION_M, is_observed
+from touchline.localization.matching.covariance import MAX_DEVIATION_OF_POSITION_M, is_observed, widest_m
 from touchline.localization.matching.matcher import POOR_ERROR, Match, Matcher
 from touchline.localization.matching.mirror_fit import Expected
 from touchline.motion import Motion, OdometrySettings
@@ -32,6 +32,7 @@ MAX_UNSETTLED = 5  # frames in a row that are left out as their tilt can't be se
 # frames in a row that contradict the prediction, after which a lone line that supports it again shows what a shove has
 # left: nothing of it along the line
 SHOVED_FRAMES = 2
+SURE_M = 0.05  # standard deviation of a match in every direction, up to which it is no lone line that is seen
 LONE_LINE_SHOVE = 0.3  # share of a usual shove that is believed where only one line is seen
 
 
@@ -126,8 +127,8 @@ class Tracker:
         if error <= equal_error(match.error):
             return Fusion.SUPPORTS
         # where the prediction sees a lone line, one frame's few points beside it are no proof of a shove along it
-        seen_twice = self._contradicted > 0 or is_observed(there)
-        trusted = s.paper.any_shove or (seen_twice and self._may_be_shove(match))
+        proven = self._contradicted > 0 or is_observed(there) or widest_m(match.covariance) < SURE_M
+        trusted = s.paper.any_shove or (proven and self._may_be_shove(match))
         self.filter.update(match.pose, match.covariance, trusted=trusted)
         return Fusion.SHOVED if trusted else Fusion.CONTRADICTS
 

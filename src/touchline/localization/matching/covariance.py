@@ -171,8 +171,13 @@ def principal_information(
     )
 
 
+def widest_m(covariance: FloatArray) -> float:
+    """Standard deviation (m) of the position along its least known direction, of a covariance (3, 3) in (m, m, rad)."""
+    (a, b), (_, d) = covariance[:2, :2].tolist()
+    return math.sqrt(0.5 * (a + d) + math.hypot(0.5 * (a - d), b))
+
+
 def is_observed(covariance: FloatArray) -> bool:
     """Whether a covariance (3, 3), of x, y, heading in (m, m, rad), leaves a pose: not so along a lone line."""
-    (a, b), (_, d) = covariance[:2, :2].tolist()
-    widest_m2 = 0.5 * (a + d) + math.hypot(0.5 * (a - d), b)
-    return bool(widest_m2 < MAX_DEVIATION_OF_POSITION_M**2 and covariance[2, 2] < MAX_DEVIATION_OF_HEADING_RAD**2)
+    position, heading = widest_m(covariance), covariance[2, 2]
+    return bool(position < MAX_DEVIATION_OF_POSITION_M and heading < MAX_DEVIATION_OF_HEADING_RAD**2)
