@@ -231,6 +231,9 @@ def test_a_covered_camera_sees_nothing_and_a_covered_sector_is_dark(
     hidden, seen = omni.project(np.array([[2.0, 0.0], [2.0, 0.9]])), omni.project(np.array([[2.0, -0.9], [-2.0, 0.3]]))
     assert np.all(sampled(image, hidden) == 0.0)
     assert np.all(sampled(image, seen) > 0.02)
+    image = green(omni, world, WorldState(occluded_rad=((-0.6, -0.2), (2.8, 3.2))))
+    assert np.all(sampled(image, seen) == 0.0), "another sector, the same camera"
+    assert np.all(sampled(image, hidden[1:]) > 0.02)
 
 
 def test_the_sun_falls_through_windows_with_hard_edges_where_rays_say(

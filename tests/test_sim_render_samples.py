@@ -77,6 +77,24 @@ def test_samples_lie_on_a_grid_between_the_rays_of_the_neighbours(side: int) -> 
         assert samples.rays[2, block] == pytest.approx((2 * (u + right) + 3 * (v + down)).ravel(), abs=1e-4)
 
 
+def test_an_equal_camera_has_the_samples_of_the_one_before_and_any_other_has_its_own() -> None:
+    def grid(**changes: object) -> RayGrid:
+        still = np.zeros((5, 7, 4), dtype=np.float32)
+        return dataclasses.replace(RayGrid(even_rays(), 0.1, np.zeros(3), 0.0, still), **changes)
+
+    def samples(camera: RayGrid) -> npt.NDArray[np.float32]:
+        return Renderer(camera)._samples.rays
+
+    rays, still = even_rays(), np.zeros((5, 7, 4), dtype=np.float32)
+    rays[0, 0, 5] += 1e-6
+    still[0, 0, 3] = 1.0
+    first = samples(grid())
+    assert samples(grid()) is first
+    for change in ({"rays": rays}, {"still": still}, {"pixel_angle": 0.2}, {"origin": np.ones(3)}, {"slack_m": 0.1}):
+        assert grid(**change) != grid()
+        assert samples(grid(**change)) is not first
+
+
 def test_a_body_is_listed_in_every_cell_that_a_ray_to_it_may_lie_in() -> None:
     rng = np.random.default_rng(7)
     solids = np.zeros((12, COLUMNS))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -45,7 +45,7 @@ class SimulatedCameraModel:
         self.readout_s = readout_s
         self._make_grid, self._side = make_grid, side
         self._scene: Scene | None = None
-        self._bearings: npt.NDArray[np.float64] | None = None
+        self._cover: tuple[Sequence[tuple[float, float]], npt.NDArray[np.bool_]] | None = None
 
     @cached_property
     def _grid(self) -> RayGrid:
@@ -141,11 +141,17 @@ class SimulatedCameraModel:
         """A dark cover over directions of the base frame."""
         if not state.occluded_rad:
             return
-        if self._bearings is None:
-            self._bearings = np.arctan2(self._grid.rays[..., 4], self._grid.rays[..., 3]).astype(np.float64)
-        for start, end in state.occluded_rad:
-            hidden = np.mod(self._bearings - start, 2.0 * math.pi) <= (end - start) % (2.0 * math.pi)
-            image[hidden] = 0.0
+        if self._cover is None or self._cover[0] != state.occluded_rad:
+            self._cover = state.occluded_rad, self._covered(state.occluded_rad)
+        image[self._cover[1]] = 0.0
+
+    def _covered(self, occluded_rad: Sequence[tuple[float, float]]) -> npt.NDArray[np.bool_]:
+        """(H, W) the pixels that see nothing but the cover."""
+        bearings = np.arctan2(self._grid.rays[..., 4], self._grid.rays[..., 3]).astype(np.float64)
+        covered = np.zeros(bearings.shape, dtype=np.bool_)
+        for start, end in occluded_rad:
+            covered |= np.mod(bearings - start, 2.0 * math.pi) <= (end - start) % (2.0 * math.pi)
+        return covered
 
 
 def _body_at(pose: Pose, attitude: tuple[float, float], motion: Motion, time_s: float) -> FloatArray:

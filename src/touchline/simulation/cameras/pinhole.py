@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -87,9 +88,20 @@ def _check_lens(design: PinholeCamera) -> None:
 
 def _ray_grid(design: PinholeCamera) -> RayGrid:
     shape = (design.height, design.width)
-    v, u = np.indices(shape, dtype=np.float64)
-    directions = design.ray(np.column_stack((u.ravel(), v.ravel())))
+    lens = (design.fx, design.fy, design.cx, design.cy, *design.distortion.tolist())
+    directions = _camera_rays(shape, lens) @ design.base_from_camera.rotation.T
     place = design.base_from_camera.translation_m
     rays = np.hstack((np.broadcast_to(place, directions.shape), directions)).reshape(*shape, 6).astype(np.float32)
     still = with_glare(np.zeros((*shape, 4), dtype=np.float32), rays)
     return RayGrid(rays, 1.0 / design.fx, place, 0.01, still)
+
+
+@lru_cache(maxsize=2)
+def _camera_rays(shape: tuple[int, int], lens: tuple[float, ...]) -> FloatArray:
+    """Unit vectors (H * W, 3) of all pixels in the camera body frame; lens: fx, fy, cx, cy, distortion (5)."""
+    fx, fy, cx, cy, *distortion = lens
+    height, width = shape
+    upright = Pose3(np.eye(3), np.array([0.0, 0.0, 1.0]))
+    v, u = np.indices(shape, dtype=np.float64)
+    camera = PinholeCamera(width, height, fx, fy, cx, cy, np.array(distortion), upright)
+    return camera.camera_rays(np.column_stack((u.ravel(), v.ravel())))

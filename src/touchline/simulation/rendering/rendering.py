@@ -7,6 +7,8 @@ into the field, traced to what they meet first, shaded and averaged.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +33,7 @@ class RayGrid:
     rays (H, W, 6) float32: origin (m) and direction; NaN where a pixel sees no part of the world. pixel_angle: rad from
     one pixel to the next. origin (3,): about where rays start (m, body frame); slack_m: how far from it at most.
     still (H, W, 4) float32: red, green, blue of what is fixed to the robot (reflectance, premultiplied) and its share
-    of the pixel.
+    of the pixel. Grids are equal where all their numbers are.
     """
 
     rays: Float32Array
@@ -44,6 +46,16 @@ class RayGrid:
     def shape(self) -> tuple[int, int]:
         """Height and width in pixels."""
         return self.rays.shape[0], self.rays.shape[1]
+
+    def __hash__(self) -> int:
+        return hash(self.rays.tobytes())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RayGrid) and self._content() == other._content()
+
+    def _content(self) -> tuple[float | bytes, ...]:
+        arrays = (self.rays, self.origin, self.still)
+        return (self.pixel_angle, self.slack_m, *self.shape, *(array.tobytes() for array in arrays))
 
 
 class SampleRays(NamedTuple):
@@ -70,14 +82,10 @@ class Renderer:
 
     def __init__(self, grid: RayGrid, side: int = 2) -> None:
         self.grid = grid
-        self._upright = self._samples = sample_rays(grid, side)
+        self._upright, self._aside_m, self._heights_m = _prepared(grid, side)
+        self._samples = self._upright
         self._still = np.ascontiguousarray(grid.still[..., :3])
         self._image = np.zeros((*grid.shape, 3), dtype=np.float32)
-        seen = self._samples.rays.astype(np.float64)
-        x, y = seen[0] - grid.origin[0], seen[1] - grid.origin[1]
-        level = np.maximum(np.hypot(seen[3], seen[4]), 1e-9)
-        self._aside_m = float(np.max(np.abs(x * seen[4] - y * seen[3]) / level, initial=0.0))
-        self._heights_m = float(seen[2].min(initial=np.inf)), float(seen[2].max(initial=-np.inf))
 
     def bend(self, change: Float32Array | None) -> None:
         """From now on let every pixel look along its ray plus a change (H, W, 6), a small one; None: along its ray."""
@@ -109,6 +117,20 @@ class Renderer:
         return scene.arrays(sort_into_cells(scene.solids, middle, reach, (low - tilted, high + tilted)))
 
 
+@lru_cache(maxsize=2)
+def _prepared(grid: RayGrid, side: int) -> tuple[SampleRays, float, tuple[float, float]]:
+    """The samples of a camera, how far aside of the grid's origin (m) they pass at most, and from which heights (m).
+
+    Kept for the next camera: most runs have the camera of the run before.
+    """
+    samples = sample_rays(grid, side)
+    seen = samples.rays.astype(np.float64)
+    x, y = seen[0] - grid.origin[0], seen[1] - grid.origin[1]
+    level = np.maximum(np.hypot(seen[3], seen[4]), 1e-9)
+    aside_m = float(np.max(np.abs(x * seen[4] - y * seen[3]) / level, initial=0.0))
+    return samples, aside_m, (float(seen[2].min(initial=np.inf)), float(seen[2].max(initial=-np.inf)))
+
+
 def sample_rays(grid: RayGrid, side: int) -> SampleRays:
     """The side x side samples of every pixel that sees the world, between the rays of its neighbours."""
     rays, (height, width) = grid.rays, grid.shape
@@ -117,24 +139,28 @@ def sample_rays(grid: RayGrid, side: int) -> SampleRays:
     middle = rays.reshape(-1, 6)[pixels]
     across, down = (_step(rays, axis).reshape(-1, 6)[pixels] for axis in (1, 0))
     offsets = (np.arange(side) + 0.5) / side - 0.5
-    samples = np.stack([middle + du * across + dv * down for dv in offsets for du in offsets], axis=1)
-    rises = np.arctan2(samples[..., 5], np.hypot(samples[..., 3], samples[..., 4]))
-    widths = np.ptp(rises, axis=1) * (side / max(side - 1, 1))
+    flat = np.empty((6, len(pixels) * side * side), dtype=np.float32)
+    lowest, highest = np.full(len(pixels), np.inf), np.full(len(pixels), -np.inf)
+    for k, (dv, du) in enumerate(product(offsets, offsets)):
+        sample = middle + du * across + dv * down
+        flat[:, k :: side * side] = sample.T
+        rises = np.arctan2(sample[:, 5], np.hypot(sample[:, 3], sample[:, 4]))
+        lowest, highest = np.minimum(lowest, rises), np.maximum(highest, rises)
+    widths = (highest - lowest) * (side / max(side - 1, 1))
     widths[widths < _WIDE * grid.pixel_angle] = grid.pixel_angle
     starts = np.searchsorted(pixels // width, np.arange(height + 1))
-    flat = np.ascontiguousarray(samples.reshape(-1, 6).T, dtype=np.float32)
     open_ratio = 1.0 - grid.still[..., 3].reshape(-1)[pixels]
     return SampleRays(flat, pixels.astype(np.int32), starts, widths.astype(np.float32), open_ratio, side * side)
 
 
-def _step(rays: Float32Array, axis: int) -> Float32Array:
+def _step(rays: Float32Array, axis: int) -> FloatArray:
     """(H, W, 6) by how much rays change from a pixel to the next: half the way between both neighbours that see."""
     ahead = np.diff(rays, axis=axis, append=np.take(rays, [-1], axis=axis) * np.float32(np.nan))
     behind = np.roll(ahead, 1, axis=axis)
-    both = np.stack((ahead, behind))
-    found = np.isfinite(both).all(axis=-1, keepdims=True)
-    total: Float32Array = np.where(found, both, 0.0).sum(axis=0) / np.maximum(found.sum(axis=0), 1)
-    return total
+    found = [np.isfinite(step).all(axis=-1, keepdims=True) for step in (ahead, behind)]
+    total = np.where(found[0], ahead, 0.0) + np.where(found[1], behind, 0.0)
+    mean: FloatArray = total / np.maximum(found[0].astype(np.int64) + found[1], 1)
+    return mean
 
 
 @njit(cache=True, error_model="numpy")
