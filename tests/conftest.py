@@ -25,7 +25,7 @@ def small_data() -> Path:
 
 
 @pytest.fixture(
-    scope="session",
+    scope="module",  # pytest would take a file apart for one of the session, and set its own fixtures up for each part
     params=[pytest.param(SMALL_DATA, id="short"), *([] if MISSING else [pytest.param(FULL_DATA, id="full")])],
 )
 def shared_data(request: pytest.FixtureRequest) -> Path:
