@@ -21,12 +21,13 @@ import numpy as np
 from numba import njit
 
 from touchline.config import settings_rows
+from touchline.experiments.iris_eyes import IRIS_NOISE
 from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import HsvLineDetector, SelfLearningDetector, observe
 from touchline.simulation.observation.crossings import COLUMNS, GRAZED, MIXED, PLAIN
 from touchline.simulation.observation.goal_clutter import GoalClutter
-from touchline.simulation.observation.observed_lines import IRIS_PATHS, NUBOT_PATHS, ObservedLines
+from touchline.simulation.observation.observed_lines import IRIS_PATHS, ObservedLines
 from touchline.simulation.observation.point_errors import ObservationNoise, edge_shift, found_ratio
 from touchline.simulation.observation.runs import BAR, DISC, LINE
 from touchline.simulation.run import Eyes, Simulation
@@ -52,9 +53,9 @@ class Comparison:
 
 
 def detected(simulation: Simulation, iris: bool = False) -> Iterator[LinePoints]:
-    """What the detector finds in each image of a run."""
-    made = HsvLineDetector if iris else SelfLearningDetector
-    detector = made(simulation.camera, line_width_m=simulation.field.line_width)
+    """What the detector finds in each image of a run, read with the camera that its eyes know."""
+    made, eyes = (HsvLineDetector if iris else SelfLearningDetector), simulation._eyes
+    detector = made(eyes.known or simulation.camera, line_width_m=simulation.field.line_width)
     for frame in simulation:
         yield observe(frame, detector).points
 
@@ -91,12 +92,14 @@ def _pair(observer: ObservedLines, crossings: FloatArray, points: LinePoints) ->
     off = np.concatenate((off_ray, np.where(of_ray[:, None], np.inf, off_circle)), axis=1)
     free = np.ones(len(points), dtype=bool)
     table = np.zeros((len(crossings), 6))
+    read_m = _as_read(observer, crossings[:, :2])
     ranges, bearings = np.hypot(*points.positions_m.T), np.arctan2(points.positions_m[:, 1], points.positions_m[:, 0])
-    for row, crossing in zip(table, crossings, strict=True):
-        x, y, path, scale = crossing[0], crossing[1], int(crossing[2]), crossing[4]
+    for row, crossing, (x, y) in zip(table, crossings, read_m, strict=True):
+        path, scale, read = int(crossing[2]), crossing[4], math.hypot(x, y)
         row[1:4] = np.nan, np.nan, path < len(rays)
-        row[4] = math.hypot(x, y)
-        row[5] = edge_shift(crossing, row[4], observer.noise.blur_px, observer._scales) if row[3] else 0.0
+        row[4] = math.hypot(crossing[0], crossing[1])
+        scales = observer._scales, observer._errors.read_scales
+        row[5] = edge_shift(crossing, row[4], observer.noise.blur_px, *scales) if row[3] else 0.0
         near = np.flatnonzero(free & (off[:, path] < (1e-3 if path < len(rays) else 2.5)))
         if len(near) == 0:
             continue
@@ -105,9 +108,17 @@ def _pair(observer: ObservedLines, crossings: FloatArray, points: LinePoints) ->
             continue
         k = near[np.argmin(away)]
         free[k] = False
-        along = ranges[k] - row[4] if path < len(rays) else _wrapped(bearings[k] - math.atan2(y, x)) * row[4]
+        along = ranges[k] - read if path < len(rays) else _wrapped(bearings[k] - math.atan2(y, x)) * read
         row[0], row[1], row[2] = 1.0, along / scale, points.confidences[k]
     return table, free
+
+
+def _as_read(observer: ObservedLines, places_m: FloatArray) -> FloatArray:
+    """Where ground points (N, 2) are read without any noise, by the camera that is known."""
+    built = observer._built
+    if built is None or built.known is None:
+        return places_m
+    return built.known.ground_from_image(built.project(places_m))
 
 
 def _wrapped(angle: FloatArray) -> FloatArray:
@@ -216,14 +227,14 @@ def _repetition(way: float) -> float:
     return float(np.mean((weights(starts) * weights(starts + min(way, 5.0))).sum(axis=0)))
 
 
-def fit_strays(comparisons: Sequence[Comparison], noise: ObservationNoise) -> ObservationNoise:
+def fit_strays(comparisons: Sequence[Comparison], noise: ObservationNoise, near: bool) -> ObservationNoise:
     """Points that lie on no line: at the goals of each kind, and elsewhere."""
     groups: dict[str, list[Comparison]] = {"white_goals": [], "coloured_goals": [], "covered_goals": []}
     for c in comparisons:
         free = "white_goals" if c.simulation.field.goals[0].color == "white" else "coloured_goals"
         groups["covered_goals" if len(c.simulation._black_rad) else free].append(c)
     clutter = {
-        name: fit_clutter(np.concatenate([goal_views(c) for c in group]), getattr(noise, name))
+        name: fit_clutter(np.concatenate([goal_views(c) for c in group]), getattr(noise, name), near)
         for name, group in groups.items()
         if group
     }
@@ -274,26 +285,40 @@ def _behind(at: FloatArray, pose: FloatArray, goal: Goal, half: float) -> np.nda
     return np.abs(pose[1] + share * (at[:, 1] - pose[1]) - 0.5 * sum(goal.y_posts)) < half
 
 
-def fit_clutter(views: FloatArray, clutter: GoalClutter) -> GoalClutter:
-    """Numbers that fall with the distance, by maximum likelihood of Poisson counts."""
+def fit_clutter(views: FloatArray, clutter: GoalClutter, near: bool) -> GoalClutter:
+    """Numbers that fall with the distance, by maximum likelihood of Poisson counts; near: that of nets nearby, too."""
 
     def limited(logs: FloatArray) -> FloatArray:
-        return np.maximum(np.exp(logs), (0.0, 1.0, 0.05))  # nothing tells what is seen from nearer than 1 m
+        return np.maximum(np.exp(logs), (0.0, 1.0, 0.05, 0.0)[: len(logs)])  # nothing tells what is seen within 1 m
 
     def cost(logs: FloatArray, column: int) -> float:
-        number, half, slope = limited(logs)
-        mean = views[:, 1 + column] * number / (1.0 + np.exp((views[:, 0] - half) / slope)) + 1e-3
-        return float(np.mean(mean - views[:, 3 + column] * np.log(mean)))
+        number, half, slope, *nearest = limited(logs)
+        mean = views[:, 1 + column] * number / (1.0 + np.exp((views[:, 0] - half) / slope))
+        for near_m in nearest:
+            mean = mean / (1.0 + np.exp((near_m - views[:, 0]) / slope))
+        return float(np.mean(mean + 1e-3 - views[:, 3 + column] * np.log(mean + 1e-3)))
 
     values: list[float] = []
-    for column, start in enumerate((clutter.numbers()[:3], clutter.numbers()[3:])):
-        best = minimised(lambda logs, column=column: cost(logs, column), np.log(np.array(start)), np.full(3, 0.1), 80)
-        values += map(float, limited(best))
+    numbers = clutter.numbers()
+    for column, start in enumerate((numbers[:3], numbers[4:])):
+        starts = [
+            [start[0], half_m, 0.5, *([0.6 * half_m] if near and column == 0 else [])] for half_m in (1.5, 3, 4.5)
+        ]
+        found = [
+            minimised(lambda logs, column=column: cost(logs, column), np.log(each), np.full(len(each), 0.1), 80)
+            for each in (start, *starts)
+            if min(each) > 0.0
+        ]
+        best = limited(min(found, key=lambda logs, column=column: cost(logs, column)))
+        values += [*map(float, best), *([0.0] if column == 0 and len(best) == 3 else [])]
     return GoalClutter(**dict(zip(GoalClutter.model_fields, values, strict=True)))
 
 
-def fit(comparisons: Sequence[Comparison], noise: ObservationNoise) -> ObservationNoise:
-    """All figures but the gaps between lines, the coarseness of a body's outline and the head's height."""
+def fit(comparisons: Sequence[Comparison], noise: ObservationNoise, near: bool = False) -> ObservationNoise:
+    """All figures but the gaps between lines, the coarseness of a body's outline and the head's height.
+
+    near: of detectors that take the threads of a net nearby for too wide.
+    """
     rows = np.concatenate([c.rows for c in comparisons])
     noise = fit_repetition([c.rows for c in comparisons], noise)
     noise = fit_errors(rows, fit_contrast(rows, noise))
@@ -309,7 +334,7 @@ def fit(comparisons: Sequence[Comparison], noise: ObservationNoise) -> Observati
         noise = fit_names(bars, noise, ("bar_ratio", "bar_half_m", "bar_slope_m"))
     if len(marks) > 100:
         noise = fit_names(marks, noise, ("mark_ratio",))
-    return fit_strays(comparisons, noise)
+    return fit_strays(comparisons, noise, near)
 
 
 def main() -> None:
@@ -319,17 +344,19 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--iris", action="store_true")
     arguments = parser.parse_args()
+    before = IRIS_NOISE if arguments.iris else ObservationNoise()
     comparisons = []
     for name in SCENARIOS:
         for seed in range(1, arguments.seeds + 1):
-            eyes = Eyes(IRIS_PATHS if arguments.iris else NUBOT_PATHS)
-            simulation = Simulation(open_scenario(name, seed, arguments.seconds, ["ideal=true"]), eyes=eyes)
+            changes = ["ideal=true", *(["camera.rate_hz=2"] if arguments.iris else [])]
+            eyes = Eyes(IRIS_PATHS, IRIS_NOISE) if arguments.iris else None
+            simulation = Simulation(open_scenario(name, seed, arguments.seconds, changes), eyes=eyes)
             comparisons.append(compare(simulation, detected(simulation, arguments.iris)))
             rows, strays = comparisons[-1].rows, comparisons[-1].strays
             images = len(comparisons[-1].poses)
             print(f"{name} {seed}: {images} images, {len(rows) / images:.1f} crossings each, of which "
                   f"{100 * rows[:, HIT].mean():.1f} % found, {len(strays) / images:.1f} other points")  # fmt: skip
-    before, after = ObservationNoise(), fit(comparisons, ObservationNoise())
+    after = fit(comparisons, before, near=arguments.iris)
     for name, _, _ in settings_rows(ObservationNoise):
         old, new = (attrgetter(name)(noise) for noise in (before, after))
         print(f"{name:30s} {old:8.4f} -> {new:8.4f}")

@@ -21,21 +21,24 @@ from touchline.systems import RobotSetup
 
 DIRECTIONS = 24
 MARK_NOISE_PX = 0.3
-# How HsvLineDetector errs on rendered images: `benchmarks/fit_observation_level.py --iris`, 15 s of each scenario
+# How HsvLineDetector errs on rendered images: `benchmarks/fit_observation_level.py --iris`
 IRIS_NOISE = ObservationNoise(
-    noise_px=0.0451, tail=1.056, oblique_sine=0.44, thin_px=0.3225, kept_ratio=0.9553, phase_px=0.35,
-    found_ratio=0.9743, thin_half_px=0.9427, thin_slope_px=0.0943, coarse_half_m=0.2787, coarse_slope_m=0.0037,
-    flat_half=0.2833, flat_slope=0.0116, blur_px=4.71, long_slope_px=0.691, bar_ratio=0.999, bar_half_m=5.16,
-    bar_slope_m=0.16, mark_ratio=0.5695, grazed_ratio=0.451, grazed_factor=7.99, mixed_ratio=0.9902,
-    mixed_factor=1.913, contrast_px=1.281, false_points=0.0133,
+    noise_px=0.0509, tail=1.056, oblique_sine=0.407, thin_px=0.271, kept_ratio=0.947, phase_px=0.3,
+    found_ratio=0.977, thin_half_px=0.931, thin_slope_px=0.0714, coarse_half_m=0.2787, coarse_slope_m=0.0037,
+    flat_half=0.174, flat_slope=0.11, blur_px=4.61, long_slope_px=0.896, bar_ratio=0.707, bar_half_m=5.18,
+    bar_slope_m=0.0537, mark_ratio=0.582, grazed_ratio=0.355, grazed_factor=6.64, mixed_ratio=0.997,
+    mixed_factor=2.08, contrast_px=1.23, false_points=0.0396,
     white_goals=GoalClutter(
-        net_points=63.2, net_half_m=1.62, net_slope_m=1.364, side_points=10.9, side_half_m=2.47, side_slope_m=0.919
+        net_points=50.0, net_half_m=2.87, net_slope_m=0.474, net_near_m=2.77, side_points=4.49, side_half_m=3.5,
+        side_slope_m=0.596
     ),
     coloured_goals=GoalClutter(
-        net_points=25.1, net_half_m=38.0, net_slope_m=1.0, side_points=20.7, side_half_m=1.53, side_slope_m=0.722
+        net_points=90.1, net_half_m=3.0, net_slope_m=0.474, net_near_m=2.66, side_points=12.9, side_half_m=1.69,
+        side_slope_m=1.25
     ),
     covered_goals=GoalClutter(
-        net_points=40.5, net_half_m=1.0, net_slope_m=2.03, side_points=58.8, side_half_m=1.3, side_slope_m=1.046
+        net_points=40.2, net_half_m=2.58, net_slope_m=0.437, net_near_m=2.71, side_points=7.06, side_half_m=2.98,
+        side_slope_m=0.8
     ),
 )  # fmt: skip
 

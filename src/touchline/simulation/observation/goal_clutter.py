@@ -29,19 +29,22 @@ _WAY_M = 0.3  # such a way other false points are seen
 class GoalClutter(Settings):
     """False points at a goal: mean number of the places there that the detector takes for lines, were all in view.
 
-    It falls with the distance as a logistic function.
+    It falls with the distance as a logistic function, that of the net from near by, too.
     """
 
     net_points: float = Field(52.6, ge=0, description="points on the net behind, seen between the posts from close by")
     net_half_m: float = Field(1.0, description="distance of the goal at which half of these are seen")
     net_slope_m: float = Field(0.475, gt=0, description="how fast that changes with the distance (logistic)")
+    net_near_m: float = Field(
+        0.0, ge=0, description="distance within which half of these are lost again: threads too thick; 0: none are"
+    )
     side_points: float = Field(3.7, ge=0, description="points on posts and side nets, seen from close by")
     side_half_m: float = Field(5.12, description="distance of the goal at which half of these are seen")
     side_slope_m: float = Field(0.444, gt=0, description="how fast that changes with the distance (logistic)")
 
     def numbers(self) -> tuple[float, ...]:
         """All of them, in order."""
-        return (self.net_points, self.net_half_m, self.net_slope_m, self.side_points, self.side_half_m,
+        return (self.net_points, self.net_half_m, self.net_slope_m, self.net_near_m, self.side_points, self.side_half_m,
                 self.side_slope_m)  # fmt: skip
 
 
@@ -65,7 +68,7 @@ def thread_table(goals: FloatArray, white: Sequence[bool], seed: int) -> FloatAr
 
 @njit(cache=True, error_model="numpy")
 def place_strays(pose, goals, threads, seed, view, places, count):  # type: ignore[no-untyped-def]
-    """Append what is seen in goals (G, 4), with their numbers (G, 6) of `GoalClutter`, to places; how many there are.
+    """Append what is seen in goals (G, 4), with their numbers (G, 7) of `GoalClutter`, to places; how many there are.
 
     threads: of `thread_table`. Which give a point depends on the direction and distance from which they are seen.
     view: height, mouth, bodies, carpet, scales as of `seen_thread`.
@@ -76,7 +79,9 @@ def place_strays(pose, goals, threads, seed, view, places, count):  # type: igno
         goal, mean = goals[0][g], goals[1][g]
         away = math.sqrt((goal[0] - x) ** 2 + (0.5 * (goal[2] + goal[3]) - y) ** 2)
         net = mean[0] / NET_PLACES / (1.0 + math.exp((away - mean[1]) / mean[2]))
-        side = mean[3] / (PLACES - NET_PLACES) / (1.0 + math.exp((away - mean[4]) / mean[5]))
+        if mean[3] > 0.0:
+            net /= 1.0 + math.exp((mean[3] - away) / mean[2])
+        side = mean[4] / (PLACES - NET_PLACES) / (1.0 + math.exp((away - mean[5]) / mean[6]))
         for k in range(PLACES):
             share = net if k < NET_PLACES else side
             if share < 1e-4:

@@ -45,6 +45,8 @@ class ScanPaths(NamedTuple):
 
     rays: all round; staggered: every second one begins half way out. circles: about the robot. max_chord: longest way
     through a line, in its widths. point_px, point_m: the deviation that it gives its points, in the image and beside.
+    own_ranges: points are read with ranges that may be far from the mirror's, and end elsewhere. hull: it looks only
+    within the hull of its own carpet, not at a field beside.
     """
 
     rays: int
@@ -53,6 +55,8 @@ class ScanPaths(NamedTuple):
     max_chord: float
     point_px: float
     point_m: float
+    own_ranges: bool = False
+    hull: bool = False
 
 
 def _nubot_paths(s: LinePointSettings) -> ScanPaths:
@@ -60,7 +64,9 @@ def _nubot_paths(s: LinePointSettings) -> ScanPaths:
 
 
 def _iris_paths(s: HsvLineSettings) -> ScanPaths:
-    return ScanPaths(round(360.0 / s.ray_step_deg), False, 0, hsv_lines.MAX_RUN, s.noise_px, hsv_lines.NOISE_M)
+    return ScanPaths(
+        round(360.0 / s.ray_step_deg), False, 0, hsv_lines.MAX_RUN, s.noise_px, hsv_lines.NOISE_M, True, True
+    )
 
 
 NUBOT_PATHS, IRIS_PATHS = _nubot_paths(LinePointSettings()), _iris_paths(HsvLineSettings())
@@ -101,14 +107,16 @@ class ObservedLines:
         self.noise = noise or ObservationNoise()
         self.paths = paths
         self.view_rad = view_rad
-        self._scales = scale_table(camera, float(camera.range_m[:, -1].min()))
-        self._rays, self._circles = _scan_geometry(camera, paths, view_rad)
+        self._scales = _scale_table(camera)
+        read_with = camera if as_built is None or as_built.known is None else as_built.known
+        outer_px = min(_farthest_radius(each, COARSEST_PX_M) for each in (camera, *((read_with,) * paths.own_ranges)))
+        self._rays, self._circles = _scan_geometry(camera, paths, view_rad, outer_px)
         n, width = self.noise, field.line_width
         limits = (width, paths.max_chord, BLUR_PX, n.bridged_px, n.apart_px)
         goals, bars = _goals(field)
         kinds = [n.white_goals if goal.color == "white" else n.coloured_goals for goal in field.goals]
-        self._goals = goals, np.array([kind.numbers() for kind in kinds]).reshape(-1, 6)
-        self._covered_goals = goals, np.array([n.covered_goals.numbers()] * len(goals)).reshape(-1, 6)
+        self._goals = goals, np.array([kind.numbers() for kind in kinds]).reshape(-1, 7)
+        self._covered_goals = goals, np.array([n.covered_goals.numbers()] * len(goals)).reshape(-1, 7)
         self._threads = thread_table(goals, [goal.color == "white" for goal in field.goals], seed)
         lines = np.concatenate((segment_table(field.segments, width), bars))
         marks = field.discs + np.array([0.0, 0.0, _MARK_M])
@@ -116,20 +124,17 @@ class ObservedLines:
         mouth = np.array([abs(field.goals[0].x), *sorted(field.goals[0].y_posts)] if field.goals else [0.0] * 3)
         carpet = (0.5 * field.length + field.border, 0.5 * field.width + field.border)
         self._ground = Ground(self._rays, self._circles, limits, paint, mouth, carpet, self._scales)
-        lookup, known = (
-            _lookup(camera),
-            _lookup(camera if as_built is None or as_built.known is None else as_built.known),
-        )
+        lookup, known = _lookup(camera), _lookup(read_with)
         nodes = None if as_built is None else _nodes(camera)
         self._posts = np.array([(p.x, p.y, 0.5 * p.diameter, p.height) for p in field.posts]).reshape(-1, 4)
         self._unseen = np.array([[view_rad, -view_rad]] if view_rad < math.pi else np.zeros((0, 2)))
         self._errors = PointErrors(
             n.numbers(paths.point_px, paths.point_m), len(self._rays), seed, mosaic_table(seed), lookup, known,
-            self._scales,
+            self._scales, _scale_table(read_with) if paths.own_ranges and read_with is not camera else np.zeros((0, 2)),
             np.zeros((0, 0, 2)) if nodes is None or as_built is None else _askew(camera, nodes, as_built.project),
             _STEP_PX,
         )  # fmt: skip
-        self._built, self._beside = as_built, np.zeros((0, 4)) if beside is None else beside
+        self._built, self._beside = as_built, np.zeros((0, 4)) if beside is None or paths.hull else beside
         self._found = np.empty((2048, COLUMNS))
         self._places = np.empty((PLACES * len(goals) + _MOST_ANYWHERE + len(self._rays), 2))
 
@@ -278,6 +283,10 @@ def _lookup(camera: OmniCamera) -> tuple[FloatArray, FloatArray, FloatArray]:
     return camera.lookup_constants, camera.bearings_rad, camera.lookup_table
 
 
+def _scale_table(camera: OmniCamera) -> FloatArray:
+    return scale_table(camera, float(camera.range_m[:, -1].min()))
+
+
 def _nodes(camera: OmniCamera) -> FloatArray:
     """(R, C, 2) pixels, _STEP_PX apart, where it is known what a camera as built sees; moved to where it sees any."""
     v, u = np.mgrid[0 : camera.height + _STEP_PX : _STEP_PX, 0 : camera.width + _STEP_PX : _STEP_PX]
@@ -309,12 +318,15 @@ def leaning_view(height_m: float, focal_px: float, farthest_m: float) -> OmniCam
                       ranges[np.newaxis])  # fmt: skip
 
 
-def _scan_geometry(camera: OmniCamera, paths: ScanPaths, view_rad: float) -> tuple[FloatArray, FloatArray]:
+def _scan_geometry(
+    camera: OmniCamera, paths: ScanPaths, view_rad: float, outer: float
+) -> tuple[FloatArray, FloatArray]:
     """The detector's rays (P, 3): bearing (rad), nearest, farthest range (m); circles (Q, 2): range (m), radius (px).
 
+    outer: the radius (px) up to which the detector looks.
     Where the camera's table depends on the direction, a circle of the image is taken for one on the ground.
     """
-    inner, outer = camera.inner_radius_px, _farthest_radius(camera, COARSEST_PX_M)
+    inner = camera.inner_radius_px
     angles = 2.0 * np.pi / paths.rays * np.arange(paths.rays)
     late = paths.staggered & (np.arange(len(angles)) % 2 == 1)
     first = np.where(late, max(inner, 0.5 * outer), inner)

@@ -134,18 +134,26 @@ def error_px(row, z, numbers):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def edge_shift(row, reach, blur_px, scales):  # type: ignore[no-untyped-def]
+def edge_shift(row, reach, blur_px, scales, read):  # type: ignore[no-untyped-def]
     """How far outwards (pixels) the detector sees the middle of a line on a ray, at a range (m), for its blur.
 
     It takes the middle, on the ground, of two edges that blur has moved apart in the image: no longer that of the line
-    where the mirror's scale grows. row: of `find_crossings`; scales: of `scale_table`.
+    where the mirror's scale grows. row: of `find_crossings`; scales: of `scale_table`; read: the same of the camera
+    that both edges are read with, empty if that is as good as the true one. NaN if that camera knows no range there.
     """
     widened = 0.5 * (math.sqrt(row[7] ** 2 + blur_px**2) - row[7]) / row[8]
     half, wider = 0.5 * row[3], widened * row[4]
     far = scale_at(reach + half, scales, 1) + widened
-    far = range_at(far, scales, reach + half + wider)
-    near = range_at(row[6] - widened, scales, reach - half - wider)
-    return (0.5 * (near + far) - reach) / row[4]
+    if len(read) == 0:
+        far = range_at(far, scales, reach + half + wider)
+        near = range_at(row[6] - widened, scales, reach - half - wider)
+        return (0.5 * (near + far) - reach) / row[4]
+    if far > read[-1, 1]:
+        return np.nan
+    far = range_at(far, read, reach + half + wider)
+    near = range_at(row[6] - widened, read, reach - half - wider)
+    middle = range_at(scale_at(reach, scales, 1), read, reach)
+    return (0.5 * (near + far) - middle) / scale_at(middle, read, 0)
 
 
 class PointErrors(NamedTuple):
@@ -153,8 +161,8 @@ class PointErrors(NamedTuple):
 
     numbers: of `ObservationNoise.numbers`. first_circle: number of the first scan path that is a circle. seed, mosaic:
     of what stays the same, see `mosaic_table`. camera: constants, bearings, ranges of the OmniCamera's look-up; known:
-    of the one that pixels are read with. scales: of `scale_table`. askew (R, C, 2): shift in pixels of what the camera
-    as built sees; step_px: from node to node.
+    of the one that pixels are read with. scales: of `scale_table`; read_scales: of `edge_shift`. askew (R, C, 2): shift
+    in pixels of what the camera as built sees; step_px: from node to node.
     """
 
     numbers: FloatArray
@@ -164,6 +172,7 @@ class PointErrors(NamedTuple):
     camera: tuple[FloatArray, FloatArray, FloatArray]
     known: tuple[FloatArray, FloatArray, FloatArray]
     scales: FloatArray
+    read_scales: FloatArray
     askew: FloatArray
     step_px: float
 
@@ -203,7 +212,9 @@ def perturbed(found, strays, sectors, errors, shared, normals, out):  # type: ig
                 continue
             shift = error_px(row, again * where + anew * normals[i, 0], numbers)
             if on_ray:
-                shift += frame + edge_shift(row, math.sqrt(x * x + y * y), numbers[22], scales)
+                shift += frame + edge_shift(row, math.sqrt(x * x + y * y), numbers[22], scales, errors.read_scales)
+                if math.isnan(shift):
+                    continue
         elif inside_sector(math.atan2(y, x), sectors):
             continue
         if on_ray:
