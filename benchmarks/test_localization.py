@@ -17,6 +17,7 @@ from touchline.localization import (
     locate_points,
     range_weights,
 )
+from touchline.localization.matching.coarse_search import CoarseSearch
 from touchline.localization.matching.global_search import sample_errors
 from touchline.localization.matching.matcher import (
     FIRST_STEP_M,
@@ -28,8 +29,7 @@ from touchline.localization.matching.matcher import (
     MIN_STEP_RAD,
     SHRINK,
 )
-from touchline.localization.one_shot.coarse_search import CoarseSearch
-from touchline.localization.one_shot.whole_field import PoseGrid
+from touchline.localization.matching.pose_grid import PoseGrid
 
 FIELD = open_field("msl-18x12")
 MAP = FIELD.distance_map()

@@ -229,7 +229,7 @@ def mutated_archive(seeds: Sequence[bytes], rng: random.Random) -> bytes:
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
         for member, content in members.items():
-            archive.writestr(member, content)
+            archive.writestr(zipfile.ZipInfo(member), content, archive.compression)  # without the time of day
     data = written.getvalue()
     if rng.random() < 0.3:  # a compression that nobody knows, an encrypted member, a wrong checksum
         at = data.find(b"PK\x01\x02")

@@ -27,6 +27,7 @@ from touchline.cli.run import parse_pose
 from touchline.config import Settings, load_settings
 from touchline.evaluation import evaluate, read_tum, write_tum
 from touchline.evaluation.estimates import read_estimates
+from touchline.evaluation.points.point_set import read_point_set
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import robot_setup, run_frames
 from touchline.field import field_from_letters, open_field
@@ -178,6 +179,7 @@ def _single_files(workplace: Path) -> list[Reader]:
             read_points,
         ),
         Reader("colours", folder / "colours.npz", _colours(folder), load_colours, 2.0, mutated_archive),
+        Reader("point set", folder / "points.npz", _point_sets(), read_point_set, 1.0, mutated_archive),
     ]
 
 
@@ -196,6 +198,15 @@ def _colours(folder: Path) -> list[bytes]:
     with np.load(folder / "seed.npz") as arrays:
         np.savez(plain, **{name: arrays[name] for name in arrays.files})
     return [packed, plain.getvalue()]
+
+
+def _point_sets() -> list[bytes]:
+    arrays = {"offsets": np.array([0, 3, 6]), "points": np.ones((6, 2)), "is_outlier": np.zeros(6, np.bool_)}
+    poses = {"truth": np.zeros((2, 3)), "init": np.zeros((2, 3)), "compass": np.zeros(2)}
+    lines = {"segments": np.array([[-3.0, 2.0, 3.0, 2.0]]), "arcs": np.array([[0.0, 0.0, 1.0, 0.0, 3.0]])}
+    packed = io.BytesIO()
+    np.savez(packed, **arrays, **poses, **lines)  # type: ignore[arg-type]
+    return [packed.getvalue()]
 
 
 def _images(workplace: Path) -> list[Reader]:

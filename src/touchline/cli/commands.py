@@ -7,7 +7,20 @@ from typing import Annotated
 
 import typer
 
-from touchline.cli import calibrate, check, convert, evaluate, experiment, fields, locate, run, simulate, systems, view
+from touchline.cli import (
+    bench,
+    calibrate,
+    check,
+    convert,
+    evaluate,
+    experiment,
+    fields,
+    locate,
+    run,
+    simulate,
+    systems,
+    view,
+)
 from touchline.cli.compile import compile_loops
 from touchline.cli.console import DEBUG_VARIABLE
 
@@ -30,6 +43,7 @@ app.command("convert")(convert.convert)
 app.command("experiment")(experiment.experiment)
 app.command("systems")(systems.systems)
 app.command("compile")(compile_loops)
+app.add_typer(bench.bench_app, name="bench")
 app.add_typer(fields.fields_app, name="fields")
 app.add_typer(calibrate.calibrate_app, name="calibrate")
 

@@ -297,7 +297,7 @@ def _field_picture(field: FieldModel, pose: Pose, points: FloatArray) -> ImageAr
     import numpy as np
 
     from touchline.field.drawing import draw_field, field_view
-    from touchline.localization.one_shot.whole_field import different
+    from touchline.localization.one_shot.thinning import different
 
     canvas = draw_field(field)
     view = field_view(field)

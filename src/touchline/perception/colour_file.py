@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import io
-import lzma
-import tokenize
 import zipfile
-import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from touchline.array_files import NOT_AN_ARCHIVE, stored_array
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.new_files import write_new_file
@@ -32,23 +28,6 @@ _SHAPES: dict[str, tuple[int, ...]] = {
 }
 _MOST, _THINNEST = 512.0**2, 1.0  # of an ellipse: all its numbers, and its shape's smaller eigenvalue, in U, V squared
 _MOST_BYTES = 4_000_000  # the table as float64, and room to spare
-_MOST_ITEM_BYTES = 400  # the text of `format` has 100 letters at most
-_NO_ARCHIVE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    tokenize.TokenError,
-    ArithmeticError,
-    EOFError,
-    LookupError,
-    NotImplementedError,
-    OSError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-)
-"""What zipfile and NumPy raise for an archive that is none, or is damaged, encrypted or packed in another way."""
 
 
 def save_colours(model: ColourModel, path: Path) -> None:
@@ -65,12 +44,12 @@ def load_colours(path: str | Path) -> ColourModel:
     data = read_bytes(path, _MOST_BYTES)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as stored:
-            written = str(_array(stored, "format", ()))
+            written = str(stored_array(stored, "format", (), _MOST_BYTES))
             shapes = _SHAPES if written == _FORMAT else {}
-            arrays = {name: _array(stored, name, shape) for name, shape in shapes.items()}
+            arrays = {name: stored_array(stored, name, shape, _MOST_BYTES) for name, shape in shapes.items()}
     except InputError as error:
         raise InputError(f"{path}: is damaged: {error}") from None
-    except _NO_ARCHIVE:
+    except NOT_AN_ARCHIVE:
         raise InputError(f"{path}: is not a colour table; make one with touchline calibrate colour") from None
     if written != _FORMAT:
         raise InputError(f"{path}: is a colour table of another format ({written:.40}); make it anew")
@@ -100,23 +79,3 @@ def _ellipses(rows: FloatArray, path: Path) -> Ellipses:
         if np.abs(ellipse).max() > _MOST or np.linalg.eigvalsh(ellipse.shape)[0] < _THINNEST:
             raise InputError(f"{path}: is damaged: the ellipse of {name} in 'ellipses' is none")
     return ellipses
-
-
-def _array(stored: zipfile.ZipFile, name: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:
-    """One array of an archive; its size and shape are looked at before memory is taken for it.
-
-    Raises InputError for another size or shape, and one of `_NO_ARCHIVE` for what is no array.
-    """
-    member = stored.getinfo(f"{name}.npy")
-    if member.file_size > _MOST_BYTES:
-        raise InputError(f"'{name}' has {member.file_size} bytes, more than {_MOST_BYTES}")
-    with stored.open(member) as file:
-        array = io.BytesIO(file.read(_MOST_BYTES))
-    if np.lib.format.read_magic(array) != (1, 0):
-        raise InputError(f"'{name}' is an array of another version")
-    found, _, kind = np.lib.format.read_array_header_1_0(array)
-    if found != shape or kind.itemsize > _MOST_ITEM_BYTES:
-        raise InputError(f"'{name}' has shape {found}, expected {shape}")
-    array.seek(0)
-    values: npt.NDArray[Any] = np.lib.format.read_array(array, allow_pickle=False)
-    return values

@@ -17,7 +17,7 @@ from touchline.localization.matching.weights import normalized
 from touchline.localization.one_shot.certainty import points_covariance
 from touchline.localization.one_shot.locate import LocateSettings
 from touchline.localization.one_shot.scale import QuickSearch
-from touchline.localization.one_shot.whole_field import thinned_to
+from touchline.localization.one_shot.thinning import thinned_to
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.covered import is_covered

@@ -18,7 +18,7 @@ from touchline.localization.matching.covariance import UNKNOWN_POSITION_M, princ
 from touchline.localization.matching.kernels import moments
 from touchline.localization.matching.matcher import Matcher
 from touchline.localization.matching.weights import RANGE_NOISE_M
-from touchline.localization.one_shot.whole_field import thinned_to
+from touchline.localization.one_shot.thinning import thinned_to
 from touchline.types import LinePoints
 
 MAX_POINTS = 500  # points, evenly over the ground, that tell of the camera: neighbours tell the same

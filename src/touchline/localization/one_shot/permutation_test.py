@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.geometry import FloatArray
+from touchline.localization.matching.coarse_search import CoarseSearch
 from touchline.localization.matching.matcher import Matcher
 from touchline.localization.matching.weights import normalized
-from touchline.localization.one_shot.coarse_search import CoarseSearch
-from touchline.localization.one_shot.whole_field import thinned, thinned_to
+from touchline.localization.one_shot.thinning import thinned, thinned_to
 
 PIECES = 8  # pieces that the view is cut into: some 45° of a full circle, about as much as one line fills
 COPIES = 20  # rearranged copies of the points: enough for a mean and a deviation

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray
-from touchline.localization.one_shot.whole_field import PoseGrid
+from touchline.localization.matching.pose_grid import PoseGrid
 
 _CELL_M = 0.1  # fine enough for poses half a metre apart
 _LANES = 8  # rows of poses are filled up to a multiple of this: whole vector registers
@@ -31,6 +31,16 @@ class ShiftTable(NamedTuple):
     cell_m: float
 
 
+class Window(NamedTuple):
+    """A piece of a grid: rows and columns of its positions from first ones on, and headings (H,) of their own."""
+
+    first_row: int
+    rows: int
+    first_column: int
+    columns: int
+    headings: FloatArray
+
+
 class CoarseSearch:
     """The poses of a grid that are worth refining, by their mean error (equation 2 of Xiong et al.) with one width c.
 
@@ -42,26 +52,36 @@ class CoarseSearch:
         self._grid = grid
         self._table = _shift_table(distance_map, grid, c_m)
 
-    def best(self, points: FloatArray, count: int) -> FloatArray:
+    def best(self, points: FloatArray, count: int, window: Window | None = None, neighbours: int = 1) -> FloatArray:
         """The best poses (up to count, 3), the better first, no two of them neighbours on the grid.
 
-        points (N, 2) robot frame.
+        points (N, 2) robot frame. window: of the grid, by default all of it. neighbours: up to so many steps of the
+        positions apart; 0 for those at the same position alone.
         """
-        grid = self._grid
-        errors = self.errors(points).ravel()
+        grid, of = self._grid, window or self.whole
+        errors = self.errors(points, of).ravel()
         likely = min(len(errors), 100 * count)  # the rest is never reached: each pick strikes out some 30 neighbours
         order = np.argpartition(errors, likely - 1)[:likely]
         order = order[np.argsort(errors[order])]
-        of_heading, of_position = np.divmod(order, len(grid.positions))
-        poses = np.column_stack((grid.positions[of_position], grid.headings[of_heading]))
-        return np.asarray(poses[_far_apart(poses, 1.5 * grid.spacing_m, 2.5 * grid.spacing_rad, count)])
+        of_heading, of_position = np.divmod(order, of.rows * of.columns)
+        row, column = np.divmod(of_position, of.columns)
+        place = (row + of.first_row) * grid.shape[1] + column + of.first_column
+        poses = np.column_stack((grid.positions[place], of.headings[of_heading]))
+        return np.asarray(poses[_far_apart(poses, (neighbours + 0.5) * grid.spacing_m, 2.5 * grid.spacing_rad, count)])
 
-    def errors(self, points: FloatArray) -> npt.NDArray[np.float32]:
-        """Mean error (H, K) of the points (N, 2), all alike, at every heading and position of the grid."""
-        rows, columns = self._grid.shape
-        likeness = _likeness(points, self._grid.headings, self._table, rows, _filled_up(columns))
-        sums = likeness[:, :, :columns].reshape(len(likeness), -1)
+    def errors(self, points: FloatArray, window: Window | None = None) -> npt.NDArray[np.float32]:
+        """Mean error (H, K) of the points (N, 2), all alike, at every heading and position of a window."""
+        of, table = window or self.whole, self._table
+        n = table.values.shape[0]
+        shifted = table._replace(first_x=table.first_x + n * of.first_row, first_y=table.first_y + n * of.first_column)
+        likeness = _likeness(points, of.headings, shifted, of.rows, _filled_up(of.columns))
+        sums = likeness[:, :, : of.columns].reshape(len(likeness), -1)
         return np.asarray(1.0 - sums / np.float32(len(points)))
+
+    @property
+    def whole(self) -> Window:
+        """All of the grid."""
+        return Window(0, self._grid.shape[0], 0, self._grid.shape[1], self._grid.headings)
 
 
 def _filled_up(columns: int) -> int:

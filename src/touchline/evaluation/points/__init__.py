@@ -1,0 +1,1 @@
+"""Point sets: frames of line points with their true poses, and how well a localizer finds these."""

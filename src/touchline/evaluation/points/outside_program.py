@@ -1,0 +1,102 @@
+"""A localizer outside of this package: a program that answers lines on its standard input with lines on its standard
+output.
+
+First the field, then one line for each question; the program answers each with one line, and ends when its input does.
+
+    field 1 SEGMENTS ARCS                   how many lines of the field follow
+    x1 y1 x2 y2                             a segment's centre line (m)
+    cx cy radius start end                  an arc's, counter-clockwise; of a circle end is start plus 2 pi (m, rad)
+    init X Y HEADING N x1 y1 … xN yN        where does the robot stand? begin at this pose; N points, robot frame
+    compass HEADING N x1 y1 … xN yN         the same, with nothing but a heading
+    none N x1 y1 … xN yN                    the same, with nothing
+
+    X Y HEADING                             the answer (m, rad, field frame), or the word none
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+import subprocess
+
+from touchline.errors import InputError, TouchlineError
+from touchline.field import FieldModel
+from touchline.geometry import Pose
+from touchline.types import LinePoints
+
+_LONGEST_ANSWER = 1000
+
+
+class OutsideProgram:
+    """A program as a localizer of points. It is started at once, and ended by `close` or at the end of the block."""
+
+    def __init__(self, command: str, field: FieldModel) -> None:
+        """command: the program with its arguments, as in a shell. Raises InputError for one that does not start."""
+        self.command = command
+        try:
+            words = shlex.split(command)
+            self._process = subprocess.Popen(
+                words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1, errors="replace"
+            )
+        except (OSError, ValueError, IndexError) as error:
+            raise InputError(f"--program {command}: {getattr(error, 'strerror', None) or error}") from None
+        self._tell(_field_lines(field))
+
+    def __enter__(self) -> OutsideProgram:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the program: its input ends, and it has a second to follow."""
+        try:
+            self._process.communicate(timeout=1.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        except OSError:
+            self._process.wait()
+
+    def from_pose(self, points: LinePoints, start: Pose) -> Pose | None:
+        return self._ask(f"init {float(start.x)!r} {float(start.y)!r} {float(start.heading)!r}", points)
+
+    def from_heading(self, points: LinePoints, heading_rad: float) -> Pose | None:
+        return self._ask(f"compass {float(heading_rad)!r}", points)
+
+    def from_nothing(self, points: LinePoints) -> Pose | None:
+        return self._ask("none", points)
+
+    def _ask(self, begin: str, points: LinePoints) -> Pose | None:
+        numbers = " ".join(map(repr, points.positions_m.ravel().tolist()))
+        self._tell(f"{begin} {len(points)} {numbers}\n")
+        assert self._process.stdout is not None
+        answer = self._process.stdout.readline(_LONGEST_ANSWER)
+        if not answer.endswith("\n"):
+            ended = "ended" if len(answer) < _LONGEST_ANSWER else "answered with a line that does not end"
+            raise TouchlineError(f"--program {self.command}: {ended} after '{begin}'")
+        if answer.strip() == "none":
+            return None
+        try:
+            x, y, heading = (float(word) for word in answer.split())
+        except ValueError:
+            x = y = heading = math.nan
+        if not all(map(math.isfinite, (x, y, heading))):
+            raise TouchlineError(f"--program {self.command}: expected X Y HEADING or none, got {answer.strip()!r:.60}")
+        return Pose(x, y, math.remainder(heading, 2.0 * math.pi))
+
+    def _tell(self, text: str) -> None:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(text)
+            self._process.stdin.flush()
+        except OSError:
+            raise TouchlineError(f"--program {self.command}: reads no more of what it is told") from None
+
+
+def _field_lines(field: FieldModel) -> str:
+    circles = [(*circle, 0.0, 2.0 * math.pi) for circle in field.circles.tolist()]
+    arcs = [*circles, *field.arcs.tolist()]
+    rows = [*field.segments.tolist(), *arcs]
+    head = f"field 1 {len(field.segments)} {len(arcs)}\n"
+    return head + "".join(" ".join(map(repr, row)) + "\n" for row in rows)

@@ -1,0 +1,74 @@
+"""How well a system localises a recording that holds the truth: figures in one row."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from touchline.errors import InputError
+from touchline.evaluation.metrics import associate, error_table
+from touchline.evaluation.runner import robot_setup
+from touchline.geometry import Pose
+from touchline.perception.covered import is_covered
+from touchline.sources import open_source
+from touchline.systems import open_system
+from touchline.systems.ordered import OrderedSystem
+from touchline.types import Samples, Status
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingScore:
+    """Errors of all images from the first that was localised on, black ones left out; tracked: share of those with
+    tracking as status. ms_per_image: median time of a step, reading left out.
+    """
+
+    name: str
+    images: int
+    tracked: float
+    mean_position_m: float
+    max_position_m: float
+    mean_heading_rad: float
+    max_heading_rad: float
+    ms_per_image: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return asdict(self)
+
+
+def bench_recording(folder: Path, system: str) -> RecordingScore:
+    """Run a system over a recording, from nothing. Raises InputError for one without true poses."""
+    source = open_source(folder)
+    if source.truth is None:
+        raise InputError(f"{folder}: holds no true poses (ground_truth.tum) to compare with")
+    stepped = OrderedSystem(open_system(system, robot_setup(source)))
+    stamps: list[int] = []
+    poses: list[Pose] = []
+    tracked: list[bool] = []
+    black: list[tuple[int, int]] = []
+    times_s: list[float] = []
+    for frame in source:
+        begun_s = time.perf_counter()
+        estimate = stepped.step(frame)
+        times_s.append(time.perf_counter() - begun_s)
+        if stamps and estimate.stamp_ns <= stamps[-1]:
+            continue
+        stamps.append(estimate.stamp_ns)
+        poses.append(estimate.pose)
+        tracked.append(estimate.status is Status.TRACKING)
+        if frame.image is not None and is_covered(frame.image):
+            black.append((estimate.stamp_ns, estimate.stamp_ns))
+    trajectory = Samples(np.array(stamps, np.int64), np.array(poses, np.float64).reshape(-1, 3))
+    truth, located = source.truth.samples(), np.array(tracked, np.bool_)
+    errors = error_table(trajectory, truth, located=located, black_ns=black)
+    counted = (associate(trajectory.stamp_ns, truth.stamp_ns) >= 0) & np.maximum.accumulate(located)
+    share = float(located[counted].sum()) / max(int(counted.sum()) - errors.black, 1)
+    position, heading = errors.position, errors.heading
+    median_ms = 1e3 * float(np.median(times_s))
+    return RecordingScore(
+        source.name, errors.frames, min(share, 1.0), position.mean, position.max, heading.mean, heading.max, median_ms
+    )

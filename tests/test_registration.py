@@ -1,0 +1,158 @@
+"""Registration at the statistical bound, and the search that needs no start."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.evaluation.points.bench import bench_points
+from touchline.evaluation.points.localizers import ByRegistration
+from touchline.evaluation.points.point_set import PointSet, polar_covariances, read_point_set
+from touchline.field import open_field
+from touchline.field.offset_map import offset_table
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.registration.bound import bound_covariance, mean_errors
+from touchline.localization.registration.kernels import Plan, register
+from touchline.localization.registration.pose_search import PoseSearch
+from touchline.localization.registration.registration import TRACKING, Registration
+
+FIELD = open_field("msl-18x12")
+REGISTRATION = Registration(FIELD.distance_map())
+NOISE = (0.02, 0.01, 0.0087)
+
+
+@pytest.fixture(scope="module")
+def point_set() -> PointSet:
+    return read_point_set(Path(__file__).parent / "data" / "points" / "msl_18x12.npz")
+
+
+def lines_near(pose: Pose, reach_m: float) -> FloatArray:
+    """Points of the lines within reach of a pose, robot frame, without noise."""
+    seen = pose.inverse().transform(np.vstack(FIELD.polylines(0.15)))
+    return np.ascontiguousarray(seen[np.hypot(*seen.T) < reach_m])
+
+
+def step_in_numpy(points: FloatArray, covariances: FloatArray, pose: FloatArray, plan: Plan) -> FloatArray:
+    """One Gauss-Newton step of `kernels.register`, from exact offsets."""
+    place = Pose(*pose)
+    seen = place.transform(points)
+    step = 1e-4
+    slopes = [
+        (FIELD.line_distances(seen + axis) - FIELD.line_distances(seen - axis)) / (2 * step)
+        for axis in step * np.eye(2)
+    ]
+    distances, normals = FIELD.line_distances(seen), np.column_stack(slopes)
+    in_robot = place.inverse()._replace(x=0.0, y=0.0).transform(normals)
+    foot = points - distances[:, None] * in_robot
+    ratio = (np.sum(foot**2, axis=1) + 0.01) / (np.sum(points**2, axis=1) + 0.01)
+    variances = np.clip(ratio, 0.5, 2.0) * np.einsum("ni,nij,nj->n", in_robot, covariances, in_robot) + plan.floor_m2
+    reach = plan.widths_m[0] ** 2 + plan.gate2 * variances
+    weights = (reach / (reach + distances**2)) ** 2 / variances
+    lever = seen - pose[:2]
+    u = np.column_stack((normals, normals[:, 1] * lever[:, 0] - normals[:, 0] * lever[:, 1]))
+    return np.asarray(pose - np.linalg.solve((u.T * weights) @ u + np.eye(3), u.T @ (weights * distances)))
+
+
+def test_a_step_is_that_of_plain_numpy() -> None:
+    truth = Pose(3.2, -1.4, 0.5)
+    points = lines_near(truth, 4.0) + np.random.default_rng(2).normal(0.0, 0.04, lines_near(truth, 4.0).shape)
+    covariances, start = polar_covariances(points, NOISE), np.add(truth, [0.08, -0.05, 0.03])
+    plan = TRACKING._replace(widths_m=np.array([0.3]))
+    found = register(points, covariances, offset_table(FIELD.distance_map()), start, plan).pose
+    assert found == pytest.approx(step_in_numpy(points, covariances, start, plan), abs=1e-3)
+
+
+def test_offsets_are_exact_on_a_straight_line() -> None:
+    truth = Pose(4.0, -2.0, 0.7)
+    points = lines_near(truth, 3.0)
+    found = REGISTRATION.register(points, polar_covariances(points, NOISE), np.add(truth, [0.1, 0.1, 0.05]))
+    assert found.pose == pytest.approx(np.array(truth), abs=2e-3)
+    assert found.explained == 1.0
+    assert found.noise < 0.01
+
+
+def test_a_lone_line_leaves_the_way_along_it_open() -> None:
+    noise = np.random.default_rng(4).normal(0.0, 0.01, 60)
+    points = np.column_stack((np.linspace(-2.0, 2.0, 60), 1.5 + noise))  # of the side line, y = 5.94
+    start = np.array([4.5, 4.45, 0.02])
+    found = REGISTRATION.register(points, polar_covariances(points, NOISE), start)
+    assert found.pose[:2] == pytest.approx([4.5, FIELD.width / 2 - 0.0625 - 1.5], abs=0.02)
+    assert found.covariance[0, 0] > 1.0
+    assert found.covariance[1, 1] < 0.02**2
+
+
+def test_no_points_say_nothing() -> None:
+    none = np.zeros((0, 2))
+    found = REGISTRATION.register(none, polar_covariances(none, NOISE), np.array([1.0, 2.0, 0.3]))
+    assert found.pose == pytest.approx([1.0, 2.0, 0.3])
+    assert found.explained == 0.0
+    assert found.covariance[0, 0] > 50.0
+    assert PoseSearch(FIELD, REGISTRATION).everywhere(none, polar_covariances(none, NOISE)) == ()
+
+
+def test_the_covariance_is_honest(point_set: PointSet) -> None:
+    registration = Registration(point_set.field.distance_map())
+    squares = []
+    for points, truth, start in zip(point_set.points, point_set.truth, point_set.init, strict=True):
+        found = registration.register(points.positions_m, points.covariances_m2, start)
+        error = found.pose - truth
+        error[2] = wrap_angle(float(error[2]))
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
+    assert 0.8 < float(np.mean(squares)) < 1.2
+
+
+def test_the_bound_of_a_cross() -> None:
+    """Points of two lines at right angles, with 3 cm noise: 3 cm over the root of their number in each direction."""
+    truth = Pose(0.0, 3.0, 0.0)  # beside the halfway line and the side line
+    along_y = np.column_stack((np.full(25, 0.01), np.linspace(-0.5, 2.5, 25)))
+    along_x = np.column_stack((np.linspace(-3.0, -0.5, 36), np.full(36, FIELD.width / 2 - 0.0625 - 3.0 + 0.01)))
+    points = np.vstack((along_y, along_x))
+    covariance = bound_covariance(FIELD, points, np.tile(0.03**2 * np.eye(2), (61, 1, 1)), truth)
+    fixed = np.linalg.inv(np.linalg.inv(covariance)[:2, :2])
+    assert np.sqrt(np.diag(fixed)) == pytest.approx([0.03 / 5.0, 0.03 / 6.0], rel=1e-3)
+
+
+def test_mean_errors_are_those_of_drawn_ones() -> None:
+    covariance = np.array([[4.0, 1.5, 0.1], [1.5, 1.0, 0.0], [0.1, 0.0, 0.25]])
+    drawn = np.random.default_rng(1).multivariate_normal(np.zeros(3), covariance, 100_000)
+    expected = np.hypot(drawn[:, 0], drawn[:, 1]).mean(), np.abs(drawn[:, 2]).mean()
+    assert mean_errors(covariance) == pytest.approx(expected, rel=0.01)
+
+
+def test_without_a_bound_the_points_leave_the_pose_open() -> None:
+    line = np.column_stack((np.linspace(-2.0, 2.0, 20), np.full(20, 1.0)))
+    with pytest.raises(ValueError, match="leave the pose open"):
+        bound_covariance(FIELD, line, np.tile(1e-3 * np.eye(2), (20, 1, 1)), Pose(4.5, FIELD.width / 2 - 1.0, 0.0))
+
+
+def test_a_point_set_is_localised_near_the_bound(point_set: PointSet) -> None:
+    result = bench_points(point_set, ByRegistration(point_set.field))
+    assert result.bound_position_m == pytest.approx(0.0104, abs=0.0004)
+    assert result.bound_heading_rad == pytest.approx(math.radians(0.146), abs=0.0001)
+    assert [score.success for score in (result.init, result.compass, result.none)] == [1.0, 1.0, 1.0]
+    assert max(score.times_bound for score in (result.init, result.compass, result.none)) < 1.22
+
+
+def test_a_far_start_is_searched_around(point_set: PointSet) -> None:
+    search = PoseSearch(point_set.field, Registration(point_set.field.distance_map()))
+    for k in range(40):
+        points, truth = point_set.points[k], point_set.truth[k]
+        start = np.add(truth, [math.cos(k), math.sin(k), math.pi / 4 * (-1) ** k])
+        (best, *_) = search.near(points.positions_m, points.covariances_m2, start, 1.25, math.radians(50.0))
+        assert best.pose.distance_to(Pose(*truth)) < 0.2
+
+
+def test_every_mode_has_its_probability(point_set: PointSet) -> None:
+    search = PoseSearch(point_set.field, Registration(point_set.field.distance_map()))
+    points, truth = point_set.points[3], Pose(*point_set.truth[3])
+    modes = search.everywhere(points.positions_m, points.covariances_m2)
+    assert sum(mode.probability for mode in modes) == pytest.approx(1.0)
+    for pose in (truth, truth.mirrored()):
+        (right,) = [mode for mode in modes if mode.pose.distance_to(pose) < 0.1]
+        assert right.probability == pytest.approx(0.5, abs=0.01)
+    (best, *_) = search.facing(points.positions_m, points.covariances_m2, truth.heading + 0.1, 0.1)
+    assert best.pose.distance_to(truth) < 0.1
+    assert best.probability > 0.99
