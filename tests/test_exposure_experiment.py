@@ -36,3 +36,6 @@ def test_the_recorded_places_come_with_their_lightings(shared_data: Path, monkey
     assert [[case.name for case in cases] for cases in places] == [["dim", "lamps", "sun"]] * (len(recording) // 3)
     assert all(np.all(np.isfinite(case.entropy)) for cases in places for case in cases)
     assert all(cases[0].peak > cases[1].peak >= cases[2].peak for cases in places)
+    lamps, sun = places[0][1:]
+    change = lu2013_exposure._change(lamps, sun, ExposureSettings(check_every=1))
+    assert abs(change.loss) <= lu2013_exposure.NEAR + 0.1  # the search's entropy is over the same ring as the curve's

@@ -33,10 +33,14 @@ _TINTS = (BLUE, "#4d5a55", RED)
 
 @dataclass(eq=False, slots=True)
 class Case:
-    """One lighting at one place: its camera, and the entropy along the path (N,) at places (N,) stops."""
+    """One lighting at one place: its camera, its masks, and the entropy along the path (N,) at places (N,) stops.
+
+    masks: `mirror_masks`. They are of the camera that took the images: entropy over another's ring is another figure.
+    """
 
     name: str
     camera: LinearImageCamera
+    masks: tuple[Mask, Mask]
     stops: FloatArray
     entropy: FloatArray
 
@@ -80,23 +84,22 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
     ours = ExposureSettings(check_every=1)
     papers = load_settings(ExposureSettings, None, ["check_every=1"], preset=PAPER)
     simulation = Simulation(open_scenario(CASES["lamps"], 0))
-    masks = mirror_masks(simulation.camera)
     recording = public_recording(PUBLIC)
     places, built_paper = [], []
     for seed in follow(range(seeds), "places"):
-        places.append(_simulated_cases(seed, masks, ours))
-        built_paper.append([_case(case.name, case.camera, masks, papers) for case in places[-1]])
-    ideal = [_simulated_cases(seed, masks, ours, ideal=True) for seed in follow(range(seeds), "ideal robots")]
+        places.append(_simulated_cases(seed, ours))
+        built_paper.append([_case(case.name, case.camera, case.masks, papers) for case in places[-1]])
+    ideal = [_simulated_cases(seed, ours, ideal=True) for seed in follow(range(seeds), "ideal robots")]
     recorded = [] if recording is None else _recorded_cases(recording, ours)
-    printed = [[_case(case.name, case.camera, masks, papers) for case in cases] for cases in recorded]
+    printed = [[_case(case.name, case.camera, case.masks, papers) for case in cases] for cases in recorded]
     groups = [("robot as built", [*zip(places, built_paper, strict=True)])]
     groups += [("ideal robot", [(cases, []) for cases in ideal])]
     groups += [(f"recorded, place {k}", [pair]) for k, pair in enumerate(zip(recorded, printed, strict=True))]
     rows = [_case_row(source, k, pairs, (ours, papers)) for source, pairs in groups for k in range(len(pairs[0][0]))]
     followed = follow([*places, *recorded], "searches at places")
-    changes = [change for cases in followed for change in _all_changes(cases, masks, ours)]
-    in_its_form = [change for cases in [*built_paper, *printed] for change in _all_changes(cases, masks, papers)]
-    at_best = [change for cases in ideal for change in _all_changes(cases, masks, ours)]
+    changes = [change for cases in followed for change in _all_changes(cases, ours)]
+    in_its_form = [change for cases in [*built_paper, *printed] for change in _all_changes(cases, papers)]
+    at_best = [change for cases in ideal for change in _all_changes(cases, ours)]
     notes = [
         f"Changes from one lighting to another, robots as built and recorded images: {_searched(changes)}. Its form "
         f"here: {_searched(in_its_form)}. Ideal robots: {_searched(at_best)}. The first image of each is the one that "
@@ -111,11 +114,11 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
         )
     shown = places[0] if not recorded else recorded[0]
     pictures = [
-        ("surface", _surface_figure([places[0][0], *(cases[1] for cases in recorded[:1])], masks[1], ours)),
-        ("path", _path_figure([places[0], *recorded[:1]], masks, ours)),
+        ("surface", _surface_figure([places[0][0], *(cases[1] for cases in recorded[:1])], ours)),
+        ("path", _path_figure([places[0], *recorded[:1]], ours)),
         ("images", _images_figure(places[0], simulation, ours)),
     ]
-    sun = next(c for c in _all_changes(shown, masks, ours) if "sun" in c.after.name)
+    sun = next(c for c in _all_changes(shown, ours) if "sun" in c.after.name)
     return ExperimentResult(
         "lu2013-exposure",
         "Figures 6, 10 and 11 of Lu et al. 2013: image entropy over exposure and gain, and the search for its peak",
@@ -144,9 +147,7 @@ def _searched(changes: list[Change]) -> str:
     )
 
 
-def _simulated_cases(
-    seed: int, masks: tuple[Mask, Mask], settings: ExposureSettings, ideal: bool = False
-) -> list[Case]:
+def _simulated_cases(seed: int, settings: ExposureSettings, ideal: bool = False) -> list[Case]:
     """The three lightings at the seed's place, of a robot as built or ideal."""
     cases = []
     for k, (name, scenario) in enumerate(CASES.items()):
@@ -155,7 +156,7 @@ def _simulated_cases(
         state = WorldState() if ideal else simulation.state(0.0)
         radiance = simulation.camera_model.radiance(simulation.world, state, place).copy()
         camera = LinearImageCamera(radiance, simulation.camera_model.sensor, np.random.default_rng([seed, k]))
-        cases.append(_case(name, camera, masks, settings))
+        cases.append(_case(name, camera, mirror_masks(simulation.camera), settings))
     return cases
 
 
@@ -176,7 +177,7 @@ def _case(name: str, camera: LinearImageCamera, masks: tuple[Mask, Mask], settin
     stops = np.arange(low, high + 1e-9, _STEP_STOPS)
     mask = None if settings.whole_image else masks[1]
     entropy = [_entropy(camera, *settings.path.at(float(place)), mask) for place in stops]
-    return Case(name, camera, stops, np.array(entropy))
+    return Case(name, camera, masks, stops, np.array(entropy))
 
 
 def _entropy(camera: LinearImageCamera, exposure_ms: float, gain: float, mask: Mask | None) -> float:
@@ -184,14 +185,14 @@ def _entropy(camera: LinearImageCamera, exposure_ms: float, gain: float, mask: M
     return image_entropy(camera.grab(), mask)
 
 
-def _all_changes(cases: list[Case], masks: tuple[Mask, Mask], settings: ExposureSettings) -> list[Change]:
-    return [_change(a, b, masks, settings) for a in cases for b in cases if a is not b]
+def _all_changes(cases: list[Case], settings: ExposureSettings) -> list[Change]:
+    return [_change(a, b, settings) for a in cases for b in cases if a is not b]
 
 
-def _change(before: Case, after: Case, masks: tuple[Mask, Mask], settings: ExposureSettings) -> Change:
+def _change(before: Case, after: Case, settings: ExposureSettings) -> Change:
     """From the best settings of one light into another."""
     camera = _Switched(before.camera)
-    control = ExposureControl(camera, masks, settings, start_ms=2.0 ** float(before.stops[before.peak]))
+    control = ExposureControl(camera, after.masks, settings, start_ms=2.0 ** float(before.stops[before.peak]))
     control.start_at_rest()
     control.step()
     camera.source = after.camera
@@ -219,12 +220,12 @@ def _case_row(
     )  # fmt: skip
 
 
-def _surface_figure(cases: list[Case], mask: Mask, settings: ExposureSettings) -> Figure:
+def _surface_figure(cases: list[Case], settings: ExposureSettings) -> Figure:
     """Figure 6 (a), (b): seen from above, with the ridge and the path."""
     figure, axes = new_figure(1, len(cases), 5.2 * len(cases), 4.4)
     exposures, gains = np.geomspace(1.0, 120.0, _GRID), np.geomspace(0.5, 30.0, _GRID)
     for axis, case, title in zip(axes, cases, ("simulated hall", "recorded linear images"), strict=False):
-        surface = np.array([[_entropy(case.camera, e, g, mask) for e in exposures] for g in gains])
+        surface = np.array([[_entropy(case.camera, e, g, case.masks[1]) for e in exposures] for g in gains])
         drawn = axis.contourf(exposures, gains, surface, levels=18, cmap="viridis")
         figure.colorbar(drawn, ax=axis, label="entropy (nats)")
         ridge = exposures[np.argmax(surface, axis=1)]
@@ -239,13 +240,13 @@ def _surface_figure(cases: list[Case], mask: Mask, settings: ExposureSettings) -
     return figure
 
 
-def _path_figure(places: list[list[Case]], masks: tuple[Mask, Mask], settings: ExposureSettings) -> Figure:
+def _path_figure(places: list[list[Case]], settings: ExposureSettings) -> Figure:
     """Figures 6 (c), 11 (c): entropy along the path for each light, and the searches from the light before."""
     figure, axes = new_figure(1, len(places), 5.6 * len(places), 4.2)
     for axis, cases, title in zip(axes, places, ("simulated hall", "recorded linear images"), strict=False):
         for k, (case, tint) in enumerate(zip(cases, _TINTS, strict=False)):
             axis.plot(2.0**case.stops, case.entropy, color=tint, label=case.name)
-            tried = _change(cases[k - 1], case, masks, settings).tried
+            tried = _change(cases[k - 1], case, settings).tried
             axis.plot([2.0**t.stops for t in tried], [t.entropy for t in tried], "o", color=tint, markersize=4)
             for number, t in enumerate(tried, start=1):
                 axis.annotate(str(number), (2.0**t.stops, t.entropy), (2, 4), textcoords="offset points", fontsize=7)
