@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from touchline.config import load_settings
-from touchline.experiments.reliability_runs import KIDNAP_EVERY_S, driven, followed, kidnaps_of
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.fusion.field_side import COMPASS_FALSE
@@ -292,21 +291,6 @@ def test_kidnapped_robots_are_right_within_a_second_of_being_seen(covered: int) 
                 right += all(off_m(estimates[k], truth(run, k)) < 0.15 for k in later)
     assert total >= 8
     assert right >= 0.9 * total
-
-
-@pytest.mark.parametrize(
-    ("seed", "seconds"),
-    [
-        pytest.param(119, 12.0, id="far lines, moved by a shaking head"),
-        pytest.param(114, 21.0, id="carried a metre from its twin"),
-    ],
-)
-def test_a_robot_as_built_that_is_kidnapped_in_play_is_right_within_ten_images(seed: int, seconds: float) -> None:
-    often = (f"disturbances.kidnap_every_s={KIDNAP_EVERY_S}", "disturbances.covered_images=0")
-    drive, setup, times_s = driven("match", seed, seconds, *often)
-    kidnaps = kidnaps_of(drive, times_s, followed("iris-fusion", setup, drive, seed))
-    assert len(kidnaps) >= 3
-    assert all(kidnap.right and kidnap.wrong <= 2 for kidnap in kidnaps)
 
 
 def moved(points: LinePoints, pose: Pose) -> LinePoints:

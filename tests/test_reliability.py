@@ -10,7 +10,15 @@ import pytest
 
 from touchline.experiments import reliability
 from touchline.experiments.faults import Drive
-from touchline.experiments.reliability_runs import counts, kidnaps_of, longest, outcome
+from touchline.experiments.reliability_runs import (
+    KIDNAP_EVERY_S,
+    counts,
+    driven,
+    followed,
+    kidnaps_of,
+    longest,
+    outcome,
+)
 from touchline.experiments.wheel_faults import Slip, no_wheels, some_wheels
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
@@ -107,3 +115,21 @@ def test_every_fault_is_told_for_every_system(monkeypatch: pytest.MonkeyPatch) -
     result = reliability.reliability(5)
     assert len(result.rows) == 3 * (4 + 2 + 1)
     assert {row[2].split()[0] for row in result.rows} == {"0.0"}
+
+
+@pytest.mark.parametrize(
+    ("system", "seed", "seconds"),
+    [
+        pytest.param("iris-fusion", 119, 12.0, id="far lines, moved by a shaking head"),
+        pytest.param("iris-fusion", 114, 21.0, id="carried a metre from its twin"),
+        pytest.param("nubot-mti", 112, 26.0, id="rivals of the places before"),
+    ],
+)
+def test_a_robot_as_built_that_is_kidnapped_in_play_is_right_within_ten_images(
+    system: str, seed: int, seconds: float
+) -> None:
+    often = (f"disturbances.kidnap_every_s={KIDNAP_EVERY_S}", "disturbances.covered_images=0")
+    made, setup, times_s = driven("match", seed, seconds, *often)
+    kidnaps = kidnaps_of(made, times_s, followed(system, setup, made, seed))
+    assert len(kidnaps) >= 3
+    assert all(kidnap.right and kidnap.wrong <= 2 for kidnap in kidnaps)

@@ -50,6 +50,8 @@ class GridLocalizer:
             match = refine_with_tilt(self.search.matcher, view, fix.match.pose.as_array(), fix.match.error)
             accepted, kept = fix.accepted, False
             self._confirmations = 0
+            if tracked is not None:
+                self._rivalled = 0  # rivals of a place that fits far worse say nothing against this one
         else:
             return None
         confirmed = accepted or self._confirmations >= s.confirmations or not s.paper.confirmed
