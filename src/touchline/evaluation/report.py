@@ -255,13 +255,13 @@ def _footer(summary: dict[str, Any]) -> str:
 _STYLE = """
 :root { color-scheme: light dark;
   --page:#fbfbf9; --card:#ffffff; --ink:#1d2320; --soft:#66706b; --grid:#e3e6e2; --line:#e3e6e2;
-  --carpet:#e4efe2; --paint:#ffffff; --truth:#8f9a92; --tracking:#0b6e99; --searching:#d98a00; --lost:#c8324a;
-  --bar:#4f7d6b; --series-x:#0b6e99; --series-y:#9a5b00; --series-heading:#7a4fa3; --warn:#fff2d6;
+  --carpet:#e4efe2; --paint:#ffffff; --truth:#8f9a92; --tracking:#0b6e99; --searching:#5b2e91; --lost:#c8324a;
+  --bar:#4f7d6b; --series-x:#0b6e99; --series-y:#9a5b00; --series-heading:#00796b; --warn:#fff2d6;
   --omnivision:#0b6e99; --both:#00a39b; --odometry:#c2269b; }
 @media (prefers-color-scheme: dark) { :root {
   --page:#141816; --card:#1b201e; --ink:#e8ece9; --soft:#98a39d; --grid:#2c3330; --line:#2c3330;
-  --carpet:#1f3a2a; --paint:#c9d8cc; --truth:#7d8a82; --tracking:#4fb6e3; --searching:#f0ae3d; --lost:#f2697d;
-  --bar:#6fae96; --series-x:#4fb6e3; --series-y:#e0a04a; --series-heading:#b794dd; --warn:#3a2f14;
+  --carpet:#1f3a2a; --paint:#c9d8cc; --truth:#7d8a82; --tracking:#4fb6e3; --searching:#d0b3f7; --lost:#f2697d;
+  --bar:#6fae96; --series-x:#4fb6e3; --series-y:#e0a04a; --series-heading:#4fc9b5; --warn:#3a2f14;
   --omnivision:#4fb6e3; --both:#3fd0c4; --odometry:#f07fd0; } }
 * { box-sizing:border-box; }
 body { margin:0; background:var(--page); color:var(--ink);
