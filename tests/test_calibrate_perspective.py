@@ -30,7 +30,7 @@ from touchline.simulation.recording import _write_calibration
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording, open_source
-from touchline.types import Frame
+from touchline.types import Frame, Samples
 
 FOUR = np.array([(1.2, 0.5), (1.2, -0.5), (2.5, 0.9), (2.5, -0.9)])
 MOUNT = Pose3.from_roll_pitch_yaw(0.03, 0.45, -0.05, (0.06, 0.02, 0.95))
@@ -154,6 +154,16 @@ def test_an_imu_that_says_nothing_leaves_the_lean_unknown() -> None:
     leaning = LeanFilter()
     leaning.add(Frame(10))
     assert leaning.lean(10) is None
+
+
+def test_without_rates_the_newest_angles_count_as_in_the_paper() -> None:
+    leaning = LeanFilter(rates=False)
+    rates = Samples(np.array([0, 10**8]), np.array([[1.0, 2.0, 0.0], [1.0, 2.0, 0.0]]))
+    for stamp_ns, roll in ((10**8, 0.1), (2 * 10**8, 0.3)):
+        angles = Samples(np.array([stamp_ns - 10**7]), np.array([[roll, -roll]]))
+        carried = leaning.carried(Frame(stamp_ns, tilt=angles, gyro=rates))
+        assert carried.tilt is not None
+        assert carried.tilt.values.tolist() == [[roll, -roll]]
 
 
 def test_a_written_camera_is_read_again(tmp_path: Path) -> None:

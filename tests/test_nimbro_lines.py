@@ -11,6 +11,7 @@ import pytest
 
 from touchline.config import load_settings, preset_values
 from touchline.errors import InputError
+from touchline.experiments.schulz_runs import TRACKING_ALONE
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
@@ -21,7 +22,7 @@ from touchline.simulation.observation.features import leaning
 from touchline.simulation.run import PINHOLE_FEATURES, Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.nimbro_lines import NimbroLinesSettings
+from touchline.systems.nimbro_lines import NimbroLines, NimbroLinesSettings
 from touchline.types import (
     CrossingKind,
     Crossings,
@@ -74,12 +75,24 @@ def test_it_tracks_from_a_start_pose(field: str) -> None:
 
 def test_the_papers_form_tracks_less_precisely() -> None:
     preset = preset_values(NimbroLinesSettings, "paper")
-    assert preset["paper"] == {"refine": False, "twin": False, "restart": False}
+    assert preset["paper"] == {"rates": False, "refine": False, "twin": False, "restart": False}
     settings = load_settings(NimbroLinesSettings, preset="paper")
     system = open_system("nimbro-lines", RobotSetup(open_field(FIELDS[0])), settings)
     system.reset(near_start(FIELDS[0]))
     estimates = [system.step(frame) for frame in walk(FIELDS[0])[1]]
     assert 0.02 < np.median(errors_m(FIELDS[0], estimates)) < 0.3
+
+
+@pytest.mark.parametrize(("changes", "most"), [((), 0.2), (TRACKING_ALONE, 0.0)])
+def test_tracking_alone_has_no_random_particles(changes: tuple[str, ...], most: float) -> None:
+    settings = load_settings(NimbroLinesSettings, None, changes, preset="paper")
+    system = open_system("nimbro-lines", RobotSetup(open_field(FIELDS[0])), settings)
+    assert isinstance(system, NimbroLines)
+    system.reset(near_start(FIELDS[0]))
+    weights = np.full(2, 0.5)
+    for log_likelihood in (0.0, *[-50.0] * 20):
+        system.particles.injection.observe(weights, np.full(2, log_likelihood))
+    assert system.particles.injection.ratio(system.particles.filter.estimate()) == most
 
 
 def test_coloured_goals_and_poles_find_the_robot_from_nowhere() -> None:

@@ -33,6 +33,7 @@ _START_M, _START_RAD = 0.3, math.radians(10.0)
 _NODS = 0.125  # of the head, from side to side and back, per second
 
 WITHOUT_LINES = ("features.use.lines=false", "features.use.crossings=false")
+TRACKING_ALONE = ("particles.random_ratio=0", "particles.max_random_ratio=0")  # without global localization
 ONLY_LINES = tuple(f"features.use.{kind}=false" for kind in ("posts", "poles", "marks"))
 
 

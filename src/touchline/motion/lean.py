@@ -7,6 +7,7 @@ angles on to the image, and what the angles say beyond that is averaged (a compl
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,7 +24,9 @@ _KEPT = 256  # rates that may be looked up
 class LeanFilter:
     """Takes the samples of frames one after another; `lean` tells roll and pitch at the newest."""
 
-    def __init__(self) -> None:
+    def __init__(self, rates: bool = True) -> None:
+        """rates: whether they carry the angles on; else the newest angles count as they are."""
+        self.rates = rates
         self.clear()
 
     def clear(self) -> None:
@@ -37,7 +40,7 @@ class LeanFilter:
         that another clock has stamped would leave out all after it.
         """
         end_ns = frame.stamp_ns + round(MAX_AGE_S * NANOSECONDS)
-        for stamp_ns, rates in _rows(frame.gyro, end_ns):
+        for stamp_ns, rates in _rows(frame.gyro if self.rates else None, end_ns):
             self._integrate(stamp_ns, rates[0], rates[1])
         for stamp_ns, angles in _rows(frame.tilt, end_ns):
             self._correct(stamp_ns, np.array(angles[:2]))
@@ -48,6 +51,13 @@ class LeanFilter:
             return None
         roll, pitch = self._offset + self._turned(stamp_ns)
         return float(roll), float(pitch)
+
+    def carried(self, frame: Frame) -> Frame:
+        """Add a frame's samples; the frame, with the lean at its own stamp in the place of the angles."""
+        self.add(frame)
+        lean = self.lean(frame.stamp_ns)
+        tilt = None if lean is None else Samples(np.array([frame.stamp_ns]), np.array([lean]))
+        return replace(frame, tilt=tilt)
 
     def _integrate(self, stamp_ns: int, roll_rad_s: float, pitch_rad_s: float) -> None:
         roll = pitch = 0.0

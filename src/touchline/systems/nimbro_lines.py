@@ -12,7 +12,6 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -33,7 +32,7 @@ from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup
-from touchline.types import Estimate, Frame, Observation, Prior, Samples, as_prior
+from touchline.types import Estimate, Frame, Observation, Prior, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where nobody tells: that of a robot between kid and adult size
 
@@ -41,6 +40,12 @@ CAMERA_HEIGHT_M = 1.0  # where nobody tells: that of a robot between kid and adu
 class NimbroPaper(Settings):
     """Switches to the paper's exact form."""
 
+    rates: bool = added(
+        True,
+        paper=False,
+        description="the gyro's rates carry roll and pitch on to the image, for angles are late; off: the newest "
+        "angles as they are, as in the paper, whose camera is as late",
+    )
     refine: bool = added(
         True,
         paper=False,
@@ -80,7 +85,7 @@ class NimbroLines:
         self.detector: Detector | None = None
         if camera is not None:
             self.detector = cast("Detector", LineGraphDetector(camera, s.line_graph, field))
-        self.leaning = LeanFilter()
+        self.leaning = LeanFilter(s.paper.rates)
         self.history = MotionHistory()
         self.max_range_m = setup.max_range_m
         height_m = setup.height_m or CAMERA_HEIGHT_M
@@ -116,7 +121,7 @@ class NimbroLines:
         motion = self.history.take(frame)
         self.particles.predict(motion)  # motion model, equation (3)
         self.tracker.predict(motion, self.particles.filter.motion_model.deviations(motion))
-        frame = self._with_lean(frame)  # roll and pitch at the image, section 4.4
+        frame = self.leaning.carried(frame)  # roll and pitch at the image, section 4.4
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # features, sections 3 and 4
         view = self.features.of(observation, self.tracker.filter.lean)  # egocentric, sections 4.4 and 5.3
         mode = self.particles.update(view, self._side(), self.tracker.belief.is_searching)  # resampling, (4) to (8)
@@ -126,13 +131,6 @@ class NimbroLines:
         if self.tracker.is_lost and self.settings.paper.restart:
             self._search()  # ours, beside section 5's random particles
         return self._report(observation, view, clock)
-
-    def _with_lean(self, frame: Frame) -> Frame:
-        """The frame with the lean at its stamp in the place of the samples, which are late."""
-        self.leaning.add(frame)
-        lean = self.leaning.lean(frame.stamp_ns)
-        tilt = None if lean is None else Samples(np.array([frame.stamp_ns]), np.array([lean]))
-        return replace(frame, tilt=tilt)
 
     def _search(self) -> None:
         self.tracker.lose()

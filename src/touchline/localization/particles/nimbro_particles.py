@@ -34,7 +34,6 @@ MODE_M = 0.6  # radius of a mode of the particles ...
 MODE_RAD = 0.5  # ... and how far its headings reach
 CELL_M, CELL_RAD = 0.5, math.pi / 6.0  # of the histogram that finds modes
 SLOW, FAST = 0.02, 0.2  # forgetting of the long- and the short-term likelihood per cycle: some 50 and 5 images
-MAX_RANDOM_RATIO = 0.2  # of the particles; more would leave too few to a pose that is right
 PROPOSED_RATIO = 0.2  # of the particles while searching: at poses that the features of the frame propose
 
 
@@ -104,6 +103,13 @@ class NimbroParticleSettings(Settings):
     random_ratio: float = Field(
         0.01, ge=0, lt=1, description="ratio of random particles in every drawing: the paper's small amount"
     )
+    max_random_ratio: float = Field(
+        0.2,
+        ge=0,
+        lt=1,
+        description="largest ratio of random particles, when the likelihood falls: more leave too few to a right pose. "
+        "With this and random_ratio 0 a pose is tracked, and never found anew, as in the paper's section 6.2",
+    )
     motion: StepNoise = StepNoise()
     paper: NimbroParticlePaper = NimbroParticlePaper()
 
@@ -164,7 +170,7 @@ class NimbroParticles:
         self.particles = ParticleSet(np.zeros((1, 3)))
         number = CertaintyNumber(s.min_particles, max(s.min_particles, s.max_particles), UNCERTAIN_M)
         self.injection = AugmentedInjection(
-            SidedPoses(UniformPoses(self._reach_m), None), SLOW, FAST, s.random_ratio, MAX_RANDOM_RATIO
+            SidedPoses(UniformPoses(self._reach_m), None), SLOW, FAST, s.random_ratio, s.max_random_ratio
         )
         self.filter: ParticleFilter[FeatureView] = ParticleFilter(
             self.particles,
@@ -238,7 +244,7 @@ class NimbroParticles:
     def _start(self, poses: FloatArray) -> None:
         self.filter.start(poses)
         poses_from, s = self.injection.poses, self.settings
-        self.injection = AugmentedInjection(poses_from, SLOW, FAST, s.random_ratio, MAX_RANDOM_RATIO)
+        self.injection = AugmentedInjection(poses_from, SLOW, FAST, s.random_ratio, s.max_random_ratio)
         self.filter.injection = self.injection
 
 
