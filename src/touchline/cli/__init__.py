@@ -48,6 +48,11 @@ def _run(given: list[str], interrupted: Callable[[], bool]) -> int:
     except BrokenPipeError:  # the reader of a pipe has seen enough
         _drop_output()
         return 0
+    except SystemExit as ended:
+        if not isinstance(ended.__context__, BrokenPipeError):  # which is what older releases of Typer make of it
+            raise
+        _drop_output()
+        return 0
     except OSError as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise
