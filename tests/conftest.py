@@ -6,6 +6,7 @@ the folder that TOUCHLINE_DATA names, else in shared/data beside the checkout. N
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
@@ -39,6 +40,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items[:] = items[:: config.getoption("--every")]
+
+
+def pytest_collection_finish() -> None:
+    """What is there by now stays to the end: the garbage collector need not walk over it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_configure() -> None:

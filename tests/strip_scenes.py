@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import yaml
 
 from touchline.camera import OmniCamera
@@ -33,16 +35,25 @@ def tilted_camera(size: int = 400) -> OmniCamera:
 def strip_image(camera: OmniCamera, bearing_rad: float, edges_m: list[float] = EDGES_M, seed: int = 0) -> ImageArray:
     """What the camera sees of a strip at a bearing on green ground: averaged in linear light, then gamma 2.2."""
     total = np.zeros((camera.height, camera.width, 3))
-    for dv in (-1 / 3, 0.0, 1 / 3):
-        for du in (-1 / 3, 0.0, 1 / 3):
-            v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
-            pixels = np.column_stack((u.ravel() + du, v.ravel() + dv))
-            colour = ground_colour(camera.ground_from_image(pixels), bearing_rad, edges_m)
-            colour[np.hypot(*(pixels - camera.center).T) < BODY_PX] = BODY
-            total += colour.reshape(total.shape)
+    for points, body in looked_at(camera):
+        colour = ground_colour(points, bearing_rad, edges_m)
+        colour[body] = BODY
+        total += colour.reshape(total.shape)
     light = cv2.GaussianBlur(total / 9.0, (0, 0), 0.7)
     noise = np.random.default_rng(seed).normal(0.0, 1.5, light.shape)
     return np.clip(np.rint(255.0 * light ** (1 / 2.2) + noise), 0, 255).astype(np.uint8)
+
+
+@lru_cache(maxsize=1)
+def looked_at(camera: OmniCamera) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
+    """Ground points (N, 2) of nine samples of every pixel, and which of them see the robot's own body."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
+    samples = []
+    for dv in (-1 / 3, 0.0, 1 / 3):
+        for du in (-1 / 3, 0.0, 1 / 3):
+            pixels = np.column_stack((u.ravel() + du, v.ravel() + dv))
+            samples.append((camera.ground_from_image(pixels), np.hypot(*(pixels - camera.center).T) < BODY_PX))
+    return samples
 
 
 def ground_colour(points: FloatArray, bearing_rad: float, edges_m: list[float]) -> FloatArray:
