@@ -13,6 +13,7 @@ import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator, MultipleLocator
@@ -71,6 +72,7 @@ _STYLE: Any = {
 }
 _MOST_BUCKETS = 600
 _WIDTH_IN = 7.2
+_SVG_DPI = 72  # Matplotlib's own for SVG
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -304,14 +306,24 @@ def latency_figure(data: RunData, latency_ms: dict[str, Any]) -> str:
 
 def _svg(draw: Callable[[Figure], None], width_in: float, height_in: float, title: str) -> str:
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        figure = Figure(figsize=(width_in, height_in), dpi=_SVG_DPI, layout="constrained")
         figure.patch.set_alpha(0.0)
         draw(figure)
         for axes in figure.axes:
             axes.patch.set_alpha(0.0)
+        _lay_out(figure)
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return _inline(buffer.getvalue(), title)
+
+
+def _lay_out(figure: Figure) -> None:
+    """Place the axes once and for all; `savefig` would do so twice, and draw twice."""
+    FigureCanvasSVG(figure)
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.execute(figure)
+    figure.set_layout_engine(None)
 
 
 def _inline(svg: str, title: str) -> str:
