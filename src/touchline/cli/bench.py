@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from touchline.evaluation.points.point_set import PointSet
     from touchline.evaluation.recordings_bench import RecordingScore
 
+_PIPE_WIDTH = 200
 _DEG = 57.29578  # degrees in a radian
 
 
@@ -91,7 +92,10 @@ def recordings(
     if json:
         typer.echo(_as_json({"system": name, "recordings": [score.to_dict() for score in scores]}))
     else:
-        output().print(_recording_table(scores))
+        console = output()
+        if not console.is_terminal:
+            console.width = _PIPE_WIDTH  # one line for each recording
+        console.print(_recording_table(scores))
 
 
 def _bench_with_progress(points: PointSet, name: str, program: str | None) -> PointBench:

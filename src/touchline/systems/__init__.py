@@ -20,6 +20,7 @@ from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mcl_alone import NubotMclAlone, NubotMclAloneSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.systems.setup import RobotSetup
+from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import System
 
 
@@ -106,6 +107,12 @@ SYSTEMS = {
             NimbroLinesSettings,
             NimbroLines,
             cameras=("pinhole",),
+        ),
+        SystemInfo(
+            "touchline",
+            "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
+            TouchlineSettings,
+            Touchline,
         ),
     )
 }

@@ -31,7 +31,7 @@ SAME_M, SAME_RAD = 0.1, 0.05  # poses nearer than this are one mode
 COARSE_POINTS = 90  # so many at most, evenly taken, tell the coarse errors
 SEARCH_POINTS = 60  # and so many which of the starts are worth registering to the end
 HOPELESS = 25.0  # logarithm of odds against the best from which a start is not
-MOST_CONTRADICTION = 12.0  # what something known speaks against a pose, at most: it may be wrong itself
+MOST_CONTRADICTION = 4.0  # what something known speaks against a pose, at most: one compass in fifty is false
 
 
 class Known(NamedTuple):
@@ -45,12 +45,13 @@ class Known(NamedTuple):
 class Mode:
     """A pose that explains the points, its covariance (3, 3) in (m, m, rad), field frame, and its probability.
 
-    explained, noise: as of `Registered`.
+    log_likelihood, explained, noise: as of `Registered`.
     """
 
     pose: Pose
     covariance: FloatArray
     probability: float
+    log_likelihood: float
     explained: float
     noise: float
 
@@ -165,7 +166,7 @@ def _with_probabilities(found: list[Registered], known: Known | None, twins: boo
     kept = [each for each in candidates if each[0] > best - UNLIKELY]
     total = sum(math.exp(each[0] - best) for each in kept)
     modes = [
-        Mode(pose, covariance, math.exp(log_odds - best) / total, one.explained, one.noise)
+        Mode(pose, covariance, math.exp(log_odds - best) / total, one.log_likelihood, one.explained, one.noise)
         for log_odds, pose, covariance, one in kept
     ]
     return tuple(sorted(modes, key=lambda mode: -mode.probability))

@@ -1,0 +1,223 @@
+"""touchline: our own system, line points at the statistical bound; no paper's.
+
+image ─▶ line points ─▶ registration from every hypothesis ─▶ filters, weights ─▶ the best ─▶ estimate
+              │                      ▲ odometry                   │                 ▲
+              └─▶ search of the whole field ─▶ new hypotheses ◀───┘ undecided       └─ compass: which end
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from touchline.config import Settings
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.fusion.field_end import FieldEnd
+from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter, Scales
+from touchline.localization.fusion.pose_hypotheses import Member, PoseHypotheses
+from touchline.localization.matching.covariance import is_observed
+from touchline.localization.registration.pose_search import Known, Mode, PoseSearch
+from touchline.localization.registration.registration import Registration
+from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
+from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
+from touchline.systems.report import Stopwatch
+from touchline.systems.setup import RobotSetup
+from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
+
+UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
+
+
+class TouchlineSettings(Settings):
+    """The few things that somebody would tune; all else are constants beside their use."""
+
+    min_points: int = Field(10, ge=1, le=10_000, description="line points without which an image tells nothing")
+    min_explained: float = Field(
+        0.6, gt=0, lt=1, description="share of the points that a pose must explain, or the whole field is searched"
+    )
+    min_probability: float = Field(
+        0.9, gt=0.5, lt=1, description="probability from which the likeliest pose is tracked, twin not counted"
+    )
+    blind_frames: int = Field(
+        2, ge=1, le=1_000, description="images in a row without points after which the pose is in doubt"
+    )
+    search_every: int = Field(
+        15, ge=1, le=1_000, description="images after which the whole field is searched though nothing is wrong"
+    )
+    compass_sigma_rad: float = Field(
+        0.15, gt=0, description="standard deviation of a compass heading (rad), drift and magnetic fields included"
+    )
+    gate: float = Field(
+        16.3, gt=0, description="squared Mahalanobis distance from the prediction from which the robot was shoved"
+    )
+    shove_m: float = Field(0.6, gt=0, description="how far a shove moves the robot at most (m)")
+    shove_rad: float = Field(0.8, gt=0, description="how far a shove turns the robot at most (rad)")
+    start_position_m: float = Field(0.3, gt=0, description="standard deviation of x and y of a pose that is told (m)")
+    start_heading_rad: float = Field(0.15, gt=0, description="standard deviation of a heading that is told (rad)")
+    odometry: OdometrySettings = OdometrySettings()
+    compass_track: CompassTrackSettings = CompassTrackSettings()
+
+
+class Touchline:
+    """The system as sources and sinks know it: `reset` and `step`."""
+
+    def __init__(self, setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator) -> None:
+        """rng is not needed: nothing here is left to chance."""
+        field, camera, s = setup.field, setup.camera, settings
+        self.settings = settings
+        self.detector = (
+            None
+            if camera is None
+            else SelfLearningDetector(camera, LinePointSettings(), LearningSettings(), field.line_width)
+        )
+        self.max_range_m = setup.max_range_m
+        free = {"forward_scale": 0.0, "sideways_scale": 0.0, "turn_scale": 0.0}  # which the filters find out
+        self.history = MotionHistory(s.odometry.model_copy(update=free), s.compass_track)
+        self._distance_map = field.distance_map()
+        registration = Registration(self._distance_map)
+        self.search = PoseSearch(field, registration)
+        self.scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
+        start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
+        self.hypotheses = PoseHypotheses(registration, start, s.gate, s.shove_m, s.shove_rad)
+        self.end = FieldEnd(field.is_symmetric)
+        self.reset()
+
+    def reset(self, prior: Prior | None = None) -> None:
+        """Forget everything but the prior."""
+        prior = as_prior(prior)
+        if self.detector is not None:
+            self.detector.reset()
+        self.history.clear()
+        self.hypotheses.members = []
+        self.own_half = prior.own_half
+        self.end.reset(told=prior.pose is not None)
+        if prior.pose is not None:
+            self.hypotheses.members = [Member(self._filter_at(prior.pose, prior.covariance), 0.0)]
+        self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
+        self.blind, self.since_search, self.last_ns = 0, 0, 0
+        self.problems: tuple[str, ...] = ()
+
+    def step(self, frame: Frame) -> Estimate:
+        """Take one frame, return where the robot stands at its time stamp."""
+        clock = Stopwatch()
+        motion = self.history.take(frame)
+        self.hypotheses.predict(motion)  # predict: the odometry carries every hypothesis on
+        observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points
+        compass_rad = self.history.at(frame.stamp_ns).heading_rad
+        if len(observation.points) >= self.settings.min_points:
+            self.hypotheses.update(observation.points)  # register, fuse, weigh
+            if self._is_in_doubt():
+                self._search(observation, compass_rad)  # search: every pose that explains the points
+        self._judge(observation, compass_rad)  # judge: status, and which end
+        return self._report(observation, clock)
+
+    def _is_in_doubt(self) -> bool:
+        """Whether the whole field is searched in this frame."""
+        best = self.hypotheses.best
+        self.since_search += 1
+        doubted = self.status is not Status.TRACKING or self.blind >= self.settings.blind_frames
+        poor = best is None or best.explained < self.settings.min_explained
+        return doubted or poor or self.since_search >= self.settings.search_every
+
+    def _search(self, observation: Observation, compass_rad: float | None) -> None:
+        self.since_search = 0
+        points, before = observation.points, self.hypotheses.best
+        modes = self.search.everywhere(points.positions_m, points.covariances_m2, self._known(compass_rad))
+        if self.own_half and before is None:
+            modes = tuple(mode for mode in modes if mode.pose.x <= 0.0)
+        if self.end.symmetric:
+            modes = self._at_one_end(modes)
+        self.hypotheses.add(modes, points)
+        best = self.hypotheses.best
+        if best is not None and best is not before:  # found, or found elsewhere
+            self.end.begin(self.own_half and before is None, self._compass_error(best.filter.pose, compass_rad))
+
+    def _known(self, compass_rad: float | None) -> Known | None:
+        """What a compass says of every pose."""
+        if compass_rad is None:
+            return None
+        information = np.diag([0.0, 0.0, 1.0 / self.settings.compass_sigma_rad**2])
+        return Known(np.array([0.0, 0.0, compass_rad]), information)
+
+    def _at_one_end(self, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
+        """Of each pair of twins the likelier one, or the one that is nearer to a pose that is followed."""
+        kept: list[Mode] = []
+        followed = [one.filter.pose for one in self.hypotheses.members]
+        for mode in sorted(modes, key=lambda one: -sum(_near(one.pose, pose) for pose in followed)):
+            if not any(_near(mode.pose.mirrored(), other.pose) for other in kept):
+                kept.append(mode)
+        return tuple(kept)
+
+    def _judge(self, observation: Observation, compass_rad: float | None) -> None:
+        """The status, and the end of the field by what the compass says."""
+        self.blind = 0 if len(observation.points) >= self.settings.min_points else self.blind + 1
+        seconds = 1e-9 * max(observation.stamp_ns - self.last_ns, 0) if self.last_ns else 0.0
+        self.last_ns, self.problems = observation.stamp_ns, ()
+        best = self.hypotheses.best
+        if best is None:
+            return
+        self.end.update(self._compass_error(best.filter.pose, compass_rad), seconds)
+        if self.end.is_refuted:
+            self.hypotheses.turn()
+            self.end.turn()
+            self.problems = ("the compass says that the robot is at the other end of the field",)
+        decided = self.hypotheses.probability >= self.settings.min_probability
+        explained = self.blind > 0 or best.explained >= self.settings.min_explained
+        observed = is_observed(best.filter.covariance)
+        if self.status is Status.TRACKING:
+            explained = explained or best.explained >= 0.5 * self.settings.min_explained
+        if decided and explained and observed and self.blind < self.settings.blind_frames:
+            self.status = Status.TRACKING
+        else:
+            self.status = Status.SEARCHING if self.status is not Status.TRACKING or decided else Status.LOST
+
+    @staticmethod
+    def _compass_error(pose: Pose, compass_rad: float | None) -> float | None:
+        return None if compass_rad is None else wrap_angle(compass_rad - pose.heading)
+
+    def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PoseFilter:
+        s = self.settings
+        told = np.diag(np.square([s.start_position_m, s.start_position_m, s.start_heading_rad]))
+        return PoseFilter(pose, told if covariance is None else covariance, FusionSettings(), self.scales)
+
+    def _report(self, observation: Observation, clock: Stopwatch) -> Estimate:
+        best, end = self.hypotheses.best, self.end.probability
+        count = len(observation.points)
+        if best is None:
+            pose, covariance, residual_m, probability = Pose(0.0, 0.0, 0.0), UNKNOWN, float("nan"), None
+        else:
+            pose, covariance, probability = best.filter.pose, best.filter.covariance, self.hypotheses.probability * end
+            residual_m = self._residual_m(observation, pose)
+        others: list[Hypothesis] = []
+        for one in self.hypotheses.members:
+            share = self.hypotheses.probability * float(np.exp(one.log_odds))
+            place, spread = one.filter.pose, one.filter.covariance
+            if one is not best:
+                others.append(Hypothesis(place, self._residual_m(observation, place), share * end, spread.copy()))
+            if end < 1.0:
+                others.append(Hypothesis(place.mirrored(), self._residual_m(observation, place), share * (1.0 - end)))
+        tracked = self.status is Status.TRACKING
+        return Estimate(
+            observation.stamp_ns,
+            pose,
+            covariance.copy() if tracked else covariance + UNKNOWN,
+            self.status,
+            residual_m,
+            count,
+            tuple(others),
+            probability,
+            clock.perception_ms,
+            clock.localization_ms,
+            observation,
+            problems=self.problems,
+        )
+
+    def _residual_m(self, observation: Observation, pose: Pose) -> float:
+        """Mean distance of the points from the lines (m); NaN without points."""
+        if len(observation.points) == 0:
+            return float("nan")
+        distances, _ = self._distance_map.look_up(pose.transform(observation.points.positions_m))
+        return float(distances.mean())
+
+
+def _near(one: Pose, other: Pose) -> bool:
+    return one.distance_to(other) < 0.5 and abs(wrap_angle(one.heading - other.heading)) < 0.5

@@ -1,0 +1,144 @@
+"""touchline, our own system: on the recordings, carried away, without a compass, told the wrong end."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.evaluation.points.point_set import polar_covariances
+from touchline.evaluation.runner import robot_setup
+from touchline.field import FieldModel, open_field
+from touchline.geometry import Pose, wrap_angle
+from touchline.localization.fusion.field_end import FieldEnd
+from touchline.sources import open_source
+from touchline.systems import RobotSetup, open_system
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
+
+FIELD = open_field("msl-18x12")
+
+
+def seen(pose: Pose, seed: int, field: FieldModel = FIELD, reach_m: float = 5.0) -> LinePoints:
+    """Noisy line points within reach of a pose, and a few that are none."""
+    rng = np.random.default_rng(seed)
+    exact = pose.inverse().transform(np.vstack(field.polylines(0.25)))
+    exact = exact[np.hypot(*exact.T) < reach_m]
+    covariances = polar_covariances(exact, (0.02, 0.01, 0.0087))
+    noisy = exact + np.einsum("nij,nj->ni", np.linalg.cholesky(covariances), rng.normal(size=exact.shape))
+    points = np.vstack((noisy, rng.uniform(-4.0, 4.0, (len(noisy) // 15, 2))))
+    n = len(points)
+    return LinePoints(points, polar_covariances(points, (0.02, 0.01, 0.0087)), np.ones(n), np.full((n, 2), np.nan))
+
+
+def frame(k: int, points: LinePoints, compass_rad: float | None = None) -> Frame:
+    stamp_ns = 100_000_000 * k
+    stamps = np.array([stamp_ns - 20_000_000, stamp_ns])
+    compass = None if compass_rad is None else Samples(stamps, np.full((2, 1), compass_rad))
+    still = Samples(stamps, np.zeros((2, 3)))
+    return Frame(stamp_ns, observation=Observation(stamp_ns, points), odometry=still, compass=compass)
+
+
+def errors(estimate: Estimate, truth: Pose) -> tuple[float, float]:
+    turned = abs(wrap_angle(estimate.pose.heading - truth.heading))
+    return estimate.pose.distance_to(truth), turned
+
+
+@pytest.mark.parametrize(
+    ("name", "mean_m", "most_m"), [("omni_msl_track", 0.005, 0.03), ("omni_msl_match", 0.008, 0.08)]
+)
+def test_a_recording_is_followed(shared_data: Path, name: str, mean_m: float, most_m: float) -> None:
+    source = open_source(shared_data / name)
+    system, away = open_system("touchline", robot_setup(source)), []
+    assert source.truth is not None
+    for image, truth in zip(source, source.truth.samples().values, strict=True):
+        estimate = system.step(image)
+        assert estimate.status is Status.TRACKING
+        away.append(errors(estimate, Pose(*truth)))
+    found = np.array(away)
+    assert found[:, 0].mean() < mean_m
+    assert found[:, 0].max() < most_m
+    assert found[:, 1].mean() < math.radians(0.08)
+
+
+@pytest.mark.parametrize("compass", [True, False])
+def test_a_robot_that_is_carried_away_is_found_at_once(shared_data: Path, compass: bool) -> None:
+    """Without a compass at either end of the field, and both are named."""
+    source = open_source(shared_data / "omni_msl_kidnap")
+    system, blind = open_system("touchline", robot_setup(source)), 0
+    assert source.truth is not None
+    for image, row in zip(source, source.truth.samples().values, strict=True):
+        truth = Pose(*row)
+        estimate = system.step(image if compass else replace(image, compass=None))
+        blind = blind + 1 if len(estimate.observation.points) < 10 else 0  # type: ignore[union-attr]
+        if blind:
+            assert estimate.status is not Status.TRACKING or blind < 2
+            continue
+        both = [errors(estimate, truth), errors(estimate, truth.mirrored())]
+        assert min(both[: 1 if compass else 2])[0] < 0.03
+        assert estimate.status is Status.TRACKING
+        twin = [one for one in estimate.hypotheses if one.pose.distance_to(estimate.pose.mirrored()) < 0.01]
+        assert len(twin) == 1
+        assert twin[0].probability == pytest.approx(0.02 if compass else 0.5, abs=0.005)
+
+
+def test_a_robot_that_is_moved_unfelt_is_found_in_the_same_image() -> None:
+    system = open_system("touchline", RobotSetup(FIELD))
+    places = [Pose(2.0, 1.0, 0.3)] * 3 + [Pose(-4.0, -2.5, 2.0)] * 3
+    for k, place in enumerate(places):
+        estimate = system.step(frame(k, seen(place, k), place.heading + 0.05))
+        assert estimate.status is Status.TRACKING
+        assert errors(estimate, place)[0] < 0.1
+    assert sum(one.probability or 0.0 for one in estimate.hypotheses) + (estimate.probability or 0.0) == pytest.approx(
+        1
+    )
+
+
+def test_a_lone_line_is_no_pose() -> None:
+    system = open_system("touchline", RobotSetup(FIELD))
+    lone = np.column_stack((np.linspace(-2.0, 2.0, 40), 1.0 + 0.01 * np.random.default_rng(0).normal(size=40)))
+    points = LinePoints(lone, polar_covariances(lone, (0.02, 0.01, 0.0087)), np.ones(40), np.full((40, 2), np.nan))
+    assert all(system.step(frame(k, points)).status is not Status.TRACKING for k in range(4))
+
+
+def test_scatter_is_no_pose() -> None:
+    system, rng = open_system("touchline", RobotSetup(FIELD)), np.random.default_rng(5)
+    for k in range(6):
+        scatter = rng.uniform(-5.0, 5.0, (80, 2))
+        assert system.step(frame(k, LinePoints(scatter, polar_covariances(scatter, (0.02, 0.01, 0.0087)), np.ones(80),
+                                               np.full((80, 2), np.nan)))).status is not Status.TRACKING  # fmt: skip
+
+
+def test_the_wrong_end_is_never_silently_kept() -> None:
+    """Told the twin of where it stands, against its compass: undecided at once, and both ends are named."""
+    system, truth = open_system("touchline", RobotSetup(FIELD)), Pose(2.0, 1.0, 0.3)
+    system.reset(Prior(truth.mirrored()))
+    for k in range(60):
+        estimate = system.step(frame(k, seen(truth, k), truth.heading))
+    assert any(errors_of < 0.1 for errors_of in (other.pose.distance_to(truth) for other in estimate.hypotheses))
+    assert 0.05 < max(other.probability or 0.0 for other in estimate.hypotheses) < 0.5
+
+
+def test_a_compass_turns_the_pose_only_after_some_time() -> None:
+    end = FieldEnd(symmetric=True)
+    end.begin(told=False, compass_error_rad=0.1)
+    assert end.probability == pytest.approx(0.98)
+    for _ in range(10):
+        end.update(math.pi, 0.1)
+    assert not end.is_refuted  # stuck for a second
+    for _ in range(30):
+        end.update(math.pi, 0.1)
+    assert end.is_refuted
+    end.turn()
+    assert end.probability > 0.8
+
+
+def test_the_own_half_is_believed() -> None:
+    system, truth = open_system("touchline", RobotSetup(FIELD)), Pose(-3.0, 1.0, 0.3)
+    system.reset(Prior(own_half=True))
+    for k in range(3):
+        estimate = system.step(frame(k, seen(truth, k)))
+    assert errors(estimate, truth)[0] < 0.1
+    assert (estimate.probability or 0.0) > 0.99
