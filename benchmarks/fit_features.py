@@ -96,20 +96,28 @@ def crossing_rows(view: View) -> FloatArray:
     return np.array(rows).reshape(-1, 6)
 
 
+def reach_on(view: View, segment: FloatArray, ends: FloatArray) -> FloatArray:
+    """(2,) how far (m) along a segment the ends (2, 2) of a found line lie; (0,) if it is not on the segment."""
+    step = segment[2:] - segment[:2]
+    length = math.hypot(*step)
+    along, aside = step / length, np.array([-step[1], step[0]]) / length
+    placed = view.looking.pose.transform(ends) - segment[:2]
+    slack = _ON_LINE_M + _ON_LINE_RATIO * np.hypot(*ends.T)
+    reach: FloatArray = placed @ along
+    is_on = (np.abs(placed @ aside) < slack).all() and reach.min() > -_BEYOND_M and reach.max() < length + _BEYOND_M
+    return reach if is_on else reach[:0]
+
+
 def lines_on(view: View, segment: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(L, 2) from where to where (m) along a segment the found lines on it reach, and their ends' distance from it in
     the image (2 L,), px.
     """
     pose, camera = view.looking.pose, view.observer.camera
-    start, step = segment[:2], segment[2:] - segment[:2]
-    length = math.hypot(*step)
-    along, aside = step / length, np.array([-step[1], step[0]]) / length
+    start, along = segment[:2], (segment[2:] - segment[:2]) / math.hypot(*(segment[2:] - segment[:2]))
     spans, offs = [], []
     for ends, pixels in zip(view.found.lines.ends_m, view.found.lines.pixels, strict=True):
-        placed = pose.transform(ends) - start
-        slack = _ON_LINE_M + _ON_LINE_RATIO * np.hypot(*ends.T)
-        reach = placed @ along
-        if (np.abs(placed @ aside) < slack).all() and reach.min() > -_BEYOND_M and reach.max() < length + _BEYOND_M:
+        reach = reach_on(view, segment, ends)
+        if len(reach):
             spans.append((reach.min(), reach.max()))
             feet = camera.image_from_ground(pose.inverse().transform(start + reach[:, np.newaxis] * along))
             direction = (feet[1] - feet[0]) / np.hypot(*(feet[1] - feet[0]))
@@ -164,6 +172,13 @@ def net_rows(view: View) -> FloatArray:
             spans, _ = lines_on(view, stretch.ravel())
             rows.append((float(observer.lengths(view.looking.pose, stretch[np.newaxis])[0]), float(len(spans) > 0)))
     return np.array(rows).reshape(-1, 2)
+
+
+def false_lines(view: View) -> int:
+    """How many lines were found that lie on no line of the field and on no net."""
+    nets = [np.concatenate((places[0], places[-1])) for places in view.observer._nets]
+    segments = [*view.observer.field.segments, *nets]
+    return sum(not any(len(reach_on(view, segment, ends)) for segment in segments) for ends in view.found.lines.ends_m)
 
 
 def landmark_rows(view: View, kind: LandmarkKind) -> FloatArray:
@@ -241,6 +256,7 @@ def report(seen: list[View]) -> None:
     print(f"line_px {size * spread(offs_px):.3f}, line_end_m {size * spread(ends_m):.3f}")
     nets = np.concatenate([net_rows(view) for view in seen])
     long_enough = nets[nets[:, 0] > 2.0 * math.exp(half)]
+    print(f"false_lines {np.mean([false_lines(view) for view in seen]):.2f}")
     print(f"net_ratio {long_enough[:, 1].mean() if len(long_enough) else 0.0:.2f} of {len(long_enough)}")
     _report_landmarks(seen, tail)
 

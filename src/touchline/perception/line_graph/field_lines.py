@@ -19,6 +19,7 @@ from touchline.perception.line_graph.image_plane import (
     transformed,
 )
 from touchline.perception.line_graph.lines import split_and_merge
+from touchline.perception.line_graph.nets import is_thread
 from touchline.perception.line_graph.profiles import Pixels
 from touchline.perception.line_graph.refine import POINT_COLUMNS, refine_line, sagitta
 from touchline.perception.line_graph.settings import LineGraphSettings
@@ -132,11 +133,13 @@ def _place_lines(pixels, plane, candidates, limits, confidences, points):  # typ
         confidence, count = refine_line(pixels, plane, line, points[total:])
         if confidence == 0.0 or _is_covered(line, candidates[:kept], covered):
             continue
-        own, paint = points[total : total + count], 0.0
+        own, paint, contrast = points[total : total + count], 0.0, 0.0
         for point in own:
             point[2] = kept
-            paint += point[3] * point[4]
+            paint, contrast = paint + point[3] * point[4], contrast + point[3]
         if paint < _LEAST_EVER * count or not _is_long(line, plane, limits) or _is_bent(own, line, plane, limits):
+            continue
+        if is_thread(pixels, plane, line, contrast / count):
             continue
         confidences[kept] = confidence
         _copy(line, candidates[kept])

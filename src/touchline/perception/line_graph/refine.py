@@ -25,6 +25,7 @@ _OUTLIER_PX = 2.0
 _MISSES, _GAP_WIDTHS = 2, 4.0  # so many profiles and line widths in a row without a line: it has ended
 _MOST_BEYOND = 60
 _ROW = 6
+_MOST_LEAN_PX = 1.0  # of both halves of a line's points against the whole; the lens leaves less
 
 POINT_COLUMNS = 5
 """Of a point of a line: pixel u, v, the line's number, contrast, width against the expected."""
@@ -50,11 +51,37 @@ def refine_line(pixels: Pixels, plane: ImagePlane, line: FloatArray, points: Flo
     for backward in (True, False):
         hits += _extend(pixels, plane, line, backward, rows[hits:])
     use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
+    if focal * _lean_of_halves(rows, use, line) > _MOST_LEAN_PX:
+        return 0.0, 0
     count = min(len(use), len(points))
     for k in range(count):
         row = rows[use[k]]
         points[k, 0], points[k, 1], points[k, 3], points[k, 4] = row[2], row[3], row[4], row[5]
     return len(use) / (hits + misses), count
+
+
+@njit(cache=True, error_model="numpy")
+def _lean_of_halves(rows: FloatArray, use: IntArray, line: FloatArray) -> float:
+    """By how much both halves of a line's points lean to the same side of it, at their ends; 0 if they do not.
+
+    Those of two lines side by side do, between which one was laid. Halves of a bent line lean to different sides.
+    """
+    dx, dy = line[2] - line[0], line[3] - line[1]
+    length = math.hypot(dx, dy)
+    dx, dy = dx / length, dy / length
+    leans = np.zeros(2)
+    for half in range(2):
+        count, s_sum, e_sum, ss, se = 0, 0.0, 0.0, 0.0, 0.0
+        for used in use:
+            x, y = rows[used, 0] - line[0], rows[used, 1] - line[1]
+            s, e = (x * dx + y * dy) / length - 0.25 - 0.5 * half, y * dx - x * dy
+            if abs(s) <= 0.25:
+                count, s_sum, e_sum, ss, se = count + 1, s_sum + s, e_sum + e, ss + s * s, se + s * e
+        spread = ss - s_sum * s_sum / max(count, 1)
+        if count >= 2 and spread > 0.0:
+            leans[half] = 0.25 * (se - s_sum * e_sum / count) / spread
+    same = leans[0] * leans[1] > 0.0
+    return min(abs(leans[0]), abs(leans[1])) if same else 0.0
 
 
 @njit(cache=True, error_model="numpy")
