@@ -1,7 +1,8 @@
 """How late the images' stamps are: poses by the lines follow the odometry of some time ago, and that time is found.
 
 A constant delay shifts a pose by the way driven meanwhile. While the speed stays the same that can't be told from
-another place; whenever the robot starts, stops or turns, it can.
+another place; whenever the robot starts, stops or turns, it can. The poses must be of the lines alone: a filter's
+follow the odometry that it is given.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ _STEP_S = 0.01
 _LEVER_M = 1.0  # a turn by one radian counts like so much way
 _KEPT = 0.9  # of the steps: the worst are shoves
 _LEAST_STEPS = 20
+_LONGEST_S = 2.0  # between two estimates: over a longer step odometry's own errors are what is seen
 
 
 class Delay(NamedTuple):
@@ -30,7 +32,8 @@ class Delay(NamedTuple):
 def find_delay(estimates: list[Estimate], odometry: Samples) -> Delay | None:
     """The delay at which the steps of estimates agree best with those of odometry, samples (M, 3) x, y, theta.
 
-    None where too little is compared.
+    Steps across a gap between the estimates don't count. None where too little is compared. How sure the delay is tells
+    by how much the steps change with it: of a robot that stands, or goes at one speed, they don't.
     """
     if len(estimates) <= _LEAST_STEPS or len(odometry) < 2:
         return None
@@ -38,7 +41,8 @@ def find_delay(estimates: list[Estimate], odometry: Samples) -> Delay | None:
     times_s = 1e-9 * (odometry.stamp_ns - estimates[0].stamp_ns).astype(np.float64)
     path = np.column_stack((odometry.values[:, :2], np.unwrap(odometry.values[:, 2])))
     seen = _steps(np.array([estimate.pose for estimate in estimates]))
-    inside = stamps_s[:-1] - LATEST_S >= times_s[0]
+    steps_s = np.diff(stamps_s)
+    inside = (stamps_s[:-1] - LATEST_S >= times_s[0]) & (steps_s <= _LONGEST_S)
     if np.count_nonzero(inside) < _LEAST_STEPS:
         return None
     shifts = np.arange(-0.1, LATEST_S + 1e-9, _STEP_S)
@@ -50,8 +54,10 @@ def find_delay(estimates: list[Estimate], odometry: Samples) -> Delay | None:
     if bend <= 0.0:
         return None
     late = shifts[k] + 0.5 * _STEP_S * (costs[k - 1] - costs[k + 1]) / bend
+    before, after = (_shifted(path, times_s, stamps_s - shifts[k] - way)[inside] for way in (-_STEP_S, _STEP_S))
+    told = float(np.sum(((after - before) / (2.0 * _STEP_S)) ** 2))
     freedom = 2.0 * float(np.count_nonzero(inside))
-    return Delay(float(late), float(_STEP_S * np.sqrt(2.0 * costs[k] / (bend * freedom))))
+    return Delay(float(late), float(np.sqrt(costs[k] / (freedom * max(told, 1e-12)))))
 
 
 def _shifted(path: FloatArray, times_s: FloatArray, at_s: FloatArray) -> FloatArray:

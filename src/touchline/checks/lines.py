@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +21,8 @@ from touchline.sources.description import CAMERA, FIELD
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
 from touchline.types import Estimate, Samples, Status
 
-_MOST_FRAMES = 100  # of the beginning: enough to tell a calibration, and a few tenths of a second
+_MOST_FRAMES = 100  # enough to tell a calibration, and a few tenths of a second
+_BLOCKS = 5  # of consecutive frames that these are in, spread over the recording: it may begin with a robot that stands
 _LEAST_FRAMES = 5
 _NEAR_M = 4.0
 _GOOD_M = 0.03  # a line's deviation at up to _NEAR_M with a good calibration; real robots have 0.02 to 0.04
@@ -34,7 +36,7 @@ _LATE_S = 0.04  # constant delay of the stamps that is told: 8 cm at 2 m/s
 
 
 def check_lines(survey: Survey) -> Iterator[Finding]:
-    """Localize the first images and see how well the lines fit, near the robot and with range and direction."""
+    """Localize some of the images by their lines and see how well these fit, near and far."""
     recording = survey.recording
     camera = survey.omni
     if not recording.has_observations and (camera is None or recording.linear):
@@ -47,19 +49,20 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         return  # the check of the field says so
     system, tilt = open_system(DEFAULT_SYSTEM, RobotSetup(field, camera)), MirrorTilt(field)
     estimates, looked, odometry = [], 0, []
-    for frame in recording.again():
-        if looked == _MOST_FRAMES:
-            break
+    chosen = chosen_frames(len(recording))
+    for index, frame in enumerate(recording.again(chosen)):
         if frame.odometry is not None:
             odometry.append(frame.odometry)
         if frame.observation is None and (frame.image is None or is_covered(frame.image)):
             continue
         looked += 1
-        estimate = system.step(frame)
+        estimate = system.step(replace(frame, odometry=None, wheels=None))  # poses that have followed no odometry
         if estimate.status is Status.TRACKING and estimate.points:
             estimates.append(estimate)
             assert estimate.observation is not None
             tilt.update(estimate.observation.points, estimate.pose)
+        if index == max(chosen):
+            break
     if looked < _LEAST_FRAMES:
         what = f"too few images to tell whether the lines fit: {looked} usable, {_LEAST_FRAMES} are needed"
         yield Finding("lines", Severity.NOTE, FIELD, what, "Record more images, or mend what is wrong with these.")
@@ -78,6 +81,15 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         yield _tilt(tilt)
     yield from _late(estimates, odometry)
     yield from _headings(survey, estimates)
+
+
+def chosen_frames(frames: int) -> frozenset[int]:
+    """Indices of the frames that are looked at: all of a short recording, else blocks of consecutive ones."""
+    if frames <= _MOST_FRAMES:
+        return frozenset(range(frames))
+    length = _MOST_FRAMES // _BLOCKS
+    starts = np.linspace(0, frames - length, _BLOCKS).round().astype(int).tolist()
+    return frozenset(index for start in starts for index in range(start, start + length))
 
 
 def _deviations(tilt: MirrorTilt, field: FieldModel, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:

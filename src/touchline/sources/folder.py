@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -277,18 +277,21 @@ class Recording:
         self._pass = ProblemLog()
         return self._frames(self._pass)
 
-    def again(self) -> Iterator[Frame]:
-        """The frames once more, for another look: `problems` stays as the latest pass left it."""
-        return self._frames(ProblemLog())
+    def again(self, seen: Container[int] | None = None) -> Iterator[Frame]:
+        """The frames once more, for another look: `problems` stays as the latest pass left it.
 
-    def _frames(self, log: ProblemLog) -> Iterator[Frame]:
+        seen: indices of the frames whose image or observation is read, the others have none; None: of all.
+        """
+        return self._frames(ProblemLog(), seen)
+
+    def _frames(self, log: ProblemLog, seen: Container[int] | None = None) -> Iterator[Frame]:
         streams = {
             name: SensorStream(table, SENSOR_COLUMNS[name], log, _MAY_BE_EMPTY if name == "imu.csv" else ())
             for name, table in self._tables.items()
         }
         poses = None if self._camera_poses is None else CameraPoses(self._camera_poses, log)
-        pictures = self._pictures(log)
-        for index, observation in enumerate(self._seen(log)):
+        pictures = self._pictures(log, seen)
+        for index, observation in enumerate(self._seen(log, seen)):
             stamp = int(self._stamp_ns[index])
             taken = {name: stream.take_until(stamp) for name, stream in streams.items()}
             name, image, problem = next(pictures)
@@ -314,22 +317,25 @@ class Recording:
         if poses is not None:
             poses.drain()
 
-    def _seen(self, log: ProblemLog) -> Iterator[Observation | None]:
+    def _seen(self, log: ProblemLog, seen: Container[int] | None) -> Iterator[Observation | None]:
         """What the robot's own detector found in each frame; None where observations.csv has nothing of it."""
         if self._observations is None or self._observed is None:
             yield from itertools.repeat(None, len(self))
             return
         with open_bytes(self._observations.table.path) as file:
-            for index in self._observed:
-                yield None if index < 0 else self._observations.read(int(index), file, log)
+            for frame, index in enumerate(self._observed):
+                wanted = index >= 0 and (seen is None or frame in seen)
+                yield self._observations.read(int(index), file, log) if wanted else None
 
-    def _pictures(self, log: ProblemLog) -> Iterator[tuple[str, ImageArray | None, str | None]]:
+    def _pictures(
+        self, log: ProblemLog, seen: Container[int] | None
+    ) -> Iterator[tuple[str, ImageArray | None, str | None]]:
         """Name, image and problem of each frame; nothing of each where there are no images."""
         if self._images is None:
             yield from itertools.repeat(("", None, None), len(self))
             return
         for index, name in enumerate(self._images.file_names()):
-            yield name, *self._load(index, name, log)
+            yield (name, *self._load(index, name, log)) if seen is None or index in seen else (name, None, None)
 
     def _exposure(self, index: int) -> tuple[float | None, float | None]:
         """Exposure (ms) and gain of a frame, where they are known."""
