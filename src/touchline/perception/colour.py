@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -207,20 +209,36 @@ def _signal_weights(carpet: Carpet, white: FloatArray) -> FloatArray:
     return scaled
 
 
-def _build_table(carpet: Carpet, white: FloatArray, signal: FloatArray) -> npt.NDArray[np.uint8]:
-    green = carpet.green
+class _Cells(NamedTuple):
+    """The cells of a table of colours. middles (N, 3): B, G, R; brightness (N,): their sums; shares (N, 2): of B, R."""
+
+    middles: FloatArray
+    brightness: FloatArray
+    shares: FloatArray
+
+
+@lru_cache(maxsize=1)
+def _cells() -> _Cells:
     levels = (np.arange(1 << _BITS) + 0.5) * (1 << (8 - _BITS))
-    colours = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    brightness = colours.sum(axis=1) / green.sum()
-    offset = chromaticity(colours) - carpet.center
-    distance = np.sqrt(np.sum(offset @ np.linalg.inv(carpet.spread) * offset, axis=1))
+    middles = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
+    return _Cells(middles, middles.sum(axis=1), chromaticity(middles))
+
+
+def _build_table(carpet: Carpet, white: FloatArray, signal: FloatArray) -> npt.NDArray[np.uint8]:
+    green, cells = carpet.green, _cells()
+    brightness = cells.brightness / green.sum()
+    offset = cells.shares - carpet.center
+    turned = offset @ np.linalg.inv(carpet.spread)
+    distance = np.sqrt(turned[:, 0] * offset[:, 0] + turned[:, 1] * offset[:, 1])
+    excess, toward = cells.middles - green, white - green
     # noise weighs more in the chromaticity of dark pixels, less in that of bright ones
     is_green = distance < GREEN_SIGMAS * np.clip(1.0 / brightness, 0.6, 3.0)
-    is_green &= (brightness > DARKEST_GREEN) & ((colours - green) @ signal < WHITEST_GREEN)
-    is_green |= _overexposed_green(colours, green)
-    excess, toward = colours - green, white - green
-    cosine = (excess @ toward) / np.maximum(np.linalg.norm(excess, axis=1) * np.linalg.norm(toward), 1e-9)
-    is_white = ~is_green & (cosine > 0.8) & (excess @ toward > 0.3 * float(toward @ toward))
+    is_green &= (brightness > DARKEST_GREEN) & (excess @ signal < WHITEST_GREEN)
+    is_green |= _overexposed_green(cells.middles, green)
+    length = np.sqrt(excess[:, 0] ** 2 + excess[:, 1] ** 2 + excess[:, 2] ** 2)
+    ahead = excess @ toward
+    cosine = ahead / np.maximum(length * np.linalg.norm(toward), 1e-9)
+    is_white = ~is_green & (cosine > 0.8) & (ahead > 0.3 * float(toward @ toward))
     return np.where(is_green, GREEN, np.where(is_white, WHITE, OTHER)).astype(np.uint8).reshape((1 << _BITS,) * 3)
 
 
