@@ -51,7 +51,7 @@ fuzz: SEED ?= 0
 fuzz: $(VENV)/installed
 	$(BIN)/python tests/fuzzing.py $(N) --seed $(SEED) 2>/dev/null
 
-# Deliberate faults in a copy of the code, and which of them no test notices; about ten minutes on two cores.
+# Deliberate faults in a copy of the code, and which of them no test notices; about two minutes on two cores.
 mutants: $(VENV)/installed
 	$(BIN)/python tests/mutants.py
 
