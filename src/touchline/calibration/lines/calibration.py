@@ -11,8 +11,9 @@ import numpy.typing as npt
 from touchline.calibration.lines.candidates import Candidate, find_candidates
 from touchline.calibration.lines.certainty import Certainty, certainty_of
 from touchline.calibration.lines.equations import Lines, Seen
-from touchline.calibration.lines.joint import KNOTS, JointFit, expected_mirror, fit_in_steps, with_spline
+from touchline.calibration.lines.joint import JointFit, expected_mirror, fit_in_steps, linearise, starting
 from touchline.calibration.lines.mirror_shape import MirrorShape
+from touchline.calibration.lines.range_curve import KNOTS, fit_curve
 from touchline.calibration.lines.search import CENTER_PX, WIDTHS
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
@@ -23,8 +24,7 @@ MIN_ON_LINES = 0.85  # share of the points on the field that must lie on lines
 MIN_LINES_SEEN = 0.7  # of an image: share of the lines within reach along which points must be seen
 MIN_LEAD = 0.05  # by which the best mirror's error must be below another's
 MAX_CENTER_PX, MAX_RANGE_RATIO = 2.0, 0.03  # largest standard deviations of what is written
-CURVATURES = (0.01, 0.03, 0.1, 0.3)  # of the spline, one after the other as long as the lines ask for it
-WORTH = 18.0  # by how much the sum of squares must fall for a looser spline; what errs together counts once
+_MARK_M = 0.1  # how far beside a penalty mark a point on it may seem to lie
 _BESIDE_M = 0.3  # beside the field, where no line point can be
 _GAP_M, _GAP_RATIO = 0.15, 0.1  # between points along a line that is seen: rays 5 degrees apart
 _SPOT_M = 0.02  # poses of a robot that turned on the spot agree to this
@@ -96,25 +96,17 @@ def refined_again(
 def refined(
     start: Candidate, lead: float, seen: Sequence[Seen], center: FloatArray, radius_px: float, field: FieldModel
 ) -> LineCalibration:
-    """The calibration that a candidate becomes with all points, bend and spline. Raises NoFitError as above."""
+    """The calibration that a candidate becomes with all points, bend and curve. Raises NoFitError as above."""
     lines = Lines(True, field.distance_map(_MAP_M, _BEYOND_M).table, field.line_tables)
     expected = expected_mirror(center, CENTER_PX * radius_px, bends=False)
     begin = one_half(start.poses) if _is_symmetric(field) else start.poses
-    fit = fit_in_steps(seen, start.mirror, begin, expected, lines)
+    tangent = fit_in_steps(seen, starting(start.mirror, begin, lines), expected, lines)
     if len(seen) > 1:  # from one place a lean can't be told from a field that is not quite as the rules say
         expected = expected_mirror(center, CENTER_PX * radius_px, bends=True)
-        fit = fit_in_steps(seen, fit.mirror, fit.poses, expected, lines)
-    points = sum(len(one.pixels) for one in seen)
-    tangent, worth = fit, WORTH * certainty_of(fit, seen, lines).agreement
-    for curvature in CURVATURES:
-        wide, wide_expected = with_spline(tangent.mirror, expected, curvature)
-        if len(fit.mirror) == len(wide):
-            wide = fit.mirror
-        looser = fit_in_steps(seen, wide, fit.poses, wide_expected, lines)
-        if (fit.error - looser.error) * points * WIDTHS[-1] ** 2 < worth:
-            break
-        fit = looser
-    certainty = certainty_of(fit, seen, lines)
+        tangent = fit_in_steps(seen, tangent, expected, lines)
+    seen = _without_marks(seen, tangent, lines, field)
+    found = fit_curve(seen, tangent, expected, lines)
+    fit, certainty = found.fit, certainty_of(found, seen, lines)
     origin, spot_m = turning_axis(fit.poses)
     shape = MirrorShape(fit.mirror, int(seen[0].handedness), seen[0].knot_px, origin)
     good = certainty.residuals < WIDTHS[-1]
@@ -130,6 +122,15 @@ def refined(
     return LineCalibration(
         shape, certainty, poses, pixels, float(first), float(last), lead, on_lines, lines_seen, spot_m, tangent
     )
+
+
+def _without_marks(seen: Sequence[Seen], fit: JointFit, lines: Lines, field: FieldModel) -> list[Seen]:
+    """The points without those on penalty marks, which are as white as lines and lie on none."""
+    points = linearise(seen, fit, lines)
+    gaps = np.hypot(*np.moveaxis(points.places[:, np.newaxis] - field.discs[:, :2], -1, 0)) - 0.5 * field.discs[:, 2]
+    on_mark = np.any(gaps < _MARK_M, axis=1) & (np.abs(points.residuals) > WIDTHS[-1])
+    kept = np.split(~on_mark, np.cumsum([len(one.pixels) for one in seen])[:-1])
+    return [one._replace(pixels=one.pixels[good]) for one, good in zip(seen, kept, strict=True)]
 
 
 def check(calibration: LineCalibration, whole_view: bool = False) -> None:

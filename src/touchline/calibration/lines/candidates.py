@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.calibration.lines.equations import LOG_SCALE, PER_PX, SHAPE, STEEPEST_RAD, Lines, Seen
-from touchline.calibration.lines.joint import expected_mirror, fit_in_steps
+from touchline.calibration.lines.joint import expected_mirror, fit_in_steps, starting
 from touchline.calibration.lines.search import (
     CENTER_PX,
     POSE_STARTS,
@@ -56,7 +56,7 @@ def find_candidates(
     exact = lines._replace(exact=True)
     for one in sorted(found, key=lambda candidate: candidate.error)[:_CANDIDATES]:
         expected = expected_mirror(center, CENTER_PX * radius, bends=len(seen) > 1)
-        fit = fit_in_steps(few, one.mirror, one.poses, expected, exact)
+        fit = fit_in_steps(few, starting(one.mirror, one.poses, exact), expected, exact)
         if not any(_alike(fit.mirror, other.mirror, radius) for other in together):
             together.append(Candidate(fit.mirror, fit.poses, fit.error))
     return sorted(together, key=lambda candidate: candidate.error)

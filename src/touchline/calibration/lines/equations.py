@@ -1,8 +1,8 @@
 """Distances of seen line points to the field's lines, and how they change with the mirror and the pose.
 
 A point at the pixel (u, v) lies rho from the centre, in the direction e. The mirror puts it at the range
-r = a tan(b rho) exp(s(rho)), s a cubic spline on even knots, zero to begin with: p = r e, bent by what leans:
-p + (g·p) p + h² g (see `localization.matching.mirror_tilt`). The pose puts it on the field.
+r = a tan(b rho) exp(s(rho)), s a cubic spline on even knots, zero to begin with: p = r e. What leans moves it to
+(p + h² g) / (1 - g·p) (see `localization.matching.mirror_fit`). The pose puts it on the field.
 
 A distance counts in standard deviations: one pixel, seen through the mirror across the line, and the ground's own
 uncertainty. Measured in metres alone, a mirror that shrinks the field to a point would fit best.
@@ -24,6 +24,7 @@ CENTER_U, CENTER_V, LOG_SCALE, PER_PX, BEND_X, BEND_Y = range(6)
 SHAPE = 6  # parameters of a mirror before the spline's coefficients; a pose's three follow those
 HEIGHT_M = 0.75  # of the mirror: MSL robots may be 0.8 m high
 STEEPEST_RAD = 1.53  # b rho beyond which the mirror looks at the horizon: 24 times the range at 45 degrees
+MIN_DEPTH = 0.2  # of 1 - g·p: beyond it is the horizon
 _COARSEST_PX_M = 0.5  # a pixel never counts as more: far points must not be at peace with every line
 
 
@@ -93,7 +94,7 @@ def equations(seen, state, lines, noise, matrix, vector):  # type: ignore[no-unt
     weights, slopes = np.zeros(4), np.zeros(4)
     error = 0.0
     for i in range(len(pixels)):
-        d, sigma = residual(pixels[i], handedness, knot_px, state, lines, noise, (row, weights, slopes))
+        d, sigma, _, _ = residual(pixels[i], handedness, knot_px, state, lines, noise, (row, weights, slopes))
         if sigma < 0.0:
             error += 1.0
             continue
@@ -115,9 +116,8 @@ def equations(seen, state, lines, noise, matrix, vector):  # type: ignore[no-unt
 
 @njit(cache=True)
 def residual(pixel, handedness, knot_px, state, lines, noise, work):  # type: ignore[no-untyped-def]
-    """Distance (m) of a point to the nearest line and its standard deviation (m); -1 beyond the horizon.
-
-    Fills work[0] (P,), the distance's derivative by the state.
+    """Distance (m) of a point to the nearest line, its standard deviation (m), and where the point lies (m, field
+    frame). Beyond the horizon the deviation is -1. Fills work[0] (P,), the distance's derivative by the state.
     """
     row, weights, slopes = work
     knots = len(row) - SHAPE - 3
@@ -125,7 +125,7 @@ def residual(pixel, handedness, knot_px, state, lines, noise, work):  # type: ig
     rho = math.sqrt(du * du + dv * dv) + 1e-9
     turn = state[PER_PX] * rho
     if turn > STEEPEST_RAD:
-        return 0.0, -1.0
+        return 0.0, -1.0, 0.0, 0.0
     tangent = math.tan(turn)
     steep = 1.0 + tangent * tangent
     r = math.exp(state[LOG_SCALE]) * tangent
@@ -141,22 +141,25 @@ def residual(pixel, handedness, knot_px, state, lines, noise, work):  # type: ig
     eu, ev = du / rho, dv / rho
     px, py = r * eu, handedness * r * ev
     gx, gy = state[BEND_X], state[BEND_Y]
-    bend = 1.0 + gx * px + gy * py
-    x = px * bend + HEIGHT_M * HEIGHT_M * gx
-    y = py * bend + HEIGHT_M * HEIGHT_M * gy
+    depth = 1.0 - gx * px - gy * py
+    if depth < MIN_DEPTH:
+        return 0.0, -1.0, 0.0, 0.0
+    x = (px + HEIGHT_M * HEIGHT_M * gx) / depth
+    y = (py + HEIGHT_M * HEIGHT_M * gy) / depth
     c, s = math.cos(state[-1]), math.sin(state[-1])
-    d, nx, ny = _nearest(lines, state[-3] + c * x - s * y, state[-2] + s * x + c * y)
+    field_x, field_y = state[-3] + c * x - s * y, state[-2] + s * x + c * y
+    d, nx, ny = _nearest(lines, field_x, field_y)
     mx, my = c * nx + s * ny, c * ny - s * nx  # the line's normal in the robot frame
-    along = px * mx + py * my
-    ax, ay = bend * mx + along * gx, bend * my + along * gy  # ... before the bend
+    along = x * mx + y * my
+    ax, ay = (mx + along * gx) / depth, (my + along * gy) / depth  # ... before the bend
     outward = eu * ax + ev * handedness * ay
     qu = r * growth * eu * outward + r / rho * (ax - eu * outward)
     qv = r * growth * ev * outward + r / rho * (handedness * ay - ev * outward)
     row[CENTER_U], row[CENTER_V] = -qu, -qv
     row[LOG_SCALE] = r * outward
     row[PER_PX] = r * outward * rho * steep / tangent
-    row[BEND_X] = along * px + HEIGHT_M * HEIGHT_M * mx
-    row[BEND_Y] = along * py + HEIGHT_M * HEIGHT_M * my
+    row[BEND_X] = (along * px + HEIGHT_M * HEIGHT_M * mx) / depth
+    row[BEND_Y] = (along * py + HEIGHT_M * HEIGHT_M * my) / depth
     row[SHAPE:] = 0.0
     if knots > 0:
         for k in range(4):
@@ -164,7 +167,7 @@ def residual(pixel, handedness, knot_px, state, lines, noise, work):  # type: ig
     row[-3], row[-2] = nx, ny
     row[-1] = nx * (-s * x - c * y) + ny * (c * x - s * y)
     pixel_m = math.sqrt(qu * qu + qv * qv) / max(math.sqrt(nx * nx + ny * ny), 1e-6)
-    return d, math.sqrt(min(pixel_m, _COARSEST_PX_M) ** 2 + noise.ground_m**2)
+    return d, math.sqrt(min(pixel_m, _COARSEST_PX_M) ** 2 + noise.ground_m**2), field_x, field_y
 
 
 @njit(cache=True)
@@ -179,20 +182,19 @@ def _nearest(lines, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def scores(seen, state, lines, noise):  # type: ignore[no-untyped-def]
-    """What each point adds to the vector of `equations` (N, P), its residual in standard deviations (N,), and the
-    distance (m) (N,); infinite beyond the horizon.
+def linearised(seen, state, lines, noise):  # type: ignore[no-untyped-def]
+    """Distances (N,) of points to the nearest line (m), their derivatives (N, P) by the state, standard deviations (N,)
+    (m), and places (N, 2) (m, field frame). Beyond the horizon the deviation is infinite.
     """
     pixels, handedness, knot_px = seen
     row = np.zeros(len(state))
     weights, slopes = np.zeros(4), np.zeros(4)
-    added = np.zeros((len(pixels), len(state)))
-    residuals, distances = np.full(len(pixels), np.inf), np.full(len(pixels), np.inf)
+    rows, places = np.zeros((len(pixels), len(state))), np.zeros((len(pixels), 2))
+    distances, sigmas = np.zeros(len(pixels)), np.full(len(pixels), np.inf)
     for i in range(len(pixels)):
-        d, sigma = residual(pixels[i], handedness, knot_px, state, lines, noise, (row, weights, slopes))
+        d, sigma, x, y = residual(pixels[i], handedness, knot_px, state, lines, noise, (row, weights, slopes))
         if sigma < 0.0:
             continue
-        residuals[i], distances[i] = d / sigma, d
-        e = d / (sigma * noise.width)
-        added[i] = row * (d / ((1.0 + e * e) * sigma) ** 2)
-    return added, residuals, distances
+        rows[i], distances[i], sigmas[i] = row, d, sigma
+        places[i, 0], places[i, 1] = x, y
+    return distances, rows, sigmas, places

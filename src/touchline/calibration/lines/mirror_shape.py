@@ -12,6 +12,7 @@ from touchline.calibration.lines.equations import (
     CENTER_U,
     HEIGHT_M,
     LOG_SCALE,
+    MIN_DEPTH,
     PER_PX,
     SHAPE,
     STEEPEST_RAD,
@@ -67,8 +68,8 @@ class MirrorShape:
         radius = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
         away = offset * np.array([1.0, self.handedness]) / radius[:, np.newaxis]
         upright = away * self.range_m(radius)[:, np.newaxis]
-        bend = (1.0 + upright @ self.bend_per_m)[:, np.newaxis]
-        ground: FloatArray = upright * bend + HEIGHT_M**2 * self.bend_per_m - self.origin_m
+        depth = np.maximum(1.0 - upright @ self.bend_per_m, MIN_DEPTH)[:, np.newaxis]
+        ground: FloatArray = (upright + HEIGHT_M**2 * self.bend_per_m) / depth - self.origin_m
         return ground
 
     def camera(self, size: tuple[int, int], inner_px: float, outer_px: float, mount_yaw_rad: float = 0.0) -> OmniCamera:
