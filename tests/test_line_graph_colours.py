@@ -12,6 +12,7 @@ import pytest
 from touchline.camera import GroundView, PinholeCamera
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose3
+from touchline.perception.colour import _most_frequent_green
 from touchline.perception.colour_ellipses import FIXED, learned_ellipse, learned_names, tinted_chroma
 from touchline.perception.colour_file import save_colours
 from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
@@ -61,6 +62,17 @@ def test_paint_is_learned_from_worn_lines_not_from_walls() -> None:
     model = learn_classes([worn_field()], everywhere(), everywhere(), yuv=False).model
     np.testing.assert_allclose(model.green, CARPET, atol=3.0)
     np.testing.assert_allclose(model.white, WORN, atol=8.0)
+
+
+def test_a_grey_thing_before_the_camera_is_no_carpet() -> None:
+    """A polished dome fills a third of the image, hardly greenish but all of one hue; turf has many."""
+    image = worn_field()
+    rng = np.random.default_rng(5)
+    turf = np.array(CARPET) * rng.uniform(0.6, 1.4, (240, 320, 1)) + rng.normal(0.0, 14.0, image.shape)
+    image = np.where(np.all(image > 200, axis=-1)[..., np.newaxis], image, np.clip(turf, 0, 255)).astype(np.uint8)
+    image[160:] = (101, 117, 104)
+    pixels = cv2.GaussianBlur(image, (0, 0), 2.5).reshape(-1, 3).astype(np.float64)
+    np.testing.assert_allclose(_most_frequent_green(pixels), [45 / 210, 75 / 210], atol=0.02)
 
 
 def test_colours_are_learned_from_what_stands_on_the_carpet_not_from_posters() -> None:

@@ -26,6 +26,7 @@ _DARKEST_SUM = 40.0  # of B, G and R: below, the steps of the grey levels leave 
 SMOOTH_NOISE = 2.5  # grey levels of noise that a blur leaves
 _LEAST_GREEN_TO_BLUE = (0.95, 0.8)  # of G against B of carpet: the second where a blue cast leaves none for the first
 _CELLS = 64  # of the chromaticity histogram per axis
+_LEAST_EXCESS = 0.01  # of G over the mean of B and R, as a share of their sum: a blue cast leaves carpet little
 
 
 class NoCarpetError(TouchlineError):
@@ -132,8 +133,23 @@ def _most_frequent_green(pixels: FloatArray) -> FloatArray:
     blue, red = chromaticity(pixels[greenish]).T
     histogram, edges, _ = np.histogram2d(blue, red, bins=_CELLS, range=[[0.0, 0.6], [0.0, 0.6]])
     smooth = _box_blur(histogram)
-    i, j = np.unravel_index(int(np.argmax(smooth)), smooth.shape)
+    # each counts as much as it is green: a grey thing before the camera that is hardly greenish has a narrow mode
+    shares = 0.5 * (edges[1:] + edges[:-1])
+    excess = 1.0 - 1.5 * (shares[:, np.newaxis] + shares)
+    i, j = _climb(smooth, np.unravel_index(int(np.argmax(smooth * np.maximum(excess, _LEAST_EXCESS))), smooth.shape))
     return np.array([edges[i] + edges[i + 1], edges[j] + edges[j + 1]]) / 2.0
+
+
+def _climb(heights: FloatArray, start: tuple[np.intp, ...]) -> tuple[int, int]:
+    """The top reached from a cell of heights (_CELLS, _CELLS) by steps to the highest of the cells beside."""
+    i, j = (int(value) for value in start)
+    while True:
+        top, left = max(i - 1, 0), max(j - 1, 0)
+        around = heights[top : i + 2, left : j + 2]
+        if around.max() <= heights[i, j]:
+            return i, j
+        di, dj = np.unravel_index(int(np.argmax(around)), around.shape)
+        i, j = top + int(di), left + int(dj)
 
 
 def _members(blurred: FloatArray, center: FloatArray) -> npt.NDArray[np.bool_]:
