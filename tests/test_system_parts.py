@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +24,12 @@ from touchline.localization.fusion.global_localizer import GlobalLocalizer, Loca
 from touchline.localization.fusion.grid_localizer import GridLocalizer
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
 from touchline.localization.fusion.particle_follower import ParticleFollower
-from touchline.localization.fusion.particle_localizer import ParticleLocalizer, ParticleSearch, ParticleSearchSettings
+from touchline.localization.fusion.particle_localizer import (
+    ParticleLocalizer,
+    ParticleSearch,
+    ParticleSearchSettings,
+    is_one_line,
+)
 from touchline.localization.fusion.pose_filter import Fusion
 from touchline.localization.fusion.tracker import MAX_UNSETTLED, Tracker
 from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
@@ -274,3 +280,24 @@ def test_a_history_takes_a_frame_and_gives_the_motion_since_the_one_before() -> 
     assert history.take(Frame(100_000_000)).pose.x == pytest.approx(0.1)
     with pytest.raises(ValueError, match="forward in time"):
         history.take(Frame(50_000_000))
+
+
+def test_particles_that_have_gathered_along_a_lone_line_start_anew_once_more_is_seen() -> None:
+    along = np.linspace(-3.0, 3.0, 60)
+    line = np.column_stack((along, np.full(60, 1.5) + 0.02 * np.sin(along)))
+    corner = np.concatenate((line, line[:, ::-1]))
+    assert is_one_line(line)
+    assert not is_one_line(corner)
+    given_up: list[int] = []
+    seen: list[int] = []
+    search = SimpleNamespace(
+        reset=lambda: None, give_up=lambda: given_up.append(len(seen)), start_if_due=lambda *_: None,
+        cycle=lambda _: seen.append(1), converged=False,
+    )  # fmt: skip
+    for whole_field, expected in ((object(), [3]), (None, [])):  # the paper's own form has no such rule
+        localizer = ParticleLocalizer(search, whole_field)  # type: ignore[arg-type]
+        given_up.clear()
+        seen.clear()
+        for points in (corner, line, line, corner, corner):
+            localizer.localize(SimpleNamespace(positions_m=points), SimpleNamespace())  # type: ignore[arg-type]
+        assert given_up == expected

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from touchline.config import Settings, added, constants_now
-from touchline.geometry import Pose
+from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.doubt import stands_alone
 from touchline.localization.fusion.failure import MAX_HEADING_ERROR_RAD
 from touchline.localization.fusion.global_localizer import Localization, Prediction
@@ -24,6 +25,7 @@ CONFIRMATIONS = 3
 # distance within which two poses are the same, the odometry's motion between them taken off: less than that of two
 # clusters
 SAME_M = 0.5
+LINE_M = 0.1  # standard deviation across, of points that are all of one line: its width, noise, a ruffled carpet
 
 
 class ParticleSearchPaper(Settings):
@@ -147,6 +149,11 @@ class ParticleSearch:
         """The search is over, until the next one starts anew."""
         self.cycles = 0
 
+    def give_up(self) -> None:
+        """The particles start anew with this frame, if they are in use."""
+        if self.cycles:
+            self.cycles = self.settings.max_cycles
+
     def _came_again(self, pose: Pose) -> bool:
         last = self.unconfirmed_pose
         same = last is not None and pose.distance_to(last) < SAME_M
@@ -182,9 +189,12 @@ class ParticleLocalizer:
         self.search = search
         self.whole_field = whole_field
 
+        self.reset()
+
     def reset(self) -> None:
         """Forget everything."""
         self.search.reset()
+        self._seen_one_line = False
 
     def predict(self, motion: Motion) -> None:
         """The odometry carries the particles on."""
@@ -192,6 +202,10 @@ class ParticleLocalizer:
 
     def localize(self, view: MatchInput, prediction: Prediction, region: Region | None = None) -> Localization:
         """One cycle; once the particles have converged, the match that their mean leads to."""
+        one_line = self.whole_field is not None and is_one_line(view.positions_m)
+        if self._seen_one_line and not one_line:
+            self.search.give_up()  # the line may have been none, and all particles have gathered along it
+        self._seen_one_line = one_line
         self.search.start_if_due(view, prediction, region)
         found = self.search.cycle(view)
         if not self.search.converged:
@@ -211,3 +225,9 @@ class ParticleLocalizer:
         fix = self.whole_field.locate_any_heading(view.positions_m, view.weights, view.heading_rad)
         held = match.error >= self.search.settings.accepted_error
         return stands_alone(self.whole_field, fix, match, match.covariance, held)
+
+
+def is_one_line(positions_m: FloatArray) -> bool:
+    """Whether points (M, 2) in m all lie along one straight line."""
+    across = np.linalg.eigvalsh(np.cov(positions_m.T))[0] if len(positions_m) > 1 else 0.0
+    return bool(across < LINE_M**2)
