@@ -114,7 +114,7 @@ def test_every_fault_is_told_for_every_system(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(reliability, "SHOWN", [fault.name for fault in reliability.COMPASS])
     result = reliability.reliability(5)
     assert len(result.rows) == 3 * (4 + 2 + 1)
-    assert {row[2].split()[0] for row in result.rows} == {"0.0"}
+    assert {row[3].split()[0] for row in result.rows} == {"0.0"}
 
 
 @pytest.mark.parametrize(

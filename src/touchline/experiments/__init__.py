@@ -59,6 +59,7 @@ EXPERIMENTS = {
             "iris-disturbances", "covered camera, slip, drifting gyro", "iris_disturbances", "iris_disturbances"
         ),
         Experiment("iris-timing", "section III.C: time of one update", "iris_timing", "iris_timing"),
+        Experiment("reliability", "faults of eyes, wheels, compass; kidnaps in play", "reliability", "reliability"),
         Experiment(
             "schulz-features", "sections 3, 4: lines, crossings, boundary found", "schulz_features", "schulz_features"
         ),

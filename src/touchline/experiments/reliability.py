@@ -175,7 +175,7 @@ def told_of(results: Results, seeds: int) -> ExperimentResult:
 
 
 _COLUMNS = (
-    "fault", "system", "fooled", "frames wrong, called tracking, unnamed: most of a run", "all of them (%)",
+    "fault", "system", "runs", "fooled", "frames wrong, called tracking, unnamed: most of a run", "all of them (%)",
     "tracking (%)", "frames until right again: median, longest",
 )  # fmt: skip
 _NOTES = (
@@ -201,6 +201,7 @@ def _row(fault: LaidIn, system: str, outcomes: Sequence[Outcome]) -> tuple[str, 
     return (
         fault.name,
         system,
+        str(len(outcomes)),
         rate(_fooled(outcomes), len(outcomes)),
         str(max(unnamed)),
         f"{100.0 * sum(unnamed) / sum(len(outcome.times_s) for outcome in outcomes):.2f}",
@@ -221,8 +222,9 @@ def _back(outcomes: Sequence[Outcome], time_s: float) -> str:
 def _kidnap_row(system: str, kidnaps: Sequence[Kidnapped]) -> tuple[str, ...]:
     missed = [kidnap for kidnap in kidnaps if not kidnap.right]
     return (
-        f"{len(kidnaps)} kidnaps in play",
+        "kidnaps in play",
         system,
+        str(len(kidnaps)),
         rate(sum(kidnap.wrong > FOOLED_FRAMES for kidnap in kidnaps), len(kidnaps)),
         str(max(kidnap.wrong for kidnap in kidnaps)),
         "–",
