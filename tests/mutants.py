@@ -47,6 +47,9 @@ ERROR_MAP, DISTANCES, DISTANCE_MAP = "field/error_map.py", "field/distances.py",
 RUNS, HSV, METRICS = "perception/ray_runs.py", "perception/hsv_lines.py", "evaluation/metrics.py"
 COMPASS, WEIGHTS = "localization/fusion/compass_correction.py", "localization/matching/weights.py"
 COVARIANCE = "localization/matching/covariance.py"
+STEPS, BOUND = "localization/registration/kernels.py", "localization/registration/bound.py"
+HYPOTHESES, END = "localization/fusion/pose_hypotheses.py", "localization/fusion/field_end.py"
+T_STEPS, T_OWN = "test_registration.py", "test_touchline_system.py"
 T_WHEELS, T_FUSION, T_IRIS = "test_wheels.py", "test_sensor_fusion.py", "test_iris_particles.py"
 T_MCL, T_TILT, T_MATCHING = "test_nubot_particles.py", "test_mirror_tilt.py", "test_matching.py"
 T_HSV, T_FIELD, T_METRICS = "test_hsv_lines.py", "test_field_distances.py", "test_evaluation_metrics.py"
@@ -87,6 +90,12 @@ FAULTS = (
     Fault(WEIGHTS, "settings.range_noise_relative * ranges_m", "settings.range_noise_relative", T_MATCHING,
           "weights_fall"),
     Fault(COVARIANCE, "np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0)", "values", T_UNSURE, "stray"),
+    # registration, and the hypotheses of touchline
+    Fault(STEPS, "a12 += weight * oy * turn", "a12 -= weight * oy * turn", T_STEPS, "plain_numpy"),
+    Fault(STEPS, "reach * reach / (every * every * spread)", "reach / (every * spread)", T_STEPS, "plain_numpy"),
+    Fault(BOUND, "lever[:, 0] - normals[:, 0]", "lever[:, 0] + normals[:, 0]", T_STEPS, "bound_of_a_cross"),
+    Fault(HYPOTHESES, "before + CARRIED_AWAY +", "before - 500.0 +", T_OWN, "moved_unfelt"),
+    Fault(END, "-COMPASS if error > FAR_RAD", "0.0 if error > FAR_RAD", T_OWN, "turns_the_pose"),
     # fusion of nubot-mti
     Fault(FILTER, "max(BETTER_FACTOR * error, error + BETTER_MARGIN)", "BETTER_FACTOR * error", "test_tracking.py",
           "margin"),

@@ -104,6 +104,12 @@ def test_the_covariance_is_honest(point_set: PointSet) -> None:
     assert 0.8 < float(np.mean(squares)) < 1.2
 
 
+def slope(pose: Pose, step: FloatArray, points: FloatArray) -> FloatArray:
+    """Derivative (N,) of the distances of points from the lines, along a step (3,) of 1e-5 of the pose."""
+    ahead, behind = (Pose(*np.add(pose, side * step)).transform(points) for side in (1, -1))
+    return (FIELD.line_distances(ahead) - FIELD.line_distances(behind)) / 2e-5
+
+
 def test_the_bound_of_a_cross() -> None:
     """Points of two lines at right angles, with 3 cm noise: 3 cm over the root of their number in each direction."""
     truth = Pose(0.0, 3.0, 0.0)  # beside the halfway line and the side line
@@ -111,6 +117,10 @@ def test_the_bound_of_a_cross() -> None:
     along_x = np.column_stack((np.linspace(-3.0, -0.5, 36), np.full(36, FIELD.width / 2 - 0.0625 - 3.0 + 0.01)))
     points = np.vstack((along_y, along_x))
     covariance = bound_covariance(FIELD, points, np.tile(0.03**2 * np.eye(2), (61, 1, 1)), truth)
+    slopes = [slope(truth, step, points) for step in 1e-5 * np.eye(3)]
+    assert np.linalg.inv(covariance) == pytest.approx(
+        np.array(slopes) @ np.transpose(slopes) / 0.03**2, rel=1e-3, abs=1.0
+    )
     fixed = np.linalg.inv(np.linalg.inv(covariance)[:2, :2])
     assert np.sqrt(np.diag(fixed)) == pytest.approx([0.03 / 5.0, 0.03 / 6.0], rel=1e-3)
 
