@@ -15,7 +15,7 @@ from touchline.geometry import FloatArray, Pose3
 from touchline.perception.colour import _most_frequent_green
 from touchline.perception.colour_ellipses import FIXED, learned_ellipse, learned_names, tinted_chroma
 from touchline.perception.colour_file import save_colours
-from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
+from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings, structure
 from touchline.perception.line_graph.colour_classes import (
     BLUE,
     CELL_PX,
@@ -196,6 +196,24 @@ def test_orange_beside_white_is_a_fringe_a_ball_is_none() -> None:
     assert counts[ORANGE, 2, 2] == 0
     assert counts[ORANGE, 2, 5] == 10
     assert counts[ORANGE, 4, 2] == 50
+
+
+@pytest.mark.parametrize("suppressed", [True, False])
+def test_fringes_of_an_image_are_left_out(monkeypatch: pytest.MonkeyPatch, suppressed: bool) -> None:
+    image = worn_field()
+    image[80:, 100:107] = WALL
+    image[80:, 107:109] = image[150:180, 200:230] = (30, 120, 235)  # beside the line, and a ball
+    pose = Pose3.from_roll_pitch_yaw(0.0, 0.4, 0.0, (0.0, 0.0, 1.0))
+    camera = PinholeCamera(320, 240, 160.0, 160.0, 159.5, 119.5, np.zeros(5), pose)
+    detector = LineGraphDetector(camera, LineGraphSettings(), open_field("indoor-9x6"))
+    detector.detect(image, GroundView(camera))
+    assert detector.classes is not None
+    if not suppressed:
+        monkeypatch.setattr(structure, "suppress_fringes", lambda counts: None)
+    plane = image_plane(detector.lens, GroundView(camera))
+    orange = detector._structure(image, detector.classes, plane).counts[ORANGE]
+    assert (orange[12:, 13].sum() == 0) == suppressed
+    assert orange[18:23, 25:29].sum() == 30 * 30
 
 
 def test_corners_that_the_lens_does_not_show_right_hold_no_colours() -> None:
