@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,17 @@ import pytest
 from line_scenes import lone_line, view
 from model_scans import load_points
 
+from touchline.camera import OmniCamera
+from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import Location, locate_points
+from touchline.localization.fusion.camera_errors import CameraErrors
+from touchline.localization.one_shot.certainty import Spread, with_camera
 from touchline.localization.one_shot.scale import fit_scale
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
 
 FIELD = open_field("msl-18x12")
 SCALE_M, PER_PX = 1.568777, 0.00708754  # of the robot's mirror: r = a tan(b rho)
@@ -72,6 +79,32 @@ def test_a_good_calibration_is_not_doubted(measured: FloatArray) -> None:
     location = locate_points(measured, FIELD)
     assert location.doubts == ()
     assert np.sqrt(location.covariance[0, 0]) < 0.05
+
+
+def test_a_camera_that_is_sure_of_itself_is_believed_unless_the_lines_contradict_it(
+    measured: FloatArray, place: Pose
+) -> None:
+    told, sure = np.diag([1e-4, 1e-4, 1e-6]), Spread(0.002, 0.001)
+    usual = with_camera(FIELD, measured, place, told)[0]
+    assert np.trace(with_camera(FIELD, measured, place, told, sure)[0][:2, :2]) < 0.5 * np.trace(usual[:2, :2])
+    assert np.trace(with_camera(FIELD, measured, place, told, Spread(0.05, 0.03))[0]) > np.trace(usual)
+    wrong = np.ascontiguousarray(1.03 * measured)
+    np.testing.assert_array_equal(
+        with_camera(FIELD, wrong, place, told, sure)[0], with_camera(FIELD, wrong, place, told)[0]
+    )
+
+
+def test_what_a_camera_is_unsure_of_is_as_its_file_states_it() -> None:
+    camera = Simulation(open_scenario("straight-tracks", 0, 0.2), "points").camera
+    assert isinstance(camera, OmniCamera)
+    outer_px = camera.outer_radius_px
+    as_usual = replace(camera, stated_uncertainty=CameraUncertainty(0.3, 0.0, 0.03))
+    assert Spread.stated_by(as_usual) == Spread.stated_by(None)
+    beside = replace(camera, stated_uncertainty=CameraUncertainty(0.0, 0.03 * outer_px, 0.01))
+    assert Spread.stated_by(beside) == pytest.approx((0.01, 2.0 * Spread().bend_per_m))
+    shift_m = np.sqrt(CameraErrors(FIELD, camera=beside).unseen[0, 0])
+    assert 0.01 * 0.03 * outer_px < shift_m < 0.05 * 0.03 * outer_px  # of 1 to 5 cm per pixel
+    assert not CameraErrors(FIELD).unseen.any()
 
 
 def test_four_points_that_fix_a_direction_fix_it_to_decimetres() -> None:

@@ -17,6 +17,7 @@ from touchline.errors import InputError, NoFitError, TouchlineError
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from touchline.camera import Camera
     from touchline.field import FieldModel
     from touchline.geometry import FloatArray, Pose
     from touchline.localization import Location
@@ -126,6 +127,7 @@ class _Seen(NamedTuple):
     points: FloatArray
     weights: FloatArray | None
     look: Look | None
+    camera: Camera | None = None
 
 
 class _Answer(NamedTuple):
@@ -146,9 +148,10 @@ def _seen(source: Path, camera: Path | None, field: FieldModel) -> _Seen:
     from touchline.localization import WeightSettings, precision_weights
     from touchline.view.look import observe_image
 
-    look = observe_image(source, open_camera(camera), field)
+    model = open_camera(camera)
+    look = observe_image(source, model, field)
     points = look.observation.points
-    return _Seen(points.positions_m, precision_weights(points, WeightSettings()), look)
+    return _Seen(points.positions_m, precision_weights(points, WeightSettings()), look, model)
 
 
 def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
@@ -162,7 +165,7 @@ def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: b
         if with_scale:
             scale = fit_scale(points, field, heading)
             points = scale.factor * points
-        found = locate_points(points, field, heading, seen.weights)
+        found = locate_points(points, field, heading, seen.weights, camera=seen.camera)
     except NoFitError as error:
         found = error
     if isinstance(found, PoorFitError):

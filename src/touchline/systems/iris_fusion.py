@@ -131,7 +131,7 @@ class IrisFusion:
         self.history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
         self.odometry = DeadReckoning(self.history)
         self.rng = rng
-        self.camera_errors = CameraErrors(field, settings.fusion.paper.camera_errors)
+        self.camera_errors = CameraErrors(field, settings.fusion.paper.camera_errors, setup.camera)
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)
         self.side = FieldSide(settings.restart.paper.heading_rad)
@@ -184,7 +184,7 @@ class IrisFusion:
     def _report(self, observation: Observation, residual_m: float, clock: Stopwatch) -> Estimate:
         unknown = self.searching or self.side.either_end
         status = Status.SEARCHING if unknown and self.status is Status.TRACKING else self.status
-        covariance = (self.unknown if unknown else self.fusion.believed_covariance).copy()
+        covariance = self.unknown.copy() if unknown else self.fusion.believed_covariance + self.camera_errors.unseen
         twin = self.fusion.pose.mirrored(), residual_m, self.side.twin_probability, mirrored_covariance(covariance)
         return Estimate(
             observation.stamp_ns,

@@ -219,7 +219,8 @@ def look_at_image(path: Path, camera_file: Path, field_name: str | None = None, 
         return replace(look, field=None, found="no pose: give the field with --field NAME")
     points = look.observation.points
     try:
-        location = locate_points(points.positions_m, field, weights=precision_weights(points, WeightSettings()))
+        weights = precision_weights(points, WeightSettings())
+        location = locate_points(points.positions_m, field, weights=weights, camera=open_camera(camera_file))
     except NoFitError as error:
         return replace(look, found=f"no pose: {error}")
     return replace(look, field_from_robot=location.pose, found="or its mirror image, without a compass")

@@ -13,9 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from touchline.camera import Camera, OmniCamera
 from touchline.field import FieldModel
 from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.matching.covariance import widest_m
+from touchline.localization.matching.mirror_fit import SCALE_STEP_M
+from touchline.localization.matching.mirror_tilt import ground_scales
 from touchline.types import LinePoints
 
 HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
@@ -33,6 +37,8 @@ REPEATED = 2.0  # so many points or images err together: neighbours on a line, a
 # how unsure the shift is that goes with g (m² per unit of g), which no image shows: h² g if the mirror turns about its
 # focus, two or three times that about its apex
 SHIFT_M2 = 1.0
+CENTER_AT_M = 2.0  # where most line points are that tell the position
+LEFT_M = 0.02  # deviation that the lines leave the position, up to which an image tells of the camera
 STEPS = 2  # Gauss-Newton steps; one more while the errors are unknown, each with the wide width
 MIN_POINTS = 15  # fewer tell nothing but the pose
 
@@ -42,7 +48,7 @@ class CameraFit(NamedTuple):
 
     errors (3,): g (1/m), s. covariance (6, 6): of x, y (m), heading (rad), g and s, with what was known of g and s
     before. information (3, 3): what this image alone says of g and s. residuals_m (N,): distances of all points from
-    the lines.
+    the lines. left_m: standard deviation of the position along its least known direction, if g and s are right.
     """
 
     pose: Pose
@@ -51,6 +57,7 @@ class CameraFit(NamedTuple):
     information: FloatArray
     residuals_m: FloatArray
     noise: float
+    left_m: float
 
 
 class CameraErrors:
@@ -59,10 +66,14 @@ class CameraErrors:
     `noise`: how much larger the points' variances are than the detector says, learned, too.
     """
 
-    def __init__(self, field: FieldModel, enabled: bool = True) -> None:
-        """enabled: False leaves all points as they are seen, and takes the camera for what it is said to be."""
+    def __init__(self, field: FieldModel, enabled: bool = True, camera: Camera | None = None) -> None:
+        """enabled: False leaves all points as they are seen, and takes the camera for what it is said to be.
+
+        camera: how sure it is of its centre is part of `unseen`.
+        """
         self._lines = field.line_tables
         self.enabled = enabled
+        self._shift_m = _shift_m(camera) if enabled and isinstance(camera, OmniCamera) else 0.0
         self.reset()
 
     def reset(self) -> None:
@@ -75,6 +86,12 @@ class CameraErrors:
     def corrected(self, positions_m: FloatArray, errors: FloatArray | None = None) -> FloatArray:
         """Points (N, 2) in the robot frame (m) as a perfect camera would have seen them; by other errors, if given."""
         return corrected(positions_m, self.mean if errors is None else errors)
+
+    @property
+    def unseen(self) -> FloatArray:
+        """Covariance (3, 3) of what a mirror beside its centre does to every pose alike, in (m, m, rad)."""
+        shift2: float = self._shift_m**2
+        return np.diag([shift2, shift2, 0.0])
 
     @property
     def settled(self) -> bool:
@@ -102,12 +119,16 @@ class CameraErrors:
         cosine, sine = np.cos(state[2]), np.sin(state[2])
         bend = np.array([[cosine, -sine], [sine, cosine]]) @ state[3:5]
         covariance[:2, :2] += SHIFT_M2**2 * (np.outer(bend, bend) + 0.5 * np.trace(self.covariance[:2, :2]) * np.eye(2))
-        return CameraFit(Pose(*state[:3].tolist()), state[3:], covariance, alone, residuals_m, noise)
+        left_m = widest_m(np.linalg.inv(own[:3, :3]))
+        return CameraFit(Pose(*state[:3].tolist()), state[3:], covariance, alone, residuals_m, noise, left_m)
 
     def learn(self, fit: CameraFit) -> None:
-        """Kalman update of the mean by what one image alone has said of the errors."""
+        """Kalman update of the mean by what one image alone has said of the errors, if its lines fix the pose.
+
+        A lone line bends by a tilt as by a step aside and a turn.
+        """
         self.noise += NOISE_GAIN * (min(max(fit.noise, MIN_NOISE), MAX_NOISE) - self.noise)
-        if not self.enabled:
+        if not self.enabled or fit.left_m > LEFT_M:
             return
         drift = np.diag([DRIFT_PER_M, DRIFT_PER_M, DRIFT_SCALE]) ** 2
         known = np.linalg.inv(self.covariance)
@@ -148,3 +169,10 @@ def corrected(positions_m: FloatArray, errors: FloatArray) -> FloatArray:
     stretch = 1.0 + errors[2] + positions_m @ errors[:2]
     moved: FloatArray = positions_m * stretch[:, np.newaxis] + HEIGHT_M**2 * errors[:2]
     return moved
+
+
+def _shift_m(camera: OmniCamera) -> float:
+    """Standard deviation of how far the ground about the robot is moved as the image's centre is not where it is said
+    to be: between what that does along and across the direction of a point CENTER_AT_M away.
+    """
+    return float(camera.uncertainty.center_px * ground_scales(camera)[round(CENTER_AT_M / SCALE_STEP_M)].mean())

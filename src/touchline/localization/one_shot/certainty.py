@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from touchline.camera import Camera, OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.camera_errors import CameraErrors, CameraFit
@@ -25,6 +26,8 @@ MAX_POINTS = 500  # points, evenly over the ground, that tell of the camera: nei
 RANGE_NOISE_RATIO = 0.02  # generic noise of a point, of its range, beside RANGE_NOISE_M
 SCALE_RATIO = 0.03  # standard deviation of a scale error of all ranges: marks that a tape has put wrong
 BEND_PER_M = 0.015  # the same of the bend: a mirror 0.3 degrees askew, or 3 pixels off its centre
+ASKEW_DEG, CENTER_RATIO = 0.3, 0.015  # of the mirror, and of its outer radius, that BEND_PER_M stands for
+LEAST_RATIO = 1e-4  # of what a camera that is said to be exact may be wrong by
 # how far a bend may move the ground beside what it shows (m² per unit of bend): a mirror beside its centre moves all
 # ground by a² of its range function r = a tan(b rho), 2 to 4 m², one that leans by its height squared
 SHIFT_M2 = 2.0
@@ -46,22 +49,54 @@ class CameraDoubt(NamedTuple):
     bend_deviation: float
 
 
+class Spread(NamedTuple):
+    """What a camera may be wrong by, standard deviations: the scale of its ranges, and the bend (1/m)."""
+
+    scale: float = SCALE_RATIO
+    bend_per_m: float = BEND_PER_M
+
+    @classmethod
+    def stated_by(cls, camera: Camera | None) -> Spread:
+        """That of a camera with a mirror as its camera.yaml states it; the usual one of any other, or of none."""
+        if not isinstance(camera, OmniCamera):
+            return cls()
+        stated = camera.uncertainty
+        askew = stated.tilt_deg / ASKEW_DEG, stated.center_px / (CENTER_RATIO * camera.outer_radius_px)
+        return cls(max(stated.range_ratio, LEAST_RATIO), BEND_PER_M * max(float(np.hypot(*askew)), LEAST_RATIO))
+
+
+USUAL = Spread()
+
+
 def with_camera(
-    field: FieldModel, points: FloatArray, pose: Pose, covariance: FloatArray
+    field: FieldModel, points: FloatArray, pose: Pose, covariance: FloatArray, spread: Spread = USUAL
 ) -> tuple[FloatArray, CameraDoubt]:
     """Covariance (3, 3) in (m, m, rad) of a matched pose, from what the points (N, 2) leave, and what they say.
 
-    points: m, robot frame. covariance (3, 3): of the pose if the camera is right.
+    points: m, robot frame. covariance (3, 3): of the pose if the camera is right. spread: what it may be wrong by,
+    believed unless the lines contradict it.
     """
-    fit = camera_fit(field, points, pose)
+    usual, doubt = _with_spread(field, points, pose, covariance, USUAL)
+    says_less = spread.scale < USUAL.scale or spread.bend_per_m < USUAL.bend_per_m
+    contradicted = abs(doubt.scale) > np.hypot(2.0 * doubt.scale_deviation, 2.0 * spread.scale)
+    contradicted |= doubt.bend_per_m > np.hypot(3.0 * doubt.bend_deviation, 3.0 * spread.bend_per_m)
+    if spread == USUAL or (says_less and contradicted):
+        return usual, doubt
+    return _with_spread(field, points, pose, covariance, spread)[0], doubt
+
+
+def _with_spread(
+    field: FieldModel, points: FloatArray, pose: Pose, covariance: FloatArray, spread: Spread
+) -> tuple[FloatArray, CameraDoubt]:
+    fit = camera_fit(field, points, pose, spread)
     if fit is None:
-        return covariance, CameraDoubt(0.0, 0.0, SCALE_RATIO, 0.0, BEND_PER_M)
+        return covariance, CameraDoubt(0.0, 0.0, spread.scale, 0.0, spread.bend_per_m)
     at = fit.pose
     off = np.array([at.x - pose.x, at.y - pose.y, wrap_angle(at.heading - pose.heading)])
     c, s = np.cos(at.heading), np.sin(at.heading)
     bend = np.array([[c, -s], [s, c]]) @ fit.errors[:2]
     covariance = covariance + fit.covariance[:3, :3] + np.outer(off, off)
-    covariance[:2, :2] += SHIFT_M2**2 * (np.outer(bend, bend) + BEND_PER_M**2 * np.eye(2))
+    covariance[:2, :2] += SHIFT_M2**2 * (np.outer(bend, bend) + spread.bend_per_m**2 * np.eye(2))
     deviations = np.sqrt(np.diag(fit.covariance)[3:])
     size = float(np.hypot(*fit.errors[:2]))
     doubt = CameraDoubt(
@@ -70,17 +105,17 @@ def with_camera(
     return covariance, doubt
 
 
-def camera_fit(field: FieldModel, points: FloatArray, pose: Pose, scale_ratio: float = SCALE_RATIO) -> CameraFit | None:
+def camera_fit(field: FieldModel, points: FloatArray, pose: Pose, spread: Spread = USUAL) -> CameraFit | None:
     """Pose and camera errors that suit points (N, 2) in m, robot frame, from a pose that is close; None for none.
 
-    scale_ratio: standard deviation of a scale error of all ranges beforehand.
+    spread: what the camera may be wrong by.
     """
     few = thinned_to(points, MAX_POINTS)
     variances = (RANGE_NOISE_M + RANGE_NOISE_RATIO * np.hypot(few[:, 0], few[:, 1])) ** 2
-    spread = np.eye(2) * variances[:, np.newaxis, np.newaxis]
-    seen = LinePoints(few, spread, np.ones(len(few)), np.full_like(few, np.nan))
+    noise = np.eye(2) * variances[:, np.newaxis, np.newaxis]
+    seen = LinePoints(few, noise, np.ones(len(few)), np.full_like(few, np.nan))
     errors = CameraErrors(field)
-    errors.covariance = np.diag([BEND_PER_M, BEND_PER_M, scale_ratio]) ** 2
+    errors.covariance = np.diag([spread.bend_per_m, spread.bend_per_m, spread.scale]) ** 2
     fit = errors.fit(seen, pose)
     for _ in range(FITS - 1):
         fit = fit and errors.fit(seen, fit.pose)

@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from touchline.camera import Camera
 from touchline.config import Settings, constants_now
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field, preset_names
@@ -21,7 +22,7 @@ from touchline.localization.matching.coarse_search import CoarseSearch
 from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.matching.pose_grid import PoseGrid
 from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
-from touchline.localization.one_shot.certainty import points_covariance, with_camera
+from touchline.localization.one_shot.certainty import Spread, points_covariance, with_camera
 from touchline.localization.one_shot.doubts import judge
 from touchline.localization.one_shot.permutation_test import PermutationTest, permutation_test
 from touchline.localization.one_shot.points_file import points_and_weights
@@ -146,19 +147,20 @@ def locate(
     heading: float | None = None,
     settings: LocateSettings | None = None,
     seed: int = 0,
+    camera: Camera | None = None,
 ) -> Location:
     """The pose of a robot from one set of line points.
 
     points: the path of a CSV file (header x_m,y_m, perhaps weight), an array or a sequence of pairs (N, 2) in m, robot
     frame, or LinePoints (or an Observation's), which are weighed by their precision. field: a preset's name, the path
     of a field.yaml or a FieldModel. heading: from a compass (rad, field frame), or None to search the whole circle.
-    settings, seed: as of `locate_points`.
+    settings, seed, camera: as of `locate_points`.
     Raises InputError for points or a field that can't be read, NoFitError for points that fit no pose.
     """
     model = field if isinstance(field, FieldModel) else _opened(field)
     heading = None if heading is None else given_numbers("heading", "an angle (rad) or None", [heading], 1)[0]
     positions_m, weights = points_and_weights(points)
-    return locate_points(positions_m, model, heading, weights, settings, seed)
+    return locate_points(positions_m, model, heading, weights, settings, seed, camera)
 
 
 def _opened(field: str | Path) -> FieldModel:
@@ -178,13 +180,15 @@ def locate_points(
     weights: FloatArray | None = None,
     settings: LocateSettings | None = None,
     seed: int = 0,
+    camera: Camera | None = None,
 ) -> Location:
     """Best pose of line points (N, 2) in m, robot frame, with all others that explain the points as well.
 
     heading: from a compass (rad, field frame); None searches the whole circle. weights (N,): relative; None weighs by
     the generic range noise. seed: of the test against chance, and of the sample: of more than MAX_POINTS points so many
     are drawn in proportion to their weights, and pose, error, covariance and test are theirs. The pose then differs by
-    less than its own standard deviation; distances are those of all points.
+    less than its own standard deviation; distances are those of all points. camera: that saw them; the covariance holds
+    what it states to be wrong by, and what cameras usually are without one or where the lines contradict it.
     Raises NoFitError for too few points, PoorFitError (a NoFitError) if the lines miss most points at the best pose,
     NotSignificantError (a PoorFitError) for points that fit no pose better than chance, InputError for points that are
     no numbers and for a heading beyond a whole turn.
@@ -209,10 +213,11 @@ def locate_points(
     if median_m > s.max_median_m:
         raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
     told = points_covariance(matcher, sample, weights, best.pose)
-    covariance, camera = with_camera(field, points, best.pose, told)
-    judged = judge(field, best.pose.transform(points), distances, covariance, camera)
+    spread = Spread.stated_by(camera)
+    covariance, doubted = with_camera(field, points, best.pose, told, spread)
+    judged = judge(field, best.pose.transform(points), distances, covariance, doubted)
     nearest = Hypothesis(best.pose, mean_m, covariance=judged.covariance)
-    others = _hypotheses(matches, field, points, nearest, heading, s)
+    others = _hypotheses(matches, field, points, nearest, heading, s, spread)
     doubts = (*_rivals(best.pose, others), *judged.doubts)
     return Location(best.pose, judged.covariance, best.error, mean_m, median_m, others, len(points), chance, doubts)
 
@@ -243,6 +248,7 @@ def _hypotheses(
     nearest: Hypothesis,
     heading: float | None,
     s: LocateSettings,
+    spread: Spread,
 ) -> tuple[Hypothesis, ...]:
     """The other matches whose error and mean distance are both about those of the first (nearest), the better first.
 
@@ -255,7 +261,7 @@ def _hypotheses(
     similar = [match for match in matches[1:] if match.error <= max_error]
     means_m = [float(np.mean(field.line_distances(match.pose.transform(points)))) for match in similar]
     others = [
-        Hypothesis(match.pose, found_m, covariance=with_camera(field, points, match.pose, match.covariance)[0])
+        Hypothesis(match.pose, found_m, covariance=with_camera(field, points, match.pose, match.covariance, spread)[0])
         for match, found_m in zip(similar, means_m, strict=True)
         if found_m <= max_m
     ]

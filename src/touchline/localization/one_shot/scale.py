@@ -11,7 +11,7 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching.matcher import as_pose
 from touchline.localization.matching.weights import normalized
-from touchline.localization.one_shot.certainty import camera_fit
+from touchline.localization.one_shot.certainty import Spread, camera_fit
 from touchline.localization.one_shot.locate import SAMPLE_POINTS, LocateSettings, whole_field_search
 from touchline.localization.one_shot.thinning import different, thinned_to
 
@@ -69,7 +69,7 @@ def fit_scale(
         )
     deviation = 0.0
     for _ in range(_ROUNDS):
-        fit = camera_fit(field, factor * seen, pose, _LOOSE)
+        fit = camera_fit(field, factor * seen, pose, Spread(scale=_LOOSE))
         if fit is None:
             break
         pose, factor = fit.pose, factor * (1.0 + float(fit.errors[2]))

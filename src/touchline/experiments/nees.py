@@ -1,0 +1,178 @@
+"""nees: how honest the stated covariance is, with robots drawn anew from what their camera.yaml states.
+
+No figure of a paper. NEES is the squared error of x, y and heading in the measure of the stated covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from touchline.camera import OmniCamera
+from touchline.camera.uncertainty import CameraUncertainty
+from touchline.experiments.faults import Drive, Fault, one_line
+from touchline.experiments.progress import follow
+from touchline.experiments.reliability_runs import driven
+from touchline.experiments.result import ExperimentResult, Headline, interval
+from touchline.experiments.scenes import BLUE, new_figure
+from touchline.geometry import wrap_angles
+from touchline.systems import RobotSetup, open_system
+from touchline.types import Status
+
+SYSTEMS = ("nubot-mti", "nubot-mcl", "iris-fusion")
+ROBOTS = 10  # per seed
+SECONDS, FROM_S = 20.0, 5.0  # of a drive; errors count from here on
+LINE_S, LINE_END_S = 8.0, 18.0
+DEGREES_OF_FREEDOM = 3
+COVERED = 7.815  # 95 % quantile of chi square with 3 degrees of freedom
+LARGER = 3.0
+_FOUR = "camera.black_sectors_deg=[[22.5,67.5],[112.5,157.5],[202.5,247.5],[292.5,337.5]]"
+
+
+class Condition(NamedTuple):
+    """changes: of the scenario. line: one line in view from LINE_S on. larger: errors by so much larger than stated."""
+
+    name: str
+    changes: tuple[str, ...] = ()
+    line: bool = False
+    larger: float = 1.0
+
+    @property
+    def counted_s(self) -> tuple[float, float]:
+        """The time that counts."""
+        return (LINE_S, LINE_END_S) if self.line else (FROM_S, SECONDS)
+
+
+CONDITIONS = (
+    Condition("free"),
+    Condition("50 % hidden", (_FOUR,)),
+    Condition("one line for 10 s", line=True),
+    Condition(f"errors {LARGER:g} times as large as stated", larger=LARGER),
+    Condition("free, of the design, ranges 1 %", ("camera.known_from=design", "camera.mirror.range_spread=0.01")),
+)
+COLUMNS = ("condition", "system", "NEES / 3", "95 % ellipse covers (%)", "error (cm)", "stated (cm)", "tracked (%)")
+
+
+class Honesty(NamedTuple):
+    """Of one robot, over its tracked frames: mean NEES per degree of freedom, share of frames within the 95 % ellipse,
+    mean error and root mean square stated deviation of the position (m). tracked: share of all frames that count.
+    """
+
+    nees: float
+    covered: float
+    error_m: float
+    stated_m: float
+    tracked: float
+
+
+Found: TypeAlias = dict[tuple[str, str], list[Honesty]]
+
+
+def nees(seeds: int) -> ExperimentResult:
+    """Every condition for every system, ten robots per seed."""
+    found: Found = {key: [] for key in keys()}
+    for seed in follow(list(range(ROBOTS * seeds)), "robots"):
+        for c in CONDITIONS:
+            for system in SYSTEMS:
+                found[c.name, system].append(honesty(c, system, seed))
+    return told_of(found, seeds)
+
+
+def keys() -> list[tuple[str, str]]:
+    """Every condition's name with every system."""
+    return [(c.name, system) for c in CONDITIONS for system in SYSTEMS]
+
+
+def told_of(found: Found, seeds: int) -> ExperimentResult:
+    """The table, headline and picture of what so many seeds have come to."""
+    tracked = {key: [one for one in told if one.tracked] for key, told in found.items()}
+    asked = keys()[: 3 * len(SYSTEMS)]
+    means = [float(np.mean([one.nees for one in tracked[key]])) for key in asked]
+    covers = [100.0 * float(np.mean([one.covered for one in tracked[key]])) for key in asked]
+    return ExperimentResult(
+        "nees",
+        "How honest the stated covariance is: NEES per degree of freedom, and how much of the time the truth lies "
+        "within the 95 % ellipse of x, y and heading",
+        seeds,
+        COLUMNS,
+        tuple(_row(*key, found[key]) for key in keys()),
+        Headline(
+            "NEES per degree of freedom; 95 % ellipse covers: free, 50 % hidden, one line, three systems",
+            "–",
+            f"{min(means):.2f}-{max(means):.2f}; {min(covers):.0f}-{max(covers):.0f} %",
+        ),
+        (
+            f"Robots as built, observation level, {ROBOTS} robots per seed, each drawn anew; {SECONDS:g} s of "
+            f"straight-tracks, shoves included; tracked frames from {FROM_S:g} s on. Brackets: where the mean over "
+            "robots lies with 95 %, by bootstrap. camera.yaml from calibrate mirror where nothing else is said.",
+            f"One line: from {LINE_S:g} s for 10 s the points of one line alone, and no others count. 50 %: four black "
+            f"sectors of 45 degrees. Errors {LARGER:g} times as large as stated: camera.yaml states a third.",
+        ),
+        (("robots", _figure(tracked)),),
+    )
+
+
+def _figure(tracked: Found) -> Figure:
+    """NEES per degree of freedom of each robot, by condition; the grey band is what is asked."""
+    figure, axes = new_figure(1, len(SYSTEMS), width_in=12.0, height_in=3.6)
+    for each, system in zip(axes, SYSTEMS, strict=True):
+        each.axvspan(0.5, 2.0, color="0.9")
+        for row, c in enumerate(CONDITIONS):
+            values = [one.nees for one in tracked[c.name, system]]
+            each.semilogx(values, np.linspace(row - 0.3, row + 0.3, len(values)), ".", color=BLUE, markersize=3)
+        each.set_yticks(range(len(CONDITIONS)), [c.name if system == SYSTEMS[0] else "" for c in CONDITIONS])
+        each.invert_yaxis()
+        each.set_title(system, fontsize=10)
+        each.set_xlabel("NEES / 3")
+    return figure
+
+
+def honesty(condition: Condition, system: str, seed: int) -> Honesty:
+    """One robot under one condition."""
+    drive, setup, _ = driven("straight-tracks", seed, SECONDS, *condition.changes)
+    if condition.line:
+        fault = Fault("", LINE_S, LINE_END_S, one_line(LINE_S))
+        drive = fault.laid_into(drive, np.random.default_rng([seed, 14]))
+    if condition.larger != 1.0 and isinstance(setup.camera, OmniCamera):
+        stated = CameraUncertainty(*(value / condition.larger for value in setup.camera.uncertainty))
+        setup = replace(setup, camera=replace(setup.camera, stated_uncertainty=stated))
+    return followed(drive, setup, system, seed, condition.counted_s)
+
+
+def followed(drive: Drive, setup: RobotSetup, system: str, seed: int, counted_s: tuple[float, float]) -> Honesty:
+    """What a system's covariances are worth on a drive, in the time that counts."""
+    told = open_system(system, setup, None, np.random.default_rng(seed))
+    estimates = [told.step(frame) for frame in drive.frames]
+    errors = np.array([one.pose for one in estimates]) - drive.truth
+    errors[:, 2] = wrap_angles(errors[:, 2])
+    covariances = np.array([one.covariance for one in estimates])
+    counts = (drive.times_s >= counted_s[0]) & (drive.times_s < counted_s[1])
+    tracked = counts & np.array([one.status is Status.TRACKING for one in estimates])
+    if not tracked.any():
+        return Honesty(*4 * (float("nan"),), 0.0)
+    errors, covariances = errors[tracked], covariances[tracked]
+    squares = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
+    return Honesty(
+        float(squares.mean()) / DEGREES_OF_FREEDOM,
+        float(np.mean(squares < COVERED)),
+        float(np.hypot(errors[:, 0], errors[:, 1]).mean()),
+        float(np.sqrt(np.mean(covariances[:, 0, 0] + covariances[:, 1, 1]))),
+        float(tracked.sum() / counts.sum()),
+    )
+
+
+def _row(condition: str, system: str, told: Sequence[Honesty]) -> tuple[str, ...]:
+    seen = [one for one in told if one.tracked]
+    return (
+        condition,
+        system,
+        interval([one.nees for one in seen]),
+        interval([100.0 * one.covered for one in seen], 1),
+        interval([100.0 * one.error_m for one in seen]),
+        interval([100.0 * one.stated_m for one in seen]),
+        f"{100.0 * np.mean([one.tracked for one in told]):.1f}",
+    )
