@@ -174,8 +174,8 @@ def test_kidnapped_robots_are_right_within_10_cycles(system: str, covered: int) 
     assert len(every) == 40
     assert all(one.success for one in every)
     noticed = [one for one in every if one.waited is not None]
-    assert len(noticed) >= 35
-    assert max(one.waited or 0 for one in noticed) <= (0 if covered else 5)
+    assert len(noticed) >= 39
+    assert max(one.waited or 0 for one in noticed) <= (0 if covered else 1)
 
 
 def test_a_kidnap_that_nobody_notices_and_that_is_wrong_is_no_success() -> None:
@@ -268,7 +268,7 @@ def test_lamps_off_start_a_search_for_more_light_and_cost_nothing(
     run = lighting_runs.drive(lighting_runs.THIRD, ideal(first_case[0]), None, seconds=12.0)
     dark = np.arange(len(run.points)) >= round(lighting_runs.SWITCH_S * lighting_runs.RATE_HZ) - 1
     assert run.tracked.all()
-    assert run.mean_m < 0.01
+    assert run.mean_m < 0.0074
     assert run.points[dark].mean() > 0.8 * run.points[~dark].mean()
     assert np.flatnonzero(run.searched).tolist() == [0, np.flatnonzero(dark)[0]]
     assert run.stops[dark].min() > run.stops[~dark].max() + 2.0
@@ -290,7 +290,7 @@ def test_control_keeps_the_line_points_in_a_dark_that_takes_them_without(
     monkeypatch.setattr(lighting_runs, "PLACES", 2)
     lamps, dark = lighting_runs.points_in_the_dark(1, *first_case, levels=(0.01,))
     assert lamps.min() > 120
-    assert dark[0] < 0.1 * lamps[0]
+    assert dark[0] < 0.017 * lamps[0]
     assert dark[1] > 0.8 * lamps[1]
 
 
@@ -299,7 +299,7 @@ def test_patches_of_sun_cost_little_with_colours_learned_under_lamps(
 ) -> None:
     sun = lighting_runs.drive(lighting_runs.SECOND, ideal(first_case[0]), None, seconds=6.0)
     assert sun.tracked.all()
-    assert sun.mean_m < 0.015
+    assert sun.mean_m < 0.0064
     assert sun.points.mean() > 120
 
 
@@ -309,7 +309,7 @@ def test_under_the_sun_through_clear_glass_a_robot_in_a_patch_sees_the_lines_in_
     """Patches are white all over; what lies behind them is still the field."""
     run = lighting_runs.drive(lighting_runs.GLASS, lighting_runs.Robot(0, first_case[0], ideal=True), None, seconds=4.0)
     assert run.tracked.all()
-    assert run.mean_m < 0.015
+    assert run.mean_m < 0.0123
     assert run.points.min() > 45
 
 

@@ -34,9 +34,9 @@ def test_the_fusion_with_the_robots_own_eyes() -> None:
     """Rays every 2.5° and one polynomial of the range, which is good to 2 cm, at the observation level."""
     driven = iris_points.tour(0, "points", IDEAL)
     x, y, heading = mean_errors(driven, "sensor fusion")
-    assert max(x, y) <= 0.015
-    assert heading <= 0.29
-    assert driven.found_after <= 24
+    assert max(x, y) <= 0.0137
+    assert heading <= 0.18
+    assert driven.found_after <= 8
 
 
 @pytest.mark.parametrize("scenario", iris_disturbances.SCENARIOS)
@@ -162,7 +162,7 @@ def test_disturbances_one_at_a_time(scenario: str, field: str) -> None:
         assert outcome.back_m <= (0.044 if field == "indoor-9x6" else 0.1), kind
         assert outcome.lost_s <= (0.4 if kind == "slip" else 0.0), kind
         assert outcome.is_kept(kind)
-        assert outcome.drive.found_after <= 15
+        assert outcome.drive.found_after <= 8
         if kind == "covered":
             hidden = ~outcome.drive.seen
             assert np.count_nonzero(hidden) == 30
