@@ -18,6 +18,7 @@ from touchline.types import Status
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
 SHORT = ROOT / "examples" / "omni_msl_track_short"
+OF_PAPERS = [name for name in SYSTEMS if name != "touchline"]  # ours follows none
 
 
 def keys(tree: dict[str, object], prefix: str = "") -> set[str]:
@@ -28,7 +29,12 @@ def keys(tree: dict[str, object], prefix: str = "") -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+def test_our_own_system_has_no_papers_form() -> None:
+    with pytest.raises(InputError, match=r"^touchline has no preset 'paper'; nubot-mti, "):
+        prepare(SHORT, "touchline", preset=PAPER)
+
+
+@pytest.mark.parametrize("name", OF_PAPERS)
 def test_the_preset_is_the_block_paper(name: str) -> None:
     """Every switch of the block has the paper's value, which is another one, and the preset changes nothing else."""
     model = SYSTEMS[name].settings
