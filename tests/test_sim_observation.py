@@ -273,10 +273,16 @@ class TestObservedLines:
 
 
 TILTED = {"tilt_deg": (0.3, -0.2), "shift_mm": (0.5, -0.3)}
+# Headings along the tracks lie askew of the image's rows: along them, all points on one line err alike in an image, and
+# the heading gains a fifth from that, which the observation level does not know.
+TRACKS = tuple(
+    (x, y, 17.0 if k % 4 < 2 else 197.0)
+    for k, (x, y) in enumerate(((-8.0, 5.0), (8.0, 5.0), (8.0, 2.5), (-8.0, 2.5), (-8.0, 0.0), (8.0, 0.0), (8.0, -2.5)))
+)
 # scenario, its mirror as built, images per second, seconds
 LEVELS = (
     ("straight-tracks", {}, 2.0, 70.0),
-    ("match", {}, 5.0, 40.0),
+    ("match", {}, 2.5, 45.0),
     ("tour-20", {}, 2.0, 70.0),
     ("occlusion-50", {}, 2.0, 70.0),
     ("straight-tracks", TILTED, 2.0, 50.0),
@@ -288,9 +294,10 @@ def reduced(
 ) -> Scenario:
     scenario = open_scenario(name, seed, seconds, ["ideal=true"])
     askew = scenario.camera.mirror.model_copy(update=mirror)
-    return scenario.model_copy(
-        update={"camera": scenario.camera.model_copy(update={"rate_hz": rate_hz, "mirror": askew})}
-    )
+    changes: dict[str, object] = {"camera": scenario.camera.model_copy(update={"rate_hz": rate_hz, "mirror": askew})}
+    if scenario.motion.kind == "tracks":
+        changes["motion"] = scenario.motion.model_copy(update={"kind": "waypoints", "waypoints": TRACKS})
+    return scenario.model_copy(update=changes)
 
 
 def tracking_errors(scenario: Scenario, level: str) -> FloatArray:
@@ -316,7 +323,8 @@ def both_levels() -> Callable[[int], tuple[FloatArray, FloatArray]]:
     @lru_cache
     def errors(index: int) -> tuple[FloatArray, FloatArray]:
         name, *_ = LEVELS[index]
-        seeds = (1, 2) if name == "tour-20" else (1,)  # at its slow turns one run alone is too short for the heading
+        # where the robot turns slowly or among others one run alone is too short for the heading
+        seeds = (1, 2) if name in ("tour-20", "match") else (1,)
         scenarios = [reduced(*LEVELS[index], seed) for seed in seeds]
         rendered, observed = (
             np.concatenate([tracking_errors(scenario, level) for scenario in scenarios])
