@@ -54,6 +54,7 @@ CONDITIONS = (
     Condition(f"errors {LARGER:g} times as large as stated", larger=LARGER),
     Condition("free, of the design, ranges 1 %", ("camera.known_from=design", "camera.mirror.range_spread=0.01")),
 )
+TICKS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # of the picture
 COLUMNS = ("condition", "system", "NEES / 3", "95 % ellipse covers (%)", "error (cm)", "stated (cm)", "tracked (%)")
 
 
@@ -126,6 +127,8 @@ def _figure(tracked: Found) -> Figure:
             each.semilogx(values, np.linspace(row - 0.3, row + 0.3, len(values)), ".", color=BLUE, markersize=3)
         each.set_yticks(range(len(CONDITIONS)), [c.name if system == SYSTEMS[0] else "" for c in CONDITIONS])
         each.invert_yaxis()
+        each.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
+        each.set_xticks([], minor=True)
         each.set_title(system, fontsize=10)
         each.set_xlabel("NEES / 3")
     return figure
