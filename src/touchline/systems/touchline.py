@@ -126,7 +126,7 @@ class Touchline:
             modes = tuple(mode for mode in modes if mode.pose.x <= 0.0)
         if self.end.symmetric:
             modes = self._at_one_end(modes)
-        self.hypotheses.add(modes, points)
+        self.hypotheses.add(modes)
         best = self.hypotheses.best
         if best is not None and best is not before:  # found, or found elsewhere
             self.end.begin(self.own_half and before is None, self._compass_error(best.filter.pose, compass_rad))

@@ -83,21 +83,19 @@ class PoseHypotheses:
             self._correct(one, found)
         self._settle()
 
-    def add(self, modes: Sequence[Mode], points: LinePoints) -> None:
+    def add(self, modes: Sequence[Mode]) -> None:
         """Members for the modes that a search has found in the points that `update` has just taken.
 
         Modes that are members already are left out; the others are as likely as that the robot was carried away.
         """
         before = max((one.log_odds - _told(one) for one in self.members), default=-CARRIED_AWAY)
+        known = self.members[0].filter if self.members else self.start  # of the odometry's scales
         for mode in modes:
             if any(_same(mode.pose, one.filter.pose) for one in self.members):
                 continue
             log_odds = before + CARRIED_AWAY + mode.log_likelihood / REPEATED
             found = Registered(mode.pose.as_array(), mode.covariance, mode.explained, mode.noise, mode.log_likelihood)
-            member = Member(self.start.placed(mode.pose, honest(found)), log_odds, found)
-            if self.members:
-                member.filter = self.members[0].filter.placed(mode.pose, honest(found))
-            self.members.append(member)
+            self.members.append(Member(known.placed(mode.pose, honest(found)), log_odds, found))
         self._settle()
 
     def turn(self) -> None:
