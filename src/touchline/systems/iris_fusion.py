@@ -260,9 +260,9 @@ class IrisFusion:
     def _shaken_m(self, positions_m: FloatArray) -> FloatArray:
         """How far (M,) a shaking head may have moved points (M, 2) off their lines; none while the robot is followed.
 
-        There the strict measure tells sooner that it is not where it was.
+        There the strict measure tells sooner that it is not where it was. The paper knows no errors of its camera.
         """
-        if not self.searching:
+        if not self.searching or not self.camera_errors.enabled:
             return np.zeros(len(positions_m))
         shaken_m: FloatArray = np.minimum(SHAKE_RAD * np.sum(positions_m**2, axis=1) / HEIGHT_M, NEAR_M)
         return shaken_m
