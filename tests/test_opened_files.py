@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import struct
+import tracemalloc
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -73,6 +74,17 @@ def test_a_summary_in_a_pipe_and_an_image_in_one_are_told(tmp_path: Path) -> Non
     os.mkfifo(tmp_path / "field.yaml")
     with pytest.raises(InputError, match=r"field\.yaml: .* named pipe"):
         open_field(tmp_path)
+
+
+def test_memory_is_taken_for_the_file_and_not_for_the_most_that_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(bytes(1001))
+    tracemalloc.start()
+    try:
+        assert len(read_bytes(path, 200_000_000)) == 1001
+        assert tracemalloc.get_traced_memory()[1] < 100_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_no_more_than_fits_is_read(tmp_path: Path) -> None:

@@ -85,7 +85,11 @@ def read_bytes(path: Path, max_bytes: int, more: str = "") -> bytes:
     with open_bytes(path) as file:
         try:
             size = os.fstat(file.fileno()).st_size
-            data = b"" if size > max_bytes else file.read(max_bytes + 1)
+            data = (
+                b"" if size > max_bytes else file.read(size + 1)
+            )  # memory is taken for what is asked, not for what comes
+            if size < len(data) <= max_bytes:  # it grew meanwhile, or tells no size
+                data += file.read(max_bytes + 1 - len(data))
         except OSError as error:
             raise _unreadable(path, error) from None
     if max(size, len(data)) > max_bytes:

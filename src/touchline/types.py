@@ -143,7 +143,9 @@ def generic_covariances(positions_m: FloatArray) -> FloatArray:
     The same in all directions; standard deviation 1 cm and 2 % of the range, as of a usual camera's calibration.
     """
     sigma_m = 0.01 + 0.02 * np.hypot(positions_m[:, 0], positions_m[:, 1])
-    return sigma_m[:, np.newaxis, np.newaxis] ** 2 * np.eye(2)
+    covariances_m2 = np.zeros((len(positions_m), 2, 2))
+    covariances_m2[:, 0, 0] = covariances_m2[:, 1, 1] = sigma_m**2
+    return covariances_m2
 
 
 def points_at(positions_m: FloatArray) -> LinePoints:
