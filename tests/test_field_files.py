@@ -54,6 +54,9 @@ def test_preset_names() -> None:
         "spl-9x6",
         "humanoid-adult-14x9",
         "humanoid-kid-9x6",
+        "hsl-s-9x6",
+        "hsl-m-14x9",
+        "hsl-l-22x14",
     }
 
 
@@ -64,6 +67,9 @@ RULES = {
     "msl-22x14": (22.0, 14.0, 2.25, 6.9, 0.75, 3.9, 4.0, 3.6),
     "humanoid-adult-14x9": (14.0, 9.0, 3.0, 6.0, 1.0, 4.0, 3.0, 2.1),
     "humanoid-kid-9x6": (9.0, 6.0, 2.0, 5.0, 1.0, 3.0, 1.5, 1.5),
+    "hsl-s-9x6": (9.0, 6.0, 2.0, 4.0, 1.0, 3.0, 1.5, 1.5),
+    "hsl-m-14x9": (14.0, 9.0, 3.0, 6.0, 1.0, 4.0, 3.0, 2.0),
+    "hsl-l-22x14": (22.0, 14.0, 3.5, 7.0, 1.0, 5.0, 4.0, 2.5),
 }
 
 
@@ -100,6 +106,9 @@ def test_spl_9x6_has_the_sizes_of_its_rule_book_to_the_middle_of_the_lines() -> 
         ("spl-9x6", 0.05, 1.5, 0.8),
         ("humanoid-adult-14x9", 0.05, 2.6, 1.8),
         ("humanoid-kid-9x6", 0.05, 2.6, 1.2),
+        ("hsl-s-9x6", 0.05, 2.6, 1.3),
+        ("hsl-m-14x9", 0.05, 2.6, 1.6),
+        ("hsl-l-22x14", 0.12, 2.4, 1.9),
     ],
 )
 def test_goals_are_as_wide_inside_and_as_high_as_the_rules_say(
@@ -112,6 +121,17 @@ def test_goals_are_as_wide_inside_and_as_high_as_the_rules_say(
         assert abs(post.y) - 0.5 * post.diameter == pytest.approx(0.5 * inside_m)
         assert post.height == height_m
         assert post.colors_from_ground == ("white",)
+
+
+@pytest.mark.parametrize(("name", "reach_m"), [("hsl-s-9x6", None), ("hsl-m-14x9", 0.5), ("hsl-l-22x14", 1.0)])
+def test_corner_arcs_of_the_humanoid_soccer_league_reach_as_far_as_its_rules_say(
+    name: str, reach_m: float | None
+) -> None:
+    field = open_field(name)
+    assert len(field.arcs) == (0 if reach_m is None else 4)
+    for x, y, radius, *_ in field.arcs:
+        assert (abs(x), abs(y)) == (0.5 * field.length, 0.5 * field.width)
+        assert radius + 0.5 * field.line_width == reach_m
 
 
 def test_posts_and_poles_of_the_indoor_field_have_their_colours() -> None:
@@ -206,8 +226,12 @@ def test_a_recording_folder_or_a_file_is_opened_like_a_name(tmp_path: Path) -> N
     ("name", "words"),
     [
         ("msl-18x21", "msl-18x21: no such field; did you mean 'msl-18x12'?"),
-        ("?", "known: humanoid-adult-14x9, humanoid-kid-9x6, indoor-9x6, msl-18x12, msl-22x14, spl-9x6"),
-        ("missing.yaml", "missing.yaml: no such field file; presets: humanoid-adult-14x9"),
+        (
+            "?",
+            "known: hsl-l-22x14, hsl-m-14x9, hsl-s-9x6, humanoid-adult-14x9, humanoid-kid-9x6, indoor-9x6, msl-18x12, "
+            "msl-22x14, spl-9x6",
+        ),
+        ("missing.yaml", "missing.yaml: no such field file; presets: hsl-l-22x14"),
     ],
 )
 def test_an_unknown_field_is_answered_with_the_known_ones(name: str, words: str) -> None:

@@ -73,6 +73,16 @@ def test_goals_and_poles_move_with_the_edge_of_the_field() -> None:
     assert [goal.x for goal in larger.goals] == [4.975, -4.975]
 
 
+def test_goals_can_be_as_wide_as_those_of_the_hall() -> None:
+    field = field_from_letters("hall", {}, base="hsl-s-9x6", goal_width_m=1.8)
+    assert [goal.y_posts for goal in field.goals] == [(-0.95, 0.95)] * 2
+    for wrong in (0.0, -1.0, math.nan):
+        with pytest.raises(InputError, match="goal width: expected a positive number of metres"):
+            field_from_letters("hall", {}, base="hsl-s-9x6", goal_width_m=wrong)
+    with pytest.raises(InputError, match="the goal of hsl-s-9x6 does not fit"):
+        field_from_letters("hall", {}, base="hsl-s-9x6", goal_width_m=7.0)
+
+
 @pytest.mark.parametrize(
     ("letters", "key", "count"),
     [({"G": 0}, "arcs", 0), ({"H": 0}, "circles", 0), ({"C": 0, "E": 0}, "segments", 11), ({"I": 0}, "discs", 1)],

@@ -79,6 +79,18 @@ def test_a_field_is_drawn_into_a_new_picture(tmp_path: Path) -> None:
     assert "not overwritten" in refusal("spl-9x6", "--output", str(picture))
 
 
+def test_show_is_a_word_of_its_own_and_draws_the_letters(tmp_path: Path) -> None:
+    lettered, plain = tmp_path / "letters.png", tmp_path / "plain.png"
+    shown = answer("show", "hsl-m-14x9", "-o", str(lettered))
+    assert row(shown, "G") == ["G", "corner", "arc", "radius", "0.5"]
+    assert row(shown, "goals") == ["goals", "2.6", "m", "wide", "inside,", "1.6", "m", "high,", "0.7", "m", "deep"]
+    answer("hsl-m-14x9", "--no-letters", "-o", str(plain))
+    first, second = cv2.imread(str(lettered)), cv2.imread(str(plain))
+    assert first is not None
+    assert second is not None
+    assert 0.01 < (first != second).any(axis=2).mean() < 0.1
+
+
 def test_a_picture_of_another_kind_or_place_is_refused(tmp_path: Path) -> None:
     assert "written as .png or .jpg" in refusal("spl-9x6", "--output", str(tmp_path / "field.txt"))
     (tmp_path / "no").write_text("a file, no folder")
@@ -114,6 +126,12 @@ def test_sizes_may_be_measured_to_the_middle_of_the_lines(tmp_path: Path) -> Non
     path = tmp_path / "tape.yaml"
     answer("new", "tape", "A=18", "--measured-to", "middle", "--output", str(path))
     assert load_field(path).length == 18.125
+
+
+def test_a_new_field_takes_the_width_of_the_hall_s_goals(tmp_path: Path) -> None:
+    path = tmp_path / "hall.yaml"
+    answer("new", "hall", "--base", "hsl-s-9x6", "--goal-width", "1.8", "-o", str(path))
+    assert {abs(post.y) for post in load_field(path).posts} == {0.95}
 
 
 def test_an_existing_file_is_left_alone(tmp_path: Path) -> None:
@@ -179,7 +197,7 @@ def test_a_file_that_is_named_like_no_preset_and_is_no_field_is_told_as_both(
     Path("x").write_text("junk", encoding="utf-8")
     Path("junk.yaml").write_text("junk", encoding="utf-8")
     said = refusal("x")
-    assert said.startswith("x: no such preset (known: humanoid-adult-14x9,")
+    assert said.startswith("x: no such preset (known: hsl-l-22x14,")
     assert said.endswith(
         "the file of this name is no field file: x: expected keys and values at the top level, found a str"
     )

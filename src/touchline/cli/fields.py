@@ -16,14 +16,15 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from touchline.field import FieldModel
+    from touchline.field import FieldModel, Goal
 
 
 class _FieldsGroup(TyperGroup):
     """A first word that is no subcommand is the name of a field, shown by the hidden command `show`."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        return super().resolve_command(ctx, args if args[0] in ("new", "measure") else ["show", *args])
+        named = args[0] in ("new", "measure") or (args[0] == "show" and len(args) > 1)
+        return super().resolve_command(ctx, args if named else ["show", *args])
 
 
 _SCALE = 50.0  # pixels per metre
@@ -34,7 +35,9 @@ fields_app = typer.Typer(cls=_FieldsGroup, subcommand_metavar="[NAME|FILE | new 
 
 _Picture = Annotated[
     Path | None,
-    typer.Option("--output", metavar="PICTURE.png", help="Draw the field NAME into a new picture.", show_default=False),
+    typer.Option(
+        "--output", "-o", metavar="PICTURE.png", help="Draw the field NAME into a new picture.", show_default=False
+    ),
 ]
 _Scale = Annotated[
     float | None,
@@ -46,13 +49,16 @@ _Scale = Annotated[
         show_default=False,
     ),
 ]
+_Letters = Annotated[
+    bool, typer.Option("--letters/--no-letters", help="Draw the rulebook's letters into the picture, where known.")
+]
 
 
 @fields_app.callback(invoke_without_command=True)
 def fields(ctx: typer.Context, output: _Picture = None, scale: _Scale = None) -> None:
     """List the preset fields; with NAME or FILE show one field; with new make your own, with measure measure it.
 
-    touchline fields msl-18x12 --output field.png   shows and draws one.
+    touchline fields show msl-18x12 -o field.png   shows and draws one, with the rulebook's letters.
     """
     if ctx.invoked_subcommand != "show" and (output is not None or scale is not None):
         raise InputError("--output and --scale draw one field: touchline fields NAME --output PICTURE.png")
@@ -67,6 +73,7 @@ def show(
     name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, a field.yaml or a recording.")],
     output: _Picture = None,
     scale: _Scale = None,
+    letters: _Letters = True,
 ) -> None:
     """Show one field: its sizes, lines, crossings, posts and poles."""
     before = ctx.obj if isinstance(ctx.obj, tuple) else (None, None)  # options may stand before the name, too
@@ -79,7 +86,7 @@ def show(
     out.print(_sizes(field))
     out.print(_counts(field))
     if output is not None:
-        _draw(field, output, scale if scale is not None else _SCALE)
+        _draw(field, output, scale if scale is not None else _SCALE, letters)
         out.print(f"drawn into {output}", markup=False)
 
 
@@ -99,6 +106,14 @@ def new(
     measured_to: Annotated[
         str, typer.Option(metavar="edge|middle", help="What the sizes reach to: the lines' outer edge or middle.")
     ] = "edge",
+    goal_width: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Between the insides of a goal's posts, which no letter names (default: the base's).",
+            show_default=False,
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="The new file (default: NAME.yaml).", show_default=False),
@@ -110,7 +125,7 @@ def new(
         raise InputError(f"--measured-to {measured_to}: expected edge or middle")
     from touchline.field import field_from_letters, open_field, preset_names
 
-    field = field_from_letters(name, sizes, base, "middle" if measured_to == "middle" else "edge")
+    field = field_from_letters(name, sizes, base, "middle" if measured_to == "middle" else "edge", goal_width)
     path = output if output is not None else Path(f"{name}.yaml")
     check_new_file(path, (".yaml", ".yml"), "a field")
     field.to_yaml(path)
@@ -203,9 +218,15 @@ def _counts(field: FieldModel) -> Table:
     table.add_row("marks", str(len(field.discs)))
     table.add_row("crossings L, T, X", f"{corners}, {tees}, {crosses}")
     table.add_row("goal posts", _with_colors(goal_posts))
+    for height, depth, width in sorted({(g.height, g.depth, _inside_m(g)) for g in field.goals}):
+        table.add_row("goals", f"{width:g} m wide inside, {height:g} m high, {depth:g} m deep")
     table.add_row("poles", _with_colors(poles))
     table.add_row("same after half a turn", "yes" if field.is_symmetric else "no")
     return table
+
+
+def _inside_m(goal: Goal) -> float:
+    return round(max(goal.y_posts) - min(goal.y_posts) - goal.post_width, 6)
 
 
 def _with_colors(posts: list[Any]) -> str:
@@ -228,9 +249,13 @@ def _table(*titles: str, numbers_from: int | None = None) -> Table:
     return table
 
 
-def _draw(field: FieldModel, path: Path, pixels_per_metre: float) -> None:
-    from touchline.field.drawing import draw_field
+def _draw(field: FieldModel, path: Path, pixels_per_metre: float, letters: bool) -> None:
+    from touchline.field.drawing import draw_field, field_view
+    from touchline.field.lettering import draw_letters
     from touchline.view.picture_files import check_new_picture, save_picture
 
     check_new_picture(path)
-    save_picture(path, draw_field(field, pixels_per_metre))
+    picture = draw_field(field, pixels_per_metre)
+    if letters:
+        picture = draw_letters(picture, field, field_view(field, pixels_per_metre))
+    save_picture(path, picture)

@@ -15,7 +15,7 @@ import numpy as np
 
 from touchline.errors import InputError
 from touchline.field.catalogue import open_field
-from touchline.field.model import FieldModel
+from touchline.field.model import FieldModel, Goal
 
 LETTERS: Mapping[str, str] = {
     "A": "field length",
@@ -46,11 +46,13 @@ def field_from_letters(
     letters: Mapping[str, float],
     base: str | Path | FieldModel = "msl-22x14",
     measured_to: Literal["edge", "middle"] = "edge",
+    goal_width_m: float | None = None,
 ) -> FieldModel:
     """A field from rulebook letters (m); those not given are the base's, as are goals and poles, moved with the edge.
 
     measured_to: what the letters given here reach to, the outer edge of the lines as in the rules or their middle; the
     radius G of a corner arc is then how far it reaches along the lines. The field's own letters are to the edge.
+    goal_width_m: between the insides of a goal's posts, which no letter names; None: as the base's.
     Raises InputError for an unknown letter, a size that is no length, parts that do not fit into each other, and a
     base whose letters are not known.
     """
@@ -69,7 +71,7 @@ def field_from_letters(
     size = {key: values.get(key, 0.0) for key in LETTERS}
     _check_fit(size)
     shift_x, shift_y = 0.5 * (size["A"] - origin.length), 0.5 * (size["B"] - origin.width)
-    goals = [replace(goal, x=_moved(goal.x, shift_x)) for goal in origin.goals]
+    goals = [replace(_of_width(goal, goal_width_m), x=_moved(goal.x, shift_x)) for goal in origin.goals]
     for goal in goals:
         if max(map(abs, goal.y_posts)) + 0.5 * goal.post_width > 0.5 * size["B"]:
             raise InputError(f"letter B, the field width of {size['B']:g} m: the goal of {origin.name} does not fit")
@@ -85,6 +87,16 @@ def field_from_letters(
         letters=values,
         **_paint(size),
     )
+
+
+def _of_width(goal: Goal, inside_m: float | None) -> Goal:
+    """A goal as wide between its posts as given; one of other than two posts, and None, leave it as it is."""
+    if inside_m is None or len(goal.y_posts) != 2:
+        return goal
+    if not (math.isfinite(inside_m) and inside_m > 0.0):
+        raise InputError(f"goal width: expected a positive number of metres, found {inside_m!r}")
+    half = round(0.5 * (inside_m + goal.post_width), 9)
+    return replace(goal, y_posts=(-half, half))
 
 
 def _moved(coordinate: float, outwards: float) -> float:
