@@ -114,7 +114,7 @@ def test_too_few_points_are_refused_with_status_1(tmp_path: Path, capsys: pytest
         (["good.csv", "--heading", "nan"], "the heading nan is not an angle"),
         (["good.csv", "--heading", "-inf"], "the heading -inf is not an angle"),
         (["."], ".: is a folder; expected one CSV file of line points or one image"),
-        (["good.csv", "--field", "good.csv"], "good.csv: no such preset (known: humanoid-adult-14x9"),
+        (["good.csv", "--field", "good.csv"], "good.csv: no such preset (known: hsl-l-22x14"),
     ],
 )
 def test_bad_input_ends_with_status_2_and_one_message(
