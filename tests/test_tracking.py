@@ -164,7 +164,12 @@ def on_a_lone_line(tracker: Tracker, pose: Pose, ahead_m: float | None = None) -
     if ahead_m is not None:
         points = np.concatenate((points, np.column_stack((np.full(10, ahead_m), np.linspace(-0.9, 0.5, 10)))))
     points = points + np.random.default_rng(3).normal(0.0, 0.01, points.shape)
-    seen = points_at(pose.inverse().compose(Pose(pose.x, -4.5, 0.0)).transform(points))
+    return seen_from(tracker, pose.inverse().compose(Pose(pose.x, -4.5, 0.0)).transform(points), pose)
+
+
+def seen_from(tracker: Tracker, points: np.ndarray, pose: Pose) -> tuple[MatchInput, Match]:
+    """Points (N, 2) of one frame, all alike and of an upright mirror, and their match from a pose."""
+    seen = points_at(points)
     tilt = MirrorTilt(FIELD, MirrorTiltSettings(paper=MirrorTiltPaper(enabled=False, displacement=False)))
     weights = np.full(len(points), 1.0 / len(points))
     view = MatchInput(seen, weights, True, None, tilt, CompassCorrection(CompassSettings()))
@@ -192,6 +197,19 @@ def test_after_a_contradiction_a_lone_line_leaves_what_a_shove_may_have_moved_al
         deviations = np.sqrt(np.diag(tracker.filter.covariance))
         assert deviations[0] == pytest.approx(along_m, abs=0.01)
         assert deviations[1] < 0.05
+
+
+@pytest.mark.parametrize("clutter", [0.0, 0.2])
+@pytest.mark.parametrize("shove", [Pose(0.03, -0.04, 0.03), Pose(-0.09, 0.03, 0.04)])
+def test_a_short_shove_is_followed_though_points_off_the_lines_hide_it(shove: Pose, clutter: float) -> None:
+    """Halfway to the prediction, or there, is as wrong as no match."""
+    tracker, truth = Tracker(Matcher(FIELD.distance_map())), Pose(-3.5, 1.0, 0.4)
+    points = view(FIELD, truth, np.random.default_rng(2), count=200, noise=0.005, clutter=clutter)
+    seen, match = seen_from(tracker, points, truth)
+    tracker.start_at(truth.compose(shove.inverse()), tight(0.008, 0.005))
+    assert tracker.fuse(seen, match) is Fusion.SHOVED
+    assert tracker.filter.pose.distance_to(truth) < 0.01
+    assert tracker.filter.pose.heading == pytest.approx(truth.heading, abs=0.004)
 
 
 def test_small_errors_are_equal_within_a_margin_large_ones_within_a_factor() -> None:

@@ -120,12 +120,13 @@ class Tracker:
             self.filter.update(match.pose, match.inflation * match.covariance)
             return Fusion.SUPPORTS
         there = self._seen_from_prediction(view, match)
-        observed = self._fuse_observable_directions(view, match, there)
-        if observed is not Fusion.CONTRADICTS:
-            return observed
-        error = self.matcher.error(view.positions_m, view.weights, self.filter.pose.as_array())
-        if error <= equal_error(match.error):
-            return Fusion.SUPPORTS
+        if not self._shows_a_shove(match, there):
+            observed = self._fuse_observable_directions(view, match, there)
+            if observed is not Fusion.CONTRADICTS:
+                return observed
+            error = self.matcher.error(view.positions_m, view.weights, self.filter.pose.as_array())
+            if error <= equal_error(match.error):
+                return Fusion.SUPPORTS
         # where the prediction sees a lone line, one frame's few points beside it are no proof of a shove along it
         proven = self._contradicted > 0 or is_observed(there) or widest_m(match.covariance) < SURE_M
         trusted = s.paper.any_shove or (proven and self._may_be_shove(match))
@@ -155,6 +156,16 @@ class Tracker:
         far_m = predicted.distance_to(pose) - 3.0 * math.sqrt(variances[0] + variances[1])
         turned_rad = abs(wrap_angle(pose.heading - predicted.heading)) - 3.0 * math.sqrt(variances[2])
         return far_m < MAX_SHOVE_M and turned_rad < MAX_SHOVE_RAD and is_observed(match.covariance)
+
+    def _shows_a_shove(self, match: Match, there: FloatArray) -> bool:
+        """Whether lines fix match and prediction, so that what lies between is no slide along a line but a shove.
+
+        However short: points off the lines, as other robots' are, raise the error of both alike. there (3, 3): what the
+        points leave open at the prediction.
+        """
+        fixed = max(widest_m(there), widest_m(match.covariance)) < SURE_M
+        distance2 = self.filter.distance2_to(match.pose, match.inflation * match.covariance)
+        return fixed and distance2 > self.settings.gate and self._may_be_shove(match)
 
     def _seen_from_prediction(self, view: MatchInput, match: Match) -> FloatArray:
         """Covariance (3, 3) that the points leave a pose where the prediction is, in (m, m, rad)."""
