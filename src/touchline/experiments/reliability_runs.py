@@ -41,7 +41,8 @@ class LaidIn(Protocol):
 
 class Outcome(NamedTuple):
     """One run of N frames: times_s, errors_m, deviations_m that the system states, all (N,); and of each frame whether
-    it was called tracking, was wrong, was right, and whether the pose at the other end of the field was named (N,).
+    it was called tracking, was wrong, was right, whether the pose at the other end of the field was named, and whether
+    the told one is at the other end (N,).
     """
 
     times_s: FloatArray
@@ -51,6 +52,7 @@ class Outcome(NamedTuple):
     off: npt.NDArray[np.bool_]
     near: npt.NDArray[np.bool_]
     twin_named: npt.NDArray[np.bool_]
+    flipped: npt.NDArray[np.bool_]
 
     @property
     def wrong(self) -> npt.NDArray[np.bool_]:
@@ -90,8 +92,9 @@ def followed(system: str, setup: RobotSetup, drive: Drive, seed: int) -> Outcome
 
 def outcome(drive: Drive, estimates: Sequence[Estimate]) -> Outcome:
     """Estimates beside the truth."""
-    errors = np.array([estimate.pose for estimate in estimates]) - drive.truth
-    errors_m, turned = np.hypot(errors[:, 0], errors[:, 1]), np.abs(wrap_angles(errors[:, 2]))
+    poses = np.array([estimate.pose for estimate in estimates])
+    errors_m, turned = _errors(poses, drive.truth)
+    twins_m, twins_turned = _errors(poses * np.array([-1.0, -1.0, 1.0]) + np.array([0.0, 0.0, np.pi]), drive.truth)
     return Outcome(
         drive.times_s,
         errors_m,
@@ -100,7 +103,14 @@ def outcome(drive: Drive, estimates: Sequence[Estimate]) -> Outcome:
         (errors_m > WRONG_M) | (turned > WRONG_RAD),
         (errors_m < RIGHT_M) & (turned < RIGHT_RAD),
         np.array([_names(e, Pose(*truth)) for e, truth in zip(estimates, drive.truth.tolist(), strict=True)]),
+        (twins_m < WRONG_M) & (twins_turned < WRONG_RAD),
     )
+
+
+def _errors(poses: FloatArray, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N,) distances and absolute turns of poses (N, 3) from the truth (N, 3)."""
+    errors = poses - truth
+    return np.hypot(errors[:, 0], errors[:, 1]), np.abs(wrap_angles(errors[:, 2]))
 
 
 def _names(estimate: Estimate, truth: Pose) -> bool:

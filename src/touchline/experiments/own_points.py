@@ -1,0 +1,231 @@
+"""Point sets of single observations, for `own`: how near to the bound a pose is found, and which poses are kept.
+
+The sets are drawn as the public one is: poses all over the 18 x 12 m field, points of lines within 6 m, their ranges
+and bearings with the noise of a usual camera, some of them clutter.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.evaluation.points.bench import RIGHT_M, RIGHT_RAD, PointBench, bench_points
+from touchline.evaluation.points.localizers import point_localizer
+from touchline.evaluation.points.point_set import USUAL_NOISE, PointSet, polar_covariances
+from touchline.experiments.own_table import OWN, row
+from touchline.experiments.progress import follow, tell
+from touchline.experiments.result import interval, rate
+from touchline.experiments.scenes import FIELD, random_place
+from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.registration.pose_search import Mode, PoseSearch
+from touchline.localization.registration.registration import Registration
+from touchline.types import LinePoints
+
+FRAMES = 300  # of a set
+SYSTEMS = (OWN, "nubot-mti")
+NEAREST_M, FARTHEST_M = 0.5, 6.0
+MOST_POINTS, FEWEST_POINTS = 100, 20  # of lines, in a frame
+SPACING_M = 0.02  # of the places on the lines that points are drawn from
+START_M, START_RAD = 0.15, math.radians(5.0)  # standard deviations of the pose that a search begins at
+COMPASS_RAD = math.radians(5.0)
+FAR_M, FAR_RAD = 1.0, math.radians(45.0)  # a start that is far off
+
+
+class View(NamedTuple):
+    """What is seen in the frames of a set: which share is clutter, and the angle of the view.
+
+    first, among: asked of the likeliest mode, and of all that are kept.
+    """
+
+    name: str
+    clutter: float = 0.05
+    angle_rad: float = 2.0 * math.pi
+    first: str = "–"
+    among: str = "≥ 98"
+
+
+FULL = View("full view", first="≥ 99.9")
+VIEWS = (
+    FULL,
+    View("30 % clutter", clutter=0.3, first="≥ 99.5"),
+    View("50 % clutter", clutter=0.5, first="≥ 95"),
+    View("half of the view", angle_rad=math.pi),
+    View("a sector of 120°", angle_rad=math.radians(120.0)),
+)
+SURE = (0.85, 0.95)  # probability of the modes that are looked at
+
+
+class Kept(NamedTuple):
+    """Of a search from nothing in every frame: share of the likeliest modes that are right, or right at the other end,
+    and of the frames with a right one among all modes; how many modes were as probable as SURE says, and how many of
+    these were right; median time (ms).
+    """
+
+    first: float
+    among: float
+    sure: int
+    sure_right: int
+    median_ms: float
+
+
+def point_rows(seeds: int) -> list[tuple[str, ...]]:
+    """Errors beside the bound, capture from afar, and the modes of the search."""
+    sets = [drawn_set(FULL, FRAMES, np.random.default_rng([seed, 15])) for seed in range(seeds)]
+    found = {}
+    for system in follow(SYSTEMS, "point sets"):
+        found[system] = [bench_points(points, point_localizer(system, points.field)) for points in sets]
+    rows = [each for way in ("init", "compass", "none") for each in _way_rows(way, found)]
+    tell("searches from afar")
+    far = [from_far(points, np.random.default_rng([seed, 16])) for seed, points in enumerate(sets)]
+    rows.append(row("points, from 1 m and 45° off", "found (%)", "≥ 99.9", {OWN: interval([100 * x for x, _ in far])}))
+    rows.append(row("", "time (ms)", "≤ 1", {OWN: interval([ms for _, ms in far])}))
+    for view in follow(VIEWS, "searches of the field"):
+        rows += _search_rows(view, seeds)
+    return rows
+
+
+def _way_rows(way: str, found: dict[str, list[PointBench]]) -> list[tuple[str, ...]]:
+    told = {system: [getattr(bench, way) for bench in benches] for system, benches in found.items()}
+    name = {"init": "from a pose near by", "compass": "from a compass alone", "none": "from nothing"}[way]
+    tracks = way == "init"
+    return [
+        row(
+            f"points, {name}",
+            "error over the bound",
+            "≤ 1.13" if tracks else "–",
+            {system: interval([one.times_bound for one in each], 3) for system, each in told.items()},
+        ),
+        row("", "found (%)", "≥ 99.9", {s: interval([100.0 * one.success for one in x]) for s, x in told.items()}),
+        row(
+            "",
+            "time (µs)",
+            "≤ 60" if tracks else "≤ 3000",
+            {system: interval([one.us_per_update for one in each], 0) for system, each in told.items()},
+        ),
+    ]
+
+
+def _search_rows(view: View, seeds: int) -> list[tuple[str, ...]]:
+    kept = [kept_modes(drawn_set(view, FRAMES, np.random.default_rng([seed, 17]))) for seed in range(seeds)]
+    sure, right = sum(one.sure for one in kept), sum(one.sure_right for one in kept)
+    first, among = ([100.0 * getattr(one, name) for one in kept] for name in ("first", "among"))
+    low, high = (f"{100 * share:.0f}" for share in SURE)
+    return [
+        row(f"points, {view.name}, from nothing", "likeliest right (%)", view.first, {OWN: interval(first)}),
+        row("", "right among the modes (%)", view.among, {OWN: interval(among)}),
+        row("", f"right of the modes given {low} to {high} %", f"{low}-{high} %", {OWN: rate(right, sure)}),
+        row("", "time (ms)", "≤ 3", {OWN: interval([one.median_ms for one in kept])}),
+    ]
+
+
+def drawn_set(view: View, frames: int, rng: np.random.Generator) -> PointSet:
+    """A set of so many frames."""
+    field = open_field(FIELD)
+    places = _along_lines(field)
+    truth: list[FloatArray] = []
+    points: list[LinePoints] = []
+    clutter: list[npt.NDArray[np.bool_]] = []
+    while len(truth) < frames:
+        pose = random_place(field, rng, margin_m=0.5)
+        seen = _seen(pose, places, view, rng)
+        if seen is not None:
+            truth.append(pose.as_array())
+            points.append(seen[0])
+            clutter.append(seen[1])
+    poses = np.array(truth)
+    init = poses + rng.standard_normal((frames, 3)) * np.array([START_M, START_M, START_RAD])
+    compass = poses[:, 2] + COMPASS_RAD * rng.standard_normal(frames)
+    return PointSet(view.name, field, tuple(points), poses, init, compass, tuple(clutter))
+
+
+def from_far(points: PointSet, rng: np.random.Generator) -> tuple[float, float]:
+    """Our own search near a start that is FAR_M and FAR_RAD off: share of the frames found, median time (ms)."""
+    search, found, times_s = _search(points.field), [], []
+    for k, frame in enumerate(points.points):
+        aside = rng.uniform(-math.pi, math.pi)
+        off = np.array([FAR_M * math.cos(aside), FAR_M * math.sin(aside), FAR_RAD * rng.choice((-1.0, 1.0))])
+        begun_s = time.perf_counter()
+        modes = search.near(frame.positions_m, frame.covariances_m2, points.truth[k] + off, 1.2 * FAR_M, 1.2 * FAR_RAD)
+        times_s.append(time.perf_counter() - begun_s)
+        found.append(bool(modes) and _is_right(modes[0].pose, points.truth[k], twins=False))
+    return float(np.mean(found)), 1e3 * float(np.median(times_s))
+
+
+def kept_modes(points: PointSet) -> Kept:
+    """Our own search from nothing: are the right poses kept, and are the modes as probable as they say?"""
+    search, right, told, times_s = _search(points.field), [], [], []
+    for k, frame in enumerate(points.points):
+        begun_s = time.perf_counter()
+        modes = search.everywhere(frame.positions_m, frame.covariances_m2)
+        times_s.append(time.perf_counter() - begun_s)
+        right.append([_is_right(mode.pose, points.truth[k]) for mode in modes])
+        told.append(_shares(modes))
+    sure = [
+        is_right
+        for each, shares in zip(right, told, strict=True)
+        for is_right, share in zip(each, shares, strict=True)
+        if SURE[0] <= share < SURE[1]
+    ]
+    return Kept(
+        float(np.mean([bool(each) and each[0] for each in right])),
+        float(np.mean([any(each) for each in right])),
+        len(sure),
+        sum(sure),
+        1e3 * float(np.median(times_s)),
+    )
+
+
+def _shares(modes: Sequence[Mode]) -> list[float]:
+    """Each mode's probability together with its twin's."""
+    return [sum(other.probability for other in modes if _is_right(other.pose, mode.pose.as_array())) for mode in modes]
+
+
+def _search(field: FieldModel) -> PoseSearch:
+    return PoseSearch(field, Registration(field.distance_map()))
+
+
+def _is_right(pose: Pose, truth: FloatArray, twins: bool = True) -> bool:
+    ends = (pose, pose.mirrored()) if twins else (pose,)
+    place = Pose(*truth.tolist())
+    return any(
+        end.distance_to(place) < RIGHT_M and abs(wrap_angle(end.heading - place.heading)) < RIGHT_RAD for end in ends
+    )
+
+
+def _along_lines(field: FieldModel) -> FloatArray:
+    """(N, 2) places on all lines, SPACING_M apart, field frame."""
+    found = []
+    for line in field.polylines():
+        lengths = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))))
+        at = np.arange(0.0, lengths[-1], SPACING_M)
+        found.append(np.column_stack([np.interp(at, lengths, line[:, axis]) for axis in (0, 1)]))
+    return np.concatenate(found)
+
+
+def _seen(
+    pose: Pose, places: FloatArray, view: View, rng: np.random.Generator
+) -> tuple[LinePoints, npt.NDArray[np.bool_]] | None:
+    """Points of one frame, and which of them are clutter; None where too little is in view."""
+    offsets = places - pose.as_array()[:2]
+    ranges = np.hypot(offsets[:, 0], offsets[:, 1])
+    bearings = np.remainder(np.arctan2(offsets[:, 1], offsets[:, 0]) - pose.heading + np.pi, 2.0 * np.pi) - np.pi
+    near = (ranges > NEAREST_M) & (ranges < FARTHEST_M) & (np.abs(bearings) <= 0.5 * view.angle_rad)
+    picked = np.flatnonzero(near & (rng.random(len(places)) < NEAREST_M / np.maximum(ranges, NEAREST_M)))
+    if len(picked) < FEWEST_POINTS:
+        return None
+    picked = rng.permutation(picked)[:MOST_POINTS]
+    share, fixed_m, turn = USUAL_NOISE
+    noisy = ranges[picked] + (share * ranges[picked] + fixed_m) * rng.standard_normal(len(picked))
+    turned = bearings[picked] + turn * rng.standard_normal(len(picked))
+    false = rng.random(len(picked)) < view.clutter
+    noisy[false] = rng.uniform(NEAREST_M, FARTHEST_M, np.count_nonzero(false))
+    turned[false] = 0.5 * view.angle_rad * rng.uniform(-1.0, 1.0, np.count_nonzero(false))
+    at = np.ascontiguousarray(np.column_stack((noisy * np.cos(turned), noisy * np.sin(turned))))
+    n = len(at)
+    return LinePoints(at, polar_covariances(at, USUAL_NOISE), np.ones(n), np.full((n, 2), np.nan)), false

@@ -1,0 +1,105 @@
+"""The experiment `own`: what is drawn, what counts, and its table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from touchline.experiments import own_drives, own_play, own_points
+from touchline.experiments.faults import Drive
+from touchline.experiments.own_drives import Errors
+from touchline.experiments.own_table import COLUMNS, SYSTEMS, row
+from touchline.experiments.reliability_runs import Outcome
+from touchline.field import open_field
+from touchline.field.distances import distances_to_lines
+from touchline.geometry import FloatArray, Pose
+from touchline.localization.registration.pose_search import Mode
+from touchline.systems import RobotSetup
+
+FIELD = open_field("msl-18x12")
+
+
+def test_drawn_points_lie_on_lines_but_for_the_clutter_and_within_the_view() -> None:
+    view = own_points.View("", clutter=0.3, angle_rad=np.pi)
+    drawn = own_points.drawn_set(view, 30, np.random.default_rng(0))
+    assert len(drawn) == 30
+    assert drawn.clutter is not None
+    false = np.concatenate(drawn.clutter)
+    away = np.concatenate(
+        [
+            distances_to_lines(FIELD.line_tables, Pose(*truth).transform(points.positions_m))
+            for truth, points in zip(drawn.truth.tolist(), drawn.points, strict=True)
+        ]
+    )
+    assert false.mean() == pytest.approx(0.3, abs=0.03)
+    assert np.quantile(away[~false], 0.95) < 0.2 < np.quantile(away[false], 0.7)
+    seen = np.concatenate([points.positions_m for points in drawn.points])
+    assert (np.abs(np.arctan2(seen[:, 1], seen[:, 0])) < np.radians(93.0)).all()
+    normalised = [
+        np.sqrt(points.covariances_m2[~told].trace(axis1=1, axis2=2)).mean()
+        for points, told in zip(drawn.points, drawn.clutter, strict=True)
+    ]
+    assert 0.02 < np.mean(normalised) < 0.15
+
+
+def test_of_sure_modes_those_that_are_right_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = own_points.drawn_set(own_points.FULL, 4, np.random.default_rng(0))
+    right = [Pose(*truth) for truth in drawn.truth.tolist()]
+
+    class Search:
+        def __init__(self) -> None:
+            self.frame = -1
+
+        def everywhere(self, *_: object) -> tuple[Mode, ...]:
+            """Both ends share 0.9; right in all frames but the first."""
+            self.frame += 1
+            found = Pose(0.0, 0.0, 0.0) if self.frame == 0 else right[self.frame]
+            return tuple(
+                Mode(pose, np.eye(3), share, 0.0, 1.0, 1.0)
+                for pose, share in ((found, 0.45), (found.mirrored(), 0.45), (Pose(1.0, 1.0, 1.0), 0.1))
+            )
+
+    monkeypatch.setattr(own_points, "_search", lambda field: Search())
+    found = own_points.kept_modes(drawn)
+    assert (found.first, found.among, found.sure, found.sure_right) == (0.75, 0.75, 8, 6)
+
+
+@pytest.fixture
+def outcomes(monkeypatch: pytest.MonkeyPatch) -> Callable[[FloatArray, FloatArray], own_play.Played]:
+    """Play of 40 frames, 0.1 s apart: tracked and flipped where it is told."""
+
+    def played(tracking: FloatArray, flipped: FloatArray) -> own_play.Played:
+        times_s = 0.1 * np.arange(40)
+        off = flipped > 0
+        outcome = Outcome(times_s, np.where(off, 8.0, 0.1), times_s, tracking > 0, off, ~off, off & False, off)
+        monkeypatch.setattr(own_play, "followed", lambda *_: outcome)
+        frames = own_drives.driven("straight-tracks", 0, 4.0)[0].frames[:40]
+        return own_play.played_on(Drive(frames, np.zeros((40, 3)), FIELD), RobotSetup(FIELD), 0)
+
+    return played
+
+
+def test_a_flip_counts_while_it_is_called_tracking(
+    outcomes: Callable[[FloatArray, FloatArray], own_play.Played],
+) -> None:
+    at = np.arange(40)
+    found = outcomes(at < 30, at >= 10)
+    assert found.flip_s == pytest.approx(2.0)
+    assert found.loss_s == pytest.approx(2.0)
+    assert found.tracked == 0.75
+    assert found.error_m == pytest.approx((10 * 0.1 + 20 * 8.0) / 30)
+
+
+def test_ours_stands_beside_the_best_other_robot_by_robot() -> None:
+    runs = [{system: Errors(1.0 + k + n, 2.0, 0.1, 100.0, n) for k, system in enumerate(SYSTEMS)} for n in range(3)]
+    rows = own_drives._rows(own_drives.CONDITIONS[0], runs)
+    assert all(len(each) == len(COLUMNS) for each in rows)
+    assert rows[0][:4] == (own_drives.CONDITIONS[0].name, "mean (cm)", "–", "2.00 [1.00, 3.00]")
+    assert rows[0][-1] == "-1.00 [-1.00, -1.00]"
+    assert rows[4][3] == "2"
+
+
+def test_a_row_has_a_dash_where_nothing_is_told() -> None:
+    assert row("a", "b", "c", {"nubot-mcl": "1"}) == ("a", "b", "c", "–", "–", "1", "–", "–")
