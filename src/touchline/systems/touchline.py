@@ -7,13 +7,18 @@ image ─▶ line points ─▶ registration from every hypothesis ─▶ filter
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings
+from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.field_end import FieldEnd
-from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter, Scales
+from touchline.localization.fusion.joint_filter import JointFilter, Unknown
+from touchline.localization.fusion.mirror_head import MirrorHead
+from touchline.localization.fusion.pose_filter import Scales
 from touchline.localization.fusion.pose_hypotheses import Member, PoseHypotheses
 from touchline.localization.matching.covariance import is_observed
 from touchline.localization.registration.pose_search import Known, Mode, PoseSearch
@@ -29,6 +34,10 @@ UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may
 
 class TouchlineSettings(Settings):
     """The few things that somebody would tune; all else are constants beside their use."""
+
+    removed: ClassVar[Mapping[str, str]] = constants_now(
+        "touchline.localization.fusion.pose_hypotheses", "shove_m", "shove_rad"
+    )
 
     min_points: int = Field(10, ge=1, le=10_000, description="line points without which an image tells nothing")
     min_explained: float = Field(
@@ -49,10 +58,11 @@ class TouchlineSettings(Settings):
     gate: float = Field(
         16.3, gt=0, description="squared Mahalanobis distance from the prediction from which the robot was shoved"
     )
-    shove_m: float = Field(0.6, gt=0, description="how far a shove moves the robot at most (m)")
-    shove_rad: float = Field(0.8, gt=0, description="how far a shove turns the robot at most (rad)")
     start_position_m: float = Field(0.3, gt=0, description="standard deviation of x and y of a pose that is told (m)")
     start_heading_rad: float = Field(0.15, gt=0, description="standard deviation of a heading that is told (rad)")
+    self_calibration: bool = Field(
+        True, description="learn from the lines what a mirror differs by from its camera.yaml: tilt, centre, ranges"
+    )
     odometry: OdometrySettings = OdometrySettings()
     compass_track: CompassTrackSettings = CompassTrackSettings()
 
@@ -75,9 +85,11 @@ class Touchline:
         self._distance_map = field.distance_map()
         registration = Registration(self._distance_map)
         self.search = PoseSearch(field, registration)
-        self.scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
+        head = MirrorHead(camera)
+        scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
+        self.unknown = Unknown(scales, head.unknown, s.self_calibration)
         start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
-        self.hypotheses = PoseHypotheses(registration, start, s.gate, s.shove_m, s.shove_rad)
+        self.hypotheses = PoseHypotheses(registration, start, head, s.gate)
         self.end = FieldEnd(field.is_symmetric)
         self.reset()
 
@@ -88,6 +100,7 @@ class Touchline:
             self.detector.reset()
         self.history.clear()
         self.hypotheses.members = []
+        self.hypotheses.head.reset()
         self.own_half = prior.own_half
         self.end.reset(told=prior.pose is not None)
         if prior.pose is not None:
@@ -121,12 +134,13 @@ class Touchline:
     def _search(self, observation: Observation, compass_rad: float | None) -> None:
         self.since_search = 0
         points, before = observation.points, self.hypotheses.best
-        modes = self.search.everywhere(points.positions_m, points.covariances_m2, self._known(compass_rad))
+        upright = self.hypotheses.upright(points)
+        modes = self.search.everywhere(upright, points.covariances_m2, self._known(compass_rad))
         if self.own_half and before is None:
             modes = tuple(mode for mode in modes if mode.pose.x <= 0.0)
         if self.end.symmetric:
             modes = self._at_one_end(modes)
-        self.hypotheses.add(modes)
+        self.hypotheses.add(modes, points)
         best = self.hypotheses.best
         if best is not None and best is not before:  # found, or found elsewhere
             self.end.begin(self.own_half and before is None, self._compass_error(best.filter.pose, compass_rad))
@@ -174,10 +188,10 @@ class Touchline:
     def _compass_error(pose: Pose, compass_rad: float | None) -> float | None:
         return None if compass_rad is None else wrap_angle(compass_rad - pose.heading)
 
-    def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PoseFilter:
+    def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> JointFilter:
         s = self.settings
         told = np.diag(np.square([s.start_position_m, s.start_position_m, s.start_heading_rad]))
-        return PoseFilter(pose, told if covariance is None else covariance, FusionSettings(), self.scales)
+        return JointFilter(pose, told if covariance is None else covariance, self.unknown)
 
     def _report(self, observation: Observation, clock: Stopwatch) -> Estimate:
         best, end = self.hypotheses.best, self.end.probability
@@ -215,7 +229,7 @@ class Touchline:
         """Mean distance of the points from the lines (m); NaN without points."""
         if len(observation.points) == 0:
             return float("nan")
-        distances, _ = self._distance_map.look_up(pose.transform(observation.points.positions_m))
+        distances, _ = self._distance_map.look_up(pose.transform(self.hypotheses.upright(observation.points)))
         return float(distances.mean())
 
 

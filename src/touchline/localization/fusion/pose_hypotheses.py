@@ -12,51 +12,57 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
-from touchline.localization.fusion.pose_filter import PoseFilter
+import numpy as np
+
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.fusion.joint_filter import JointFilter
+from touchline.localization.fusion.mirror_head import MirrorHead
+from touchline.localization.registration.mirror_kernels import StateFit
 from touchline.localization.registration.pose_search import Mode
-from touchline.localization.registration.registration import Registered, Registration
+from touchline.localization.registration.registration import SETTLED, UNSETTLED, Registration
 from touchline.motion import Motion
 from touchline.types import LinePoints
 
 REPEATED = 4.0  # so many points err together, neighbours on a line: a frame tells so much less
 CARRIED_AWAY = -6.0  # logarithm of the odds that the robot was moved unfelt, in a frame that makes one search
 SHOVE = -2.0  # and that it was shoved since the last frame, against the odometry being right
+SHOVE_M, SHOVE_RAD = 0.6, 0.8  # how far a shove moves and turns the robot at most
 UNLIKELY = 9.0  # logarithm of odds against the best from which a member is dropped
 MOST = 12  # members
 SAME_M, SAME_RAD = 0.25, 0.1  # members nearer than this are one
 MIN_EXPLAINED = 0.4  # share of the points that a pose has to explain to be corrected by them
-MOST_NOISE = 10.0  # of squared residuals against the points' variances: what is more is no camera's noise
+ANYWHERE = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose of which nothing is known
 
 
 @dataclass(eq=False, slots=True)
 class Member:
-    """A pose hypothesis: its filter, log-odds, and the last registration of points from it; None before the first."""
+    """A pose hypothesis: its filter, log-odds, and the last fit of points from it; None before the first."""
 
-    filter: PoseFilter
+    filter: JointFilter
     log_odds: float
-    registered: Registered | None = None
+    fit: StateFit | None = None
 
     @property
     def explained(self) -> float:
         """Share of the last frame's points that it explains."""
-        return 0.0 if self.registered is None else self.registered.explained
+        return 0.0 if self.fit is None else self.fit.explained
+
+    @property
+    def told(self) -> float:
+        """What the last frame has added to its log-odds."""
+        return 0.0 if self.fit is None else self.fit.log_likelihood / REPEATED
 
 
 class PoseHypotheses:
     """`members`, the likeliest first. start: a filter without a pose, from which those of new members are made.
 
-    gate: squared Mahalanobis distance of a registration from the prediction beyond which the robot was shoved. reach_m,
-    reach_rad: of such a shove.
+    gate: squared Mahalanobis distance of a registration from the prediction beyond which the robot was shoved.
     """
 
-    def __init__(
-        self, registration: Registration, start: PoseFilter, gate: float, reach_m: float, reach_rad: float
-    ) -> None:
+    def __init__(self, registration: Registration, start: JointFilter, head: MirrorHead, gate: float) -> None:
         self.registration = registration
-        self.start = start
+        self.start, self.head = start, head
         self.gate = gate
-        self.reach_m, self.reach_rad = reach_m, reach_rad
         self.members: list[Member] = []
 
     @property
@@ -74,49 +80,79 @@ class PoseHypotheses:
         for one in self.members:
             one.filter.predict(motion.pose, motion.covariance)
 
-    def update(self, points: LinePoints) -> None:
-        """Register the points from every member, correct it by that and weigh it."""
-        for one in self.members:
-            found = self.registration.register(points.positions_m, points.covariances_m2, one.filter.pose.as_array())
-            one.registered = found
-            one.log_odds += found.log_likelihood / REPEATED
-            self._correct(one, found)
-        self._settle()
+    def upright(self, points: LinePoints) -> FloatArray:
+        """Points (N, 2) without the errors of the mirror that are known (robot frame, m)."""
+        return self.head.upright(points.positions_m, self.members[0].filter if self.members else self.start)
 
-    def add(self, modes: Sequence[Mode]) -> None:
+    def update(self, points: LinePoints) -> None:
+        """Fit the points from every member, correct it by that and weigh it."""
+        for one in self.members:
+            self._correct(one, points)
+        self._settle()
+        best = self.best
+        if best is not None and best.fit is not None and best.explained >= MIN_EXPLAINED:
+            self.head.learn(best.fit, best.filter)
+
+    def add(self, modes: Sequence[Mode], points: LinePoints) -> None:
         """Members for the modes that a search has found in the points that `update` has just taken.
 
         Modes that are members already are left out; the others are as likely as that the robot was carried away.
         """
-        before = max((one.log_odds - _told(one) for one in self.members), default=-CARRIED_AWAY)
-        known = self.members[0].filter if self.members else self.start  # of the odometry's scales
+        before = max((one.log_odds - one.told for one in self.members), default=-CARRIED_AWAY)
+        known = self.members[0].filter if self.members else self.start  # of the odometry's scales, and the mirror
         for mode in modes:
             if any(_same(mode.pose, one.filter.pose) for one in self.members):
                 continue
-            log_odds = before + CARRIED_AWAY + mode.log_likelihood / REPEATED
-            found = Registered(mode.pose.as_array(), mode.covariance, mode.explained, mode.noise, mode.log_likelihood)
-            self.members.append(Member(known.placed(mode.pose, honest(found)), log_odds, found))
+            new = Member(known.placed(mode.pose, ANYWHERE), before)
+            new.fit = self._fitted(new.filter, points, mode.pose.as_array())
+            new.filter.correct(new.fit, self.head.swing)
+            new.log_odds = before + CARRIED_AWAY + new.told
+            self.members.append(new)
         self._settle()
 
     def turn(self) -> None:
         """Every member stands at the other end of a symmetric field."""
         for one in self.members:
-            one.filter = one.filter.placed(one.filter.pose.mirrored(), mirrored_covariance(one.filter.covariance))
+            one.filter = one.filter.mirrored()
 
-    def _correct(self, one: Member, found: Registered) -> None:
-        """Fuse a registration with a member, or leave it as it was predicted if it explains too little."""
-        pose, covariance = _pose(found), honest(found)
-        if found.explained < MIN_EXPLAINED:
+    def _correct(self, one: Member, points: LinePoints) -> None:
+        """Fit the points to a member, and correct it; not if they are explained too little."""
+        swing, predicted = self.head.swing, one.filter.pose.as_array()
+        found = self.registration.register(
+            self.head.upright(points.positions_m, one.filter), points.covariances_m2, predicted
+        )
+        one.fit = self._fitted(one.filter, points, predicted)
+        away, distance2 = one.filter.innovation(one.fit, swing)
+        gained = found.log_likelihood / REPEATED - one.told
+        if distance2 > self.gate or gained > -SHOVE:
+            jump = found.pose - predicted if gained > 0.0 else away
+            self._shove(one, points, jump, predicted + jump)
+        one.log_odds += one.told
+        if one.explained >= MIN_EXPLAINED:
+            one.filter.correct(one.fit, swing)
+
+    def _shove(self, one: Member, points: LinePoints, jump: FloatArray, start: FloatArray) -> None:
+        """Let a member have been shoved by a jump (3,), if the points are explained better so."""
+        far_m, turned = math.hypot(jump[0], jump[1]), abs(wrap_angle(float(jump[2])))
+        if one.fit is None or far_m > SHOVE_M or turned > SHOVE_RAD:
             return
-        if one.filter.distance2_to(pose, covariance) <= self.gate:
-            one.filter.update(pose, covariance)
-        elif self._may_be_shove(one.filter.pose, pose):
-            one.log_odds += SHOVE
-            one.filter.update(pose, covariance, trusted=True)
+        loose = one.filter.loosened(np.diag(np.square([far_m, far_m, turned])))
+        fit = self._fitted(loose, points, start)
+        if (fit.log_likelihood - one.fit.log_likelihood) / REPEATED + SHOVE > 0.0:
+            one.filter, one.fit, one.log_odds = loose, fit, one.log_odds + SHOVE
 
-    def _may_be_shove(self, before: Pose, after: Pose) -> bool:
-        turned = abs(wrap_angle(after.heading - before.heading))
-        return before.distance_to(after) < self.reach_m and turned < self.reach_rad
+    def _fitted(self, one: JointFilter, points: LinePoints, pose: FloatArray) -> StateFit:
+        """Pose and mirror errors by the points and what a filter expects, from a pose (3,)."""
+        prior = one.prior(self.head.swing)
+        start = np.array([*pose, *one.errors])
+        start[2] = prior.mean[2] + wrap_angle(float(start[2] - prior.mean[2]))
+        plan = SETTLED if self.head.is_settled(one) else UNSETTLED
+        fit = self.registration.fit_state(points, start, prior, plan, self.head.now)
+        strain = fit.state[3:] - one.errors
+        contradiction = 0.5 * float(
+            strain @ np.linalg.solve(one.error_covariance + self.head.swing + 1e-14 * np.eye(len(strain)), strain)
+        )
+        return fit._replace(log_likelihood=fit.log_likelihood - REPEATED * contradiction)
 
     def _settle(self) -> None:
         """Sort, drop the unlikely, take those that have come together for one."""
@@ -130,20 +166,6 @@ class PoseHypotheses:
         for one in kept:  # only differences count; the frame's likelihood is kept for `add`
             one.log_odds -= top
         self.members = kept
-
-
-def honest(found: Registered) -> FloatArray:
-    """Covariance (3, 3) of a registration in (m, m, rad): as much larger as the residuals are, and as points repeat."""
-    return found.covariance * (REPEATED * min(max(found.noise, 1.0), MOST_NOISE))
-
-
-def _told(one: Member) -> float:
-    """What the last frame has added to a member's log-odds."""
-    return 0.0 if one.registered is None else one.registered.log_likelihood / REPEATED
-
-
-def _pose(found: Registered) -> Pose:
-    return Pose(float(found.pose[0]), float(found.pose[1]), wrap_angle(float(found.pose[2])))
 
 
 def _same(one: Pose, other: Pose) -> bool:

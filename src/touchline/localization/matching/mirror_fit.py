@@ -88,7 +88,7 @@ class MirrorFit(NamedTuple):
 
 
 @njit(cache=True)
-def _scales_at(scales, reach):  # type: ignore[no-untyped-def]
+def scales_at(scales, reach):  # type: ignore[no-untyped-def]
     """dr/dρ and r/ρ at a range (m); zeros without a table."""
     if len(scales) == 0:
         return 0.0, 0.0
@@ -107,7 +107,7 @@ def moved(points, errors, mirror):  # type: ignore[no-untyped-def]
     for i in range(len(points)):
         px, py = points[i, 0], points[i, 1]
         reach = math.sqrt(px * px + py * py)
-        along, across = _scales_at(scales, reach)
+        along, across = scales_at(scales, reach)
         share = (along - across) * (errors[2] * px + errors[3] * py) / max(reach * reach, 1e-9)
         stretch = 1.0 + errors[4] + share
         qx, qy = stretch * px + across * errors[2], stretch * py + across * errors[3]
@@ -132,7 +132,7 @@ def normal_equations(points, covariances, state, mirror, plan, width_m, lines): 
     for i in range(len(points)):
         px, py = points[i, 0], points[i, 1]
         reach2 = max(px * px + py * py, 1e-9)
-        along, across = _scales_at(scales, math.sqrt(reach2))
+        along, across = scales_at(scales, math.sqrt(reach2))
         oblong = (along - across) / reach2
         stretch = 1.0 + state[7] + oblong * (state[5] * px + state[6] * py)
         qx, qy = stretch * px + across * state[5], stretch * py + across * state[6]

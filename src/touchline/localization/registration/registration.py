@@ -16,7 +16,10 @@ import numpy as np
 from touchline.field.distance_map import DistanceMap
 from touchline.field.offset_map import offset_table
 from touchline.geometry import FloatArray
+from touchline.localization.matching.mirror_fit import Mirror
 from touchline.localization.registration.kernels import Fit, Plan, register, register_all
+from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, fit_state
+from touchline.types import LinePoints
 
 GATE2 = 16.0  # at four standard deviations a point has a quarter of its weight left: 1.09 of the bound; at three 1.11
 FLOOR_M = 0.01  # standard deviation that no point falls below: carpet, paint, the map's own error
@@ -34,6 +37,15 @@ def _plan(widths_m: list[float]) -> Plan:
 TRACKING = _plan([*np.geomspace(0.4, 0.05, 6), 0.0, 0.0, 0.0, 0.0])
 SEARCHING = _plan([0.4, 0.3, 0.2, 0.15, 0.1])  # from a sample of a coarse grid, to tell likely ones from the others
 FINISHING = _plan([0.15, 0.1, 0.05, 0.02, 0.0, 0.0, 0.0])  # from where those end
+SETTLED = _plan([0.1, 0.03, 0.0, 0.0])  # of pose and mirror errors that are nearly known
+UNSETTLED = _plan([0.25, 0.25, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # 0.3 degrees move a line 7 m off by so much
+
+
+class Head(NamedTuple):
+    """The camera's head: what the errors of its `mirror` do, and of so many points (`repeated`) one counts."""
+
+    mirror: Mirror
+    repeated: float
 
 
 class Registered(NamedTuple):
@@ -73,3 +85,11 @@ class Registration:
         """Poses (K, 3) from starts (K, 3), and their log-likelihoods (K,)."""
         poses, likelihoods = register_all(positions_m, covariances_m2, self.table, starts, plan)
         return poses, likelihoods
+
+    def fit_state(self, points: LinePoints, start: FloatArray, prior: StatePrior, plan: Plan, head: Head) -> StateFit:
+        """Pose and mirror errors, jointly, from a start (8,) and with what is known before."""
+        fit: StateFit = fit_state(
+            np.ascontiguousarray(points.positions_m), np.ascontiguousarray(points.covariances_m2), self.table,
+            start, prior, head.mirror, plan, head.repeated,
+        )  # fmt: skip
+        return fit

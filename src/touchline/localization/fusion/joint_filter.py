@@ -1,0 +1,147 @@
+"""Kalman filter of the pose, the odometry's scales and the errors of the camera's mirror, which are the same in every
+image of a head.
+
+What comes again in every image is no noise: no number of images averages it out of the pose. As states, with their
+correlations, such errors are learned where the lines show them, and leave the pose as unsure as they are where the
+lines don't (consider states: Schmidt 1966).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.fusion.pose_filter import SCALE_DRIFT, Scales
+from touchline.localization.matching.mirror_fit import ERRORS
+from touchline.localization.registration.mirror_kernels import StateFit, StatePrior
+
+ERROR_DRIFT = 0.003  # drift of the errors per image, as a share of what was unknown at first: a loosening mount
+_STATES = 6 + ERRORS
+_SCALES = np.arange(3, 6)
+_ERRORS = np.arange(6, _STATES)
+_SEEN = np.array([0, 1, 2, *_ERRORS])  # the states that a fit measures
+_EXACT = 1e-14  # variance of what is known exactly
+_NOWHERE = np.diag(1.0 / np.square([10.0, 10.0, 3.0]))  # inverse covariance of a pose somewhere on a field
+
+
+class Unknown(NamedTuple):
+    """Standard deviations at first: of the odometry's scales, and of the mirror's errors (5,).
+
+    learned: whether lines correct the errors; else they only leave the pose unsure.
+    """
+
+    scales: Scales
+    errors: FloatArray
+    learned: bool
+
+
+class JointFilter:
+    """`pose`; `scales` (3,), relative errors of the odometry; `errors` (5,) of the mirror, see `mirror_fit`."""
+
+    def __init__(self, pose: Pose, covariance: FloatArray, unknown: Unknown) -> None:
+        """covariance (3, 3) of the pose, (m, m, rad), field frame."""
+        self.pose = pose
+        self.unknown = unknown
+        self.scales, self.errors = np.zeros(3), np.zeros(ERRORS)
+        self._joint = np.zeros((_STATES, _STATES))
+        self._joint[:3, :3] = covariance
+        self._joint[_SCALES, _SCALES] = np.square(unknown.scales)
+        self._joint[_ERRORS, _ERRORS] = np.square(unknown.errors)
+        self._drift = np.zeros(_STATES)
+        self._drift[_SCALES] = [SCALE_DRIFT**2 if scale > 0.0 else 0.0 for scale in unknown.scales]
+        self._drift[_ERRORS] = np.square(ERROR_DRIFT * unknown.errors)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(3, 3) of the pose."""
+        return self._joint[:3, :3]
+
+    @property
+    def error_covariance(self) -> FloatArray:
+        """(5, 5) of the mirror's errors."""
+        return self._joint[6:, 6:]
+
+    def placed(self, pose: Pose, covariance: FloatArray) -> JointFilter:
+        """A filter that starts at another pose, and still knows scales and errors."""
+        other = JointFilter(pose, covariance, self.unknown)
+        other.scales, other.errors = self.scales.copy(), self.errors.copy()
+        other._joint[3:, 3:] = self._joint[3:, 3:]
+        return other
+
+    def mirrored(self) -> JointFilter:
+        """The filter of the other end of a symmetric field."""
+        other = self.placed(self.pose.mirrored(), self.covariance)
+        turn = np.ones(_STATES)
+        turn[:2] = -1.0
+        other._joint = self._joint * np.outer(turn, turn)
+        return other
+
+    def loosened(self, more: FloatArray) -> JointFilter:
+        """A copy whose pose is less sure by a covariance (3, 3)."""
+        other = self.placed(self.pose, self.covariance)
+        other._joint = self._joint.copy()
+        other._joint[:3, :3] += more
+        return other
+
+    def predict(self, motion: Pose, motion_covariance: FloatArray) -> None:
+        """Move by the odometry: motion is `before_from_after`, its covariance (3, 3) in the robot frame before it."""
+        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
+        ahead, left = motion.x * (1.0 + self.scales[0]), motion.y * (1.0 + self.scales[1])
+        by_state = np.eye(_STATES)
+        by_state[0, 2] = -sine * ahead - cosine * left
+        by_state[1, 2] = cosine * ahead - sine * left
+        by_state[0, 3], by_state[1, 3] = cosine * motion.x, sine * motion.x
+        by_state[0, 4], by_state[1, 4] = -sine * motion.y, cosine * motion.y
+        by_state[2, 5] = motion.heading
+        by_motion = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        self.pose = self.pose.compose(Pose(ahead, left, motion.heading * (1.0 + self.scales[2])))
+        self._joint = by_state @ self._joint @ by_state.T
+        self._joint[:3, :3] += by_motion @ motion_covariance @ by_motion.T
+        self._joint[np.diag_indices(_STATES)] += self._drift
+
+    def prior(self, swing: FloatArray) -> StatePrior:
+        """What it expects of an image's pose and errors; swing (5, 5): covariance of what shaking adds."""
+        return StatePrior(self._seen(), np.linalg.inv(self._spread(swing) + _EXACT * np.eye(len(_SEEN))))
+
+    def innovation(self, fit: StateFit, swing: FloatArray) -> tuple[FloatArray, float]:
+        """How far the pose by the lines alone lies from the prediction (3,), and its squared Mahalanobis distance."""
+        information = fit.information[:3, :3] + _NOWHERE
+        by_state = np.linalg.solve(information, fit.information[:3])  # of the lines' pose by pose and errors
+        away = by_state @ self._away(fit) + np.linalg.solve(information, fit.gradient[:3])
+        spread = by_state @ self._spread(swing) @ by_state.T + np.linalg.inv(information)
+        return away, float(away @ np.linalg.solve(spread, away))
+
+    def correct(self, fit: StateFit, swing: FloatArray) -> None:
+        """Kalman update by a fit whose prior it was: the fit's points as information about all that it measures."""
+        crossed, spread, information = self._joint[:, _SEEN], self._spread(swing), fit.information
+        said = fit.gradient + information @ self._away(fit)
+        gain = crossed @ np.linalg.inv(np.eye(len(_SEEN)) + information @ spread)  # of what was said
+        if not self.unknown.learned:
+            gain[_ERRORS] = 0.0
+        step = gain @ said
+        self.pose = Pose(
+            self.pose.x + float(step[0]), self.pose.y + float(step[1]), wrap_angle(self.pose.heading + float(step[2]))
+        )
+        self.scales, self.errors = self.scales + step[_SCALES], self.errors + step[_ERRORS]
+        shared = gain @ information @ crossed.T
+        told = information + information @ spread @ information
+        joint = self._joint - shared - shared.T + gain @ told @ gain.T
+        self._joint = 0.5 * (joint + joint.T)
+
+    def _seen(self) -> FloatArray:
+        return np.array([*self.pose, *self.errors])
+
+    def _spread(self, swing: FloatArray) -> FloatArray:
+        """Covariance (8, 8) of an image's pose and errors."""
+        spread: FloatArray = self._joint[np.ix_(_SEEN, _SEEN)]
+        spread[3:, 3:] += swing
+        return spread
+
+    def _away(self, fit: StateFit) -> FloatArray:
+        """(8,) from what is expected to a fit."""
+        away = fit.state - self._seen()
+        away[2] = wrap_angle(float(away[2]))
+        return away

@@ -1,0 +1,79 @@
+"""A camera head as it is found out in play: what its mirror's errors may be, and how much it shakes.
+
+The errors themselves are states of each hypothesis (`JointFilter`); what all hypotheses share is here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from touchline.camera import Camera, OmniCamera
+from touchline.geometry import FloatArray
+from touchline.localization.fusion.joint_filter import JointFilter
+from touchline.localization.matching.mirror_fit import ERRORS, Mirror, moved
+from touchline.localization.matching.mirror_tilt import APEX_RATIO_M, ground_scales, unknown_errors
+from touchline.localization.registration.mirror_kernels import StateFit
+from touchline.localization.registration.registration import USUAL_NOISE, Head
+
+HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
+VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from image to image, at first: 0.06 degrees
+LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
+GAIN = 0.05  # share of a new image in what is learned
+SETTLED_PER_M = 0.007  # standard deviation of g from which on the tilt is known: 0.15 degrees
+LEAST_NOISE, MOST_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
+REPEATED = 4.0  # so many points err together: neighbours on a line, and the same place in the next image
+
+
+class MirrorHead:
+    """`mirror`: what errors do to points. `unknown` (5,): standard deviations of the errors before the first image."""
+
+    def __init__(self, camera: Camera | None) -> None:
+        """camera: without a mirror nothing is wrong with it."""
+        omni = camera if isinstance(camera, OmniCamera) else None
+        self.has_mirror = omni is not None
+        self.mirror = Mirror(HEIGHT_M, np.zeros((0, 2)) if omni is None else ground_scales(omni))
+        self.unknown = np.zeros(ERRORS) if omni is None else unknown_errors(omni, True, HEIGHT_M)
+        self._apex_px_m = 0.0 if omni is None else APEX_RATIO_M * omni.outer_radius_px
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing has been seen yet."""
+        self.vibration_per_m = VIBRATION_PER_M if self.has_mirror else 0.0
+        self.noise = 1.0
+
+    @property
+    def swing(self) -> FloatArray:
+        """Covariance (5, 5) of what shaking adds to an image's errors: a mirror turns about its apex."""
+        axis = np.zeros((ERRORS, 2))
+        axis[0, 0] = axis[1, 1] = self.vibration_per_m
+        axis[2, 0] = axis[3, 1] = self._apex_px_m * self.vibration_per_m
+        swing: FloatArray = axis @ axis.T
+        return swing
+
+    @property
+    def now(self) -> Head:
+        """What fits are told of it."""
+        return Head(self.mirror, REPEATED * self.noise)
+
+    def is_settled(self, one: JointFilter) -> bool:
+        """Whether a hypothesis knows its tilt so well that lines far off lie near their places."""
+        return float(np.trace(one.error_covariance[:2, :2])) < SETTLED_PER_M**2
+
+    def upright(self, positions_m: FloatArray, one: JointFilter) -> FloatArray:
+        """Points (N, 2) without the errors that a hypothesis has found."""
+        points: FloatArray = moved(np.ascontiguousarray(positions_m), one.errors, self.mirror)
+        return points
+
+    def learn(self, fit: StateFit, one: JointFilter) -> None:
+        """What an image has told of the head's shaking and of the points' noise."""
+        noise = min(max(fit.noise / USUAL_NOISE, LEAST_NOISE), MOST_NOISE)
+        self.noise += GAIN * (noise - self.noise)
+        if not self.has_mirror:
+            return
+        deviation = fit.state[3:5] - one.errors[:2]
+        left = np.linalg.inv(fit.information[3:5, 3:5] + np.eye(2) / self.vibration_per_m**2)
+        seen = 0.5 * (float(deviation @ deviation) + float(np.trace(left)))
+        variance = self.vibration_per_m**2 + GAIN * (seen - self.vibration_per_m**2)
+        self.vibration_per_m = min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M)

@@ -1,0 +1,131 @@
+"""Numba loops of the joint fit: pose and mirror errors that put the points of one image on the field's lines.
+
+Everywhere: points (N, 2) as seen, robot frame (m), covariances (N, 2, 2) of them; table: the `OffsetTable` of a field;
+state (8,): x, y (m), heading (rad) in the field frame, and the five errors of `matching/mirror_fit.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from touchline.field.offset_map import look_up_offset
+from touchline.geometry import FloatArray
+from touchline.localization.matching.mirror_fit import MIN_DEPTH, STATE, inverse, scales_at
+
+_EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
+_LEAST_RANGE2_M2 = 0.01
+_TINY2_M2 = 1e-12
+
+
+class StatePrior(NamedTuple):
+    """What is known of a state before an image: mean (8,) and inverse covariance (8, 8)."""
+
+    mean: FloatArray
+    information: FloatArray
+
+
+class StateFit(NamedTuple):
+    """state (8,) most probable of points and prior; information (8, 8), gradient (8,): of the points alone there.
+
+    explained, noise, log_likelihood: as of `kernels.Fit`, with the image's own errors taken out.
+    """
+
+    state: FloatArray
+    information: FloatArray
+    gradient: FloatArray
+    explained: float
+    noise: float
+    log_likelihood: float
+
+
+class _Sums(NamedTuple):
+    """information (8, 8): sum of u uᵀ / σ² over the points, u the derivative of a point's distance d from its line by
+    the state; gradient (8,): that of -u d / σ².
+    """
+
+    information: FloatArray
+    gradient: FloatArray
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _upright(px, py, state, mirror):  # type: ignore[no-untyped-def]
+    """A point as a perfect mirror would have seen it, and what its derivatives need."""
+    reach2 = max(px * px + py * py, 1e-9)
+    along, across = scales_at(mirror.scales, math.sqrt(reach2))
+    oblong = (along - across) / reach2
+    stretch = 1.0 + state[7] + oblong * (state[5] * px + state[6] * py)
+    qx, qy = stretch * px + across * state[5], stretch * py + across * state[6]
+    nearer = 1.0 / max(1.0 - state[3] * qx - state[4] * qy, MIN_DEPTH)
+    square = mirror.height_m * mirror.height_m
+    return nearer * (qx + square * state[3]), nearer * (qy + square * state[4]), qx, qy, nearer, oblong, across
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _equations(points, covariances, table, state, mirror, plan, width_m, sums):  # type: ignore[no-untyped-def]
+    """`_Sums` at a state, into sums; each point weighs as in `kernels`. Returns explained, noise, log-likelihood."""
+    matrix, gradient = sums
+    square = mirror.height_m * mirror.height_m
+    width2 = width_m * width_m
+    row = np.empty(STATE)
+    matrix[:], gradient[:] = 0.0, 0.0
+    cosine, sine = math.cos(state[2]), math.sin(state[2])
+    explained = squares = total = log_likelihood = 0.0
+    for i in range(points.shape[0]):
+        px, py = points[i, 0], points[i, 1]
+        bx, by, qx, qy, nearer, oblong, across = _upright(px, py, state, mirror)
+        ox, oy = look_up_offset(table, state[0] + cosine * bx - sine * by, state[1] + sine * bx + cosine * by)
+        d2 = ox * ox + oy * oy + _TINY2_M2
+        distance = math.sqrt(d2)
+        nx, ny = ox / distance, oy / distance
+        rx, ry = cosine * nx + sine * ny, cosine * ny - sine * nx  # the normal in the robot frame
+        lx, ly = bx - rx * distance, by - ry * distance
+        ratio = (lx * lx + ly * ly + _LEAST_RANGE2_M2) / (px * px + py * py + _LEAST_RANGE2_M2)
+        spread = rx * rx * covariances[i, 0, 0] + 2.0 * rx * ry * covariances[i, 0, 1] + ry * ry * covariances[i, 1, 1]
+        variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
+        row[0], row[1], row[2] = nx, ny, ry * bx - rx * by
+        outward = rx * bx + ry * by
+        row[3], row[4] = nearer * (outward * qx + square * rx), nearer * (outward * qy + square * ry)
+        mx, my = nearer * (rx + outward * state[3]), nearer * (ry + outward * state[4])  # before the tilt
+        row[7] = mx * px + my * py
+        row[5], row[6] = oblong * row[7] * px + across * mx, oblong * row[7] * py + across * my
+        reach = width2 + plan.gate2 * variance
+        kept = reach / (reach + d2)
+        kept *= kept
+        weight = kept / variance
+        for a in range(STATE):
+            gradient[a] -= weight * row[a] * distance
+            for b in range(a + 1):
+                matrix[a, b] += weight * row[a] * row[b]
+        z2 = d2 / variance
+        explained += z2 < _EXPLAINED2
+        squares += kept * z2
+        total += kept
+        log_likelihood += math.log(plan.clutter_per_m + math.exp(-0.5 * z2) / math.sqrt(2.0 * math.pi * variance))
+    for a in range(STATE):
+        for b in range(a):
+            matrix[b, a] = matrix[a, b]
+    return explained / max(points.shape[0], 1), squares / max(total, 1e-9), log_likelihood
+
+
+@numba.njit(cache=True, error_model="numpy")
+def fit_state(points, covariances, table, start, prior, mirror, plan, repeated):  # type: ignore[no-untyped-def]
+    """The `StateFit` that a plan's steps come to from a start (8,); so many points (repeated) tell as one."""
+    state = start.copy()
+    sums, pull = _Sums(np.zeros((STATE, STATE)), np.zeros(STATE)), np.empty(STATE)
+    matrix, gradient = sums
+    for k in range(plan.widths_m.shape[0]):
+        _equations(points, covariances, table, state, mirror, plan, plan.widths_m[k], sums)
+        for a in range(STATE):
+            pull[a] = gradient[a] / repeated
+            for b in range(STATE):
+                pull[a] += prior.information[a, b] * (prior.mean[b] - state[b])
+        back = inverse(matrix / repeated + prior.information)
+        for a in range(STATE):
+            for b in range(STATE):
+                state[a] += back[a, b] * pull[b]
+    explained, noise, log_likelihood = _equations(points, covariances, table, state, mirror, plan, 0.0, sums)
+    return StateFit(state, matrix / repeated, gradient / repeated, explained, noise, log_likelihood)

@@ -1,0 +1,99 @@
+"""Pose and mirror errors in one filter: the fit's derivatives, the update, and what a tilted mirror teaches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from touchline.experiments.nees import Condition, honesty
+from touchline.experiments.reliability_runs import driven
+from touchline.field import open_field
+from touchline.geometry import Pose
+from touchline.localization.fusion.joint_filter import JointFilter, Unknown
+from touchline.localization.fusion.mirror_head import MirrorHead
+from touchline.localization.fusion.pose_filter import Scales
+from touchline.localization.matching.mirror_fit import moved
+from touchline.localization.registration.registration import SETTLED, Head, Registration
+from touchline.systems import RobotSetup, open_system
+from touchline.types import LinePoints
+
+FIELD = open_field("msl-18x12")
+AS_BUILT = ("camera.known_from=design", "camera.mirror.range_spread=0.01")
+TRUTH = Pose(3.0, -1.0, 0.4)
+UNKNOWN = Unknown(Scales(0.03, 0.03, 0.03), np.array([0.02, 0.02, 3.0, 3.0, 0.02]), True)
+
+
+@pytest.fixture(scope="module")
+def head() -> MirrorHead:
+    return MirrorHead(driven("straight-tracks", 3, 8.0, *AS_BUILT)[1].camera)
+
+
+def askew(head: MirrorHead, errors: np.ndarray) -> LinePoints:
+    """Points of lines about the true pose as a mirror with these errors sees them, without noise."""
+    exact = TRUTH.inverse().transform(np.vstack(FIELD.polylines(0.2)))
+    exact = exact[np.hypot(*exact.T) < 5.0]
+    found = exact.copy()
+    for _ in range(60):  # the inverse of `moved`
+        found += 0.7 * (exact - moved(found, errors, head.mirror))
+    n = len(found)
+    return LinePoints(found, np.tile(1e-4 * np.eye(2), (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
+
+
+def test_one_image_of_a_mirror_askew_tells_pose_and_errors(head: MirrorHead) -> None:
+    errors = np.array([0.006, -0.004, 0.6, -0.3, 0.008])
+    points, one = askew(head, errors), JointFilter(Pose(3.05, -1.04, 0.42), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
+    registration, no_swing = Registration(FIELD.distance_map()), np.zeros((5, 5))
+    for _ in range(10):
+        prior = one.prior(no_swing)
+        fit = registration.fit_state(points, prior.mean, prior, SETTLED, Head(head.mirror, 0.05))
+        one.correct(fit, no_swing)
+    assert one.pose.distance_to(TRUTH) < 0.005
+    np.testing.assert_allclose(one.errors[:2], errors[:2], atol=5e-4)
+    assert one.errors[4] == pytest.approx(errors[4], abs=1e-3)
+    assert np.sqrt(one.error_covariance[0, 0]) < 1e-3
+    assert np.linalg.eigvalsh(one.covariance)[0] > 0.0
+
+
+def test_the_update_is_the_fit_and_its_inverse_information(head: MirrorHead) -> None:
+    points, swing = askew(head, np.zeros(5)), head.swing
+    one = JointFilter(Pose(3.01, -1.0, 0.4), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
+    prior = one.prior(swing)
+    fit = Registration(FIELD.distance_map()).fit_state(points, prior.mean, prior, SETTLED, head.now)
+    one.correct(fit, swing)
+    assert one.pose.distance_to(Pose(*fit.state[:3].tolist())) < 1e-3
+    expected = np.linalg.inv(fit.information + prior.information)[:3, :3]
+    np.testing.assert_allclose(one.covariance, expected, rtol=1e-3, atol=1e-9)
+
+
+def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(head: MirrorHead) -> None:
+    points, swing = askew(head, np.array([0.006, -0.004, 0.6, -0.3, 0.008])), np.zeros((5, 5))
+    registration, spread = Registration(FIELD.distance_map()), np.diag([0.1, 0.1, 0.1]) ** 2
+    kept, told = (JointFilter(TRUTH, spread, UNKNOWN._replace(learned=learned)) for learned in (False, True))
+    for one in (kept, told):
+        for _ in range(10):
+            prior = one.prior(swing)
+            one.correct(registration.fit_state(points, prior.mean, prior, SETTLED, head.now), swing)
+    np.testing.assert_array_equal(kept.errors, 0.0)
+    np.testing.assert_allclose(kept.error_covariance, np.diag(np.square(UNKNOWN.errors)), atol=1e-12)
+    assert np.trace(told.error_covariance) < 0.5 * np.trace(kept.error_covariance)
+    assert np.trace(told.covariance[:2, :2]) <= 1.01 * np.trace(kept.covariance[:2, :2])
+
+
+def test_a_robot_as_built_is_followed_within_centimetres_once_its_mirror_is_learned() -> None:
+    drive, setup, _ = driven("straight-tracks", 3, 8.0, *AS_BUILT)
+    mean_m = {learned: late_error_m(drive, setup, learned) for learned in (True, False)}
+    assert mean_m[True] < 0.015, mean_m
+    assert mean_m[True] < mean_m[False]
+
+
+def late_error_m(drive, setup: RobotSetup, learned: bool) -> float:
+    system = open_system("touchline", setup, {"self_calibration": learned})
+    poses = np.array([system.step(frame).pose for frame in drive.frames])
+    away = np.hypot(*(poses - drive.truth)[:, :2].T)
+    return float(away[drive.times_s > 5.0].mean())
+
+
+def test_the_covariance_of_a_robot_as_built_is_honest() -> None:
+    told = honesty(Condition("free"), "touchline", 0)
+    assert 0.4 < told.nees < 2.0
+    assert told.tracked > 0.95
