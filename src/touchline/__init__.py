@@ -17,18 +17,23 @@ if TYPE_CHECKING:
     from touchline.camera import open_camera
     from touchline.evaluation import evaluate
     from touchline.field import open_field
+    from touchline.geometry import Pose
     from touchline.localization import locate
     from touchline.localizer import Localizer
     from touchline.sources import open_source
     from touchline.systems import RobotSetup, open_system
-    from touchline.types import Estimate, LinePoints, Observation, Status
+    from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
 
 __all__ = [
     "Estimate",
+    "Frame",
     "LinePoints",
     "Localizer",
     "Observation",
+    "Pose",
+    "Prior",
     "RobotSetup",
+    "Samples",
     "Status",
     "evaluate",
     "locate",
@@ -49,7 +54,11 @@ _PLACES = {
     "open_source": ("touchline.sources", "open_source"),
     "open_system": ("touchline.systems", "open_system"),
     "RobotSetup": ("touchline.systems", "RobotSetup"),
+    "Pose": ("touchline.geometry", "Pose"),
     "Estimate": ("touchline.types", "Estimate"),
+    "Frame": ("touchline.types", "Frame"),
+    "Prior": ("touchline.types", "Prior"),
+    "Samples": ("touchline.types", "Samples"),
     "LinePoints": ("touchline.types", "LinePoints"),
     "Observation": ("touchline.types", "Observation"),
     "Status": ("touchline.types", "Status"),

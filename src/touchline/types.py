@@ -438,6 +438,17 @@ class Estimate:
     problems: tuple[str, ...] = ()
     """What was wrong with the robot's data since the estimate before: a phrase each."""
 
+    def __repr__(self) -> str:
+        x, y, heading = self.pose
+        dx, dy, turn = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        residual = "" if math.isnan(self.residual_m) else f", residual {100.0 * self.residual_m:.1f} cm"
+        others = f", {len(self.hypotheses)} other poses" if self.hypotheses else ""
+        return (
+            f"Estimate({self.stamp_ns / 1e9:.3f} s: x {x:.3f} ± {dx:.3f} m, y {y:.3f} ± {dy:.3f} m, heading "
+            f"{math.degrees(heading):.2f} ± {math.degrees(turn):.2f}°, {self.status.value}, {self.points} points"
+            f"{residual}{others})"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Everything but the observation, in numbers, words and lists as JSON knows them; NaN as None."""
         return {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-_WIDTH = 200  # tables keep their columns, whatever the terminal; pages of results are read from files, too
+_WIDTH = 200  # where it is no terminal: pages of results are read from files, too
 _LINE_EVERY_S = 10.0
 
 if TYPE_CHECKING:
@@ -48,7 +48,9 @@ def experiment(
         result = _run(chosen, seeds)
         files = write_result(result, output, list(EXPERIMENTS))
         console().print(f"{result.name}: {result.title}; {result.seeds} seeds", style="bold")
-        Console(highlight=False, width=_WIDTH).print(_table(result))
+        terminal = console()
+        wide = terminal if terminal.is_terminal else Console(highlight=False, width=_WIDTH)
+        wide.print(_table(result), soft_wrap=False)
         for note in result.notes:
             console().print(note, style="dim", markup=False)
         console().print(f"written: {', '.join(str(path) for path in files)}\n", markup=False)

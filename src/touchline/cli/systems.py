@@ -41,7 +41,7 @@ def systems(
             table.add_row(f"{info.name}{mark}", info.description)
         out = output()
         out.print(table, soft_wrap=False)
-        out.print("touchline systems NAME shows the settings of one, touchline run --system NAME runs it", style="dim")
+        out.print("touchline systems NAME: the settings of one; touchline run --system NAME runs it", style="dim")
         return
     from touchline.config import settings_rows
 

@@ -95,6 +95,13 @@ class ErrorTable:
         lost = f" (in {self.lost} the robot was lost or searched for)" if self.lost else ""
         return f"{self.frames} frame{'s' * (self.frames != 1)} counted{lost}; left out: {said or 'none'}"
 
+    def _repr_html_(self) -> str:
+        """The table, as a notebook shows it."""
+        head = "".join(f"<th>{title}</th>" for title in ("error", *COLUMNS))
+        rows = ((name, "".join(f"<td>{value}</td>" for value in values)) for name, values in self.rows())
+        body = "".join(f"<tr><th>{name}</th>{cells}</tr>" for name, cells in rows)
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table><p>{self.left_out()}</p>"
+
     def __str__(self) -> str:
         rows = self.rows()
         width = max(len(name) for name, _ in rows) + 2

@@ -110,8 +110,25 @@ class Run:
             raise InputError(f"{self.folder / SUMMARY}: does not name its recording; give the truth with --truth FILE")
         return recording
 
+    @cached_property
+    def frame(self) -> Any:
+        """The estimates as a pandas.DataFrame, one row per image: x_m, y_m, heading_rad, their std, status, residual_m,
+        points, times, and errors where the truth is known; the index is stamp_ns. Raises InputError without pandas.
+        """
+        from touchline.evaluation.notebook import run_frame
+
+        return run_frame(self)
+
+    def _repr_html_(self) -> str:
+        """The errors and the path, as a notebook shows them."""
+        from touchline.evaluation.notebook import run_html
+
+        return run_html(self)
+
     def __repr__(self) -> str:
-        return f"Run({str(self.folder)!r})"
+        known = self.summary
+        of = f": {known['system']}, {counted(known['frames'], 'image')}" if {"system", "frames"} <= set(known) else ""
+        return f"Run({str(self.folder)!r}{of})"
 
 
 def evaluate(

@@ -24,6 +24,7 @@ from touchline.field.distances import (
     sample_distances,
     segment_table,
 )
+from touchline.field.svg import field_svg
 from touchline.geometry import FloatArray
 from touchline.messages import length_unit
 from touchline.new_files import write_new_file
@@ -135,6 +136,17 @@ class FieldModel:
 
     def __hash__(self) -> int:
         return hash((self.name, self.length, self.width, self.line_width))
+
+    def __repr__(self) -> str:
+        lines = len(self.segments) + len(self.circles) + len(self.arcs)
+        return (
+            f"FieldModel({self.name}: {self.length:g} × {self.width:g} m, {lines} lines {self.line_width:g} m wide, "
+            f"{len(self.discs)} marks, {len(self.posts)} posts and poles)"
+        )
+
+    def _repr_svg_(self) -> str:
+        """The field from above, as a notebook shows it."""
+        return field_svg(self)
 
     @cached_property
     def line_tables(self) -> LineTables:

@@ -10,7 +10,8 @@ import numpy as np
 
 from touchline.config import PAPER, Settings, load_settings, settings_from_mapping
 from touchline.errors import InputError
-from touchline.given import given_name, given_seed, refused
+from touchline.field import FieldModel
+from touchline.given import given_name, given_seed
 from touchline.messages import did_you_mean
 from touchline.motion import MotionHistory
 from touchline.perception import Detector
@@ -19,7 +20,7 @@ from touchline.systems.nimbro_lines import NimbroLines, NimbroLinesSettings
 from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mcl_alone import NubotMclAlone, NubotMclAloneSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
-from touchline.systems.setup import RobotSetup
+from touchline.systems.setup import RobotSetup, as_setup
 from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import System
 
@@ -133,19 +134,19 @@ def paper_settings(name: str, *changes: str) -> Settings:
 
 def open_system(
     name: str,
-    setup: RobotSetup,
+    setup: RobotSetup | FieldModel | str | Mapping[str, Any],
     settings: Settings | Mapping[str, Any] | None = None,
     rng: np.random.Generator | int | None = None,
 ) -> LocalizationSystem:
     """A system that is ready for its first frame.
 
-    settings: its own, by default the paper's values, or only what differs, as {"matching.c_m": 0.3}. rng: where all its
-    chance comes from, or a seed; by default of seed 0.
+    setup: also a field alone, by its name or file, or a dict of a RobotSetup's arguments, as {"field": "msl-18x12",
+    "camera": "camera.yaml"}. settings: its own, by default the paper's values, or only what differs, as
+    {"matching.c_m": 0.3}. rng: where all its chance comes from, or a seed; by default of seed 0.
     Raises InputError for an unknown name, for settings of another system and for a camera that the system cannot use.
     """
     info = system_info(name)
-    if not isinstance(setup, RobotSetup):
-        raise refused("setup", "a RobotSetup(field, camera, wheel_directions_rad)", setup)
+    setup = as_setup(setup)
     chosen = settings_from_mapping(info.settings, settings or {}) if isinstance(settings, Mapping | None) else settings
     if not isinstance(chosen, info.settings):
         raise InputError(f"system '{name}' takes {info.settings.__name__}, not {type(chosen).__name__}")

@@ -40,7 +40,7 @@ from touchline.motion import (
 from touchline.motion.samples import NANOSECONDS
 from touchline.perception import HsvLineDetector, HsvLineSettings, observe
 from touchline.systems.report import Stopwatch
-from touchline.systems.setup import RobotSetup
+from touchline.systems.setup import RobotSetup, system_text
 from touchline.types import (
     Estimate,
     Frame,
@@ -117,8 +117,11 @@ class IrisFusionSettings(Settings):
 class IrisFusion:
     """The system as sources and sinks know it: `reset` and `step`."""
 
+    __repr__ = system_text
+
     def __init__(self, setup: RobotSetup, settings: IrisFusionSettings, rng: np.random.Generator) -> None:
         """setup: without its wheels' directions the frames' odometry takes the wheels' place."""
+        self.setup = setup
         self.settings = settings
         self.field = field = setup.field
         self.unknown = np.diag([0.5 * field.length, 0.5 * field.width, math.pi]) ** 2

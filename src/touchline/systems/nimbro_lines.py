@@ -31,7 +31,7 @@ from touchline.localization.particles.nimbro_particles import NimbroParticles, N
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch
-from touchline.systems.setup import RobotSetup
+from touchline.systems.setup import RobotSetup, system_text
 from touchline.types import Estimate, Frame, Observation, Prior, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where nobody tells: that of a robot between kid and adult size
@@ -78,9 +78,12 @@ class NimbroLinesSettings(Settings):
 class NimbroLines:
     """The system as sources and sinks know it: `reset` and `step`."""
 
+    __repr__ = system_text
+
     def __init__(self, setup: RobotSetup, settings: NimbroLinesSettings, rng: np.random.Generator) -> None:
         """rng: all chance comes from it."""
         field, camera, s = setup.field, setup.camera, settings
+        self.setup = setup
         self.settings = settings
         self.detector: Detector | None = None
         if camera is not None:

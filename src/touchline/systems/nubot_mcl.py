@@ -34,7 +34,7 @@ from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
 from touchline.systems.nubot_settings import NubotSettings
 from touchline.systems.report import Stopwatch, report
-from touchline.systems.setup import RobotSetup
+from touchline.systems.setup import RobotSetup, system_text
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 
@@ -51,9 +51,12 @@ class NubotMclSettings(ParticleSearchSettings, NubotSettings):
 class NubotMcl:
     """The system as sources and sinks know it: `reset` and `step`."""
 
+    __repr__ = system_text
+
     def __init__(self, setup: RobotSetup, settings: NubotMclSettings, rng: np.random.Generator) -> None:
         """rng: all chance comes from it."""
         field, camera, s = setup.field, setup.camera, settings
+        self.setup = setup
         self.settings = settings
         self.detector = (
             None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)

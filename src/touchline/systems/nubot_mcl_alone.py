@@ -31,7 +31,7 @@ from touchline.localization.particles.nubot_particles import NubotParticles
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.report import Stopwatch, report
-from touchline.systems.setup import RobotSetup
+from touchline.systems.setup import RobotSetup, system_text
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 
@@ -51,9 +51,12 @@ class NubotMclAloneSettings(ParticleSearchSettings):
 class NubotMclAlone:
     """The system as sources and sinks know it: `reset` and `step`."""
 
+    __repr__ = system_text
+
     def __init__(self, setup: RobotSetup, settings: NubotMclAloneSettings, rng: np.random.Generator) -> None:
         """rng: all chance comes from it."""
         field, camera, s = setup.field, setup.camera, settings
+        self.setup = setup
         self.settings = settings
         self.detector = (
             None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)

@@ -31,7 +31,7 @@ from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
 from touchline.systems.nubot_settings import NubotSettings
 from touchline.systems.report import Stopwatch, report
-from touchline.systems.setup import RobotSetup
+from touchline.systems.setup import RobotSetup, system_text
 from touchline.types import Estimate, Frame, Hypothesis, Prior, Status, as_prior
 
 
@@ -44,9 +44,12 @@ class NubotMtiSettings(NubotSettings):
 class NubotMti:
     """The system as sources and sinks know it: `reset` and `step`."""
 
+    __repr__ = system_text
+
     def __init__(self, setup: RobotSetup, settings: NubotMtiSettings, rng: np.random.Generator) -> None:
         """rng is not needed: nothing here is left to chance."""
         field, camera, s = setup.field, setup.camera, settings
+        self.setup = setup
         self.settings = settings
         self.detector = (
             None if camera is None else SelfLearningDetector(camera, s.line_points, s.learning, field.line_width)

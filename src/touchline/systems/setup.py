@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Protocol
 
 from touchline.camera import Camera, OmniCamera, open_camera
+from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.given import given_numbers, refused
+from touchline.messages import did_you_mean
 
+_EXPECTED = "a RobotSetup, a field's name or a dict of field, camera, wheel_directions_rad, height_m"
 _MARGIN_M = 3.0  # a robot stands beside the field, a mirror leans, ranges are rough far away
 
 
@@ -51,5 +56,44 @@ class RobotSetup:
         calibrated_m = float(self.camera.range_m.max()) if isinstance(self.camera, OmniCamera) else math.inf
         return min(diagonal_m, calibrated_m) + _MARGIN_M
 
+    def __repr__(self) -> str:
+        camera = self.camera
+        seen = "no camera" if camera is None else f"{camera.model} camera {camera.width}×{camera.height}"
+        return f"RobotSetup({self.field.name}, {seen}{', two measuring wheels' if self.wheel_directions_rad else ''})"
 
-__all__ = ["RobotSetup"]
+
+def as_setup(given: object) -> RobotSetup:
+    """A RobotSetup, from the name or path of a field alone, or from a dict of a RobotSetup's arguments.
+
+    Raises InputError for anything else.
+    """
+    if isinstance(given, RobotSetup):
+        return given
+    if isinstance(given, Mapping):
+        known = [field.name for field in fields(RobotSetup)]
+        for key in given:
+            if key not in known:
+                nearest = did_you_mean(str(key), known)
+                raise InputError(f"setup: expected a RobotSetup, which has no '{key}'; {nearest}")
+        if "field" not in given:
+            raise InputError("setup: expected a RobotSetup; 'field' is missing")
+        return RobotSetup(**given)
+    if not isinstance(given, str | FieldModel):
+        raise refused("setup", _EXPECTED, given)
+    try:
+        return RobotSetup(open_field(given))
+    except InputError as error:
+        raise InputError(f"setup: expected {_EXPECTED}; {error}") from None
+
+
+class _HasSetup(Protocol):
+    @property
+    def setup(self) -> RobotSetup: ...
+
+
+def system_text(system: _HasSetup) -> str:
+    """What a system is shown as where Python prints it: its class, field and camera."""
+    return repr(system.setup).replace("RobotSetup", type(system).__name__)
+
+
+__all__ = ["RobotSetup", "as_setup", "system_text"]

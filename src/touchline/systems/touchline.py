@@ -26,7 +26,7 @@ from touchline.localization.registration.registration import Registration
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.report import Stopwatch
-from touchline.systems.setup import RobotSetup
+from touchline.systems.setup import RobotSetup, system_text
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
@@ -70,9 +70,12 @@ class TouchlineSettings(Settings):
 class Touchline:
     """The system as sources and sinks know it: `reset` and `step`."""
 
+    __repr__ = system_text
+
     def __init__(self, setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator) -> None:
         """rng is not needed: nothing here is left to chance."""
         field, camera, s = setup.field, setup.camera, settings
+        self.setup = setup
         self.settings = settings
         self.detector = (
             None

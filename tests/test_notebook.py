@@ -1,0 +1,111 @@
+"""What Python and notebooks show of systems, estimates, fields and runs; a run as a pandas table."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from fakes import FakeSource, FakeSystem, true_samples, write_recording
+
+import touchline
+from touchline.errors import InputError
+from touchline.evaluation import Run
+from touchline.evaluation.notebook import jumps, path_picture
+from touchline.evaluation.run_folder import RunFolder, write_summary
+from touchline.evaluation.runner import run_frames
+from touchline.systems import SYSTEMS, open_system
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    recording = write_recording(tmp_path / "walk", 12)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with RunFolder(folder) as writer:
+        tally = run_frames(FakeSource(12), FakeSystem(np.random.default_rng(0), searching=(0,)), writer)
+    write_summary(folder, {"recording": {"path": str(recording)}, "system": "fake", **tally.summary()})
+    return Run(folder)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_system_is_opened_from_names_and_dicts_and_says_what_it_is(name: str) -> None:
+    from_name = open_system(name, "msl-18x12")
+    from_dict = open_system(name, {"field": "msl-18x12", "wheel_directions_rad": (0.8, -0.8)}, {})
+    kind = type(from_name).__name__
+    assert repr(from_name) == f"{kind}(msl-18x12, no camera)"
+    assert repr(from_dict) == f"{kind}(msl-18x12, no camera, two measuring wheels)"
+
+
+@pytest.mark.parametrize(
+    ("setup", "said"),
+    [
+        ({"field": "msl-18x12", "camra": "c.yaml"}, "which has no 'camra'; "),
+        ({"camera": None}, "'field' is missing"),
+        ("msl-18x21", "did you mean 'msl-18x12'"),
+    ],
+)
+def test_a_setup_that_cannot_be_meant_is_answered_with_what_can(setup: Any, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        open_system("touchline", setup)
+
+
+def test_an_estimate_reads_as_a_pose_with_its_uncertainty() -> None:
+    covariance = np.diag([0.0004, 0.0009, np.radians(0.5) ** 2])
+    pose = touchline.Pose(1.0, -2.5, np.radians(90.0))
+    shown = repr(touchline.Estimate(1_500_000_000, pose, covariance, touchline.Status.TRACKING, 0.012, 45))
+    assert shown == (
+        "Estimate(1.500 s: x 1.000 ± 0.020 m, y -2.500 ± 0.030 m, heading 90.00 ± 0.50°, tracking, 45 points, "
+        "residual 1.2 cm)"
+    )
+
+
+def test_a_field_reads_as_its_sizes_and_is_drawn_in_a_notebook() -> None:
+    field = touchline.open_field("spl-9x6")
+    assert repr(field).startswith("FieldModel(spl-9x6: 9.05 × 6.05 m, 18 lines 0.05 m wide, 3 marks")
+    drawn = ElementTree.fromstring(field._repr_svg_())
+    assert drawn.attrib["viewBox"].split() == ["-5.200", "-3.700", "10.400", "7.400"]
+    paths = [part for part in drawn.iter() if part.tag.endswith("path")]
+    assert [path.attrib["d"].count("M") for path in paths] == [18]
+
+
+def test_a_run_shows_its_errors_and_its_path(run: Run) -> None:
+    assert repr(run).endswith("run': fake, 12 images)")
+    shown = run._repr_html_()
+    assert "position (cm)" in shown
+    assert "data:image/png;base64," in shown
+    moved = Run(run.folder)
+    moved.summary = {**run.summary, "recording": {"path": "gone"}}
+    assert "no such recording" in moved._repr_html_()
+
+
+def test_a_robot_that_was_carried_leaves_a_gap_in_its_path() -> None:
+    poses = true_samples(20).values.copy()
+    poses[12:, 0] += 5.0
+    assert jumps(poses).tolist() == [12]
+    field, truth = touchline.open_field("msl-18x12"), touchline.Samples(true_samples(20).stamp_ns, poses)
+    assert path_picture(field, truth, np.zeros(20, np.int8), truth).shape[2] == 3
+
+
+def test_a_run_is_a_pandas_table_where_pandas_is(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match="pip install pandas"):
+        run.frame  # noqa: B018
+
+    def made(columns: dict[str, Any], index: Any) -> Any:
+        return SimpleNamespace(columns=columns, index=index)
+
+    def index(values: Any, name: str) -> tuple[Any, str]:
+        return values, name
+
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=made, Index=index))
+    frame = run.frame
+    assert frame.index[1] == "stamp_ns"
+    assert list(frame.columns)[:3] == ["x_m", "y_m", "heading_rad"]
+    assert frame.columns["status"][:2] == ["searching", "tracking"]
+    assert all(len(column) == 12 for column in frame.columns.values())
+    assert np.isfinite(frame.columns["error_x_m"]).all()
