@@ -36,21 +36,20 @@ ANYWHERE = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose of whic
 
 @dataclass(eq=False, slots=True)
 class Member:
-    """A pose hypothesis: its filter, log-odds, and the last fit of points from it; None before the first."""
+    """A pose hypothesis: its filter, log-odds, the last fit of points from it (None before the first), and what that
+
+    fit has told for it: the logarithm of the points' evidence.
+    """
 
     filter: JointFilter
     log_odds: float
     fit: StateFit | None = None
+    told: float = 0.0
 
     @property
     def explained(self) -> float:
         """Share of the last frame's points that it explains."""
         return 0.0 if self.fit is None else self.fit.explained
-
-    @property
-    def told(self) -> float:
-        """What the last frame has added to its log-odds."""
-        return 0.0 if self.fit is None else self.fit.log_likelihood / REPEATED
 
 
 class PoseHypotheses:
@@ -103,11 +102,10 @@ class PoseHypotheses:
         for mode in modes:
             if any(_same(mode.pose, one.filter.pose) for one in self.members):
                 continue
-            new = Member(known.placed(mode.pose, ANYWHERE), before)
-            new.fit = self._fitted(new.filter, points, mode.pose.as_array())
-            new.filter.correct(new.fit, self.head.swing)
-            new.log_odds = before + CARRIED_AWAY + new.told
-            self.members.append(new)
+            new = known.placed(mode.pose, ANYWHERE)
+            fit, told = self._fitted(new, points, mode.pose.as_array())
+            new.correct(fit, self.head.swing)
+            self.members.append(Member(new, before + CARRIED_AWAY + told, fit, told))
         self._settle()
 
     def turn(self) -> None:
@@ -121,9 +119,9 @@ class PoseHypotheses:
         found = self.registration.register(
             self.head.upright(points.positions_m, one.filter), points.covariances_m2, predicted
         )
-        one.fit = self._fitted(one.filter, points, predicted)
+        one.fit, one.told = self._fitted(one.filter, points, predicted)
         away, distance2 = one.filter.innovation(one.fit, swing)
-        gained = found.log_likelihood / REPEATED - one.told
+        gained = (found.log_likelihood - one.fit.log_likelihood) / REPEATED
         if distance2 > self.gate or gained > -SHOVE:
             jump = found.pose - predicted if gained > 0.0 else away
             self._shove(one, points, jump, predicted + jump)
@@ -134,25 +132,27 @@ class PoseHypotheses:
     def _shove(self, one: Member, points: LinePoints, jump: FloatArray, start: FloatArray) -> None:
         """Let a member have been shoved by a jump (3,), if the points are explained better so."""
         far_m, turned = math.hypot(jump[0], jump[1]), abs(wrap_angle(float(jump[2])))
-        if one.fit is None or far_m > SHOVE_M or turned > SHOVE_RAD:
+        if far_m > SHOVE_M or turned > SHOVE_RAD:
             return
         loose = one.filter.loosened(np.diag(np.square([far_m, far_m, turned])))
-        fit = self._fitted(loose, points, start)
-        if (fit.log_likelihood - one.fit.log_likelihood) / REPEATED + SHOVE > 0.0:
-            one.filter, one.fit, one.log_odds = loose, fit, one.log_odds + SHOVE
+        fit, told = self._fitted(loose, points, start)
+        if told + SHOVE > one.told:
+            one.filter, one.fit, one.told = loose, fit, told + SHOVE
 
-    def _fitted(self, one: JointFilter, points: LinePoints, pose: FloatArray) -> StateFit:
-        """Pose and mirror errors by the points and what a filter expects, from a pose (3,)."""
+    def _fitted(self, one: JointFilter, points: LinePoints, pose: FloatArray) -> tuple[StateFit, float]:
+        """Pose and mirror errors by the points and what a filter expects, from a pose (3,), and the log-evidence.
+
+        The evidence is that of Laplace's approximation: who expects less, and is right, gains by it.
+        """
         prior = one.prior(self.head.swing)
         start = np.array([*pose, *one.errors])
         start[2] = prior.mean[2] + wrap_angle(float(start[2] - prior.mean[2]))
         plan = SETTLED if self.head.is_settled(one) else UNSETTLED
         fit = self.registration.fit_state(points, start, prior, plan, self.head.now)
-        strain = fit.state[3:] - one.errors
-        contradiction = 0.5 * float(
-            strain @ np.linalg.solve(one.error_covariance + self.head.swing + 1e-14 * np.eye(len(strain)), strain)
-        )
-        return fit._replace(log_likelihood=fit.log_likelihood - REPEATED * contradiction)
+        strain = fit.state - prior.mean
+        narrowed = np.linalg.slogdet(prior.information + fit.information)[1] - np.linalg.slogdet(prior.information)[1]
+        contradiction = 0.5 * float(strain @ prior.information @ strain + narrowed)
+        return fit, fit.log_likelihood / REPEATED - contradiction
 
     def _settle(self) -> None:
         """Sort, drop the unlikely, take those that have come together for one."""
