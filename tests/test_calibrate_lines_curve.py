@@ -10,6 +10,7 @@ import pytest
 from touchline.calibration.lines.calibration import LineCalibration, refined
 from touchline.calibration.lines.candidates import Candidate
 from touchline.calibration.lines.equations import HEIGHT_M, Seen
+from touchline.calibration.lines.images import known_camera
 from touchline.calibration.lines.range_curve import KNOTS
 from touchline.calibration.lines.sides import sides_of
 from touchline.field import FieldModel, open_field
@@ -136,6 +137,21 @@ def test_errors_are_about_as_large_as_is_said(field: FieldModel) -> None:
         scores += [*((found.shape.center - CENTER) / found.certainty.center_px)]
         scores += [*(errors / found.certainty.range_ratio(found.shape, radii))]
     assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 1.6
+
+
+def test_where_no_point_lies_a_mirror_of_two_parts_is_said_to_be_unknown(field: FieldModel) -> None:
+    # the points' scatter alone said 0.4 % where ranges were 40 % off
+    table = kinked_m(0.1 * np.arange(2150))
+    found = calibrated(field, field, [Pose(4.6, 2.2, 0.3)], table, np.random.default_rng(5), reach_m=5.9)
+    radii = np.linspace(90.0, 125.0, 8)
+    assert radii[-1] < found.first_px
+    errors = found.shape.range_m(radii) / np.interp(radii, 0.1 * np.arange(2150), table) - 1.0
+    said = found.certainty.range_ratio(found.shape, radii)
+    assert np.abs(errors).max() > 0.1
+    assert np.sqrt(np.mean((errors / said) ** 2)) < 2.0
+    known = known_camera(found, (480, 480), 60.0, 220.0)
+    assert known.inner_radius_px > 90.0
+    assert found.range_ratio < 0.02
 
 
 def test_the_side_of_a_line(field: FieldModel) -> None:

@@ -79,7 +79,7 @@ def _from_points(
     paths: list[Path], field: FieldModel, handedness: int, mount_yaw: float, size: str | None
 ) -> tuple[OmniCamera, LineCalibration, ImageArray]:
     from touchline.calibration.lines.calibration import calibrate_points, check
-    from touchline.calibration.lines.images import camera_of
+    from touchline.calibration.lines.images import known_camera
     from touchline.calibration.lines.pixels_file import image_size, read_pixels, rough_circle
     from touchline.view.line_calibration import points_picture
 
@@ -88,7 +88,7 @@ def _from_points(
     circle = rough_circle(pixels)
     lines = calibrate_points(pixels, circle.center, circle.radius_px, field, handedness)
     check(lines)
-    camera = camera_of(lines, width_height, min(lines.first_px, 0.2 * lines.last_px), circle.radius_px, mount_yaw)
+    camera = known_camera(lines, width_height, min(lines.first_px, 0.2 * lines.last_px), circle.radius_px, mount_yaw)
     return camera, lines, points_picture(lines, field)
 
 
@@ -122,16 +122,16 @@ def _words(lines: LineCalibration, camera: OmniCamera, field: FieldModel, handed
     points = sum(len(one) for one in lines.pixels)
     images = f"{len(lines.pixels)} images" if len(lines.pixels) > 1 else "one image"
     first, last = shape.range_m(np.array([lines.first_px, lines.last_px]))
-    radii = np.linspace(lines.first_px, lines.last_px, 9)[1:8]
+    edges = np.array([camera.inner_radius_px, camera.outer_radius_px])
+    ends, doubt = shape.range_m(edges), sure.range_ratio(shape, edges)
     near = sure.distances_m[sure.residuals < 2.5]
     bend = float(np.degrees(np.hypot(*shape.bend_per_m) * 0.75 / 2.0))
     text = (
         f"Mirror calibrated from {points} line points of {images} on {field.name}: {100 * lines.on_lines:.0f} % lie on "
         f"lines, {100 * float(np.median(near)):.1f} cm from their middle (median).\n"
         f"Centre {shape.center[0]:.2f}, {shape.center[1]:.2f} px (± {sure.center_px[0]:.2f}, {sure.center_px[1]:.2f}); "
-        f"ranges ± {100 * float(sure.range_ratio(shape, radii).max()):.1f} % "
-        f"between {first:.1f} and {last:.1f} m; continued from {camera.range_m[:, 0].min():.2f} to "
-        f"{camera.range_m[:, -1].max():.1f} m.\n"
+        f"ranges ± {100 * lines.range_ratio:.1f} % between {first:.1f} and {last:.1f} m; continued from {ends[0]:.2f} "
+        f"(± {100 * doubt[0]:.0f} %) to {ends[1]:.1f} m (± {100 * doubt[1]:.0f} %).\n"
     )
     if len(lines.pixels) > 1:
         text += f"The mirror leans by about {bend:.2f}°. "

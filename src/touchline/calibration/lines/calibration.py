@@ -24,6 +24,7 @@ MIN_ON_LINES = 0.85  # share of the points on the field that must lie on lines
 MIN_LINES_SEEN = 0.7  # of an image: share of the lines within reach along which points must be seen
 MIN_LEAD = 0.05  # by which the best mirror's error must be below another's
 MAX_CENTER_PX, MAX_RANGE_RATIO = 2.0, 0.03  # largest standard deviations of what is written
+_WHERE = np.arange(5.0, 100.0, 5.0)  # percentiles of the points' radii
 _MARK_M = 0.1  # how far beside a penalty mark a point on it may seem to lie
 _BESIDE_M = 0.3  # beside the field, where no line point can be
 _GAP_M, _GAP_RATIO = 0.15, 0.1  # between points along a line that is seen: rays 5 degrees apart
@@ -53,6 +54,13 @@ class LineCalibration:
     lines_seen: float
     spot_m: float | None
     tangent: JointFit
+
+    @property
+    def range_ratio(self) -> float:
+        """Standard deviation of the ranges, as a share of them, where the points lie: the root of its mean square."""
+        radii = np.concatenate([np.hypot(*(one - self.shape.center).T) for one in self.pixels])
+        where = np.percentile(radii[self.certainty.residuals < WIDTHS[-1]], _WHERE)
+        return float(np.sqrt(np.mean(self.certainty.range_ratio(self.shape, where) ** 2)))
 
 
 def calibrate_points(
@@ -157,9 +165,7 @@ def check(calibration: LineCalibration, whole_view: bool = False) -> None:
             f"the lines leave the mirror's centre uncertain by ± {center:.1f} px: take several images, best while the "
             "robot turns on the spot"
         )
-    radii = np.linspace(calibration.first_px, calibration.last_px, 5)[1:4]
-    ratio = float(calibration.certainty.range_ratio(calibration.shape, radii).max())
-    if ratio > MAX_RANGE_RATIO:
+    if (ratio := calibration.range_ratio) > MAX_RANGE_RATIO:
         raise NoFitError(f"the lines leave ranges uncertain by ± {100 * ratio:.0f} %: more lines must be in view")
 
 

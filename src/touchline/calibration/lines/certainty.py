@@ -11,14 +11,15 @@ import numpy.typing as npt
 from touchline.calibration.lines.equations import SHAPE, Lines, Seen
 from touchline.calibration.lines.joint import linearise
 from touchline.calibration.lines.mirror_shape import MirrorShape
-from touchline.calibration.lines.range_curve import CurveFit
+from touchline.calibration.lines.range_curve import CurveFit, curve_weights
 from touchline.calibration.lines.search import WIDTHS
 from touchline.geometry import FloatArray
 
 _CELL_M = 2.0  # pieces of the field's lines that err together: tape measures and paint
 _SECTORS = 18  # ... and of the mirror
 _UPRIGHT = 0.001  # of the range: what a mirror that leans does beyond a bend
-_KINKS = 0.25  # of the curve's usual second difference: how far a kink between knots is rounded off
+_WITHIN = 1.84  # times its scale: within it lie 68 % of Cauchy's distribution
+_KINKS = 0.15  # of the jump of the curve's second differences: how far a kink between knots is rounded off
 
 
 class Certainty(NamedTuple):
@@ -26,7 +27,8 @@ class Certainty(NamedTuple):
 
     covariance (Q, Q): of the mirror's parameters, from how far the residuals of neighbouring points agree; with
     center_px (2,) and bend_per_m (2,), their standard deviations. residuals, distances: of all points, in standard
-    deviations (about pixels) and m. unresolved: what ranges may be off by, as a share, between the curve's knots.
+    deviations (about pixels) and m. kinks (J, Q): what one kink more at each of the curve's knots would do to the
+    mirror's parameters.
     """
 
     covariance: FloatArray
@@ -34,7 +36,7 @@ class Certainty(NamedTuple):
     bend_per_m: FloatArray
     residuals: FloatArray
     distances_m: FloatArray
-    unresolved: float
+    kinks: FloatArray
 
     @property
     def on_lines(self) -> float:
@@ -42,7 +44,7 @@ class Certainty(NamedTuple):
         return float(np.mean(self.residuals < WIDTHS[-1]))
 
     def range_ratio(self, shape: MirrorShape, radius_px: FloatArray) -> FloatArray:
-        """Standard deviation (N,) of the ranges at radii (N,), as a share of them, where there are points."""
+        """Standard deviation (N,) of the ranges at radii (N,), as a share of them. It grows where no point lies."""
         step = 1e-4 * np.sqrt(np.maximum(np.diag(self.covariance), 1e-18))
         base = np.log(shape.range_m(radius_px))
         slopes = np.zeros((len(radius_px), len(step)))
@@ -51,14 +53,18 @@ class Certainty(NamedTuple):
             moved[k] += step[k]
             other = MirrorShape(moved, shape.handedness, shape.knot_px, shape.origin_m)
             slopes[:, k] = (np.log(other.range_m(radius_px)) - base) / step[k]
-        variance = np.einsum("nk,kl,nl->n", slopes, self.covariance, slopes)
-        ratio: FloatArray = np.sqrt(np.maximum(variance, 0.0) + self.unresolved**2)
+        variance = np.maximum(np.einsum("nk,kl,nl->n", slopes, self.covariance, slopes), 0.0)
+        more = np.abs(slopes @ self.kinks.T).sum(axis=1)  # scales of Cauchy's distribution add up as they are
+        ratio: FloatArray = np.sqrt(variance + more**2 + _rounded(shape, radius_px) ** 2 + _UPRIGHT**2)
         return ratio
 
 
 def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certainty:
-    """The certainty of a fit: Huber's sandwich, its points in groups that err together, and its own covariance."""
-    fit, expected, curvature = found
+    """The certainty of a fit, whose points scatter as it supposes or in groups that err together (Huber's sandwich),
+
+    whichever says more. What no point tells is as uncertain as was supposed.
+    """
+    fit, expected, _ = found
     size = len(fit.mirror)
     points = linearise(seen, fit, lines)
     residuals = np.abs(points.residuals)
@@ -68,24 +74,53 @@ def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certain
     offset = np.concatenate([one.pixels for one in seen]) - fit.mirror[:2]
     sectors = np.floor(np.arctan2(offset[:, 1], offset[:, 0]) / (2.0 * np.pi) * _SECTORS).astype(np.int64)
     inverse = np.linalg.inv(fit.matrix)
-    spreads = [_sandwich(added, groups, inverse) for groups in (_cells(points.places), sectors)]
-    covariance = max([*spreads, inverse], key=_of_center)[:size, :size]
+    told = (points.rows * ((shares / sigmas_m) ** 2 / expected.noise)[:, np.newaxis]).T @ points.rows
+    supposed = fit.matrix - told
+    scatters = [told, *(_scatter(added, groups) for groups in (_cells(points.places), sectors))]
+    spreads = [inverse @ (scatter + supposed) @ inverse for scatter in scatters]
+    covariance = max(spreads, key=_of_center)[:size, :size]
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    unresolved = float(np.hypot(_UPRIGHT, _KINKS * curvature))
-    return Certainty(covariance, deviations[:2], deviations[4:SHAPE], residuals, np.abs(points.distances_m), unresolved)
+    return Certainty(
+        covariance, deviations[:2], deviations[4:SHAPE], residuals, np.abs(points.distances_m), _kinks(found, inverse)
+    )
+
+
+def _rounded(shape: MirrorShape, radius_px: FloatArray) -> FloatArray:
+    """How far (N,), as a share of the range, kinks near radii (N,) may be rounded off between the knots."""
+    second = np.diff(shape.parameters[SHAPE:], n=2)
+    if not len(second):
+        return np.zeros(len(radius_px))
+    first = np.clip((radius_px / shape.knot_px).astype(np.intp), 0, len(second) - 1)
+    near = second[np.clip(first[:, np.newaxis] + np.arange(-2, 4), 0, len(second) - 1)]
+    rounded: FloatArray = _KINKS * (near.max(axis=1) - near.min(axis=1))
+    return rounded
 
 
 def _of_center(covariance: FloatArray) -> float:
     return float(np.trace(covariance[:2, :2]))
 
 
-def _sandwich(rows: FloatArray, groups: npt.NDArray[np.int64], inverse: FloatArray) -> FloatArray:
+def _kinks(found: CurveFit, inverse: FloatArray) -> FloatArray:
+    """What one kink more at each knot would do (J, Q), as large as Cauchy's distribution has one with 68 %."""
+    fit, _, curvature = found
+    size = len(fit.mirror)
+    curve = fit.mirror[SHAPE:]
+    second = np.diff(np.eye(len(curve)), n=2, axis=0)
+    weights, doubled = curve_weights(curve, curvature), second @ inverse[SHAPE:size, :size]
+    variances = np.sum(doubled[:, SHAPE:] * second, axis=1)
+    told = np.maximum(1.0 / variances - weights, 0.0)  # by the points, of each
+    sizes = (told + (_WITHIN * curvature) ** -2.0) ** -0.5
+    moves: FloatArray = (sizes * weights)[:, np.newaxis] * doubled
+    return moves
+
+
+def _scatter(rows: FloatArray, groups: npt.NDArray[np.int64]) -> FloatArray:
     _, index = np.unique(groups, return_inverse=True)
     sums = np.zeros((index.max() + 1, rows.shape[1]))
     np.add.at(sums, index, rows)
     count = len(sums)
     few = count / max(count - 1.0, 1.0)
-    result: FloatArray = few * inverse @ (sums.T @ sums) @ inverse
+    result: FloatArray = few * sums.T @ sums
     return result
 
 

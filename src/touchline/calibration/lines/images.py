@@ -20,6 +20,7 @@ from touchline.perception.colour import NoCarpetError
 from touchline.types import ImageArray
 
 _FARTHER = 2.0  # how far beyond the last point the mirror is continued, as a ratio of ranges
+_UNKNOWN = 0.05  # standard deviation of a range, as a share, from which it is none
 _MIN_POINTS = 8  # of an image that takes part: its pose has three unknowns
 _SAME_PX = 4.0  # a point of the first look this near to one of the second is the same
 _INNER = 0.14  # of the circle's radius: where the robot's body ends on most robots
@@ -59,7 +60,7 @@ def calibrate_images(
         raise NoFitError(f"no line points can be found: {error}") from None
     pixels = _merged(lines, pixels, again)
     lines = refined_again(lines, pixels, circle.center, circle.radius_px, field)
-    camera = camera_of(lines, size, _INNER * circle.radius_px, circle.radius_px, mount_yaw_rad)
+    camera = known_camera(lines, size, _INNER * circle.radius_px, circle.radius_px, mount_yaw_rad)
     return ImageCalibration(circle, before, camera, lines, used)
 
 
@@ -90,13 +91,23 @@ def camera_of(
     return replace(camera, stated_uncertainty=_uncertainty(lines, outer))
 
 
+def known_camera(
+    lines: LineCalibration, size: tuple[int, int], inner_px: float, rim_px: float, mount_yaw_rad: float = 0.0
+) -> OmniCamera:
+    """That camera, as far inwards and outwards as ranges are known: a kink where no point lies may be anything."""
+    camera = camera_of(lines, size, inner_px, rim_px, mount_yaw_rad)
+    radii = np.arange(camera.inner_radius_px, camera.outer_radius_px, 1.0)
+    unknown = radii[lines.certainty.range_ratio(lines.shape, radii) > _UNKNOWN]
+    first = float(np.max(unknown[unknown < lines.first_px], initial=camera.inner_radius_px))
+    last = float(np.min(unknown[unknown > lines.last_px], initial=camera.outer_radius_px))
+    return replace(camera, inner_radius_px=first, outer_radius_px=last)
+
+
 def _uncertainty(lines: LineCalibration, outer_px: float) -> CameraUncertainty:
     """How sure a calibration is between its nearest and farthest points; one image doesn't tell how a mirror leans."""
-    radii = np.linspace(lines.first_px, lines.last_px, 9)[1:8]
-    ranges = float(lines.certainty.range_ratio(lines.shape, radii).max())
     usual = usual_uncertainty(outer_px)
     leans_deg = float(np.degrees(0.5 * HEIGHT_M * lines.certainty.bend_per_m.max()))
     told = len(lines.pixels) > 1 and leans_deg < usual.tilt_deg
     return CameraUncertainty(
-        leans_deg if told else usual.tilt_deg, float(lines.certainty.center_px.max()), min(ranges, 0.5)
+        leans_deg if told else usual.tilt_deg, float(lines.certainty.center_px.max()), min(lines.range_ratio, 0.5)
     )

@@ -94,12 +94,17 @@ def _plausible(seen: Sequence[Seen], fit: JointFit) -> bool:
 
 def _stiff(expected: Expected, mirror: FloatArray, curvature: float) -> Expected:
     """With what is expected of the curve, its second differences weighed as they are in a mirror (Q,)."""
-    count = len(mirror) - SHAPE
-    second = np.diff(np.eye(count), n=2, axis=0)
-    weights = 2.0 / (curvature**2 + (second @ mirror[SHAPE:]) ** 2)
+    second = np.diff(np.eye(len(mirror) - SHAPE), n=2, axis=0)
+    weights = curve_weights(mirror[SHAPE:], curvature)
     information = expected.information.copy()
     information[SHAPE:, SHAPE:] += second.T @ (weights[:, np.newaxis] * second)
     return expected._replace(information=information)
+
+
+def curve_weights(curve: FloatArray, curvature: float) -> FloatArray:
+    """The weight (K - 2,) of each second difference of a curve (K,), as Cauchy's distribution has it at that size."""
+    weights: FloatArray = 2.0 / (curvature**2 + np.diff(curve, n=2) ** 2)
+    return weights
 
 
 def _pinned(seen: Sequence[Seen], mirror: FloatArray) -> FloatArray:
