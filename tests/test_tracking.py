@@ -199,6 +199,22 @@ def test_after_a_contradiction_a_lone_line_leaves_what_a_shove_may_have_moved_al
         assert deviations[1] < 0.05
 
 
+def test_the_end_of_a_lone_line_that_fits_twice_tells_nothing_along_it() -> None:
+    """A touch line ends at the goal line; its last points lie as well on the corner's arc, 0.6 m farther."""
+    rng, truth = np.random.default_rng(7), Pose(8.0, 2.6, math.pi)
+    line = np.column_stack((np.linspace(4.6, 8.9, 22), np.full(22, 6.0)))
+    end = np.column_stack((np.full(8, 8.94), np.linspace(5.8, 5.95, 8)))
+    placed = np.concatenate((line, end)) + rng.normal(0.0, 0.02, (30, 2))
+    lone_end = truth.inverse().transform(placed)
+    everything = view(FIELD, truth, rng, count=200, noise=0.005)
+    for points, deviation_m, left_m in ((lone_end, 0.3, 0.3), (everything, 0.3, 0.003), (lone_end, 0.05, 0.02)):
+        tracker = Tracker(Matcher(FIELD.distance_map()))
+        tracker.start_at(truth._replace(x=truth.x - 0.4), np.diag([deviation_m, 0.02, 0.01]) ** 2)
+        seen, _ = seen_from(tracker, points, truth)
+        assert tracker.fuse(seen, tracker.match(seen)) is not Fusion.CONTRADICTS
+        assert math.sqrt(tracker.filter.covariance[0, 0]) == pytest.approx(left_m, rel=0.5)
+
+
 @pytest.mark.parametrize("clutter", [0.0, 0.2])
 @pytest.mark.parametrize("shove", [Pose(0.03, -0.04, 0.03), Pose(-0.09, 0.03, 0.04)])
 def test_a_short_shove_is_followed_though_points_off_the_lines_hide_it(shove: Pose, clutter: float) -> None:

@@ -36,8 +36,8 @@ class FusionPaper(Settings):
     shoves: bool = added(
         True,
         paper=False,
-        description="a match beyond the gate is a shove, a slide along a lone line, or nothing; false as in the "
-        "papers: every match is fused as it is",
+        description="a match beyond the gate is a shove, a slide along a lone line, or nothing, and one that fits as "
+        "well farther along a lone line tells nothing along it; false as in the papers: every match is fused as it is",
     )
     learn_odometry_scale: bool = added(
         True,

@@ -6,14 +6,20 @@ Xiong et al., section 4.2; Lu et al. 2013, section 4.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
 from touchline.localization.fusion.pose_filter import Fusion, FusionSettings, PoseFilter, Scales, equal_error
-from touchline.localization.matching.covariance import MAX_DEVIATION_OF_POSITION_M, is_observed, widest_m
-from touchline.localization.matching.matcher import POOR_ERROR, Match, Matcher
+from touchline.localization.matching.covariance import (
+    MAX_DEVIATION_OF_POSITION_M,
+    UNKNOWN_POSITION_M,
+    is_observed,
+    widest_m,
+)
+from touchline.localization.matching.matcher import POOR_ERROR, Match, Matcher, as_pose
 from touchline.localization.matching.mirror_fit import Expected
 from touchline.motion import Motion, OdometrySettings
 from touchline.types import Prior
@@ -34,6 +40,11 @@ MAX_UNSETTLED = 5  # frames in a row that are left out as their tilt can't be se
 SHOVED_FRAMES = 2
 SURE_M = 0.05  # standard deviation of a match in every direction, up to which it is no lone line that is seen
 LONE_LINE_SHOVE = 0.3  # share of a usual shove that is believed where only one line is seen
+# standard deviation of the prediction from which a match is compared with other places along its least known direction:
+# the end of a lone line looks like that of the arc or the area beside it
+UNSURE_M = 0.1
+BESIDE_M = 0.2  # distance of such places: less than that of any two lines
+MAX_BESIDE = 10  # places on either side: no robot in play is unsure by more than a metre for long
 
 
 class Tracker:
@@ -89,7 +100,29 @@ class Tracker:
             other, other_error, _ = self.matcher.descend(positions_m, view.weights, turned.as_array())
             if other_error < error:
                 pose, error = other, other_error
-        return refine_with_tilt(self.matcher, view, pose, error, self._expected(pose))
+        match = refine_with_tilt(self.matcher, view, pose, error, self._expected(pose))
+        return replace(match, covariance=match.covariance + self._left_open(view, match))
+
+    def _left_open(self, view: MatchInput, match: Match) -> FloatArray:
+        """Covariance (3, 3) along the prediction's least known direction, if places along it fit as well as a match."""
+        open_ = np.zeros((3, 3))
+        variances, axes = np.linalg.eigh(self.filter.covariance[:2, :2])
+        axis, deviation_m = axes[:, 1], math.sqrt(variances[1])
+        told_m = math.sqrt(float(axis @ match.covariance[:2, :2] @ axis))
+        if deviation_m < UNSURE_M or told_m > deviation_m or not self.settings.paper.shoves:
+            return open_
+        predicted, pose = self.filter.pose.as_array(), match.pose.as_array()
+        sides = min(math.ceil(3.0 * deviation_m / BESIDE_M), MAX_BESIDE)
+        for k in range(-sides, sides + 1):
+            start = pose.copy()
+            start[:2] += (float((predicted - pose)[:2] @ axis) + BESIDE_M * k) * axis
+            other, error, _ = self.matcher.descend(view.positions_m, view.weights, start)
+            apart = abs(float((other - pose)[:2] @ axis)) > max(3.0 * told_m, 0.5 * BESIDE_M)
+            likely = self.filter.distance2_to(as_pose(other), match.covariance) <= self.settings.gate
+            if apart and likely and error <= equal_error(match.error):
+                open_[:2, :2] = UNKNOWN_POSITION_M**2 * np.outer(axis, axis)
+                return open_
+        return open_
 
     def _expected(self, pose: FloatArray) -> Expected | None:
         """The prediction, for a match at a pose (3,) that shows no shove."""
