@@ -47,6 +47,7 @@ ROOMS = (
     "localization.matching",
     "localization.registration",
     "localization.particles",
+    "localization.perspective",
     "localization.fusion",
     "localization.one_shot",
     "localization",

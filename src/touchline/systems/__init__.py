@@ -21,7 +21,8 @@ from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mcl_alone import NubotMclAlone, NubotMclAloneSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.systems.setup import RobotSetup, as_setup
-from touchline.systems.touchline import Touchline, TouchlineSettings
+from touchline.systems.touchline import TouchlineSettings
+from touchline.systems.touchline_perspective import touchline_system
 from touchline.types import System
 
 
@@ -113,7 +114,8 @@ SYSTEMS = {
             "touchline",
             "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
             TouchlineSettings,
-            Touchline,
+            touchline_system,
+            cameras=("omni", "pinhole"),
         ),
     )
 }

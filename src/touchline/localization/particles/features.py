@@ -83,12 +83,19 @@ class Features:
     """Takes observations for the particles of one field."""
 
     def __init__(
-        self, associations: FieldAssociations, settings: FeatureSettings | None = None, height_m: float = 1.0
+        self,
+        associations: FieldAssociations,
+        settings: FeatureSettings | None = None,
+        height_m: float = 1.0,
+        model_m: float = MODEL_M,
     ) -> None:
-        """height_m: of the camera; an error of its lean moves the ground by so much, and more far away."""
+        """height_m: of the camera; an error of its lean moves the ground by so much, and more far away. model_m: error
+        of a feature's place on the field.
+        """
         self.associations = associations
         self.settings = settings or FeatureSettings()
         self.height_m = height_m
+        self.model_m = model_m
 
     def of(self, seen: Observation, lean: FloatArray | None = None) -> FeatureView:
         """What counts of an observation. lean (2,): roll and pitch that it is known to lack (rad), to first order."""
@@ -116,7 +123,7 @@ class Features:
         n = self.settings.noise
         ranges = np.hypot(positions[:, 0], positions[:, 1])
         sigmas = np.column_stack((n.sigma_d_m + n.range_ratio * ranges, np.full(len(ranges), n.sigma_beta_rad)))
-        covariances = covariances + MODEL_M**2 * np.eye(2)
+        covariances = covariances + self.model_m**2 * np.eye(2)
         own_information = np.linalg.inv(covariances)
         information = np.linalg.inv(covariances + self._lean_covariances(positions))
         if self.settings.paper.covariances:
@@ -184,7 +191,7 @@ class Features:
         n = self.settings.noise
         normals = np.column_stack((-along[:, 1], along[:, 0])) / length[:, np.newaxis]
         aside = np.einsum("li,lkij,lj->l", normals, covariances, normals)
-        own = np.column_stack((aside / 4.0 + MODEL_M**2, aside / length**2 + MODEL_RAD**2))
+        own = np.column_stack((aside / 4.0 + self.model_m**2, aside / length**2 + MODEL_RAD**2))
         moved = np.einsum("li,lkia->lka", normals, lean_jacobians(ends, self.height_m)) * n.lean_rad
         middle = ((0.5 * (moved[:, 0] + moved[:, 1])) ** 2).sum(axis=1)
         turned = ((moved[:, 1] - moved[:, 0]) ** 2).sum(axis=1) / length**2

@@ -1,0 +1,146 @@
+"""Every pose that a robot with a perspective camera may have, each followed by a filter of its own, with log-odds.
+
+On a field that looks the same from both ends all poses are told at one of them; which end it is, is another question
+(`TwinOdds`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from touchline.geometry import Pose, wrap_angle
+from touchline.localization.perspective.filter import Fitted, PerspectiveFilter
+from touchline.localization.perspective.kernels import LeanFit, SeenPoints
+from touchline.localization.perspective.registration import PerspectiveRegistration
+from touchline.motion.odometry import Motion
+
+MOST_GAIN = 4.0  # logarithm of the odds by which one image speaks at most: its features err together
+CARRIED_AWAY = -8.0  # that the robot was moved unfelt, at an image that makes one search
+SHOVE = -3.0  # that it was shoved, or has fallen, since the last image
+SHOVED = np.array([0.4, 0.4, 0.5])  # and by how much: standard deviations (m, m, rad)
+GATE = (
+    16.3  # squared deviations of a pose from the prediction from which it was shoved: 99.9 % of right ones are within
+)
+POOR = 0.6  # share of what is seen below which a shove is tried
+MIN_EXPLAINED = 0.4  # share below which an image says nothing of a pose
+UNLIKELY = 12.0  # logarithm of odds against the best from which a hypothesis is dropped
+MOST = 10  # hypotheses
+SAME_M, SAME_RAD = 0.25, 0.15  # hypotheses nearer than this are one
+
+
+@dataclass(eq=False, slots=True)
+class PerspectiveHypothesis:
+    """A pose: its filter, its log-odds, and how the last image was fitted to it; None before the first."""
+
+    filter: PerspectiveFilter
+    log_odds: float
+    fit: LeanFit | None = None
+
+    @property
+    def explained(self) -> float:
+        """Share of what the last image showed that lies where it should."""
+        return 0.0 if self.fit is None else self.fit.explained
+
+
+class PerspectiveHypotheses:
+    """`members`, the likeliest first."""
+
+    def __init__(self, registration: PerspectiveRegistration, symmetric: bool) -> None:
+        """symmetric: whether the field looks the same from both ends, so that a pose stands for its twin, too."""
+        self.registration, self.symmetric = registration, symmetric
+        self.members: list[PerspectiveHypothesis] = []
+
+    @property
+    def best(self) -> PerspectiveHypothesis | None:
+        """The likeliest."""
+        return self.members[0] if self.members else None
+
+    @property
+    def probabilities(self) -> list[float]:
+        """Of the members."""
+        odds = [math.exp(one.log_odds - self.members[0].log_odds) for one in self.members]
+        return [each / sum(odds) for each in odds]
+
+    def start(self, start: PerspectiveFilter | None) -> None:
+        """Follow this pose alone, or none."""
+        self.members = [] if start is None else [PerspectiveHypothesis(start, 0.0)]
+
+    def predict(self, motion: Motion, seconds: float) -> None:
+        """The odometry carries every pose on."""
+        for one in self.members:
+            one.filter.predict(motion, seconds)
+
+    def update(self, seen: SeenPoints, found: Sequence[LeanFit], known: PerspectiveFilter) -> None:
+        """Fuse an image with every pose and weigh them; found: poses that a search has found in it.
+
+        known: a filter that knows camera and odometry.
+        """
+        told: list[float] = []
+        for one in self.members:
+            told.append(self._fuse(one, seen, [_pose(fit) for fit in found]))
+        followed = max(told, default=math.inf)
+        before = max((one.log_odds for one in self.members), default=-CARRIED_AWAY)
+        for fit in found:
+            pose = _pose(fit)
+            if any(self._is_known(pose, one.filter.pose) for one in self.members):
+                continue
+            covariance = np.linalg.inv(fit.information + np.diag([0.01, 0.01, 0.1, 2500.0, 2500.0, 10000.0]))[:3, :3]
+            self.members.append(PerspectiveHypothesis(known.placed(pose, covariance), before + CARRIED_AWAY, fit))
+            # the image that it was found in was fitted best of all places: that tells nothing against the others
+            told.append(min(fit.log_likelihood, followed))
+        if not told:
+            return
+        for one, evidence in zip(self.members, told, strict=True):
+            one.log_odds += max(evidence - max(told), -MOST_GAIN)
+        self._settle()
+
+    def _fuse(self, one: PerspectiveHypothesis, seen: SeenPoints, starts: Sequence[Pose]) -> float:
+        """Fuse an image with a pose; the logarithm of its likelihood there. starts: where else to begin, if the
+        prediction allows it.
+        """
+        fitted, shove = one.filter.fitted(self.registration, seen), None
+        for start in starts:
+            if one.filter.allows(start):
+                other = one.filter.fitted(self.registration, seen, start=start)
+                fitted = max(fitted, other, key=_evidence)
+        if fitted.fit.explained < POOR or fitted.distance2 > GATE:
+            other = one.filter.fitted(self.registration, seen, SHOVED)
+            if _evidence(other) + SHOVE > _evidence(fitted):
+                fitted, shove = other, SHOVED
+        one.fit = fitted.fit
+        if fitted.fit.explained >= MIN_EXPLAINED:
+            one.filter.take(fitted, shove)
+        return _evidence(fitted) + (SHOVE if shove is not None else 0.0)
+
+    def _is_known(self, pose: Pose, known: Pose) -> bool:
+        return _same(pose, known) or (self.symmetric and _same(pose.mirrored(), known))
+
+    def _settle(self) -> None:
+        """Sort, drop the unlikely, take those that have come together for one."""
+        self.members.sort(key=lambda one: -one.log_odds)
+        kept: list[PerspectiveHypothesis] = []
+        for one in self.members:
+            unlikely = bool(kept) and one.log_odds < kept[0].log_odds - UNLIKELY
+            if len(kept) < MOST and not unlikely and not any(_same(one.filter.pose, k.filter.pose) for k in kept):
+                kept.append(one)
+        top = kept[0].log_odds
+        for one in kept:
+            one.log_odds -= top
+        self.members = kept
+
+
+def _evidence(fitted: Fitted) -> float:
+    """What an image says for a pose: that it fits, and that the pose is not far from the prediction."""
+    return fitted.fit.log_likelihood - 0.5 * fitted.contradiction
+
+
+def _pose(fit: LeanFit) -> Pose:
+    return Pose(float(fit.state[0]), float(fit.state[1]), wrap_angle(float(fit.state[2])))
+
+
+def _same(one: Pose, other: Pose) -> bool:
+    return one.distance_to(other) < SAME_M and abs(wrap_angle(one.heading - other.heading)) < SAME_RAD

@@ -1,0 +1,229 @@
+"""touchline on a robot with a perspective camera: a walking humanoid, whose camera leans as it walks.
+
+image ─▶ lines, crossings, landmarks ─▶ registration from every hypothesis ─▶ filters, weights ─▶ the best ─▶ estimate
+                │                        ▲ pose with roll, pitch, height          │                ▲
+                └─▶ search by pairs of features ─▶ new hypotheses ◀───────────────┘ undecided      └─ colours: which end
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from touchline.camera import PinholeCamera
+from touchline.field.association import FieldAssociations
+from touchline.geometry import FloatArray, Pose, mirrored_covariance
+from touchline.localization.fusion.feature_belief import is_narrow
+from touchline.localization.fusion.twin_odds import TwinOdds
+from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
+from touchline.localization.particles.feature_poses import PoseProposals
+from touchline.localization.particles.features import Features
+from touchline.localization.particles.random_particles import BEYOND_M
+from touchline.localization.perspective.filter import PerspectiveFilter
+from touchline.localization.perspective.hypotheses import PerspectiveHypotheses
+from touchline.localization.perspective.kernels import LeanFit, SeenPoints
+from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
+from touchline.localization.perspective.search import PerspectiveSearch
+from touchline.motion import LeanFilter, MotionHistory
+from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
+from touchline.systems.report import Stopwatch
+from touchline.systems.setup import RobotSetup
+from touchline.systems.touchline import Touchline, TouchlineSettings
+from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
+
+CAMERA_HEIGHT_M = 1.0  # where nobody tells
+PLACE_M = 0.01  # error of a crossing's place on the field
+WIDE_M = 0.2  # standard deviation of a position from which on one line may be taken for another
+BLIND_S = 4.0  # without a feature from which on a pose is in doubt: the robot may have fallen, and been carried
+MEMORY = 0.25  # share of an image in how much is explained of late
+FEWEST = 2.0  # features, or line points by their shares, without which an image tells nothing
+TOLD = 3.0  # log-odds of an end that a person tells, where nothing can confirm it: one start in twenty is told wrongly
+UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
+
+
+class TouchlinePerspective:
+    """The system as sources and sinks know it: `reset` and `step`."""
+
+    def __init__(self, setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator) -> None:
+        """rng is not needed: nothing here is left to chance."""
+        field, camera = setup.field, setup.camera
+        self.settings = settings
+        eye = np.array([0.0, 0.0, setup.height_m or CAMERA_HEIGHT_M])
+        self.detector: Detector | None = None
+        if isinstance(camera, PinholeCamera):
+            self.detector = cast("Detector", LineGraphDetector(camera, LineGraphSettings(), field))
+            eye = camera.base_from_camera.translation_m
+        self.max_range_m = setup.max_range_m
+        free = {"forward_scale": 0.0, "sideways_scale": 0.0, "turn_scale": 0.0}  # which the filters find out
+        self.history = MotionHistory(settings.odometry.model_copy(update=free), settings.compass_track)
+        self.leaning = LeanFilter()
+        places, lines = FieldAssociations(field), field_lines(field)
+        self.features = Features(places, None, float(eye[2]), PLACE_M)
+        registration = PerspectiveRegistration(field, places.tables, eye)
+        model = FeatureModel(places.tables, lines, polar=False)
+        reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
+        self.search = PerspectiveSearch(PoseProposals(model, reach_m), registration)
+        self.hypotheses = PerspectiveHypotheses(registration, field.is_symmetric)
+        self.symmetric = field.is_symmetric
+        self.tells_ends = self.symmetric and self.features.tell_ends_apart
+        self.twin = TwinOdds(model)
+        self.reset()
+
+    def reset(self, prior: Prior | None = None) -> None:
+        """Forget everything but the prior."""
+        prior = as_prior(prior)
+        if self.detector is not None:
+            self.detector.reset()
+        self.history.clear()
+        self.leaning.clear()
+        self.own_half = prior.own_half
+        self.known = self._filter_at(prior.pose or Pose(0.0, 0.0, 0.0), prior.covariance)
+        self.hypotheses.start(None if prior.pose is None else self.known)
+        self._tell_end(prior.pose is not None)
+        self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
+        self.since_search, self.last_ns, self.seen_ns, self.explained = 0, 0, 0, 1.0
+        self.problems: tuple[str, ...] = ()
+
+    def step(self, frame: Frame) -> Estimate:
+        """Take one frame, return where the robot stands at its time stamp."""
+        clock = Stopwatch()
+        motion = self.history.take(frame)
+        self.hypotheses.predict(motion, self._seconds(frame.stamp_ns))  # predict: the odometry carries every pose on
+        frame = self.leaning.carried(frame)  # roll and pitch at the image
+        observation = clock.perception(
+            observe, frame, self.detector, self.max_range_m
+        )  # observe: lines, crossings, ...
+        features = self.features.of(observation)
+        seen = seen_points(observation, features.points)
+        if _count(seen) >= FEWEST:
+            view = self.features.of(observation, self.known.state[3:5])
+            found = self._search(seen, view) if self._is_in_doubt() else []  # search: every pose that explains them
+            self.hypotheses.update(seen, found, self.known)  # register, fuse, weigh
+            self._judge_end(view)  # which end
+        self._judge(seen, frame.stamp_ns)  # status
+        return self._report(observation, features.size + len(observation.points), clock)
+
+    def _seconds(self, stamp_ns: int) -> float:
+        seconds = 1e-9 * max(stamp_ns - self.last_ns, 0) if self.last_ns else 0.0
+        self.last_ns = stamp_ns
+        self.seen_ns = self.seen_ns or stamp_ns
+        return seconds
+
+    def _is_in_doubt(self) -> bool:
+        """Whether the whole field is searched in this frame."""
+        self.since_search += 1
+        best = self.hypotheses.best
+        if best is None or best.fit is None or float(np.trace(best.filter.covariance[:2, :2])) > WIDE_M**2:
+            return True
+        poor = self.explained < self.settings.min_explained
+        return self.status is not Status.TRACKING or poor or self.since_search >= self.settings.search_every
+
+    def _search(self, seen: SeenPoints, view: FeatureView) -> list[LeanFit]:
+        """Poses that explain an image; on a symmetric field all of them at the end of the pose that is followed."""
+        self.since_search = 0
+        found = self.search.everywhere(seen, view, self.known.known)
+        best = self.hypotheses.best
+        if not self.symmetric:
+            return [fit for fit in found if not self.own_half or best is not None or fit.state[0] <= 0.0]
+        if best is None:
+            return [_at_end(fit, fit.state[0] <= 0.0 or not self.own_half) for fit in found]
+        heading = best.filter.pose.heading
+        return [_at_end(fit, bool(np.cos(fit.state[2] - heading) >= 0.0)) for fit in found]
+
+    def _judge_end(self, view: FeatureView) -> None:
+        """Which of the pose and its twin is right, by the colours of goals and poles."""
+        self.problems = ()
+        best = self.hypotheses.best
+        if best is None:
+            return
+        jumped = best.filter.pose.distance_to(self.known.pose) > 1.0  # no slip: another pose has become the likeliest
+        if jumped:
+            self._tell_end(self.own_half and self.status is Status.SEARCHING)
+        self.known = best.filter
+        if not self.tells_ends:
+            return
+        self.twin.update(view, best.filter.pose)
+        if self.twin.is_refuted:
+            self.twin.turn()
+            for one in self.hypotheses.members:
+                one.filter = one.filter.mirrored()
+            self.known = best.filter
+            self.problems = ("the colours of goals and poles say that the robot is at the other end of the field",)
+
+    def _tell_end(self, told: bool) -> None:
+        self.twin.reset(told and self.tells_ends)
+        if told and not self.tells_ends:
+            self.twin.log_odds = TOLD
+
+    def _judge(self, seen: SeenPoints, stamp_ns: int) -> None:
+        """Whether the pose is believed."""
+        best = self.hypotheses.best
+        if best is None:
+            return
+        if _count(seen) >= FEWEST:
+            self.explained += MEMORY * (best.explained - self.explained)
+            if best.explained >= 0.5 * self.settings.min_explained:
+                self.seen_ns = stamp_ns
+        least = self.settings.min_explained * (0.6 if self.status is Status.TRACKING else 1.0)
+        sure = self.hypotheses.probabilities[0] >= self.settings.min_probability and is_narrow(best.filter.covariance)
+        sure = sure and self.explained >= least and 1e-9 * (stamp_ns - self.seen_ns) <= BLIND_S
+        if sure and (not self.tells_ends or self.twin.is_sure):
+            self.status = Status.TRACKING
+        else:
+            self.status = Status.LOST if self.explained < 0.5 * least else Status.SEARCHING
+
+    def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PerspectiveFilter:
+        s = self.settings
+        told = np.diag(np.square([s.start_position_m, s.start_position_m, s.start_heading_rad]))
+        return PerspectiveFilter(pose, told if covariance is None else covariance)
+
+    def _report(self, observation: Observation, count: int, clock: Stopwatch) -> Estimate:
+        end = self.twin.probability if self.symmetric else 1.0
+        best, others = self.hypotheses.best, []
+        for one, share in zip(self.hypotheses.members, self.hypotheses.probabilities, strict=True):
+            pose, covariance = one.filter.pose, one.filter.covariance
+            residual_m = float("nan") if one.fit is None else one.fit.residual_m
+            if one is not best:
+                others.append(Hypothesis(pose, residual_m, share * end, covariance))
+            if end < 1.0:
+                twin = mirrored_covariance(covariance)
+                others.append(Hypothesis(pose.mirrored(), residual_m, share * (1.0 - end), twin))
+        spread = UNKNOWN if best is None else best.filter.covariance
+        return Estimate(
+            observation.stamp_ns,
+            Pose(0.0, 0.0, 0.0) if best is None else best.filter.pose,
+            spread if self.status is Status.TRACKING else spread + UNKNOWN,
+            self.status,
+            float("nan") if best is None or best.fit is None else best.fit.residual_m,
+            count,
+            tuple(others),
+            None if best is None else self.hypotheses.probabilities[0] * end,
+            clock.perception_ms,
+            clock.localization_ms,
+            observation,
+            problems=self.problems,
+        )
+
+
+def touchline_system(
+    setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator
+) -> Touchline | TouchlinePerspective:
+    """touchline as the robot's camera asks for it: a mirror's, or none that is known of, or a perspective one."""
+    perspective = isinstance(setup.camera, PinholeCamera) or (setup.camera is None and setup.height_m is not None)
+    return TouchlinePerspective(setup, settings, rng) if perspective else Touchline(setup, settings, rng)
+
+
+def _count(seen: SeenPoints) -> float:
+    """How much an image shows: line points by their shares, crossings and landmarks."""
+    return float(seen.shares.sum()) + len(seen.raw_m)
+
+
+def _at_end(fit: LeanFit, as_found: bool) -> LeanFit:
+    """A pose, or its twin."""
+    if as_found:
+        return fit
+    turn = np.array([-1.0, -1.0, *np.ones(4)])
+    state = turn * fit.state
+    state[2] += np.pi
+    return fit._replace(state=state, information=fit.information * np.outer(turn, turn))

@@ -1,0 +1,190 @@
+"""touchline through a perspective camera: pose and lean together, every pose that a walking robot may have."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from touchline.evaluation.runner import robot_setup
+from touchline.experiments.schulz_runs import with_false_crossings
+from touchline.field import open_field
+from touchline.field.association import FieldAssociations
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.particles.features import Features
+from touchline.localization.perspective.filter import PerspectiveFilter
+from touchline.localization.perspective.kernels import Known6
+from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
+from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
+from touchline.simulation.observation.features import leaning
+from touchline.simulation.run import Simulation
+from touchline.simulation.scenario import open_scenario
+from touchline.sources import open_source
+from touchline.systems import RobotSetup, open_system
+from touchline.systems.touchline_perspective import TouchlinePerspective
+from touchline.types import Estimate, Frame, Lines, Observation, Prior, Status
+
+COLOURED, WHITE = "indoor-9x6", "humanoid-kid-9x6"
+HEIGHT_M = PINHOLE_FEATURES.height_m
+
+
+@cache
+def walk(field: str) -> tuple[FloatArray, tuple[Frame, ...]]:
+    """True poses and frames of a walk of 10 s, with features instead of images."""
+    run = Simulation(open_scenario("humanoid-walk", 3, 10.0, [f"field={field}"]), "points")
+    frames = tuple(replace(frame, observation=run.features(i)) for i, frame in enumerate(run))
+    return np.array(run.truth.poses), frames
+
+
+def opened(field: str) -> TouchlinePerspective:
+    system = open_system("touchline", RobotSetup(open_field(field), height_m=HEIGHT_M))
+    assert isinstance(system, TouchlinePerspective)
+    return system
+
+
+def localized(field: str, prior: Prior | None, frames: tuple[Frame, ...] | None = None) -> list[Estimate]:
+    system = opened(field)
+    system.reset(prior)
+    return [system.step(frame) for frame in frames or walk(field)[1]]
+
+
+def errors_m(truth: FloatArray, estimates: list[Estimate]) -> FloatArray:
+    return np.array([math.hypot(e.pose.x - t[0], e.pose.y - t[1]) for e, t in zip(estimates, truth, strict=True)])
+
+
+def near_start(field: str) -> Prior:
+    x, y, heading = walk(field)[0][0].tolist()
+    return Prior(Pose(x + 0.2, y - 0.2, heading + 0.15))
+
+
+def tilted(frames: tuple[Frame, ...], pitch_rad: float) -> tuple[Frame, ...]:
+    """Frames of a camera that looks lower than it is thought to."""
+    seen = [leaning(frame.observation or Observation(0), 0.0, pitch_rad, HEIGHT_M) for frame in frames]
+    return tuple(replace(frame, observation=one) for frame, one in zip(frames, seen, strict=True))
+
+
+@pytest.mark.parametrize("field", [COLOURED, WHITE])
+def test_it_tracks_from_a_start_pose(field: str) -> None:
+    estimates = localized(field, near_start(field))
+    away = errors_m(walk(field)[0], estimates)
+    assert np.median(away) < 0.02
+    assert away.max() < 0.15
+    assert all(e.status is Status.TRACKING for e in estimates[5:])
+
+
+def test_colours_tell_the_end_from_nowhere() -> None:
+    estimates = localized(COLOURED, None)
+    assert errors_m(walk(COLOURED)[0], estimates)[8:].max() < 0.1
+    assert estimates[-1].status is Status.TRACKING
+
+
+def test_both_ends_are_named_where_nothing_tells_them_apart() -> None:
+    estimates = localized(WHITE, None)
+    last, truth = estimates[-1], Pose(*walk(WHITE)[0][-1].tolist())
+    assert min(last.pose.distance_to(truth), last.pose.distance_to(truth.mirrored())) < 0.1
+    twin = last.hypotheses[0]
+    assert twin.pose.distance_to(last.pose.mirrored()) < 1e-9
+    assert last.probability == pytest.approx(0.5, abs=0.01)
+    assert twin.probability == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_start_in_the_wrong_half_is_found_out_by_colours() -> None:
+    start = near_start(COLOURED).pose
+    assert start is not None
+    estimates = localized(COLOURED, Prior(start.mirrored()))
+    assert errors_m(walk(COLOURED)[0], estimates)[-8:].max() < 0.1
+    assert any("other end of the field" in problem for e in estimates for problem in e.problems)
+
+
+def test_a_told_end_that_nothing_can_confirm_stays_in_doubt() -> None:
+    last = localized(WHITE, near_start(WHITE))[-1]
+    assert last.probability is not None
+    assert 0.9 < last.probability < 0.96
+    assert last.hypotheses[0].pose.distance_to(last.pose.mirrored()) < 1e-9
+
+
+def test_a_robot_put_down_elsewhere_is_found() -> None:
+    truth, frames = walk(COLOURED)
+    estimates = localized(COLOURED, Prior(Pose(2.0, 1.5, 1.0)), frames[40:])
+    assert errors_m(truth[40:], estimates)[-12:].max() < 0.15
+
+
+def test_false_crossings_move_nothing() -> None:
+    truth, frames = walk(WHITE)
+    estimates = localized(WHITE, near_start(WHITE), with_false_crossings(frames, 0.5, 1))
+    assert errors_m(truth, estimates)[5:].max() < 0.15
+
+
+def test_a_camera_that_looks_lower_than_told_is_found_out() -> None:
+    truth, frames = walk(COLOURED)
+    system = opened(COLOURED)
+    system.reset(near_start(COLOURED))
+    estimates = [system.step(frame) for frame in tilted(frames, math.radians(2.0))]
+    assert np.median(errors_m(truth, estimates)[-20:]) < 0.04
+    assert math.degrees(system.known.state[4]) == pytest.approx(2.0, abs=0.5)
+
+
+def test_images_of_a_walking_robot(small_data: Path) -> None:
+    source = open_source(small_data / "humanoid_9x6_walk")
+    assert source.truth is not None
+    system = open_system("touchline", robot_setup(source))
+    poses = np.array(source.truth.poses)
+    system.reset(Prior(Pose(*poses[0].tolist())))
+    estimates = [system.step(frame) for _, frame in zip(range(12), source, strict=False)]
+    assert errors_m(poses[:12], estimates).max() < 0.06
+
+
+def test_registration_finds_pose_lean_and_height_of_exact_points() -> None:
+    field = open_field(WHITE)
+    places = FieldAssociations(field)
+    eye = np.array([0.05, 0.0, 1.1])
+    registration = PerspectiveRegistration(field, places.tables, eye)
+    true = np.array([1.0, 0.5, 0.3, 0.01, -0.015, 0.005])
+    seen = exact_view(true, eye)
+    view = seen_points(seen, Features(places, None, 1.1).of(seen).points)
+    start = np.array([1.15, 0.4, 0.4, 0.0, 0.0, 0.0])
+    known = Known6(start, np.diag(np.array([1.0, 1.0, 0.5, 0.03, 0.03, 0.02]) ** -2.0))
+    fit = registration.register(view, start, known)
+    assert fit.state[:3] == pytest.approx(true[:3], abs=0.003)
+    assert fit.state[3:5] == pytest.approx(true[3:5], abs=0.001)
+    assert fit.explained > 0.99
+
+
+def exact_view(state: FloatArray, eye: FloatArray) -> Observation:
+    """All parts of the field's lines ahead, as a camera sees them that errs by a state (6,)."""
+    field, pose = open_field(WHITE), Pose(*state[:3].tolist())
+    ends = []
+    for segment in field.segments:
+        along = np.linspace(segment[:2], segment[2:], 60)
+        ground = pose.inverse().transform(along)
+        ground = ground[(ground[:, 0] > 0.6) & (np.abs(ground[:, 1]) < ground[:, 0]) & (ground[:, 0] < 5.0)]
+        if len(ground) > 8:
+            ends.append(as_seen(ground[[0, -1]], state, eye))
+    n = len(ends)
+    spread = np.tile(1e-4 * np.eye(2), (n, 2, 1, 1))
+    return Observation(0, lines=Lines(np.array(ends), spread, np.ones(n), np.full((n, 2, 2), np.nan)))
+
+
+def as_seen(ground: FloatArray, state: FloatArray, eye: FloatArray) -> FloatArray:
+    """Ground points (N, 2) as a camera has them that is rolled, pitched and higher by a state than it is thought to."""
+    rays = np.column_stack((ground - eye[:2], np.full(len(ground), -eye[2] * (1.0 + state[5]))))
+    c, s = math.cos(state[3]), math.sin(state[3])
+    rays = rays @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]).T
+    c, s = math.cos(state[4]), math.sin(state[4])
+    rays = rays @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]).T
+    seen: FloatArray = eye[:2] + rays[:, :2] * (eye[2] / -rays[:, 2:])
+    return seen
+
+
+def test_a_filter_keeps_what_it_knows_of_the_camera_at_another_place() -> None:
+    one = PerspectiveFilter(Pose(1.0, 2.0, 0.3), np.diag([0.1, 0.2, 0.3]))
+    one.state[3:] = np.arange(6.0)
+    twin = one.mirrored()
+    assert twin.pose.distance_to(Pose(-1.0, -2.0, 0.0)) < 1e-12
+    assert wrap_angle(twin.pose.heading - 0.3 - math.pi) == pytest.approx(0.0)
+    assert np.array_equal(twin.state[3:], one.state[3:])
+    assert np.array_equal(twin.covariance_all, one.covariance_all)
