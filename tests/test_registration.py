@@ -18,6 +18,7 @@ from touchline.localization.registration.bound import bound_covariance, mean_err
 from touchline.localization.registration.kernels import Plan, register
 from touchline.localization.registration.pose_search import PoseSearch
 from touchline.localization.registration.registration import TRACKING, Registration
+from touchline.localization.registration.unseen import unseen
 
 FIELD = open_field("msl-18x12")
 REGISTRATION = Registration(FIELD.distance_map())
@@ -166,3 +167,42 @@ def test_every_mode_has_its_probability(point_set: PointSet) -> None:
     (best, *_) = search.facing(points.positions_m, points.covariances_m2, truth.heading + 0.1, 0.1)
     assert best.pose.distance_to(truth) < 0.1
     assert best.probability > 0.99
+
+
+def test_lines_that_were_not_seen_are_counted() -> None:
+    """The arms of a corner: each is predicted, and missing where it was looked past it."""
+    corner = Pose(-8.0, -5.0, 0.0)
+    seen = lines_near(corner, 4.0)
+    (predicted, missing), (_, elsewhere) = unseen(
+        FIELD.line_tables, seen, np.array([corner, (0.0, 0.0, 0.0)], dtype=np.float64)
+    )
+    assert predicted > 30
+    assert missing == 0
+    assert elsewhere > 10  # the centre circle
+    goal_line = seen[seen[:, 1] > 0.5]  # the half that looks left: what lies to the right was not looked at
+    assert unseen(FIELD.line_tables, goal_line, np.array([corner], dtype=np.float64))[0, 1] == 0
+
+
+def test_a_sector_of_the_view_keeps_the_right_mode(point_set: PointSet) -> None:
+    """Of 120 degrees: the true pose within three standard deviations of a mode; of the almost sure hardly one errs."""
+    search, rng = PoseSearch(point_set.field, Registration(point_set.field.distance_map())), np.random.default_rng(1)
+    kept, sure = [], []
+    for points, row in zip(point_set.points, point_set.truth, strict=True):
+        bearings = np.arctan2(points.positions_m[:, 1], points.positions_m[:, 0])
+        inside = np.abs(np.remainder(bearings - rng.uniform(-3.1, 3.1) + math.pi, 2 * math.pi) - math.pi) < math.pi / 3
+        if inside.sum() < 10:
+            continue
+        modes = search.everywhere(points.positions_m[inside], points.covariances_m2[inside])
+        right = [holds(mode.pose, mode.covariance, Pose(*row)) for mode in modes]
+        kept.append(any(right))
+        if modes[0].probability > 0.45:
+            sure.append(right[0] or holds(modes[0].pose.mirrored(), modes[0].covariance, Pose(*row)))
+    assert np.mean(kept) > 0.95
+    assert np.mean(sure) > 0.9
+
+
+def holds(pose: Pose, covariance: FloatArray, truth: Pose) -> bool:
+    """Whether a mode is the truth: nearer than 20 cm and 5 degrees, or within three standard deviations."""
+    away = np.array([truth.x - pose.x, truth.y - pose.y, wrap_angle(truth.heading - pose.heading)])
+    near = math.hypot(away[0], away[1]) < 0.2 and abs(away[2]) < math.radians(5.0)
+    return near or bool(away @ np.linalg.solve(covariance, away) < 11.3)

@@ -58,16 +58,27 @@ class CoarseSearch:
         points (N, 2) robot frame. window: of the grid, by default all of it. neighbours: up to so many steps of the
         positions apart; 0 for those at the same position alone.
         """
-        grid, of = self._grid, window or self.whole
-        errors = self.errors(points, of).ravel()
-        likely = min(len(errors), 100 * count)  # the rest is never reached: each pick strikes out some 30 neighbours
-        order = np.argpartition(errors, likely - 1)[:likely]
+        of = window or self.whole
+        return self.smallest(self.errors(points, of), count, of, neighbours)
+
+    def smallest(self, errors: npt.NDArray[np.float32], count: int, of: Window, neighbours: int) -> FloatArray:
+        """The poses (up to count, 3) of a window with the smallest of its errors (H, K); see `best`."""
+        near = ((neighbours + 0.5) * self._grid.spacing_m, 2.5 * self._grid.spacing_rad)
+        for likely in (10 * count, 100 * count):  # the first do mostly; beyond the last no pick is reached
+            poses = self._first(errors.ravel(), min(likely, errors.size), of)
+            picks = _far_apart(poses, *near, count)
+            if len(picks) == count or likely >= errors.size:
+                break
+        return np.asarray(poses[picks])
+
+    def _first(self, errors: npt.NDArray[np.float32], count: int, of: Window) -> FloatArray:
+        """The poses (count, 3) with the smallest of a window's errors, in their order."""
+        order = np.argpartition(errors, count - 1)[:count]
         order = order[np.argsort(errors[order])]
         of_heading, of_position = np.divmod(order, of.rows * of.columns)
         row, column = np.divmod(of_position, of.columns)
-        place = (row + of.first_row) * grid.shape[1] + column + of.first_column
-        poses = np.column_stack((grid.positions[place], of.headings[of_heading]))
-        return np.asarray(poses[_far_apart(poses, (neighbours + 0.5) * grid.spacing_m, 2.5 * grid.spacing_rad, count)])
+        place = (row + of.first_row) * self._grid.shape[1] + column + of.first_column
+        return np.column_stack((self._grid.positions[place], of.headings[of_heading]))
 
     def errors(self, points: FloatArray, window: Window | None = None) -> npt.NDArray[np.float32]:
         """Mean error (H, K) of the points (N, 2), all alike, at every heading and position of a window."""

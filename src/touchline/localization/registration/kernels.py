@@ -49,6 +49,16 @@ class Fit(NamedTuple):
     log_likelihood: float
 
 
+class Fits(NamedTuple):
+    """`Fit` from each of K starts: poses (K, 3), information (K, 3, 3), the others (K,)."""
+
+    poses: FloatArray
+    information: FloatArray
+    explained: FloatArray
+    noise: FloatArray
+    log_likelihoods: FloatArray
+
+
 @numba.njit(cache=True, error_model="numpy", inline="always")
 def _seen_from(points, covariances, i, table, place, floor_m2):  # type: ignore[no-untyped-def]
     """Point i at a place (x, y, cosine, sine): offset from the line (ox, oy), what turning moves along it, d², d² σ².
@@ -151,9 +161,12 @@ def register(points, covariances, table, start, plan):  # type: ignore[no-untype
 
 @numba.njit(cache=True, error_model="numpy")
 def register_all(points, covariances, table, starts, plan):  # type: ignore[no-untyped-def]
-    """`register` from each of starts (K, 3): poses (K, 3) and their log-likelihoods (K,)."""
-    poses, likelihoods = starts.copy(), np.empty(starts.shape[0])
-    for k in range(starts.shape[0]):
-        _descend(points, covariances, table, poses[k], plan)
-        likelihoods[k] = _judged(points, covariances, table, poses[k], plan).log_likelihood
-    return poses, likelihoods
+    """`register` from each of starts (K, 3): `Fits`."""
+    count = starts.shape[0]
+    fits = Fits(starts.copy(), np.empty((count, 3, 3)), np.empty(count), np.empty(count), np.empty(count))
+    for k in range(count):
+        _descend(points, covariances, table, fits.poses[k], plan)
+        one = _judged(points, covariances, table, fits.poses[k], plan)
+        fits.information[k] = one.information
+        fits.explained[k], fits.noise[k], fits.log_likelihoods[k] = one.explained, one.noise, one.log_likelihood
+    return fits

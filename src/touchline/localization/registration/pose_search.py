@@ -2,7 +2,8 @@
 
 Coarse: the mean error of every pose of a grid, by look-ups in a table (`CoarseSearch`). Fine: registration from the
 best of them. What is left are the modes of the likelihood; each one's probability is its share of the whole, by
-Laplace's approximation (the likelihood at the top times the volume of its covariance).
+Laplace's approximation (the likelihood at the top times the volume of its covariance). Lines that a pose predicts where
+none was seen (`unseen`) speak against it: half a view fits many places, until they are asked what else should be there.
 """
 
 from __future__ import annotations
@@ -12,22 +13,41 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.matching.coarse_search import CoarseSearch, Window
 from touchline.localization.matching.pose_grid import PoseGrid
-from touchline.localization.registration.registration import FINISHING, SEARCHING, Registered, Registration
+from touchline.localization.registration.distinct import distinct, overlaps
+from touchline.localization.registration.kernels import Fits
+from touchline.localization.registration.registration import FINISHING, SEARCHING, Registration, covariances_of
+from touchline.localization.registration.unseen import UNSEEN, unseen
+
+
+class Count(NamedTuple):
+    """How many poses are tried: so many that poses times points are `work`, but between least and most.
+
+    Few points tell little, so that many places fit them, and they cost little.
+    """
+
+    work: int
+    least: int
+    most: int
+
+    def of(self, points: FloatArray) -> int:
+        """For points (N, 2)."""
+        return min(max(self.work // len(points), self.least), self.most)
+
 
 SPACING_M, SPACING_RAD = 0.4, math.radians(7.5)  # of the grid; a registration begins half of that off at most
 BEYOND_M = 0.5  # the grid reaches so far beyond the lines
 WIDTH_M = 0.25  # of the coarse error function
-STARTS = 40  # poses of the grid that are registered
-NEAR_STARTS = 25  # and so many of a search near a pose
-FINISHED = 10  # of those, the likeliest distinct ones that are registered to the end
+STARTS = Count(3600, 40, 150)  # poses of the grid that are registered
+CLOSE_STARTS = 30  # so many of them may be neighbours on the grid
+NEAR_STARTS = Count(25, 25, 25)  # and so many of a search near a pose
+FINISHED = Count(1000, 10, 50)  # of those, the likeliest distinct ones that are registered to the end
 UNLIKELY = 9.0  # logarithm of odds against the best from which a mode is dropped
-SAME_M, SAME_RAD = 0.1, 0.05  # poses nearer than this are one mode
+SAME = 0.1, 0.05  # m, rad: poses nearer than this are one mode
 COARSE_POINTS = 90  # so many at most, evenly taken, tell the coarse errors
 SEARCH_POINTS = 60  # and so many which of the starts are worth registering to the end
 HOPELESS = 25.0  # logarithm of odds against the best from which a start is not
@@ -45,7 +65,7 @@ class Known(NamedTuple):
 class Mode:
     """A pose that explains the points, its covariance (3, 3) in (m, m, rad), field frame, and its probability.
 
-    log_likelihood, explained, noise: as of `Registered`.
+    log_likelihood: of the points, and of the lines that were not seen. explained, noise: as of `Registered`.
     """
 
     pose: Pose
@@ -62,6 +82,7 @@ class PoseSearch:
     def __init__(self, field: FieldModel, registration: Registration) -> None:
         self.registration = registration
         self.symmetric = field.is_symmetric
+        self._lines = field.line_tables
         self._grid = PoseGrid(field.length, field.width, SPACING_M, BEYOND_M, SPACING_RAD)
         self._coarse = CoarseSearch(field.distance_map(), self._grid, WIDTH_M)
 
@@ -102,21 +123,35 @@ class PoseSearch:
         points: FloatArray,
         covariances: FloatArray,
         window: Window,
-        most_starts: int,
+        most_starts: Count,
         known: Known | None = None,
         twins: bool = False,
     ) -> tuple[Mode, ...]:
         if len(points) == 0:
             return ()
-        starts = self._coarse.best(_some(points, COARSE_POINTS), most_starts, window, neighbours=0)
+        starts = self._starts(points, window, most_starts.of(points))
         some, spreads = _some(points, SEARCH_POINTS), _some(covariances, SEARCH_POINTS)
-        poses, likelihoods = self.registration.register_all(some, spreads, starts, SEARCHING)
+        first = self.registration.register_all(some, spreads, starts, SEARCHING)
+        likelihoods = first.log_likelihoods - self._missed(points, first) * (len(some) / len(points))
         order = np.argsort(-likelihoods)
         order = order[likelihoods[order] > likelihoods[order[0]] - HOPELESS]
-        picked = _distinct(poses[order], FINISHED, twins)
-        found = [self.registration.register(points, covariances, pose, FINISHING) for pose in poses[order][picked]]
-        found = [found[k] for k in _distinct(np.array([one.pose for one in found]), FINISHED, twins)]
-        return _with_probabilities(found, known, twins)
+        likely = first.poses[order]
+        picked = likely[distinct(likely, first.information[order], SAME, twins, FINISHED.of(points))]
+        fits = self.registration.register_all(points, covariances, picked, FINISHING)
+        fits = fits._replace(log_likelihoods=fits.log_likelihoods - self._missed(points, fits))
+        kept = distinct(fits.poses, fits.information, SAME, twins, len(fits.poses))
+        return _with_probabilities(Fits(*(values[kept] for values in fits)), known, twins)
+
+    def _starts(self, points: FloatArray, window: Window, count: int) -> FloatArray:
+        """The likeliest of the grid (K, 3): some of them close together, as many again apart from each other."""
+        errors = self._coarse.errors(_some(points, COARSE_POINTS), window)
+        close = min(count, CLOSE_STARTS)
+        together = self._coarse.smallest(errors, close, window, neighbours=0)
+        return np.concatenate((together, self._coarse.smallest(errors, count - close, window, neighbours=1)))
+
+    def _missed(self, points: FloatArray, fits: Fits) -> FloatArray:
+        """(K,) what lines that were not seen speak against poses."""
+        return UNSEEN * unseen(self._lines, points, fits.poses)[:, 1]
 
 
 def _some(rows: FloatArray, count: int) -> FloatArray:
@@ -130,44 +165,23 @@ def _around(heading_rad: float, reach_rad: float) -> FloatArray:
     return heading_rad + np.linspace(-reach_rad, reach_rad, 2 * each_side + 1)
 
 
-def _distinct(poses: FloatArray, count: int, twins: bool) -> list[int]:
-    """Indices of poses (N, 3), up to count, that are none of those before them; twins: nor the twin of one."""
-    same = _same(poses, poses)
-    if twins:
-        same |= _same(poses * np.array([-1.0, -1.0, 1.0]) + np.array([0.0, 0.0, math.pi]), poses)
-    free = np.ones(len(poses), dtype=np.bool_)
-    kept: list[int] = []
-    for k in range(len(poses)):
-        if free[k] and len(kept) < count:
-            kept.append(k)
-            free &= ~same[k]
-    return kept
-
-
-def _same(poses: FloatArray, others: FloatArray) -> npt.NDArray[np.bool_]:
-    """(N, M) whether poses (N, 3) and others (M, 3) are one."""
-    away = np.abs(poses[:, np.newaxis] - others)
-    turned = np.abs(np.remainder(away[:, :, 2] + math.pi, 2.0 * math.pi) - math.pi)
-    same: npt.NDArray[np.bool_] = (away[:, :, 0] < SAME_M) & (away[:, :, 1] < SAME_M) & (turned < SAME_RAD)
-    return same
-
-
-def _with_probabilities(found: list[Registered], known: Known | None, twins: bool) -> tuple[Mode, ...]:
+def _with_probabilities(fits: Fits, known: Known | None, twins: bool) -> tuple[Mode, ...]:
     """Modes with their shares of the likelihood, the unlikely ones left out; twins: each one's twin among them."""
+    covariances = covariances_of(fits)
+    volumes = 0.5 * np.linalg.slogdet(covariances)[1] - np.log(overlaps(fits.poses, fits.information, twins))
     candidates = []
-    for one in found:
-        volume = 0.5 * float(np.linalg.slogdet(one.covariance)[1])
-        pose = Pose(float(one.pose[0]), float(one.pose[1]), wrap_angle(float(one.pose[2])))
-        both = [(pose, one.covariance), (pose.mirrored(), mirrored_covariance(one.covariance))]
+    for k, log_odds in enumerate((fits.log_likelihoods + volumes).tolist()):
+        x, y, heading = fits.poses[k].tolist()
+        pose = Pose(x, y, wrap_angle(heading))
+        both = [(pose, covariances[k]), (pose.mirrored(), mirrored_covariance(covariances[k]))]
         for place, covariance in both if twins else both[:1]:
-            log_odds = one.log_likelihood + volume - _contradiction(place, known)
-            candidates.append((log_odds, place, covariance, one))
+            candidates.append((log_odds - _contradiction(place, known), place, covariance, k))
     best = max(log_odds for log_odds, *_ in candidates)
     kept = [each for each in candidates if each[0] > best - UNLIKELY]
     total = sum(math.exp(each[0] - best) for each in kept)
+    judged = np.column_stack((fits.log_likelihoods, fits.explained, fits.noise)).tolist()
     modes = [
-        Mode(pose, covariance, math.exp(log_odds - best) / total, one.log_likelihood, one.explained, one.noise)
-        for log_odds, pose, covariance, one in kept
+        Mode(pose, covariance, math.exp(log_odds - best) / total, *judged[k]) for log_odds, pose, covariance, k in kept
     ]
     return tuple(sorted(modes, key=lambda mode: -mode.probability))
 

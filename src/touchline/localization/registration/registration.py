@@ -17,7 +17,7 @@ from touchline.field.distance_map import DistanceMap
 from touchline.field.offset_map import offset_table
 from touchline.geometry import FloatArray
 from touchline.localization.matching.mirror_fit import Mirror
-from touchline.localization.registration.kernels import Fit, Plan, register, register_all
+from touchline.localization.registration.kernels import Fit, Fits, Plan, register, register_all
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, fit_state
 from touchline.types import LinePoints
 
@@ -79,12 +79,10 @@ class Registration:
         covariance = np.linalg.inv(fit.information + _UNKNOWN)
         return Registered(fit.pose, covariance, fit.explained, fit.noise / USUAL_NOISE, fit.log_likelihood)
 
-    def register_all(
-        self, positions_m: FloatArray, covariances_m2: FloatArray, starts: FloatArray, plan: Plan
-    ) -> tuple[FloatArray, FloatArray]:
-        """Poses (K, 3) from starts (K, 3), and their log-likelihoods (K,)."""
-        poses, likelihoods = register_all(positions_m, covariances_m2, self.table, starts, plan)
-        return poses, likelihoods
+    def register_all(self, positions_m: FloatArray, covariances_m2: FloatArray, starts: FloatArray, plan: Plan) -> Fits:
+        """What a plan's steps come to from each of starts (K, 3)."""
+        fits: Fits = register_all(positions_m, covariances_m2, self.table, starts, plan)
+        return fits._replace(noise=fits.noise / USUAL_NOISE)
 
     def fit_state(self, points: LinePoints, start: FloatArray, prior: StatePrior, plan: Plan, head: Head) -> StateFit:
         """Pose and mirror errors, jointly, from a start (8,) and with what is known before."""
@@ -93,3 +91,8 @@ class Registration:
             start, prior, head.mirror, plan, head.repeated,
         )  # fmt: skip
         return fit
+
+
+def covariances_of(fits: Fits) -> FloatArray:
+    """(K, 3, 3) in (m, m, rad), as `Registered.covariance`."""
+    return np.asarray(np.linalg.inv(fits.information + _UNKNOWN))

@@ -1,0 +1,122 @@
+"""Lines that a pose predicts in view and that no point was seen of.
+
+Points say where lines are; that there are none elsewhere they say, too, as far as was looked. What was looked at is
+taken from the points themselves: the bearings at which points were seen, with narrow gaps between them, out to the
+farthest. Rays from a pose cross the field's lines there; a crossing is seen where a point lies in its cell of range and
+bearing, or beside.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from touchline.field.distances import LineTables
+from touchline.geometry import FloatArray
+
+# what speaks against a pose for each unseen crossing, in logarithm of a likelihood ratio: in full images of a match one
+# in fourteen is missing, robots hide neighbours together
+UNSEEN = 1.0
+RAYS = 72  # bearings, 5 degrees apart
+GAP = 8  # so many rays between two that saw points, at most, were looked along, too
+_NEAREST_M, _RINGS, _PER_RING = 0.3, 40, math.log(1.1)  # cells: a tenth longer from ring to ring, up to 13 m
+
+
+class View(NamedTuple):
+    """looked (RAYS,): whether it was looked along a ray. cells (RAYS, rings): where points are, or beside.
+
+    near_m, far_m: ranges between which lines would have been seen.
+    """
+
+    looked: npt.NDArray[np.bool_]
+    cells: npt.NDArray[np.bool_]
+    near_m: float
+    far_m: float
+
+
+@numba.njit(cache=True, error_model="numpy")
+def view_of(points):  # type: ignore[no-untyped-def]
+    """The `View` of points (N, 2), robot frame."""
+    looked, cells = np.zeros(RAYS, dtype=np.bool_), np.zeros((RAYS, _RINGS), dtype=np.bool_)
+    near, far = math.inf, 0.0
+    for i in range(points.shape[0]):
+        range_m = math.hypot(points[i, 0], points[i, 1])
+        near, far = min(near, range_m), max(far, range_m)
+        ray = math.floor(math.atan2(points[i, 1], points[i, 0]) * (RAYS / (2.0 * math.pi)) + 0.5)
+        ring = _ring(range_m)
+        looked[ray % RAYS] = True
+        for k in range(-1, 2):
+            for r in range(max(ring - 1, 0), min(ring + 2, _RINGS)):
+                cells[(ray + k) % RAYS, r] = True
+    return View(_filled(looked), cells, near, far)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _filled(looked):  # type: ignore[no-untyped-def]
+    """The rays (RAYS,), with those of narrow gaps between them."""
+    filled, last = looked.copy(), -RAYS
+    for ray in range(2 * RAYS):
+        if looked[ray % RAYS]:
+            if ray - last <= GAP:
+                for k in range(last + 1, ray):
+                    filled[k % RAYS] = True
+            last = ray
+    return filled
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _ring(range_m):  # type: ignore[no-untyped-def]
+    return min(max(int(math.log(max(range_m, 1e-3) / _NEAREST_M) / _PER_RING), 0), _RINGS - 1)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def count_unseen(lines, poses, view):  # type: ignore[no-untyped-def]
+    """(K, 2) how many crossings of rays and lines each pose (K, 3) predicts in view, and how many were not seen."""
+    counts = np.zeros((poses.shape[0], 2))
+    for k in range(poses.shape[0]):
+        for ray in range(RAYS):
+            if view.looked[ray]:
+                bearing = poses[k, 2] + ray * (2.0 * math.pi / RAYS)
+                _along(lines, (poses[k, 0], poses[k, 1], math.cos(bearing), math.sin(bearing)), ray, view, counts[k])
+    return counts
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _along(lines, of, ray, view, counts):  # type: ignore[no-untyped-def]
+    """Add the crossings along one ray from x, y in a direction to the counts (2,)."""
+    x, y, c, s = of
+    for i in range(lines.segments.shape[0]):
+        ax, ay, dx, dy = lines.segments[i, 0] - x, lines.segments[i, 1] - y, lines.segments[i, 2], lines.segments[i, 3]
+        across = c * dy - s * dx
+        if across != 0.0:
+            along = (ax * s - ay * c) / across
+            if 0.0 <= along <= 1.0:
+                _count((ax * dy - ay * dx) / across, ray, view, counts)
+    for i in range(lines.arcs.shape[0]):
+        ax, ay, radius = lines.arcs[i, 0] - x, lines.arcs[i, 1] - y, lines.arcs[i, 2]
+        middle = ax * c + ay * s
+        half2 = radius * radius - ax * ax - ay * ay + middle * middle
+        if half2 > 0.0:
+            half = math.sqrt(half2)
+            for side in (-1.0, 1.0):
+                range_m = middle + side * half
+                ux, uy = range_m * c - ax, range_m * s - ay
+                if ux * lines.arcs[i, 3] + uy * lines.arcs[i, 4] >= radius * lines.arcs[i, 5]:
+                    _count(range_m, ray, view, counts)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _count(range_m, ray, view, counts):  # type: ignore[no-untyped-def]
+    if view.near_m <= range_m <= view.far_m:
+        counts[0] += 1.0
+        counts[1] += not view.cells[ray, _ring(range_m)]
+
+
+def unseen(lines: LineTables, points: FloatArray, poses: FloatArray) -> FloatArray:
+    """(K, 2): crossings of rays with lines that each pose (K, 3) predicts in view of points (N, 2), and the unseen."""
+    found: FloatArray = count_unseen(lines, poses, view_of(points))
+    return found
