@@ -18,7 +18,7 @@ from touchline.localization.registration.bound import bound_covariance, mean_err
 from touchline.localization.registration.kernels import Plan, register
 from touchline.localization.registration.pose_search import PoseSearch
 from touchline.localization.registration.registration import TRACKING, Registration
-from touchline.localization.registration.unseen import unseen
+from touchline.localization.registration.unseen import count_unseen, unseen, view_of
 
 FIELD = open_field("msl-18x12")
 REGISTRATION = Registration(FIELD.distance_map())
@@ -173,14 +173,13 @@ def test_lines_that_were_not_seen_are_counted() -> None:
     """The arms of a corner: each is predicted, and missing where it was looked past it."""
     corner = Pose(-8.0, -5.0, 0.0)
     seen = lines_near(corner, 4.0)
-    (predicted, missing), (_, elsewhere) = unseen(
-        FIELD.line_tables, seen, np.array([corner, (0.0, 0.0, 0.0)], dtype=np.float64)
-    )
-    assert predicted > 30
+    poses = np.array([corner, (0.0, 0.0, 0.0)], dtype=np.float64)
+    assert count_unseen(FIELD.line_tables, poses, view_of(seen))[0, 0] > 30
+    missing, elsewhere = unseen(FIELD.line_tables, view_of(seen), poses)
     assert missing == 0
     assert elsewhere > 10  # the centre circle
-    goal_line = seen[seen[:, 1] > 0.5]  # the half that looks left: what lies to the right was not looked at
-    assert unseen(FIELD.line_tables, goal_line, np.array([corner], dtype=np.float64))[0, 1] == 0
+    left = seen[seen[:, 1] > 0.5]  # what lies to the right was not looked at
+    assert unseen(FIELD.line_tables, view_of(left), poses)[0] == 0
 
 
 def test_a_sector_of_the_view_keeps_the_right_mode(point_set: PointSet) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
@@ -21,35 +22,22 @@ from touchline.localization.matching.pose_grid import PoseGrid
 from touchline.localization.registration.distinct import distinct, overlaps
 from touchline.localization.registration.kernels import Fits
 from touchline.localization.registration.registration import FINISHING, SEARCHING, Registration, covariances_of
-from touchline.localization.registration.unseen import UNSEEN, unseen
-
-
-class Count(NamedTuple):
-    """How many poses are tried: so many that poses times points are `work`, but between least and most.
-
-    Few points tell little, so that many places fit them, and they cost little.
-    """
-
-    work: int
-    least: int
-    most: int
-
-    def of(self, points: FloatArray) -> int:
-        """For points (N, 2)."""
-        return min(max(self.work // len(points), self.least), self.most)
-
+from touchline.localization.registration.unseen import UNSEEN, View, unseen, view_of
 
 SPACING_M, SPACING_RAD = 0.4, math.radians(7.5)  # of the grid; a registration begins half of that off at most
 BEYOND_M = 0.5  # the grid reaches so far beyond the lines
 WIDTH_M = 0.25  # of the coarse error function
-STARTS = Count(3600, 40, 150)  # poses of the grid that are registered
-CLOSE_STARTS = 30  # so many of them may be neighbours on the grid
-NEAR_STARTS = Count(25, 25, 25)  # and so many of a search near a pose
-FINISHED = Count(1000, 10, 50)  # of those, the likeliest distinct ones that are registered to the end
+# poses of the grid that are registered, and of those the likeliest distinct ones that are registered to the end; of a
+# whole view, and as many times more of a narrower one, which fits more places
+STARTS, FINISHED = 40, 16
+NARROWEST = 0.25  # of the whole view, beyond which there are no more of them
+CLOSE_STARTS = 30  # so many of the starts may be neighbours on the grid
+NEAR_STARTS = 25  # of a search near a pose
 UNLIKELY = 9.0  # logarithm of odds against the best from which a mode is dropped
 SAME = 0.1, 0.05  # m, rad: poses nearer than this are one mode
 COARSE_POINTS = 90  # so many at most, evenly taken, tell the coarse errors
-SEARCH_POINTS = 60  # and so many which of the starts are worth registering to the end
+SEARCH_POINTS = 60  # and so many, of a narrower view as many times fewer, which starts are worth more
+FEWEST_POINTS = 20  # that tell that
 HOPELESS = 25.0  # logarithm of odds against the best from which a start is not
 MOST_CONTRADICTION = 4.0  # what something known speaks against a pose, at most: one compass in fifty is false
 
@@ -123,24 +111,36 @@ class PoseSearch:
         points: FloatArray,
         covariances: FloatArray,
         window: Window,
-        most_starts: Count,
+        most_starts: int,
         known: Known | None = None,
         twins: bool = False,
     ) -> tuple[Mode, ...]:
         if len(points) == 0:
             return ()
-        starts = self._starts(points, window, most_starts.of(points))
-        some, spreads = _some(points, SEARCH_POINTS), _some(covariances, SEARCH_POINTS)
+        view: View = view_of(points)
+        share = max(float(view.looked.mean()), NARROWEST)
+        starts = self._starts(points, window, round(most_starts / share))
+        few = max(round(SEARCH_POINTS * share), FEWEST_POINTS)
+        some, spreads = _some(points, few), _some(covariances, few)
         first = self.registration.register_all(some, spreads, starts, SEARCHING)
-        likelihoods = first.log_likelihoods - self._missed(points, first) * (len(some) / len(points))
-        order = np.argsort(-likelihoods)
-        order = order[likelihoods[order] > likelihoods[order[0]] - HOPELESS]
-        likely = first.poses[order]
-        picked = likely[distinct(likely, first.information[order], SAME, twins, FINISHED.of(points))]
-        fits = self.registration.register_all(points, covariances, picked, FINISHING)
-        fits = fits._replace(log_likelihoods=fits.log_likelihoods - self._missed(points, fits))
+        first = self._likely(first, view, len(some) / len(points))
+        kept = distinct(first.poses, first.information, SAME, twins, round(FINISHED / share))
+        fits = self.registration.register_all(points, covariances, first.poses[kept], FINISHING)
+        fits = self._likely(fits, view, 1.0)
         kept = distinct(fits.poses, fits.information, SAME, twins, len(fits.poses))
-        return _with_probabilities(Fits(*(values[kept] for values in fits)), known, twins)
+        return _with_probabilities(_picked(fits, kept), known, twins)
+
+    def _likely(self, fits: Fits, view: View, share: float) -> Fits:
+        """Those that are not hopeless, the likeliest first, by the points and by what was not seen of the lines.
+
+        share: of the points, that the fits are to; what was not seen counts no more.
+        """
+        hopeful = fits.log_likelihoods > fits.log_likelihoods.max() - HOPELESS
+        fits = _picked(fits, np.flatnonzero(hopeful))
+        fits = fits._replace(
+            log_likelihoods=fits.log_likelihoods - share * UNSEEN * unseen(self._lines, view, fits.poses)
+        )
+        return _picked(fits, np.argsort(-fits.log_likelihoods))
 
     def _starts(self, points: FloatArray, window: Window, count: int) -> FloatArray:
         """The likeliest of the grid (K, 3): some of them close together, as many again apart from each other."""
@@ -149,9 +149,9 @@ class PoseSearch:
         together = self._coarse.smallest(errors, close, window, neighbours=0)
         return np.concatenate((together, self._coarse.smallest(errors, count - close, window, neighbours=1)))
 
-    def _missed(self, points: FloatArray, fits: Fits) -> FloatArray:
-        """(K,) what lines that were not seen speak against poses."""
-        return UNSEEN * unseen(self._lines, points, fits.poses)[:, 1]
+
+def _picked(fits: Fits, rows: npt.NDArray[np.intp]) -> Fits:
+    return Fits(*(values[rows] for values in fits))
 
 
 def _some(rows: FloatArray, count: int) -> FloatArray:

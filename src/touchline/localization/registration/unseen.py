@@ -116,7 +116,7 @@ def _count(range_m, ray, view, counts):  # type: ignore[no-untyped-def]
         counts[1] += not view.cells[ray, _ring(range_m)]
 
 
-def unseen(lines: LineTables, points: FloatArray, poses: FloatArray) -> FloatArray:
-    """(K, 2): crossings of rays with lines that each pose (K, 3) predicts in view of points (N, 2), and the unseen."""
-    found: FloatArray = count_unseen(lines, poses, view_of(points))
+def unseen(lines: LineTables, view: View, poses: FloatArray) -> FloatArray:
+    """(K,) how many crossings of rays with lines that each pose (K, 3) predicts in view were not seen."""
+    found: FloatArray = count_unseen(lines, poses, view)[:, 1]
     return found
