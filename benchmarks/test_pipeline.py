@@ -11,7 +11,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from touchline.localization.matching.mirror_tilt import MirrorTilt
 from touchline.localization.matching.weights import precision_weights
-from touchline.perception.profiles import PathSamples, sample_paths
+from touchline.perception.path_samples import no_samples, sample_paths
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.nubot_mti import NubotMti
@@ -52,10 +52,9 @@ def test_sampling_the_scan_lines(benchmark: BenchmarkFixture, frames: list[Frame
     detector = warm.detector.detector
     model, lines = detector.colours, detector.scan_lines
     assert model is not None
-    n = len(lines.samples)
-    out = PathSamples(np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.uint8))
+    out = no_samples(len(lines.samples))
     signal, masked = model.signal.astype(np.float32), lines.at_samples(detector.body)
-    benchmark(sample_paths, frames[20].image, lines.corners, lines.shares, masked, signal, model.table, out)
+    benchmark(sample_paths, frames[20].image, lines, masked, signal, model.table, out)
 
 
 def test_sampling_the_scan_lines_numpy_twin(benchmark: BenchmarkFixture, frames: list[Frame], warm: NubotMti) -> None:

@@ -19,7 +19,7 @@ from touchline.perception.colour import WHITE as WHITE_CLASS
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.covered import is_covered
 from touchline.perception.field_boundary import green_ends, inside_green
-from touchline.perception.profiles import BODY, PathSamples, sample_paths
+from touchline.perception.path_samples import BODY, PathSamples, no_samples, sample_paths
 from touchline.perception.scan_lines import build_scan_lines
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
@@ -237,10 +237,9 @@ def test_sampling_is_bilinear() -> None:
     n = len(lines.samples)
     signal, table = rng.normal(size=3).astype(np.float32), rng.integers(0, 3, (64, 64, 64)).astype(np.uint8)
     body = rng.random((480, 480)) < 0.1
-    colours, levels, classes = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.uint8)
-    masked = lines.at_samples(body)
-    samples = PathSamples(colours, levels, classes)
-    sample_paths(image, lines.corners, lines.shares, masked, signal, table, samples)
+    samples = no_samples(n)
+    sample_paths(image, lines, lines.at_samples(body), signal, table, samples)
+    colours, levels, classes = samples.values[:3].T, samples.values[3], samples.classes
     u, v = lines.samples.T
     j, i = u.astype(int), v.astype(int)
     fu, fv = (u - j)[:, None], (v - i)[:, None]
@@ -293,8 +292,9 @@ def test_the_greens_end_bridges_lines_but_not_walls() -> None:
 
 def samples_of(classes: npt.NDArray[np.uint8], grey: float = 200.0) -> PathSamples:
     """Samples of these classes, all of one grey level."""
-    colours = np.full((len(classes), 3), grey, np.float32)
-    return PathSamples(colours, np.zeros(len(classes), np.float32), classes)
+    samples = no_samples(len(classes))
+    samples.values[:3] = grey
+    return samples._replace(classes=classes)
 
 
 def test_overexposed_ground_does_not_end_the_green() -> None:

@@ -9,7 +9,7 @@ from numba import njit
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
 from touchline.perception.colour import GREEN
-from touchline.perception.profiles import BODY, PathSamples
+from touchline.perception.path_samples import BODY, PathSamples
 
 OVEREXPOSED = 250.0  # grey level from which on all channels tell nothing: what lies under direct sun may be carpet
 _BESIDE = 3  # rays on each side that may vouch for a point: a ray along a line sees no green itself
@@ -39,7 +39,7 @@ def green_ends(
     overexposed counts neither as green nor as a gap. Each end is then the middle one of three neighbours, so that a rod
     or a stain in one direction does not cut the field.
     """
-    single, classes, colours = np.empty(rays), samples.classes, samples.colours
+    single, classes, values = np.empty(rays), samples.classes, samples.values
     for ray in range(rays):
         low, high = starts[2 * ray], starts[2 * ray + 1]
         last, missing = 0, 0
@@ -48,7 +48,7 @@ def green_ends(
                 last, missing = k, 0
             elif (
                 classes[low + k] != BODY
-                and min(colours[low + k, 0], colours[low + k, 1], colours[low + k, 2]) < OVEREXPOSED
+                and min(values[0, low + k], values[1, low + k], values[2, low + k]) < OVEREXPOSED
             ):
                 missing += 1
                 if missing > gaps[min(k, len(gaps) - 1)]:

@@ -32,13 +32,12 @@ from touchline.perception.colour import (
 )
 from touchline.perception.detector import check_size
 from touchline.perception.field_boundary import gap_lengths, green_ends, inside_green
+from touchline.perception.path_samples import no_samples, sample_paths
 from touchline.perception.profiles import (
     COLUMNS,
-    PathSamples,
     ProfileLimits,
     dim_carpet,
     find_line_profiles,
-    sample_paths,
 )
 from touchline.perception.scan_lines import FILL_FROM, ScanLines, build_scan_lines, usable_radius
 from touchline.perception.stages import (
@@ -161,8 +160,7 @@ class LinePointDetector:
         self._gaps = gap_lengths(mirror, mirror.inner_radius_px, self.outer_px, FIELD_GAP_M)
         self._smoothing_px = 0.0
         self._noise = 0.0
-        n = len(self.scan_lines.samples)
-        self._samples = PathSamples(np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.uint8))
+        self._samples = no_samples(len(self.scan_lines.samples))
         self._found = np.empty((2048, COLUMNS))
 
     def learn(self, images: Sequence[ImageArray]) -> None:
@@ -259,15 +257,7 @@ class LinePointDetector:
         model, lines, s, camera = self.colours, self.scan_lines, self.settings, self.camera
         if model is None:
             raise TouchlineError("the detector has learned no colours yet: call learn() with a few images first")
-        sample_paths(
-            image,
-            lines.corners,
-            lines.shares,
-            self._masked,
-            model.signal.astype(np.float32),
-            model.table,
-            self._samples,
-        )
+        sample_paths(image, lines, self._masked, model.signal.astype(np.float32), model.table, self._samples)
         if transitions:
             found = find_transitions(lines, self._samples.classes, camera, MAX_RUN_PX)
         else:

@@ -9,28 +9,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from touchline.camera.omni import ground_from_pixel
 from touchline.perception.colour import DARKEST_GREEN, GREEN, ColourModel, chromaticity
-from touchline.types import ImageArray
+from touchline.perception.path_samples import BODY, LEVEL, PathSamples
 
-BODY = 3  # a fourth class of samples: the robot itself
 DIMMEST_SUM = 10.0  # of B, G and R of carpet in the dark, in the mean of a flank: below, its hue is noise
-BLOCK = 16  # samples that share one bound: few enough to be passed over where there is a line beyond their neighbours
+HALVINGS = 4
+BLOCK = (
+    2**HALVINGS
+)  # samples that share one bound: few enough to be passed over where there is a line beyond their neighbours
 COLUMNS = 7  # of a crossing: x, y (m), u, v (px), contrast (share of green to white), chord (m), path
-
-
-class PathSamples(NamedTuple):
-    """What an image shows at the N samples of ScanLines.
-
-    colours: (N, 3), B, G, R. levels: (N,), the colours' signal, higher by 1 on paint than on carpet. classes: (N,).
-    """
-
-    colours: npt.NDArray[np.float32]
-    levels: npt.NDArray[np.float32]
-    classes: npt.NDArray[np.uint8]
 
 
 class DimCarpet(NamedTuple):
@@ -71,62 +61,28 @@ class ProfileLimits(NamedTuple):
     carpet: DimCarpet
 
 
-@njit(cache=True)
-def sample_paths(
-    image: ImageArray,
-    corners: npt.NDArray[np.int32],
-    shares: npt.NDArray[np.float32],
-    masked: npt.NDArray[np.bool_],
-    signal: npt.NDArray[np.float32],
-    table: npt.NDArray[np.uint8],
-    samples: PathSamples,
-) -> None:
-    """Look up the N samples of ScanLines (corners (N,), shares (N, 2)) in an image (H, W, 3), contiguous.
-
-    Fills `samples`: colours bilinear, levels by `signal` (3,), classes by the table (64, 64, 64), or BODY where masked
-    (N,) says that it is the robot itself.
-    """
-    colours, levels, classes = samples
-    flat, cells = image.reshape(-1), table.reshape(-1)
-    blue, green, red = flat, flat[1:], flat[2:]
-    beside, below = np.uint64(3), np.uint64(3 * image.shape[1])  # unsigned: none can count from the end
-    for k in range(len(corners)):
-        here, fu, fv = np.uint64(corners[k]), shares[k, 0], shares[k, 1]
-        right, under = here + beside, here + below
-        across = under + beside
-        w11 = fu * fv
-        w01, w10 = fu - w11, fv - w11
-        w00 = np.float32(1.0) - fu - w10
-        b = w00 * blue[here] + w01 * blue[right] + w10 * blue[under] + w11 * blue[across]
-        g = w00 * green[here] + w01 * green[right] + w10 * green[under] + w11 * green[across]
-        r = w00 * red[here] + w01 * red[right] + w10 * red[under] + w11 * red[across]
-        colours[k, 0], colours[k, 1], colours[k, 2] = b, g, r
-        levels[k] = signal[0] * b + signal[1] * g + signal[2] * r
-        cell = (np.int32(b) >> 2) << 12 | (np.int32(g) >> 2) << 6 | np.int32(r) >> 2
-        classes[k] = BODY if masked[k] else cells[cell]
-
-
-@njit(cache=True)
-def _dim_flank(samples, first, step, limits):  # type: ignore[no-untyped-def]
+@njit(cache=True, inline="always")
+def _dim_flank(values, first, step, limits):  # type: ignore[no-untyped-def]
     """As `_flank` for carpet in the dark, by the colour of all samples together: one alone is too coarse to tell."""
-    colours, levels, count, carpet = samples.colours, samples.levels, limits.flank_px, limits.carpet
+    count, carpet = limits.flank_px, limits.carpet
     level = blue = green = red = 0.0
     for m in range(count):
         k = first + step * m
-        level += levels[k] / count
-        blue += colours[k, 0] / count
-        green += colours[k, 1] / count
-        red += colours[k, 2] / count
+        blue += values[0, k]
+        green += values[1, k]
+        red += values[2, k]
+        level += values[LEVEL, k]
+    blue, green, red = blue / count, green / count, red / count
     total = blue + green + red
     is_carpet = carpet.min_sum <= total <= carpet.max_sum
     if is_carpet:
         is_carpet = np.hypot(blue / total - carpet.blue, red / total - carpet.red) <= carpet.reach
-    return level if is_carpet else np.nan, blue, green, red
+    return level / count if is_carpet else np.nan, blue, green, red
 
 
-@njit(cache=True, inline="always")  # to count the references to the arrays of a call takes longer than all the rest
-def _flank(colours, levels, classes, first, step, count):  # type: ignore[no-untyped-def]
-    """Of `count` samples from `first` on, walking by `step`: how many are green, their mean level and B, G, R.
+@njit(cache=True, inline="always")
+def _flank(values, classes, first, step, count):  # type: ignore[no-untyped-def]
+    """Mean level and B, G, R of those of `count` samples from `first` on, walking by `step`, that are green.
 
     A flank that holds an edge between light and dark has no level (NaN): beside a dark thing even green looks whitish.
     """
@@ -137,73 +93,85 @@ def _flank(colours, levels, classes, first, step, count):  # type: ignore[no-unt
         if classes[k] != GREEN:
             continue
         number += 1
-        level += levels[k]
-        total = colours[k, 0] + colours[k, 1] + colours[k, 2]
+        level += values[LEVEL, k]
+        total = values[0, k] + values[1, k] + values[2, k]
         darkest, brightest = min(darkest, total), max(brightest, total)
-        blue += colours[k, 0]
-        green += colours[k, 1]
-        red += colours[k, 2]
-    n = max(number, 1)
-    return number, level / n if darkest >= 0.7 * brightest else np.nan, blue / n, green / n, red / n
+        blue += values[0, k]
+        green += values[1, k]
+        red += values[2, k]
+    return level / number if darkest >= 0.7 * brightest else np.nan, blue / number, green / number, red / number
 
 
 @njit(cache=True)
-def _foot(samples, peak, step, limits, span, mean):  # type: ignore[no-untyped-def]
-    """Where the green beside a peak begins: (index, level), walking from the peak by `step`; index -1 if nowhere.
+def _foot(values, classes, peak, step, limits, span):  # type: ignore[no-untyped-def]
+    """Where the green beside a peak begins, walking from the peak by `step`: index, level, B, G, R; index -1: nowhere.
 
     The first flank that lies low enough below the peak, moved on while blur still lets it fall. In a flank of
     `flank_px` samples three quarters are green, or all of them together are carpet in the dark. span: first sample of
-    the scan line, and the first beyond it. mean (3,) is filled with the flank's colour.
+    the scan line, and the first beyond it.
     """
-    colours, levels, classes = samples
-    count, least, dim = limits.flank_px, 0.5 * limits.min_contrast, 2.0 * limits.carpet.max_sum
-    foot, base, steps = -1, np.inf, 0
-    for m in range(1, limits.max_run_px + 2):
+    top, count = values[LEVEL, peak], limits.flank_px
+    least, dim = 0.5 * limits.min_contrast, 2.0 * limits.carpet.max_sum
+    room = (span[1] - peak if step > 0 else peak - span[0] + 1) - count
+    foot, base, steps, number = -1, np.inf, 0, 0
+    found_blue = found_green = found_red = 0.0
+    for m in range(count if room > 0 else 0):
+        number += classes[peak + step * m] == GREEN
+    for m in range(1, min(limits.max_run_px + 1, room) + 1):
         k = peak + step * m
-        last = k + step * (count - 1)
-        if min(k, last) < span[0] or max(k, last) >= span[1] or (foot < 0 and m >= limits.max_run_px):
+        number += (classes[k + step * (count - 1)] == GREEN) - (classes[k - step] == GREEN)  # the flank moves on
+        if foot < 0 and m >= limits.max_run_px:
             break
-        if foot < 0 and levels[peak] - levels[k] < least:
+        if foot < 0 and top - values[LEVEL, k] < least:
             continue
-        number, level, blue, green, red = _flank(colours, levels, classes, k, step, count)
-        if number * 4 < count * 3:
-            level = np.nan
-            if colours[k, 0] + colours[k, 1] + colours[k, 2] <= dim:  # hardly ever
-                level, blue, green, red = _dim_flank(samples, k, step, limits)
-        if foot < 0 and not levels[peak] - level >= least:
+        if number * 4 >= count * 3:
+            level, blue, green, red = _flank(values, classes, k, step, count)
+        elif values[0, k] + values[1, k] + values[2, k] <= dim:  # hardly ever
+            level, blue, green, red = _dim_flank(values, k, step, limits)
+        else:
+            level = blue = green = red = np.nan
+        if foot < 0 and not top - level >= least:
             continue
         if foot >= 0 and not level < base:
             break
         foot, base, steps = k, level, steps + 1
-        mean[0], mean[1], mean[2] = blue, green, red
+        found_blue, found_green, found_red = blue, green, red
         if steps == 3:
             break
-    return foot, base
+    return foot, base, found_blue, found_green, found_red
 
 
 @njit(cache=True)
-def _floors(levels, reach):  # type: ignore[no-untyped-def]
-    """For each block of samples a level that lies no higher than what all its peaks have on one of their sides.
+def _halved(low, high):  # type: ignore[no-untyped-def]
+    """The lower of each two of low, the higher of each two of high: (N,) -> (N // 2,)."""
+    lower, higher = np.empty(len(low) // 2, np.float32), np.empty(len(low) // 2, np.float32)
+    for k in range(len(lower)):
+        lower[k], higher[k] = min(low[2 * k], low[2 * k + 1]), max(high[2 * k], high[2 * k + 1])
+    return lower, higher
 
-    The higher of the lowest levels of `reach` samples on either side: what hardly rises above it never passes `_falls`.
+
+@njit(cache=True)
+def _rises(levels, reach):  # type: ignore[no-untyped-def]
+    """For each block of samples how far its highest rises above what all its peaks have on one of their sides.
+
+    That is the higher of the lowest levels of `reach` samples on either side: what hardly rises never passes `_falls`.
+    A last block that is not whole rises without end, and so may those beside it.
     """
-    blocks, around = (len(levels) + BLOCK - 1) // BLOCK, (reach + BLOCK - 1) // BLOCK
-    lowest, floors = np.empty(blocks, np.float32), np.empty(blocks, np.float32)
-    for block in range(blocks):
-        low = levels[block * BLOCK]
-        for k in range(block * BLOCK + 1, min((block + 1) * BLOCK, len(levels))):
-            low = min(low, levels[k])
-        lowest[block] = low
-    for block in range(blocks):
+    lowest, highest = levels, levels
+    for _ in range(HALVINGS):
+        lowest, highest = _halved(lowest, highest)
+    whole, around = len(lowest), (reach + BLOCK - 1) // BLOCK
+    rises = np.full(len(levels) // BLOCK + 1, np.inf)
+    for block in range(whole - around):
         before = after = lowest[block]
         for step in range(1, around + 1):
-            before, after = min(before, lowest[max(block - step, 0)]), min(after, lowest[min(block + step, blocks - 1)])
-        floors[block] = max(before, after)
-    return floors
+            before, after = min(before, lowest[max(block - step, 0)]), min(after, lowest[block + step])
+        rises[block] = highest[block] - max(before, after)
+    return rises
 
 
 @njit(cache=True)
-def _falls(levels, peak, limits, span):  # type: ignore[no-untyped-def]
+def _falls(values, peak, limits, span):  # type: ignore[no-untyped-def]
     """Whether the level falls on both sides, tried at a few distances: most maxima are noise of the green."""
     least = 0.5 * limits.min_contrast
     for side in range(2):
@@ -212,7 +180,7 @@ def _falls(levels, peak, limits, span):  # type: ignore[no-untyped-def]
             k = peak + step * distance
             if k < span[0] or k >= span[1]:
                 return False
-            fallen = levels[peak] - levels[k] >= least
+            fallen = values[LEVEL, peak] - values[LEVEL, k] >= least
             distance += distance // 3 + 1
         if not fallen:
             return False
@@ -220,7 +188,7 @@ def _falls(levels, peak, limits, span):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _edge(levels, foot, base, peak, step):  # type: ignore[no-untyped-def]
+def _edge(values, foot, base, peak, step):  # type: ignore[no-untyped-def]
     """Position (samples) at half height between the green from `foot` on (level `base`) and the paint at `peak`.
 
     `step` leads from the foot to the peak. The paint's height is that near this edge: its light may vary along the way.
@@ -228,49 +196,49 @@ def _edge(levels, foot, base, peak, step):  # type: ignore[no-untyped-def]
     k, m = foot, foot
     while m != peak and abs(m - foot) < 8:
         m += step
-        if levels[m] > levels[k]:
+        if values[LEVEL, m] > values[LEVEL, k]:
             k = m
-    if levels[k] <= base:
+    if values[LEVEL, k] <= base:
         return -1.0
-    half = 0.5 * (base + levels[k])
+    half = 0.5 * (base + values[LEVEL, k])
     for _ in range(12):
         k -= step
-        if levels[k] <= half:
-            return k + step * (half - levels[k]) / (levels[k + step] - levels[k])
+        if values[LEVEL, k] <= half:
+            return k + step * (half - values[LEVEL, k]) / (values[LEVEL, k + step] - values[LEVEL, k])
     return -1.0
 
 
 @njit(cache=True)
-def _edges(samples, peak, limits, span, means, edges):  # type: ignore[no-untyped-def]
+def _edges(values, classes, peak, limits, span, means, edges):  # type: ignore[no-untyped-def]
     """Height of a peak above the green on both sides; 0 where there is no such green or no edge towards it.
 
     means (2, 3), edges (2,) are filled with the mean colour of the green and the position of the edge on each side.
     """
-    levels = samples.levels
-    feet, bases = (0, 0), (0.0, 0.0)
+    feet, bases, brighter = (0, 0), (0.0, 0.0), 0.0
     for side in range(2):
-        foot, base = _foot(samples, peak, 2 * side - 1, limits, span, means[side])
+        foot, base, blue, green, red = _foot(values, classes, peak, 2 * side - 1, limits, span)
         if foot < 0:
             return 0.0
-        feet, bases = (feet[1], foot), (bases[1], base)
+        feet, bases, brighter = (feet[1], foot), (bases[1], base), max(brighter, blue + green + red)
+        means[side, 0], means[side, 1], means[side, 2] = blue, green, red
     if feet[1] - feet[0] > limits.max_run_px:
         return 0.0
-    if max(means[0].sum(), means[1].sum()) <= limits.carpet.max_sum:  # dark on both sides: robots wear white, too
+    if brighter <= limits.carpet.max_sum:  # dark on both sides: robots wear white, too
         return 0.0
     for side in range(2):
-        edges[side] = _edge(levels, feet[side], bases[side], peak, 1 - 2 * side)
+        edges[side] = _edge(values, feet[side], bases[side], peak, 1 - 2 * side)
     if edges[0] < 0.0 or edges[1] <= edges[0]:
         return 0.0
-    return levels[peak] - max(bases[0], bases[1])
+    return values[LEVEL, peak] - max(bases[0], bases[1])
 
 
 @njit(cache=True)
-def _looks_white(colours, middle, means, toward, least, cosine):  # type: ignore[no-untyped-def]
+def _looks_white(values, middle, means, toward, least, cosine):  # type: ignore[no-untyped-def]
     """Whether what is added to the green beside it (means (2, 3)) is paint, not a ball's or a marker's colour."""
     k = int(middle)
     dot, size, toward_size = 0.0, 0.0, 0.0
     for c in range(3):
-        excess = 0.5 * (colours[k, c] + colours[k + 1, c]) - max(means[0, c], means[1, c])
+        excess = 0.5 * (values[c, k] + values[c, k + 1]) - max(means[0, c], means[1, c])
         dot += excess * toward[c]
         size += excess * excess
         toward_size += toward[c] * toward[c]
@@ -283,33 +251,35 @@ def _size2(colour):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out):  # type: ignore[no-untyped-def]
+def find_line_profiles(path, starts, closed, samples: PathSamples, paint, limits, camera, out):  # type: ignore[no-untyped-def]
     """Green-white-green profiles of all scan lines into out (M, COLUMNS); returns how many.
 
     path (N, 2), starts, closed: ScanLines. samples: PathSamples. paint: green and white (3,), learned. limits:
     ProfileLimits. camera: constants, bearings, ranges of the OmniCamera's look-up.
     """
-    levels, classes, count = samples.levels, samples.classes, limits.flank_px
+    values, classes, count = samples.values, samples.classes, limits.flank_px
     green, white = paint
     toward = white - green
     constants, bearings, ranges = camera
     means, edges, ends = np.zeros((2, 3)), np.zeros(2), np.zeros((2, 4))
-    floors, rise = _floors(levels, limits.max_run_px), 0.5 * limits.min_contrast
+    rises, rise = _rises(values[LEVEL], limits.max_run_px), 0.5 * limits.min_contrast
     found = 0
     for p in range(len(starts) - 1):
         span = (starts[p], starts[p + 1])
         first, last = span[0] + count, span[1] - count
         k = first
         while k < last and found < len(out):
+            if rises[k // BLOCK] < rise:  # nearly always
+                k = (k // BLOCK + 1) * BLOCK
+                continue
             peak = k
             k += 1
-            if levels[peak] - floors[peak // BLOCK] < rise:  # nearly always
+            top = values[LEVEL, peak]
+            if top < values[LEVEL, peak - 1] or top < values[LEVEL, peak + 1] or classes[peak] == BODY:
                 continue
-            if levels[peak] < levels[peak - 1] or levels[peak] < levels[peak + 1] or classes[peak] == BODY:
+            if not _falls(values, peak, limits, span):
                 continue
-            if not _falls(levels, peak, limits, span):
-                continue
-            height = _edges(samples, peak, limits, span, means, edges)
+            height = _edges(values, classes, peak, limits, span, means, edges)
             if height <= 0.0:
                 continue
             brightness = np.sqrt(max(_size2(means[0]), _size2(means[1])) / _size2(green))
@@ -320,7 +290,7 @@ def find_line_profiles(path, starts, closed, samples, paint, limits, camera, out
             if closed[p] > 0 and not first <= middle < first + closed[p]:
                 continue
             least = 0.7 * limits.min_contrast * brightness
-            if not _looks_white(samples.colours, middle, means, toward, least, limits.min_cosine):
+            if not _looks_white(values, middle, means, toward, least, limits.min_cosine):
                 continue
             for side in range(2):
                 m = int(edges[side])

@@ -26,7 +26,7 @@ class ScanLines:
 
     samples: (N, 2) u, v of all paths, one after the other. starts: (P + 1,) first sample of each path.
     closed: (P,) number of samples after which a path repeats itself, 0 for an open one.
-    corners: (N,) index of the sample's upper left pixel's first channel in an image laid flat; shares: (N, 2) how far
+    corners: (N,) index of the sample's upper left pixel's first channel in an image laid flat; shares: (2, N) how far
     the sample is on its way to the next pixel in u and v. Both for bilinear look-up.
     """
 
@@ -75,7 +75,7 @@ def build_scan_lines(
     samples = np.concatenate([path for path, _ in pieces])
     whole = np.floor(samples)
     corners = (3 * (whole[:, 1] * camera.width + whole[:, 0])).astype(np.int32)
-    shares = (samples - whole).astype(np.float32)
+    shares = np.ascontiguousarray((samples - whole).T, np.float32)
     return ScanLines(samples, starts, lengths, corners, shares)
 
 
