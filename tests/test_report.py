@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -13,11 +14,13 @@ import pytest
 from fakes import STEP_NS, FakeSource, FakeSystem, true_samples
 
 from touchline.evaluation.estimates import EstimateTable, read_estimates
-from touchline.evaluation.figures import RunData, error_figure, field_figure, path_key, thinned
 from touchline.evaluation.metrics import ErrorTable, error_table, signed_errors
+from touchline.evaluation.path_svg import path_key, path_svg
 from touchline.evaluation.report import Picture, write_report
+from touchline.evaluation.run_data import RunData, carried_rows
 from touchline.evaluation.run_folder import RunFolder
-from touchline.evaluation.runner import run_frames
+from touchline.evaluation.runner import Thumbnail, run_frames
+from touchline.evaluation.timeline import MOST_ROWS, axis_limit, error_charts, page_data, run_tree, shown_rows
 from touchline.field import open_field
 from touchline.types import Estimate, Frame, Mode, Samples, Status
 
@@ -64,6 +67,7 @@ def write(
     truth: bool = True,
     searching: int = 1,
     system: FakeSystem | None = None,
+    data: RunData | None = None,
     **changes: Any,
 ) -> tuple[str, ErrorTable | None]:
     folder.mkdir(exist_ok=True)
@@ -91,10 +95,17 @@ def write(
         **changes,
     }
     signed = None if known is None else signed_errors(table.trajectory, known)
-    data = RunData(table, open_field("msl-18x12"), known, signed, tally.black_ns)
+    data = data or RunData(table, open_field("msl-18x12"), known, signed, tally.black_ns)
     pictures = [Picture("Image 3 at 0.30 s", "tracking", np.full((40, 60, 3), 90, dtype=np.uint8))]
-    path = write_report(folder, summary, data, errors, pictures if frames else ())
+    small = [Thumbnail(STEP_NS * index, b"jpeg") for index in range(0, frames, 10)]
+    path = write_report(folder, summary, data, errors, pictures if frames else (), small)
     return path.read_text(encoding="utf-8"), errors
+
+
+def page_data_of(page: str) -> dict[str, Any]:
+    """What the page's script reads."""
+    (text,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    return dict(json.loads(text))
 
 
 @pytest.fixture(scope="module")
@@ -107,25 +118,27 @@ def test_it_needs_nothing_from_elsewhere(page: str) -> None:
     assert parsed.references
     for reference in parsed.references:
         assert reference.startswith(("#", "data:image/jpeg;base64,"))
-    assert "http" not in page
+    assert set(re.findall(r"https?://[^ \"']*", page)) == {"https://github.com/leeoniya/uPlot"}  # whose the curves are
+    assert not re.search(r"fetch\(|XMLHttpRequest|WebSocket|sendBeacon|import\(|serviceWorker", page)
     assert "@import" not in page
     assert set(re.findall(r"url\((.)", page)) <= {"#"}
-    assert not {"script", "link", "iframe", "object"} & set(parsed.tags)
+    assert not {"link", "iframe", "object"} & set(parsed.tags)
+    assert not re.search(r"<script[^>]* src", page)
 
 
 def test_every_section_is_there(page: str) -> None:
     assert Page(page).headings == [
         "walk <1>",
-        "Errors",
         "Path",
-        "Error over time",
-        "Status over time",
+        "Over time",
+        "Errors",
         "Latency",
         "Images",
         "Problems of the recording",
         "Settings",
     ]
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 2
+    assert page_data_of(page)["charts"]
 
 
 def test_ids_of_the_figures_do_not_clash_and_are_all_defined(page: str) -> None:
@@ -139,8 +152,12 @@ def test_figures_take_their_colours_from_the_page(page: str) -> None:
     drawn = "".join(re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL))
     used = set(re.findall(r"var\(--([a-z-]+)\)", drawn))
     style = page[: page.index("</style>")]
+    assert style.count("prefers-color-scheme: dark") == 1
     day, night = style.split("prefers-color-scheme: dark")
-    assert {"truth", "tracking", "searching", "carpet", "series-heading"} <= used
+    assert {"truth", "tracking", "carpet", "bar"} <= used
+    used |= {series["color"] for chart in page_data_of(page)["charts"] for series in chart["series"]}
+    used |= {"searching", "lost", *re.findall(r'css\("([a-z]+)"\)', page)}
+    assert {"series-x", "series-heading", "soft", "grid"} <= used
     for variable in used:
         assert f"--{variable}:" in day
         assert f"--{variable}:" in night
@@ -185,8 +202,8 @@ def test_settings_seed_and_versions_are_told(page: str) -> None:
 def test_without_truth_the_page_says_so(tmp_path: Path) -> None:
     page, _ = write(tmp_path, truth=False)
     headings = Page(page).headings
-    assert "Error over time" not in headings
-    assert "Status over time" in headings
+    assert next(chart["title"] for chart in page_data_of(page)["charts"]).startswith("Residual")
+    assert "Over time" in headings
     assert "holds no truth" in page
 
 
@@ -195,7 +212,7 @@ def test_a_robot_that_was_never_located_has_no_path_and_no_error_curve(tmp_path:
     assert "<p>No frame is left: the robot was never located.</p>" in page
     assert "holds no truth" not in page
     assert "The truth alone" in page
-    assert "Error over time" not in Page(page).headings
+    assert not any(chart["title"].startswith("Error") for chart in page_data_of(page)["charts"])
     assert "first located" not in page
 
 
@@ -217,8 +234,8 @@ def test_curves_start_where_the_robot_was_first_located() -> None:
     assert errors.rows.tolist() == list(range(5, 20))
     np.testing.assert_allclose(errors.values[:, 0], np.arange(5.0, 20.0))
     assert run_data(20, 20, []).errors_since_located() is None
-    assert "var(--tracking)" in field_figure(data)
-    assert "var(--searching)" not in field_figure(data)
+    assert "var(--tracking)" in path_svg(data)
+    assert "var(--searching)" not in path_svg(data)
 
 
 def with_modes(data: RunData) -> RunData:
@@ -236,7 +253,7 @@ def test_the_key_of_the_path_names_every_colour_that_is_drawn() -> None:
     fused = with_modes(data)
     shown = [("truth", "truth"), *((mode.value, name) for mode, name in MODE_NAMES.items()), ("lost", "lost")]
     assert sorted(path_key(fused)) == sorted([*shown, ("first located", "first-located")])
-    drawn = field_figure(fused)
+    drawn = path_svg(fused)
     assert all(f"var(--{name})" in drawn for _, name in shown)
 
 
@@ -254,13 +271,70 @@ def test_colours_are_said_to_be_learned_only_where_they_are(tmp_path: Path, lear
 
 
 def test_black_stretches_are_shaded_and_their_errors_left_out() -> None:
-    plain, shaded = (error_figure(run_data(30, 0, black)) for black in ([], [(10 * STEP_NS, 14 * STEP_NS)]))
-    patches = [len(re.findall(r'id="errors[^"]*-patch_', figure)) for figure in (plain, shaded)]
-    assert patches[1] == patches[0] + 3  # one in each of the three panels
-    values = [
-        re.findall(r'd="(M[^"]*)"[^>]*stroke: var\(--series-x\)', figure, re.DOTALL) for figure in (plain, shaded)
-    ]
-    assert [text.count("M") for (text,) in values] == [1, 2]  # the curve is interrupted
+    plain, shaded = (tree_of(run_data(30, 0, black)) for black in ([], [(10 * STEP_NS, 14 * STEP_NS)]))
+    assert [event["label"] for event in plain["events"]] == []
+    assert shaded["events"] == [{"t": 1.0, "until": 1.4, "label": "black"}]
+    values = [tree["charts"][0]["series"][0]["values"] for tree in (plain, shaded)]
+    assert [sum(value is None for value in one) for one in values] == [0, 5]
+
+
+def tree_of(data: RunData) -> dict[str, Any]:
+    rows = shown_rows(data)
+    return dict(json.loads(page_data(data, error_charts(data, rows), [run_tree("estimate", data, rows)], rows)))
+
+
+def kidnapped(right_from: int = 12) -> RunData:
+    """40 frames; at the 10th the robot is carried 4 m, and right again from one on; lost in the two before that."""
+    truth = true_samples(40)
+    truth.values[10:, 0] += 4.0
+    poses = truth.values.copy()
+    poses[10:right_from, 0] -= 4.0
+    status = np.zeros(40, dtype=np.int8)
+    status[right_from - 2 : right_from] = list(Status).index(Status.LOST)
+    data = run_data(40, 0, [])
+    table = replace(data.table, trajectory=Samples(truth.stamp_ns, poses), status=status)
+    return RunData(table, data.field, truth, signed_errors(table.trajectory, truth))
+
+
+def test_a_kidnap_is_seen_in_the_truth_and_its_recovery_is_told(tmp_path: Path) -> None:
+    data = kidnapped(14)
+    assert data.kidnaps_s() == [1.0]
+    assert data.recoveries_s() == [pytest.approx(0.4)]
+    wrong = data.wrong_while_tracking()
+    assert wrong is not None
+    assert (wrong.frames, wrong.seconds) == (2, pytest.approx(0.2))
+    assert kidnapped(40).recoveries_s() == [None]
+    page, _ = write(tmp_path, data=data)
+    for tile in ("right again after a kidnap</dt><dd>1 of 1", "recovery time, median</dt><dd>0.40", "<dd>0.20<span> s"):
+        assert tile in page
+    assert page.index("x, tracked (cm)") < page.index("<th>x (cm)")
+    assert page_data_of(page)["gaps"] == [10]
+    assert {"t": 1.0, "label": "kidnap"} in page_data_of(page)["events"]
+
+
+def test_events_that_the_recording_tells_are_marked_from_the_first_frame_on() -> None:
+    late = replace(run_data(20, 0, []).table, trajectory=Samples(true_samples(20).stamp_ns + 10**10, np.zeros((20, 3))))
+    told = [{"t": 10.5, "kind": "kidnap"}, {"t": 11.0, "kind": "slip"}]
+    data = RunData(late, open_field("msl-18x12"), events=told)
+    assert [tuple(event) for event in data.happened()] == [(0.5, "kidnap"), (1.0, "slip")]
+    assert [event["label"] for event in tree_of(data)["events"]] == ["kidnap", "shove"]
+
+
+def test_one_kidnap_does_not_flatten_the_curves() -> None:
+    chart = error_charts(kidnapped(), np.arange(40))[0]
+    limit, largest = axis_limit(chart)
+    assert limit < 1000.0
+    assert largest is None or largest == pytest.approx(400.0)
+    calm = replace(chart, curves=[chart.curves[0]._replace(values=np.where(chart.calm, 1.0, 400.0), two_sigma=None)])
+    assert axis_limit(calm) == (pytest.approx(1.6), pytest.approx(400.0))
+
+
+def test_the_true_path_has_a_gap_where_the_robot_was_carried() -> None:
+    data = kidnapped()
+    assert data.truth is not None
+    assert carried_rows(data.truth.values).tolist() == [10]
+    (truth,) = re.findall(r"<path d='([^']*)' class='truth' ", path_svg(data))
+    assert truth.count("M") == 2
 
 
 def test_an_unknown_side_of_the_field_is_told(tmp_path: Path) -> None:
@@ -284,18 +358,21 @@ def test_a_run_of_no_frames_has_a_page(tmp_path: Path) -> None:
 
 def test_a_run_of_one_frame_has_a_page(tmp_path: Path) -> None:
     page, _ = write(tmp_path, frames=1, truth=False)
-    assert "Status over time" in Page(page).headings
+    assert "Over time" in Page(page).headings
     assert "1 image in 0.0 s" in page
     assert "first 10 left out" not in page
 
 
 def test_long_series_keep_their_peaks() -> None:
-    values = np.zeros(100_000)
-    values[77_777], values[12_345] = 9.0, -4.0
-    times, kept = thinned(np.arange(100_000.0), values)
-    assert len(kept) <= 1200
-    assert (kept.max(), kept.min()) == (9.0, -4.0)
-    assert np.all(np.diff(times) > 0)
+    data = run_data(100_000, 0, [])
+    errors = data.errors
+    assert errors is not None
+    errors.values[:] = 0.0
+    errors.values[[77_777, 12_345], 0] = 9.0, -4.0
+    rows = shown_rows(data)
+    assert len(rows) <= MOST_ROWS
+    assert {77_777, 12_345} <= set(rows.tolist())
+    assert np.all(np.diff(rows) > 0)
 
 
 def test_a_long_run_makes_no_longer_page(tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ from touchline.systems import (
 from touchline.systems.nimbro_lines import CAMERA_HEIGHT_M
 from touchline.types import Prior, Status
 from touchline.view.belief import particles_of
+from touchline.view.thumbnails import thumbnails
 
 _START_MARGIN_M = 3.0  # a robot may well start beside the field
 _NO_IMAGE = (
@@ -121,6 +122,7 @@ class PreparedRun:
                 on_frame=on_frame,
                 stop=stop,
                 particles=lambda: particles_of(self.system),
+                draw=thumbnails(self.source),
             )
         try:
             return self._finish(folder, description, tally), tally.failure
@@ -293,11 +295,13 @@ def _problems(source: Recording) -> dict[str, Any]:
 
 
 def _write_report(finished: Run, source: Recording, tally: RunTally, system: LocalizationSystem) -> None:
-    from touchline.evaluation.figures import RunData  # Matplotlib takes its time: the first frame need not wait for it
-    from touchline.evaluation.report import write_report
+    from touchline.evaluation.report import write_report  # Matplotlib takes its time: the first frame need not wait
+    from touchline.evaluation.run_data import RunData
     from touchline.view.run_pictures import run_pictures
 
     truth, trajectory = finished.truth, finished.estimates.trajectory
     errors = None if truth is None else signed_errors(trajectory, truth)
-    data = RunData(finished.estimates, source.field, truth, errors, finished.black_ns())
-    write_report(finished.folder, finished.summary, data, finished.errors, run_pictures(source, tally, system))
+    data = RunData(finished.estimates, source.field, truth, errors, finished.black_ns(), source.events)
+    small = [] if tally.pictures is None else tally.pictures.thumbnails
+    pictures = run_pictures(source, tally, system)
+    write_report(finished.folder, finished.summary, data, finished.errors, pictures, small)

@@ -6,17 +6,22 @@ import base64
 import html
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 
-from touchline.evaluation.figures import RunData, error_figure, field_figure, latency_figure, path_key, status_figure
+from touchline.evaluation.figures import latency_figure
 from touchline.evaluation.latency import milliseconds
-from touchline.evaluation.metrics import COLUMNS, ErrorTable
+from touchline.evaluation.metrics import COLUMNS, ErrorStatistics, ErrorTable
+from touchline.evaluation.path_svg import path_key, path_svg
+from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import REPORT
+from touchline.evaluation.runner import Thumbnail
+from touchline.evaluation.timeline import error_charts, page_data, run_tree, shown_rows, truth_tree
 from touchline.evaluation.tum import pose_text
+from touchline.evaluation.web_page import html_page, time_panel
 from touchline.geometry import Pose
 from touchline.messages import counted
 from touchline.new_files import replace_file
@@ -40,30 +45,28 @@ def write_report(
     data: RunData,
     errors: ErrorTable | None,
     pictures: Sequence[Picture] = (),
+    thumbnails: Sequence[Thumbnail] = (),
 ) -> Path:
     """Write report.html into the folder of a run; summary is what summary.json holds. Returns its path.
 
+    thumbnails: small pictures of images throughout the run, that the slider shows.
+
     Raises TouchlineError if it cannot be written.
     """
+    shows_time = bool(len(data.table))
     sections = [
         _header(summary),
-        _key_figures(summary, errors),
-        _error_table(errors, summary),
-        *_path_figures(data),
-        *_time_figures(data, summary),
+        _key_figures(summary, errors, data),
+        _time_section(data, bool(thumbnails)) if shows_time else "",
+        _error_table(errors, summary, data),
+        _latency(data, summary),
         _gallery(pictures),
         _problems(summary),
         _settings(summary),
         _footer(summary),
     ]
-    title = html.escape(f"{summary['recording']['name']} · {summary['system']} · Touchline")
-    page = (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<main>\n"
-        + "\n".join(section for section in sections if section)
-        + "\n</main>\n</body>\n</html>\n"
-    )
+    title = f"{summary['recording']['name']} · {summary['system']} · Touchline"
+    page = html_page(title, sections, _page_data(data, thumbnails) if shows_time else None)
     path = folder / REPORT
     replace_file(path, page.encode(errors="replace"))  # a name may be no UTF-8
     return path
@@ -102,14 +105,28 @@ def other_side_text(summary: dict[str, Any]) -> str:
     )
 
 
-def _key_figures(summary: dict[str, Any], errors: ErrorTable | None) -> str:
-    tiles: list[tuple[str, str, str]] = []
+def _page_data(data: RunData, thumbnails: Sequence[Thumbnail]) -> str:
+    rows = shown_rows(data)
+    truth = truth_tree(data, rows)
+    runs = [run_tree("estimate", data, rows), *([] if truth is None else [truth])]
+    return page_data(data, error_charts(data, rows), runs, rows, thumbnails)
+
+
+def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunData) -> str:
+    tiles: list[tuple[str, str, str]] = _kidnap_tiles(data)
+    tracked = data.tracked_errors()
     if errors is not None:
+        x, y, heading, position = (
+            (errors.x, errors.y, errors.heading, errors.position)
+            if tracked is None
+            else (tracked["x"], tracked["y"], tracked["heading"], tracked["position"])
+        )
+        which = "" if tracked is None else ", tracked"
         tiles += [
-            ("mean |x|", f"{100 * errors.x.mean:.2f}", "cm"),
-            ("mean |y|", f"{100 * errors.y.mean:.2f}", "cm"),
-            ("mean |heading|", f"{math.degrees(errors.heading.mean):.2f}", "°"),
-            ("largest position error", f"{100 * errors.position.max:.1f}", "cm"),
+            (f"mean |x|{which}", f"{100 * x.mean:.2f}", "cm"),
+            (f"mean |y|{which}", f"{100 * y.mean:.2f}", "cm"),
+            (f"mean |heading|{which}", f"{math.degrees(heading.mean):.2f}", "°"),
+            (f"largest position error{which}", f"{100 * position.max:.1f}", "cm"),
         ]
     frames = summary["frames"]
     if frames:
@@ -128,13 +145,30 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None) -> str:
     return f"<dl class='tiles'>{cells}</dl>"
 
 
-def _error_table(errors: ErrorTable | None, summary: dict[str, Any]) -> str:
+def _kidnap_tiles(data: RunData) -> list[tuple[str, str, str]]:
+    """Where the robot was carried and the truth is known: how soon it was right again, how long wrong unnoticed."""
+    recoveries = data.recoveries_s()
+    if not recoveries:
+        return []
+    found = sorted(time_s for time_s in recoveries if time_s is not None)
+    tiles = [("right again after a kidnap", f"{len(found)} of {len(recoveries)}", "")]
+    if found:
+        tiles.append(("recovery time, median", f"{found[len(found) // 2]:.2f}", "s"))
+        tiles.append(("recovery time, longest", f"{found[-1]:.2f}", "s"))
+    wrong = data.wrong_while_tracking()
+    if wrong is not None:
+        tiles.append((f"wrong while tracking ({counted(wrong.frames, 'image')})", f"{wrong.seconds:.2f}", "s"))
+    return tiles
+
+
+def _error_table(errors: ErrorTable | None, summary: dict[str, Any], data: RunData) -> str:
     if errors is None:
         why = summary["why_no_errors"]
         return f"<section><h2>Errors</h2><p>{html.escape(why[:1].upper() + why[1:])}.</p></section>"
     head = "".join(f"<th>{title}</th>" for title in COLUMNS)
+    printed = [*_tracked_rows(data.tracked_errors()), *errors.rows()]
     rows = "".join(
-        f"<tr><th>{name}</th>{''.join(f'<td>{value}</td>' for value in values)}</tr>" for name, values in errors.rows()
+        f"<tr><th>{name}</th>{''.join(f'<td>{value}</td>' for value in values)}</tr>" for name, values in printed
     )
     note = "std e is of the signed error, std |e| of its size."
     return (
@@ -143,52 +177,48 @@ def _error_table(errors: ErrorTable | None, summary: dict[str, Any]) -> str:
     )
 
 
-def _figure(title: str, svg: str, caption: str) -> str:
-    drawing = f"<div class='scroll'>{svg}</div><figcaption>{caption}</figcaption>"
-    return f"<section><h2>{title}</h2><figure>{drawing}</figure></section>"
+def _tracked_rows(tracked: dict[str, ErrorStatistics] | None) -> list[tuple[str, list[str]]]:
+    """Rows of the tracked images alone, which come first; none where they are all that count."""
+    if tracked is None:
+        return []
+    named = (("x", 100.0, 2, "cm"), ("y", 100.0, 2, "cm"), ("heading", math.degrees(1.0), 3, "°"))
+    return [
+        (f"{name}, tracked ({unit})", [f"{scale * value:.{digits}f}" for value in asdict(tracked[name]).values()])
+        for name, scale, digits, unit in named
+    ]
 
 
-def _path_figures(data: RunData) -> list[str]:
-    """The path and the errors, from the first located estimate on."""
-    located = data.first_located < len(data.table)
-    figures = []
-    if located:
+def _time_section(data: RunData, has_images: bool) -> str:
+    """The path, the image and the curves, all at the time of one slider."""
+    if data.first_located < len(data.table):
         by = "mode: which sensors it comes from" if data.table.has_modes else "status of its estimate"
         caption = f"Each dot is one image since the robot was first located, coloured by the {by}."
-        figures.append(_figure("Path", field_figure(data), _key(data) + caption))
-    elif data.truth is not None and len(data.table):
+    elif data.truth is not None:
         caption = "The truth alone: the robot was never located."
-        figures.append(_figure("Path", field_figure(data), _key(data) + caption))
-    if data.errors_since_located() is not None:
-        caption = "Estimate minus truth, in the field frame, since the robot was first located."
-        caption += " Shaded: black images." if data.black_ns else ""
-        figures.append(_figure("Error over time", error_figure(data), caption))
-    return figures
-
-
-def _key(data: RunData) -> str:
-    """The legend of the path, as text of the page: it breaks into lines where a narrow screen needs it."""
+    else:
+        caption = "The robot was never located."
     names = (f"<span><i class='key {color}'></i>{html.escape(label)}</span>" for label, color in path_key(data))
-    return f"<span class='keys'>{' '.join(names)}</span>"
+    key = f"<span class='keys'>{' '.join(names)}</span>"
+    figure = f"<figure>{path_svg(data)}<figcaption>{key}{caption}</figcaption></figure>"
+    return time_panel(figure, has_images, _of_the_curves(data))
 
 
-def _time_figures(data: RunData, summary: dict[str, Any]) -> list[str]:
+def _of_the_curves(data: RunData) -> str:
+    said = "Residual: mean distance of points or features from the field's."
+    if data.errors_since_located() is not None:
+        sigma = "Shaded about zero: ± 2σ as the system states it."
+        said = f"Estimate minus truth, in the field frame, since the robot was first located. {sigma} {said}"
+        said += " Grey: black images, which do not count." if data.black_ns else ""
+    return said
+
+
+def _latency(data: RunData, summary: dict[str, Any]) -> str:
     if not len(data.table):
-        return []
-    return [
-        _figure(
-            "Status over time",
-            status_figure(data),
-            "<span class='key tracking'></span>tracking <span class='key searching'></span>searching "
-            "<span class='key lost'></span>lost. Residual: mean distance of points or features from the field's.",
-        ),
-        _figure(
-            "Latency",
-            latency_figure(data, summary["latency_ms"]),
-            "Perception and localization together, without reading and decoding. "
-            + _of_the_start(summary["latency_ms"]["first_left_out"], summary["learns_colours"]),
-        ),
-    ]
+        return ""
+    drawing = f"<div class='scroll'>{latency_figure(data, summary['latency_ms'])}</div>"
+    caption = "Perception and localization together, without reading and decoding. "
+    caption += _of_the_start(summary["latency_ms"]["first_left_out"], summary["learns_colours"])
+    return f"<section><h2>Latency</h2><figure>{drawing}<figcaption>{caption}</figcaption></figure></section>"
 
 
 def _of_the_start(left_out: int, learns_colours: bool) -> str:
@@ -250,62 +280,3 @@ def _leaves(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 def _footer(summary: dict[str, Any]) -> str:
     versions = " · ".join(f"{html.escape(name)} {html.escape(str(v))}" for name, v in summary["versions"].items())
     return f"<footer>seed {summary['seed']} · {html.escape(str(summary['cpu']))} · {versions}</footer>"
-
-
-_STYLE = """
-:root { color-scheme: light dark;
-  --page:#fbfbf9; --card:#ffffff; --ink:#1d2320; --soft:#66706b; --grid:#e3e6e2; --line:#e3e6e2;
-  --carpet:#e4efe2; --paint:#ffffff; --truth:#8f9a92; --tracking:#0b6e99; --searching:#5b2e91; --lost:#c8324a;
-  --bar:#4f7d6b; --series-x:#0b6e99; --series-y:#9a5b00; --series-heading:#00796b; --warn:#fff2d6;
-  --omnivision:#0b6e99; --both:#00a39b; --odometry:#c2269b; }
-@media (prefers-color-scheme: dark) { :root {
-  --page:#141816; --card:#1b201e; --ink:#e8ece9; --soft:#98a39d; --grid:#2c3330; --line:#2c3330;
-  --carpet:#1f3a2a; --paint:#c9d8cc; --truth:#7d8a82; --tracking:#4fb6e3; --searching:#d0b3f7; --lost:#f2697d;
-  --bar:#6fae96; --series-x:#4fb6e3; --series-y:#e0a04a; --series-heading:#4fc9b5; --warn:#3a2f14;
-  --omnivision:#4fb6e3; --both:#3fd0c4; --odometry:#f07fd0; } }
-* { box-sizing:border-box; }
-body { margin:0; background:var(--page); color:var(--ink);
-  font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif; }
-main { max-width:60rem; margin:0 auto; padding:2rem 1rem 3rem; }
-.brand { margin:0; color:var(--soft); font-size:.8rem; letter-spacing:.12em; text-transform:uppercase; }
-h1 { margin:.1rem 0 .2rem; font-size:1.9rem; line-height:1.2; font-weight:650; overflow-wrap:anywhere; }
-h2 { margin:0 0 .6rem; font-size:1.05rem; font-weight:600; }
-.facts { margin:0; color:var(--soft); } .facts strong { color:var(--ink); font-weight:600; }
-.description { margin:.5rem 0 0; max-width:46rem; }
-.warning { background:var(--warn); padding:.6rem .9rem; border-radius:.5rem; }
-section, .tile { background:var(--card); border:1px solid var(--line); border-radius:.7rem; }
-section { margin-top:1rem; padding:1.1rem 1.2rem; }
-.tiles { display:grid; grid-template-columns:repeat(auto-fit,minmax(min(45%,13rem),1fr)); gap:.7rem;
-  margin:1.4rem 0 0; }
-.tile { padding:.7rem .9rem; }
-.tile dt { color:var(--soft); font-size:.82rem; }
-.tile dd { margin:0; font-size:1.6rem; font-weight:600; font-variant-numeric:tabular-nums; }
-.tile dd span { font-size:.9rem; font-weight:400; color:var(--soft); }
-.scroll { overflow-x:auto; }
-table { border-collapse:collapse; width:100%; font-size:.92rem; font-variant-numeric:tabular-nums; }
-th, td { padding:.35rem .7rem; border-bottom:1px solid var(--line); text-align:left; font-weight:400; }
-.errors th, .errors td { white-space:nowrap; }
-.errors td, .errors thead th { text-align:right; }
-thead th { color:var(--soft); font-size:.82rem; }
-tbody tr:last-child > * { border-bottom:0; }
-.note, figcaption { margin:.6rem 0 0; color:var(--soft); font-size:.85rem; }
-figure { margin:0; }
-figure svg { display:block; width:100%; min-width:30rem; height:auto; }
-svg * { stroke-linejoin:round; stroke-linecap:butt; }
-.gallery { display:grid; grid-template-columns:repeat(auto-fit,minmax(min(100%,25rem),1fr)); gap:1rem; }
-.gallery img { display:block; width:100%; height:auto; border-radius:.4rem; background:#181818; }
-.gallery figcaption strong { color:var(--ink); font-weight:600; }
-@media (max-width:34rem) { section { padding:.9rem .8rem; } th, td { padding:.35rem .3rem; font-size:.85rem; }
-  figure svg { min-width:26rem; } }
-.key { display:inline-block; width:.7em; height:.7em; border-radius:50%; margin:0 .3em 0 .5em; }
-.key.tracking { background:var(--tracking); margin-left:0; } .key.searching { background:var(--searching); }
-.key.lost { background:var(--lost); } .key.truth { background:var(--truth); opacity:.5; }
-.key.omnivision { background:var(--omnivision); } .key.both { background:var(--both); }
-.key.odometry { background:var(--odometry); } .key.first-located { border:1.5px solid var(--ink); }
-.keys { display:flex; flex-wrap:wrap; gap:.1rem 1.1rem; margin-bottom:.4rem; color:var(--ink); }
-.keys > span { white-space:nowrap; } .keys .key { margin-left:0; }
-summary { cursor:pointer; } details[open] summary { margin-bottom:.5rem; }
-ul, ol { margin:.2rem 0; padding-left:1.4rem; } .small { font-size:.88rem; }
-footer { margin-top:1.4rem; color:var(--soft); font-size:.8rem; }
-"""
-"""The stylesheet; the figures take their colours from its variables."""

@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from touchline.camera import PinholeCamera
 from touchline.evaluation.latency import FrameTimes
@@ -22,12 +22,21 @@ from touchline.systems import RobotSetup
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Mode, Prior, Status, System
 
-_MOST_PICTURES = 6
+_MOST_PICTURES, _MOST_THUMBNAILS = 6, 100
 _SAME_PLACE_M, _SAME_HEADING_RAD = 0.5, 0.5
 
 OnFrame = Callable[[Frame, Estimate], None]
 Particles = Callable[[], FloatArray | None]
 """A copy of a system's particles as they are now (N, 4): x, y (m), heading (rad), weight."""
+Thumbnails = Callable[[Frame, Estimate, tuple[float, float] | None], bytes | None]
+"""The JPEG file of a small picture of a frame, its estimate, and roll and pitch (rad) if known; None if it has none."""
+
+
+class Thumbnail(NamedTuple):
+    """A small picture of the run: the stamp of its frame and its JPEG file."""
+
+    stamp_ns: int
+    jpeg: bytes
 
 
 def robot_setup(source: Recording) -> RobotSetup:
@@ -135,12 +144,20 @@ class RunTally:
 
 
 class FramePicker:
-    """Keeps a handful of frames for the report: evenly spread over the run, and the worst-fitting tracked one."""
+    """Keeps a handful of frames for the report: evenly spread over the run, and the worst-fitting tracked one.
 
-    def __init__(self, expected_frames: int, particles: Particles = lambda: None) -> None:
-        self._particles, self._leaning = particles, LeanFilter()
+    thumbnails: small pictures of more of them, drawn at once. spent_s: the time that took.
+    """
+
+    def __init__(
+        self, expected_frames: int, particles: Particles = lambda: None, draw: Thumbnails = lambda *_: None
+    ) -> None:
+        self._particles, self._draw, self._leaning = particles, draw, LeanFilter()
         count = min(_MOST_PICTURES - 1, expected_frames)
         self._wanted = {round((i + 0.5) * expected_frames / count - 0.5) for i in range(count)}
+        self._every = max(1, -(-expected_frames // _MOST_THUMBNAILS))
+        self.thumbnails: list[Thumbnail] = []
+        self.spent_s = 0.0
         self._even: list[KeptFrame] = []
         self._worst: KeptFrame | None = None
 
@@ -149,6 +166,12 @@ class FramePicker:
         self._leaning.add(frame)
         if frame.image is None:
             return
+        started_s = time.perf_counter()
+        if index % self._every == 0 and len(self.thumbnails) < _MOST_THUMBNAILS:
+            jpeg = self._draw(frame, estimate, self._leaning.lean(frame.stamp_ns))
+            if jpeg is not None:
+                self.thumbnails.append(Thumbnail(frame.stamp_ns, jpeg))
+        self.spent_s += time.perf_counter() - started_s
         if index in self._wanted:
             self._even.append(self._keep(index, "evenly chosen", frame, estimate))
         worst = self._worst.estimate.residual_m if self._worst is not None else 0.0
@@ -182,17 +205,19 @@ def run_frames(
     on_frame: Sequence[OnFrame] = (),
     stop: Callable[[], bool] = lambda: False,
     particles: Particles = lambda: None,
+    draw: Thumbnails = lambda *_: None,
 ) -> RunTally:
     """Step the system through all frames and write every estimate.
 
     prior: what the system has been reset with. A frame without image (`frame.problem` says why) goes to the system like
     any other. A frame that comes late by up to a second, or whose stamp jumps without that of the next one, is dropped
     and counted; where a clock was set back, what was written from there on is replaced. `stop` is asked after every
-    frame; if it says so, the run ends as interrupted. `particles` is asked at the frames kept for the report. An
-    exception of the system or the source ends the run as failed and is kept in the tally; what was done until then is
-    in the folder.
+    frame; if it says so, the run ends as interrupted. `particles` is asked at the frames kept for the report,
+    `draw` for up to a hundred small pictures, whose time is not counted. An exception of the system or the source
+    ends the run as failed and is kept in the tally; what was done until then is in the folder.
     """
-    tally = RunTally(pictures=FramePicker(len(source), particles))
+    picker = FramePicker(len(source), particles, draw)
+    tally = RunTally(pictures=picker)
     start_s = time.perf_counter()
     try:
         tally.ended = _step_through(source, OrderedSystem(system, prior), folder, tally, on_frame, stop)
@@ -200,7 +225,7 @@ def run_frames(
         tally.ended = "interrupted"
     except Exception as error:
         tally.ended, tally.failure = "failed", error
-    tally.wall_s = time.perf_counter() - start_s
+    tally.wall_s = time.perf_counter() - start_s - picker.spent_s
     return tally
 
 

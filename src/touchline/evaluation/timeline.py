@@ -1,0 +1,203 @@
+"""The data of a page's curves, path and slider, as JSON: thinned to what a screen can show, no peak lost.
+
+Curves end where the robot was carried, and at black images; their axes are cut so that a kidnap flattens nothing else.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.evaluation.metrics import associate, within
+from touchline.evaluation.run_data import Event, RunData, carried_rows
+from touchline.evaluation.runner import Thumbnail
+from touchline.geometry import FloatArray
+from touchline.types import Status
+
+MOST_ROWS = 2_000
+_CUT = 1.6  # of the usual error: how far an axis reaches if few frames are far worse
+_USUAL_PERCENT = 98.0
+_EVENT_WORDS = {"slip": "shove", "kidnap": "kidnap", "occluded": "covered", "light_change": "light"}
+_DEGREES = float(np.degrees(1.0))
+
+
+class Curve(NamedTuple):
+    """One quantity over time in a chart: values (N,), NaN where there is none, and 2σ about zero or None."""
+
+    label: str
+    color: str
+    values: FloatArray
+    two_sigma: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Chart:
+    """One chart: what it shows, in which unit, and its curves. calm (N,): which rows set the axis; None: all.
+
+    signed: the axis lies about zero.
+    """
+
+    title: str
+    unit: str
+    digits: int
+    curves: Sequence[Curve]
+    calm: npt.NDArray[np.bool_] | None = None
+    signed: bool = True
+
+
+def shown_rows(data: RunData) -> npt.NDArray[np.int64]:
+    """The rows of a run that a page shows: all, or of each stretch the first and that with the largest error."""
+    count = len(data.table)
+    if count <= MOST_ROWS:
+        return np.arange(count)
+    size = np.zeros(count)
+    if data.errors is not None:
+        size[data.errors.rows] = data.errors.position_m()
+    edges = np.linspace(0, count, MOST_ROWS // 2 + 1).astype(np.int64)
+    peaks = [first + int(np.argmax(size[first:last])) for first, last in pairwise(edges)]
+    return np.unique(np.concatenate((edges[:-1], peaks)))
+
+
+def page_data(
+    data: RunData,
+    charts: Sequence[Chart],
+    runs: Sequence[dict[str, Any]],
+    rows: npt.NDArray[np.int64],
+    thumbnails: Sequence[Thumbnail] = (),
+) -> str:
+    """The JSON text that web/page.js reads. The charts' values (N,) and the runs' rows are those of `rows`."""
+    stamps = data.table.trajectory.stamp_ns[rows]
+    begin = int(np.searchsorted(rows, data.first_located)) if data.first_located < len(data.table) else 0
+    tree = {
+        "t": _numbers(data.seconds(stamps), 3),
+        "start": begin,
+        "statuses": [status.value for status in Status],
+        "runs": list(runs),
+        "charts": [_chart_tree(chart, last=chart is charts[-1]) for chart in charts],
+        "gaps": _gaps(data, stamps),
+        "events": _event_trees(data),
+        "pictures": [
+            {"row": _nearest(stamps, picture.stamp_ns), "jpeg": base64.b64encode(picture.jpeg).decode("ascii")}
+            for picture in thumbnails
+            if len(stamps)
+        ],
+    }
+    return json.dumps(tree, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+
+
+def run_tree(name: str, data: RunData, rows: npt.NDArray[np.int64]) -> dict[str, Any]:
+    """A run's places and statuses at these rows, for the slider."""
+    poses = data.table.trajectory.values[rows]
+    status = [int(value) for value in data.table.status[rows]]
+    return {"name": name, "status": status, **_places(poses)}
+
+
+def truth_tree(data: RunData, rows: npt.NDArray[np.int64]) -> dict[str, Any] | None:
+    """The true places at these rows; None without truth."""
+    if data.truth is None or not len(data.truth):
+        return None
+    match = associate(data.table.trajectory.stamp_ns, data.truth.stamp_ns)[rows]
+    poses = np.where((match >= 0)[:, np.newaxis], data.truth.values[match, :3], np.nan)
+    return {"name": "truth", "status": None, **_places(poses)}
+
+
+def error_charts(data: RunData, rows: npt.NDArray[np.int64]) -> list[Chart]:
+    """Errors of x, y (cm) and heading (°) with ± 2σ since the robot was first located, and what was seen."""
+    charts = []
+    errors = data.errors_since_located()
+    if errors is not None:
+        values = np.full((len(data.table), 3), np.nan)
+        values[errors.rows] = errors.values
+        values[within(data.table.trajectory.stamp_ns, data.black_ns)] = np.nan
+        tracked = data.table.has_status(Status.TRACKING)[rows]
+        named = (("x", 100.0, "cm"), ("y", 100.0, "cm"), ("heading", _DEGREES, "°"))
+        for column, (name, scale, unit) in enumerate(named):
+            sigma = np.where(rows >= data.first_located, 2.0 * scale * data.table.std[rows, column], np.nan)
+            curve = Curve("error", f"series-{name}", scale * values[rows, column], sigma)
+            charts.append(Chart(f"Error of {name}", unit, 2, [curve], tracked))
+    residual = Curve("residual", "bar", 100.0 * data.table.residual_m[rows].astype(np.float64))
+    points = Curve("points", "bar", data.table.points[rows].astype(np.float64))
+    charts.append(Chart("Residual: mean distance from the field's lines", "cm", 2, [residual], signed=False))
+    charts.append(Chart("Line points or features", "", 0, [points], signed=False))
+    return charts
+
+
+def axis_limit(chart: Chart) -> tuple[float, float | None]:
+    """How far the axis of a chart reaches from zero, and the largest value if it is cut off there."""
+    size = np.abs(np.concatenate([curve.values for curve in chart.curves]))
+    known = np.isfinite(size)
+    if not known.any():
+        return 1.0, None
+    calm = known if chart.calm is None else known & np.tile(chart.calm, len(chart.curves))
+    bands = [curve.two_sigma for curve in chart.curves if curve.two_sigma is not None]
+    usual = float(np.percentile(size[calm if calm.any() else known], _USUAL_PERCENT))
+    sure = max((float(np.percentile(band[np.isfinite(band)], 90.0)) for band in bands if len(band)), default=0.0)
+    largest, reach = float(size[known].max()), _CUT * max(usual, min(sure, 6.0 * usual))
+    if largest <= 2.0 * reach or reach == 0.0:
+        return 1.05 * max(largest, reach) or 1.0, None
+    return reach, largest
+
+
+def _chart_tree(chart: Chart, last: bool) -> dict[str, Any]:
+    limit, largest = axis_limit(chart)
+    cut = "" if largest is None else f" (axis cut; largest {largest:.3g} {chart.unit})"
+    series = [
+        {
+            "label": curve.label,
+            "color": curve.color,
+            "values": _numbers(curve.values, chart.digits + 1),
+            **({} if curve.two_sigma is None else {"band": _numbers(curve.two_sigma, chart.digits + 1)}),
+        }
+        for curve in chart.curves
+    ]
+    return {
+        "title": chart.title + cut,
+        "axis": chart.unit,
+        "unit": chart.unit,
+        "digits": chart.digits,
+        "range": [-limit if chart.signed else 0.0, limit],
+        "series": series,
+        "last": last,
+    }
+
+
+def _places(poses: FloatArray) -> dict[str, Any]:
+    return {"x": _numbers(poses[:, 0], 3), "y": _numbers(poses[:, 1], 3), "h": _numbers(_DEGREES * poses[:, 2], 1)}
+
+
+def _gaps(data: RunData, stamps: npt.NDArray[np.int64]) -> list[int]:
+    """Rows before which the robot was carried, so that no curve goes on across."""
+    times = data.seconds(stamps)
+    carried = [int(np.searchsorted(times, kidnap_s)) for kidnap_s in data.kidnaps_s()]
+    if data.truth is not None:
+        seen = data.truth.stamp_ns[carried_rows(data.truth.values)]
+        carried += [int(np.searchsorted(stamps, stamp_ns)) for stamp_ns in seen]
+    return sorted({row for row in carried if 0 < row < len(stamps)})
+
+
+def _event_trees(data: RunData) -> list[dict[str, Any]]:
+    def tree(event: Event) -> dict[str, Any]:
+        return {"t": round(event.t_s, 3), "label": _EVENT_WORDS.get(event.kind, event.kind)}
+
+    black = [data.seconds(np.array(stretch)) for stretch in data.black_ns]
+    spans = [{"t": round(float(a), 3), "until": round(float(b), 3), "label": "black"} for a, b in black]
+    trees = [*spans, *(tree(event) for event in data.happened() if event.kind != "occluded" or not spans)]
+    return sorted(trees, key=lambda one: float(str(one["t"])))
+
+
+def _nearest(stamps: npt.NDArray[np.int64], stamp_ns: int) -> int:
+    return int(np.argmin(np.abs(stamps - stamp_ns)))
+
+
+def _numbers(values: FloatArray, digits: int) -> list[float | None]:
+    """Rounded for JSON: None for what is not finite, whole numbers without a point."""
+    numbers = (round(float(value), digits) if math.isfinite(value) else None for value in values)
+    return [int(n) if n is not None and n.is_integer() else n for n in numbers]
