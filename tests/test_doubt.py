@@ -191,6 +191,41 @@ def test_a_compass_that_turned_round_as_the_robot_was_moved_is_believed_after_tw
     assert not one.trusted
 
 
+def judged(compass: CompassCorrection, off_rad: float, frames: int, moved: bool = False) -> None:
+    """So many good matches with such a compass; moved: the robot was, in the first."""
+    for k in range(frames):
+        compass.update(0.02, 0.3, 0.3 - off_rad, moved=moved and k == 0)
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_a_compass_that_had_failed_as_the_robot_was_lost_tells_no_end(moved: bool) -> None:
+    """Half of all places agree with it; the others show that it is right again."""
+    one = CompassCorrection()
+    judged(one, 0.0, 12)
+    judged(one, math.pi, 20, moved)
+    one.lose()
+    one.start_anew()
+    judged(one, 0.0, 20)  # a false one again, at the other end
+    assert one.doubts == ("the compass had failed as the robot was lost",)
+    assert not one.doubted
+    judged(one, math.pi, 20)
+    assert not one.doubted  # nor is it doubted in favour of the end that it had told
+    one.lose()
+    one.start_anew()
+    judged(one, 0.0, 20)
+    assert not one.doubts
+
+
+def test_a_compass_that_fails_and_is_right_again_tells_the_end_again() -> None:
+    one = CompassCorrection()
+    judged(one, 0.0, 12)
+    judged(one, math.pi, 20)
+    one.start_anew()
+    judged(one, math.pi, 20)
+    judged(one, 0.0, 10)
+    assert not one.doubts
+
+
 def test_the_learned_offset_is_bounded_in_total() -> None:
     one = CompassCorrection()
     for k in range(400):

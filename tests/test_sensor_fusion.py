@@ -402,6 +402,18 @@ def test_a_compass_that_turned_round_as_the_robot_was_moved_is_asked_once_the_ro
         assert abs(wrap_angle(heading_rad - (0.2 if moved else 0.2 + math.pi))) < 1e-9  # as it is, or without its jump
         side.search(known=True)
         heard(side, 0.0, field_side.HEADING_FRAMES)
+        assert side.twin_probability is None  # it may have failed during a shove
+        assert heard(side, math.pi, field_side.HEADING_FRAMES)[-1]
+
+
+def test_a_compass_that_began_to_contradict_just_before_the_robot_was_lost_tells_no_end() -> None:
+    for moved in (False, True):  # carried away, the robot has turned against the compass, which may be right
+        side = FieldSide(1.6)
+        heard(side, 0.1, 100)
+        side.hear(2.2, moved)
+        side.hear(2.2)
+        assert (side.heading(0.2) is None) is not moved
+        side.search(known=True)
         assert side.known is moved
 
 

@@ -85,7 +85,7 @@ class CompassCorrection:
         self.offset_rad = 0.0
         self.doubted = False
         self.good_frames = self._agreed = self._contradicted = self._agreeing = self._steady = 0
-        self._moved = self._moved_since = False
+        self._moved = self._moved_since = self._unsettled = self._had_contradicted = False
         self._moved_frames = 0
         self._fault_rad = 0.0
 
@@ -97,7 +97,7 @@ class CompassCorrection:
     def doubts(self) -> tuple[str, ...]:
         """Why the compass is not believed, if it is not."""
         if not self.doubted:
-            return ()
+            return ("the compass had failed as the robot was lost",) if self._unsettled else ()
         return (f"the compass contradicts lines and odometry by {math.degrees(abs(self._fault_rad)):.0f} degrees",)
 
     @property
@@ -140,9 +140,12 @@ class CompassCorrection:
             self._steady = self._steady + 1 if kept else 0
             self._fault_rad = difference_rad
             self.doubted = self._agreeing < AGREEING_FRAMES
+            self._had_contradicted |= self._steady >= STEADY_FRAMES and abs(difference_rad) > OTHER_END_RAD
+            self._unsettled &= self.doubted or not self._had_contradicted
             self._moved_frames += self._moved
             if self._moved_frames > PATIENCE_FRAMES:
                 self.lose()
+                self._unsettled = False
             return
         if self._contradicted == 0:
             self._moved = self._moved_since and abs(difference_rad) > OTHER_END_RAD
@@ -150,7 +153,8 @@ class CompassCorrection:
         self._moved_since = False
         self._contradicted = 0 if plausible else self._contradicted + 1
         self._agreed += plausible
-        if self._contradicted >= CONTRADICTIONS and self.trusted:
+        self._unsettled &= self._agreed <= PATIENCE_FRAMES
+        if self._contradicted >= CONTRADICTIONS and self.trusted and not self._unsettled:
             self.doubted, self._fault_rad = True, difference_rad
             self._contradicted = self._agreeing = self._steady = 0
 
@@ -172,14 +176,22 @@ class CompassCorrection:
 
     def lose(self) -> None:
         """The robot is lost: it is searched for with a compass that may well have been right."""
+        self._unsettled &= self._contradicted < CONTRADICTIONS  # it has changed its mind
         if self._moved:
+            self._unsettled = True
             self.doubted = self._moved = False
             self._agreed = 0
 
     def start_anew(self) -> None:
-        """The robot was found: compass and lines must agree anew until the compass may be doubted."""
+        """The robot was found: compass and lines must agree anew until the compass may be doubted.
+
+        One that is doubted still agrees with half of all places: only if it contradicts them first, or agrees for long,
+        does it tell the end again.
+        """
         self.interrupt()
         self._agreed = 0
+        self._unsettled |= self.doubted
+        self._had_contradicted = False
 
     def is_other_end(self, heading_rad: float, compass_rad: float | None) -> bool:
         """Whether a compass that has jumped speaks for the other end of a symmetric field.

@@ -47,18 +47,20 @@ class FieldSide:
     def search(self, known: bool, by_compass: bool = False) -> None:
         """The robot was lost and is searched for. A compass that was doubted remains so until it changes its mind.
 
-        by_compass: nothing else tells the end; that is enough if it has agreed with an end that was told.
+        by_compass: nothing else tells the end; that is enough if it has agreed with an end that was told. One that
+        turned round as the robot was moved shows where to search, but may have failed: the end stays unknown.
         """
-        self.doubted = self.doubted and not self._moved
+        either_end = self.either_end
+        self.doubted = (self.doubted or self._contradicts) and not self._moved
         self.by_compass = by_compass and not self._compass_is_right
         jumped = self._unsettled and self.wrong
-        self._unsettled = not jumped and (self.doubted or self._unsettled or (self._told and self.wrong))
+        self._unsettled = not jumped and (self.doubted or either_end or self._unsettled or (self._told and self.wrong))
         self.doubted = self.doubted and not self.wrong
         self.known, self._told = known and not self._unsettled, False
         self._forget()
 
     def _forget(self) -> None:
-        self._confirmed = self._had_agreed = self._had_turned = self._moved = False
+        self._confirmed = self._had_agreed = self._had_turned = self._moved = self._unfelt = False
         self._off_rad, self._steady = math.inf, 0
         self._agreed = self._against = self._straight = self._turned = 0
 
@@ -74,6 +76,7 @@ class FieldSide:
             kept = self._turned > 0 and abs(wrap_angle(off_compass_rad - before_rad)) < KEPT_RAD
             self._steady = self._steady + 1 if kept else 0
             if self._turned == 0:
+                self._unfelt = moved
                 self._moved = moved and abs(before_rad) < 0.5 * self.heading_rad
             self._straight, self._turned, self._against = 0, self._turned + 1, self._against + 1
         else:
@@ -92,13 +95,19 @@ class FieldSide:
             self.known &= not (self._confirmed or self._unsettled)
 
     @property
+    def _contradicts(self) -> bool:
+        """Whether the compass has begun to contradict a pose that it had agreed with, and the robot was not moved."""
+        return self._confirmed and self._turned > 0 and not self._unfelt
+
+    @property
     def either_end(self) -> bool:
         """Whether the compass turned round just as the robot was moved: it may be at the other end."""
         return self.doubted and self._moved
 
     def heading(self, compass_rad: float | None) -> float | None:
         """The heading (rad) that a search begins with: the compass's, without its jump if it is doubted; or none."""
-        if compass_rad is None or not self.doubted or self._moved or self.wrong:
+        doubted = self.doubted or self._contradicts
+        if compass_rad is None or not doubted or self._moved or self.wrong:
             return compass_rad
         return wrap_angle(compass_rad + self._off_rad) if self._steady >= STEADY_FRAMES else None
 
