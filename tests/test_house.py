@@ -61,6 +61,7 @@ ROOMS = (
     "experiments",
     "api",
     "localizer",
+    "live",
     "cli",
 )
 UNTRUSTED_MODULES = (

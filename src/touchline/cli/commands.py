@@ -15,6 +15,7 @@ from touchline.cli import (
     evaluate,
     experiment,
     fields,
+    live,
     locate,
     run,
     simulate,
@@ -40,6 +41,8 @@ app.command("check")(check.check)
 app.command("view")(view.view)
 app.command("simulate")(simulate.simulate)
 app.command("convert")(convert.convert)
+app.command("live")(live.live)
+app.command("play")(live.play)
 app.command("experiment")(experiment.experiment)
 app.command("systems")(systems.systems)
 app.command("compile")(compile_loops)

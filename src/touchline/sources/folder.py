@@ -362,6 +362,16 @@ class Recording:
             return Decoded(None, ProblemKind.MISSING_IMAGE, "is missing: the recording has no images")
         return self._decoded(index, self.image_name(index))
 
+    def image_bytes(self, index: int) -> bytes | None:
+        """The image of one frame as the content of its file; None where there is none."""
+        index = range(len(self))[index]
+        if self._images is None:
+            return None
+        try:
+            return self.image_store.file_bytes(int(self._images.lines[index]) - 2, self.image_name(index))
+        except UnreadableError:
+            return None
+
     def listed_images(self) -> Iterator[tuple[int, str]]:
         """Row (from 0) and file of every image that images.csv lists, usable or not."""
         if self._images is not None:

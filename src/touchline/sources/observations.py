@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -157,6 +157,22 @@ def read_observation_list(path: Path, log: ProblemLog) -> ObservationList:
     return ObservationList(table, stamps[keep], lines[keep], *where)
 
 
+def observation_of(stamp_ns: int, rows: Iterable[Mapping[str, str]]) -> Observation:
+    """What rows say that stand for those of observations.csv: their cells by column, without the time.
+
+    Raises InputError for a row that can't be used.
+    """
+    found: defaultdict[str, list[_Seen]] = defaultdict(list)
+    for number, row in enumerate(rows, start=1):
+        try:
+            kind, seen = _seen(row)
+        except _RowError as error:
+            raise InputError(f"row {number}: {error}") from None
+        if seen is not None:
+            found[kind].append(seen)
+    return _observation(stamp_ns, found)
+
+
 def observation_rows(observation: Observation) -> list[str]:
     """An observation as the rows of an observations.csv with the columns of HEADER; at least one."""
     time = f"{observation.stamp_ns / 1e9:.9f}".rstrip("0").rstrip(".")
@@ -204,8 +220,12 @@ def _row(table: Table, text: str) -> tuple[str, _Seen | None]:
     cells = [cell.strip() for cell in text.split(",")]
     if len(cells) != table.width:
         raise _RowError(f"has {len(cells)} values where the header names {table.width} columns")
-    row = {name: cells[position] for name, position in table.columns.items()}
-    kind = row["kind"].strip('"')
+    return _seen({name: cells[position] for name, position in table.columns.items()})
+
+
+def _seen(row: Mapping[str, str]) -> tuple[str, _Seen | None]:
+    """Kind and content of the cells of a row by column; None for `none`."""
+    kind = row.get("kind", "").strip('"')
     if kind not in KINDS:
         raise _RowError(f"kind {shown(kind)} is not known; {did_you_mean(kind, KINDS)}")
     if kind == NOTHING:
@@ -231,14 +251,14 @@ def _row(table: Table, text: str) -> tuple[str, _Seen | None]:
     return kind, seen
 
 
-def _needed(row: dict[str, str], name: str) -> float:
+def _needed(row: Mapping[str, str], name: str) -> float:
     value = _optional(row, name)
     if math.isnan(value):
         raise _RowError(f"column '{name}' is {'empty' if name in row else 'missing'}, but a {row['kind']} needs it")
     return value
 
 
-def _optional(row: dict[str, str], name: str) -> float:
+def _optional(row: Mapping[str, str], name: str) -> float:
     """A number; NaN where the cell is empty, or the file has no such column."""
     cell = row.get(name, "")
     if not cell:
@@ -251,7 +271,7 @@ def _optional(row: dict[str, str], name: str) -> float:
     return value
 
 
-def _covariance(row: dict[str, str], name: str) -> tuple[float, float, float]:
+def _covariance(row: Mapping[str, str], name: str) -> tuple[float, float, float]:
     """xx, xy, yy; all NaN where none is given."""
     xx, xy, yy = (_optional(row, f"{name}_{axes}") for axes in ("xx", "xy", "yy"))
     if math.isnan(xx) and math.isnan(xy) and math.isnan(yy):

@@ -1,0 +1,166 @@
+"""`touchline live` and `touchline play`: a robot that runs, and a recording sent as if it did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from touchline.cli.options import FollowLinks
+from touchline.errors import InputError
+
+if TYPE_CHECKING:
+    from touchline.live.heard import Told
+    from touchline.live.loop import LiveLoop
+
+_PORT = 28400
+_Address = Annotated[
+    str, typer.Option("--udp", metavar="[HOST:]PORT", help="Where Touchline hears the robot; HOST: loopback.")
+]
+_EVERY_S = 1.0  # so often a line on the terminal
+
+
+def live(
+    field: Annotated[str, typer.Option(metavar="NAME|FILE", help="The field.", show_default=False)],
+    camera: Annotated[
+        Path | None, typer.Option(help="camera.yaml; none is needed for points of a detector.", show_default=False)
+    ] = None,
+    system: Annotated[
+        str | None, typer.Option(help="The system to run; see touchline systems.", show_default=False)
+    ] = None,
+    udp: _Address = str(_PORT),
+    to: Annotated[str, typer.Option("--to", metavar="[HOST:]PORT", help="Where the poses go.")] = str(_PORT + 1),
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,HEADING", help="Where the robot stands (m, m, rad), field frame.", show_default=False
+        ),
+    ] = None,
+    own_half: Annotated[bool, typer.Option("--own-half", help="The robot stands in its own half (x < 0).")] = False,
+    wheels: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Rolling directions of two measuring wheels (rad).", show_default=False),
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="YAML file of settings.", show_default=False)] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting; may be repeated.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0, help="End after so long.", show_default=False)] = None,
+) -> None:
+    """Localise a running robot: images and sensors in by UDP, poses out. Ctrl-C ends it."""
+    import time
+
+    from touchline.cli.console import errors_console, told_of_compiling
+    from touchline.cli.run import interruptible, parse_pose
+    from touchline.config import load_settings
+    from touchline.live.loop import LiveLoop
+    from touchline.live.udp import UdpLink
+    from touchline.localizer import Localizer
+    from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
+
+    name = system or DEFAULT_SYSTEM
+    others = {other: info.settings for other, info in SYSTEMS.items() if other != name}
+    chosen = load_settings(system_info(name).settings, config, settings or (), elsewhere=others)
+    localizer = Localizer(field, camera, name, _pair(wheels, "--wheels"), chosen)
+    if start is not None or own_half:
+        localizer.reset(None if start is None else tuple(parse_pose(start)), own_half=own_half)
+    link = UdpLink(address(udp, "--udp"), address(to, "--to"))
+    shown = _Shown()
+    loop = LiveLoop(link, localizer, shown.take)
+    console = errors_console()
+    console.print(f"{name}: hears udp {udp}, tells udp {to}; Ctrl-C ends it")
+    ends_s = None if seconds is None else time.monotonic() + seconds
+    with told_of_compiling(console.print), interruptible() as stop:
+        loop.run(lambda: stop() or (ends_s is not None and time.monotonic() > ends_s))
+    link.close()
+    _tell_end(loop, {**localizer.problems, **link.refused})
+
+
+def play(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.", show_default=False)],
+    udp: Annotated[str, typer.Option("--udp", metavar="[HOST:]PORT", help="Where Touchline hears.")] = str(_PORT),
+    speed: Annotated[float, typer.Option(min=0.01, max=100.0, help="As fast as it was recorded, times this.")] = 1.0,
+    delay: Annotated[
+        float, typer.Option(min=0.0, max=10.0, help="Images come so much later than they were taken (s).")
+    ] = 0.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Once more from the beginning, until Ctrl-C.")] = False,
+    follow_links: FollowLinks = False,
+) -> None:
+    """Send a recording to `touchline live` as a robot would, in real time."""
+    from touchline.cli.console import errors_console, output
+    from touchline.cli.run import interruptible
+    from touchline.live.playing import play as play_recording
+    from touchline.live.udp import UdpRobot
+    from touchline.messages import counted
+    from touchline.sources import open_source
+
+    source = open_source(recording, follow_links)
+    robot = UdpRobot(address(udp, "--udp"))
+    errors_console().print(f"{source.name}: {counted(len(source), 'image')} to udp {udp}; Ctrl-C ends it")
+    sent = 0
+    with interruptible() as stop:
+        while True:
+            sent += play_recording(source, robot.send, speed, stop, delay)
+            if not loop or stop():
+                break
+    robot.close()
+    output().print(f"{counted(sent, 'image')} sent")
+
+
+def address(text: str, option: str) -> tuple[str, int]:
+    """[HOST:]PORT. Raises InputError for anything else."""
+    host, colon, port = text.rpartition(":")
+    if not port.isdigit() or not 0 < int(port) < 65536 or (colon and not host):
+        raise InputError(f"{option} {text}: expected a port, or HOST:PORT, for example 127.0.0.1:{_PORT}")
+    return host or "127.0.0.1", int(port)
+
+
+def _pair(text: str | None, option: str) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        a, b = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{option} {text}: expected A,B in rad, for example {option}=0.785,2.356") from None
+    return a, b
+
+
+class _Shown:
+    """A line on the terminal now and then."""
+
+    def __init__(self) -> None:
+        self._last_s = 0.0
+
+    def take(self, told: Told) -> None:
+        """One estimate of an image."""
+        import math
+        import time
+
+        from touchline.cli.console import output
+
+        estimate, now_s = told.estimate, time.monotonic()
+        for problem in estimate.problems:
+            output().print(problem, markup=False)
+        if now_s - self._last_s < _EVERY_S:
+            return
+        self._last_s = now_s
+        x, y, heading = estimate.pose
+        output().print(
+            f"{estimate.status}: x {x:.2f} m, y {y:.2f} m, {math.degrees(heading):.0f}°, "
+            f"{1e3 * told.after_s:.1f} ms after the image came, {told.dropped} dropped",
+            markup=False,
+        )
+
+
+def _tell_end(loop: LiveLoop, problems: dict[str, int]) -> None:
+    from touchline.cli.console import output
+
+    counts = loop.counts
+    console = output()
+    console.print(
+        f"{counts['told']} of {counts['images']} images localised, {counts['dropped']} dropped; "
+        f"{counts['readings']} samples of sensors"
+    )
+    for what, count in sorted(problems.items()):
+        console.print(f"{count} × {what}", markup=False)

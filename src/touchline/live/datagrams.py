@@ -1,0 +1,192 @@
+"""The protocol of `touchline live` over UDP: every datagram is one JSON object on one line, and bytes behind it.
+
+To Touchline (stamps in ns of the robot's clock; m, rad; the robot's or the field's frame as in a recording):
+
+    {"kind": "odometry", "stamp_ns": 1, "values": [x, y, theta]}      also wheels, gyro, compass, attitude
+    {"kind": "image", "stamp_ns": 1, "part": 0, "parts": 1}           and behind the line bytes of a JPEG or PNG file;
+                                                                      "camera": [x, y, z, roll, pitch, yaw], if it moves
+    {"kind": "points", "stamp_ns": 1, "points": [[x, y], ...]}        line points, robot frame
+    {"kind": "seen", "stamp_ns": 1, "rows": [{"kind": "L", "x_m": 1, ...}, ...]}   as the rows of observations.csv
+    {"kind": "start", "pose": [x, y, theta], "covariance": [9 numbers]}   or "own_half": true, or nothing
+
+From Touchline:
+
+    {"kind": "pose", "stamp_ns": 1, "x": 0, "y": 0, "theta": 0, "covariance": [9 numbers], "status": "tracking",
+     "image": true, "map_from_odom": [x, y, theta] or null, "probability": 1 or null, "residual_m": 0.01 or null,
+     "points": 100, "mode": "" , "problems": [], "dropped": 0, "after_s": 0.003}
+
+An image of more than PART_BYTES comes in parts, numbered from 0, in any order.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from touchline.errors import InputError
+from touchline.geometry import Pose, Pose3
+from touchline.live.heard import SENSORS, Heard, Reading, Sight, Start, Told
+from touchline.sources.observations import HEADER, observation_of, observation_rows
+from touchline.types import LARGEST, MAX_OBSERVED_POINTS, Observation, points_at
+
+PART_BYTES = 48_000  # behind the line of one datagram, which holds 65,507 at most
+MOST_PARTS = 200
+MOST_BYTES = 65_000  # of a datagram
+_MOST_WAITING = 4  # images of which parts are missing
+_LATEST_NS = 2**62
+
+
+class Datagrams:
+    """Datagrams to what was heard; keeps the parts of images until the last one has come."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[int, dict[int, bytes]] = {}
+        self.refused: Counter[str] = Counter()
+
+    def read(self, datagram: bytes) -> Heard | None:
+        """What a datagram says; None if it says nothing yet, or nothing that can be used, which is counted."""
+        line, _, behind = datagram.partition(b"\n")
+        try:
+            said = json.loads(line)
+            if not isinstance(said, dict):
+                raise InputError("no JSON object")
+            return self._heard(said, behind)
+        except (InputError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+            self.refused[f"a message that can't be used ({_short(error)})"] += 1
+            return None
+
+    def _heard(self, said: Mapping[str, Any], behind: bytes) -> Heard | None:
+        kind = said.get("kind")
+        if kind in SENSORS:
+            return Reading(kind, _stamp(said), _numbers(said["values"], SENSORS[kind]))
+        if kind == "image":
+            return self._image(said, behind)
+        if kind == "points":
+            points = np.asarray(said["points"], dtype=np.float64).reshape(-1, 2)[:MAX_OBSERVED_POINTS]
+            return _sight(said, observation=Observation(_stamp(said), points_at(points)))
+        if kind == "seen":
+            rows = [{str(key): _cell(value) for key, value in row.items()} for row in said["rows"]]
+            return _sight(said, observation=observation_of(_stamp(said), rows[:MAX_OBSERVED_POINTS]))
+        if kind == "start":
+            return _start(said)
+        raise InputError("of no kind that is known")
+
+    def _image(self, said: Mapping[str, Any], behind: bytes) -> Heard | None:
+        stamp_ns, part, parts = _stamp(said), said.get("part", 0), said.get("parts", 1)
+        if not (isinstance(part, int) and isinstance(parts, int) and 0 <= part < parts <= MOST_PARTS):
+            raise InputError("parts of an image that are none")
+        if parts == 1:
+            return _sight(said, image=behind)
+        found = self._waiting.setdefault(stamp_ns, {})
+        found[part] = behind
+        if len(found) == parts:
+            del self._waiting[stamp_ns]
+            return _sight(said, image=b"".join(found[k] for k in sorted(found)))
+        while len(self._waiting) > _MOST_WAITING:
+            del self._waiting[next(iter(self._waiting))]
+            self.refused["an image of which parts are missing"] += 1
+        return None
+
+
+def image_datagrams(stamp_ns: int, data: bytes, camera: Pose3 | None = None) -> Iterator[bytes]:
+    """The datagrams of an image file's content."""
+    pieces = [data[at : at + PART_BYTES] for at in range(0, len(data), PART_BYTES)] or [b""]
+    for part, piece in enumerate(pieces):
+        said: dict[str, Any] = {"kind": "image", "stamp_ns": stamp_ns, "part": part, "parts": len(pieces)}
+        if camera is not None:
+            said["camera"] = [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]
+        yield _line(said) + piece
+
+
+def seen_datagram(observation: Observation, camera: Pose3 | None = None) -> bytes:
+    """The datagram of what a detector found. Of what does not fit every other row is left out."""
+    columns = HEADER.split(",")[1:]
+    rows = [dict(zip(columns, row.split(",")[1:], strict=True)) for row in observation_rows(observation)]
+    kept = [{key: cell for key, cell in row.items() if cell} for row in rows]
+    said: dict[str, Any] = {"kind": "seen", "stamp_ns": observation.stamp_ns}
+    if camera is not None:
+        said["camera"] = [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]
+    line = _line({**said, "rows": kept})
+    while len(line) > MOST_BYTES:
+        kept = kept[::2]
+        line = _line({**said, "rows": kept})
+    return line
+
+
+def reading_datagram(reading: Reading) -> bytes:
+    """The datagram of a sensor's sample."""
+    return _line({"kind": reading.sensor, "stamp_ns": reading.stamp_ns, "values": list(reading.values)})
+
+
+def told_datagram(told: Told) -> bytes:
+    """The datagram of an estimate."""
+    e = told.estimate
+    map_from_odom = None if told.odometry is None else list(e.pose.compose(told.odometry.inverse()))
+    said = {
+        "kind": "pose",
+        "stamp_ns": e.stamp_ns,
+        **dict(zip(("x", "y", "theta"), e.pose, strict=True)),
+        "covariance": np.asarray(e.covariance).ravel().tolist(),
+        "status": str(e.status),
+        "image": told.image,
+        "map_from_odom": map_from_odom,
+        "probability": e.probability,
+        "residual_m": e.residual_m,
+        "points": e.points,
+        "mode": "" if e.mode is None else str(e.mode),
+        "problems": list(e.problems),
+        "dropped": told.dropped,
+        "after_s": round(told.after_s, 6),
+    }
+    return _line(
+        {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in said.items()}
+    )
+
+
+def _line(said: Mapping[str, Any]) -> bytes:
+    return json.dumps(said, separators=(",", ":")).encode() + b"\n"
+
+
+def _sight(said: Mapping[str, Any], image: bytes | None = None, observation: Observation | None = None) -> Sight:
+    camera = None
+    if said.get("camera") is not None:
+        x, y, z, roll, pitch, yaw = _numbers(said["camera"], 6)
+        camera = Pose3.from_roll_pitch_yaw(roll, pitch, yaw, (x, y, z))
+    return Sight(_stamp(said), time.monotonic(), image, observation, camera)
+
+
+def _start(said: Mapping[str, Any]) -> Start:
+    pose, covariance = said.get("pose"), said.get("covariance")
+    return Start(
+        None if pose is None else Pose(*_numbers(pose, 3)),
+        None if covariance is None else np.reshape(_numbers(covariance, 9), (3, 3)),
+        said.get("own_half") is True,
+    )
+
+
+def _stamp(said: Mapping[str, Any]) -> int:
+    stamp = said["stamp_ns"]
+    if not isinstance(stamp, int) or isinstance(stamp, bool) or abs(stamp) >= _LATEST_NS:
+        raise InputError("a stamp that is no whole number of nanoseconds")
+    return stamp
+
+
+def _numbers(given: Any, count: int) -> tuple[float, ...]:
+    values = tuple(float(value) for value in given)
+    if len(values) != count or not all(abs(value) < LARGEST for value in values):
+        raise InputError(f"not {count} numbers")
+    return values
+
+
+def _cell(value: Any) -> str:
+    return "" if value is None else str(value)[:100]
+
+
+def _short(error: Exception) -> str:
+    return f"{type(error).__name__}" if not isinstance(error, InputError) else str(error)[:80]

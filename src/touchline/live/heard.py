@@ -1,0 +1,82 @@
+"""What a link brings from a robot and what it takes back, whatever the link is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, TypeAlias
+
+from touchline.geometry import FloatArray, Pose, Pose3
+from touchline.types import Estimate, Observation
+
+SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}  # and how many numbers each gives
+
+
+class Reading(NamedTuple):
+    """One sample of a sensor, in the order and units of `Localizer.add_odometry` and its like."""
+
+    sensor: str
+    stamp_ns: int
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sight:
+    """One image, or what a detector of the robot's own found in it.
+
+    image: the content of an image file (JPEG, PNG, …), or None. arrived_s: on the clock of time.monotonic.
+    base_from_camera: pose of the camera body in the base frame, of a head that moves.
+    """
+
+    stamp_ns: int
+    arrived_s: float
+    image: bytes | None = None
+    observation: Observation | None = None
+    base_from_camera: Pose3 | None = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Start:
+    """Where somebody says that the robot stands; pose None: nobody knows. covariance: (3, 3), None if unknown."""
+
+    pose: Pose | None = None
+    covariance: FloatArray | None = None
+    own_half: bool = False
+
+
+Heard: TypeAlias = Reading | Sight | Start
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Told:
+    """What the robot is told: an image's estimate, or one carried on to a sample of the odometry.
+
+    odometry: the pose in the odometry frame at the estimate's time, None where it is not known. image: whether it comes
+    from an image. dropped: images so far that came while the program was busy. after_s: from the image's arrival on.
+    """
+
+    estimate: Estimate
+    odometry: Pose | None = None
+    image: bool = False
+    dropped: int = 0
+    after_s: float = 0.0
+
+
+class Link(Protocol):
+    """Carries messages between the robot and the loop."""
+
+    def hear(self, timeout_s: float) -> list[Heard]:
+        """What has come, after waiting for it as long as that. What is no message is left out and counted."""
+        ...
+
+    def tell(self, told: Told) -> None:
+        """Send an estimate. Nobody has to listen."""
+        ...
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """What was left out so far, and how often."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the link."""
+        ...

@@ -1,0 +1,155 @@
+"""The loop of a running robot: one thread hears, another localises the latest image, both tell.
+
+An image that comes while the one before is looked at waits. Where looking takes less time than the images are apart,
+those that wait are taken in their order, so that a moment of delay costs none; otherwise the latest one wins, and the
+others are counted. An image is localised at its own time; between images the estimate is carried on to every sample of
+the odometry.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from operator import itemgetter
+from statistics import median
+
+import cv2
+
+from touchline.errors import InputError
+from touchline.geometry import Pose, wrap_angle
+from touchline.image_files import decode
+from touchline.live.heard import Heard, Link, Reading, Sight, Start, Told
+from touchline.localizer import Localizer
+from touchline.types import Estimate, ImageArray
+
+HEARING_S = 0.1  # how long the loop may wait before it looks whether it shall end
+_MOST_ODOMETRY = 2_000
+_MOST_WAITING = 30  # images
+_REMEMBERED, _FIRST = 15, 3  # steps and arrivals that tell who is faster; steps until then, in which code is loaded
+_NEAR_NS = 200_000_000
+
+
+class LiveLoop:
+    """Between a link and a localizer. `run` returns when `stop` says so."""
+
+    def __init__(self, link: Link, localizer: Localizer, on_told: Callable[[Told], None] = lambda told: None) -> None:
+        """on_told: called with every estimate of an image, by the thread that localises."""
+        self._link, self._localizer, self._on_told = link, localizer, on_told
+        self._adds: dict[str, Callable[..., None]] = {
+            "odometry": localizer.add_odometry,
+            "wheels": localizer.add_wheels,
+            "gyro": localizer.add_gyro,
+            "compass": localizer.add_compass,
+            "attitude": localizer.add_attitude,
+        }
+        self._waiting: deque[Sight] = deque()
+        self._steps_s: deque[float] = deque(maxlen=_REMEMBERED)
+        self._arrivals_s: deque[float] = deque(maxlen=_REMEMBERED)
+        self._changed = threading.Condition()
+        self._telling = threading.Lock()
+        self._ended = False
+        self._odometry: deque[tuple[int, Pose]] = deque(maxlen=_MOST_ODOMETRY)
+        self.counts = Counter(images=0, dropped=0, readings=0, told=0)
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Until `stop` returns True; it is asked several times a second."""
+        worker = threading.Thread(target=self._localize_all, name="localize", daemon=True)
+        worker.start()
+        try:
+            while not stop() and worker.is_alive():
+                for heard in self._link.hear(HEARING_S):
+                    self._take(heard)
+        finally:
+            with self._changed:
+                self._ended = True
+                self._changed.notify()
+            worker.join()
+
+    def _take(self, heard: Heard) -> None:
+        if isinstance(heard, Reading):
+            self.counts["readings"] += 1
+            self._adds[heard.sensor](heard.stamp_ns, *heard.values)
+            if heard.sensor == "odometry":
+                self._carry_on(heard)
+        elif isinstance(heard, Start):
+            self._begin(heard)
+        else:
+            with self._changed:
+                self.counts["images"] += 1
+                self._arrivals_s.append(heard.arrived_s)
+                self._waiting.append(heard)
+                if len(self._waiting) > (_MOST_WAITING if self._keeps_up() else 1):
+                    self.counts["dropped"] += len(self._waiting) - 1
+                    self._waiting = deque([heard])
+                self._changed.notify()
+
+    def _keeps_up(self) -> bool:
+        """Whether localising an image takes less time than passes until the next one comes."""
+        if len(self._steps_s) < _FIRST or len(self._arrivals_s) < _FIRST:
+            return True
+        spacing_s = (self._arrivals_s[-1] - self._arrivals_s[0]) / (len(self._arrivals_s) - 1)
+        return median(self._steps_s) < spacing_s
+
+    def _begin(self, start: Start) -> None:
+        try:
+            pose = None if start.pose is None else tuple(start.pose)
+            self._localizer.reset(pose, start.covariance, start.own_half)
+        except InputError:
+            self.counts["starts that are none"] += 1
+
+    def _carry_on(self, reading: Reading) -> None:
+        """Tell the pose at the time of a sample of the odometry."""
+        place = Pose(*reading.values)
+        self._odometry.append((reading.stamp_ns, place))
+        estimate = self._localizer.pose(reading.stamp_ns)
+        if self.counts["told"]:
+            self._tell(Told(estimate, place, dropped=self.counts["dropped"]))
+
+    def _localize_all(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._ended or len(self._waiting) > 0)
+                if self._ended:
+                    return
+                sight = self._waiting.popleft()
+            begun_s = time.monotonic()
+            estimate = self._localizer.localize(
+                sight.stamp_ns,
+                image=_pixels(sight),
+                observation=sight.observation,
+                base_from_camera=sight.base_from_camera,
+            )
+            now_s = time.monotonic()
+            self._steps_s.append(now_s - begun_s)
+            told = Told(estimate, self._odometry_at(estimate), True, self.counts["dropped"], now_s - sight.arrived_s)
+            self.counts["told"] += 1
+            self._tell(told)
+            self._on_told(told)
+
+    def _tell(self, told: Told) -> None:
+        with self._telling:
+            self._link.tell(told)
+
+    def _odometry_at(self, estimate: Estimate) -> Pose | None:
+        """The odometry's pose at an estimate's time, between its samples; None where none is near."""
+        samples = list(self._odometry)
+        stamp_ns = estimate.stamp_ns
+        before = max((s for s in samples if s[0] <= stamp_ns), key=itemgetter(0), default=None)
+        after = min((s for s in samples if s[0] >= stamp_ns), key=itemgetter(0), default=None)
+        before, after = before or after, after or before
+        if before is None or after is None or max(stamp_ns - before[0], after[0] - stamp_ns) > _NEAR_NS:
+            return None
+        span_ns = after[0] - before[0]
+        share = (stamp_ns - before[0]) / span_ns if span_ns else 0.0
+        x, y = (a + share * (b - a) for a, b in zip(before[1][:2], after[1][:2], strict=True))
+        return Pose(x, y, wrap_angle(before[1].heading + share * wrap_angle(after[1].heading - before[1].heading)))
+
+
+def _pixels(sight: Sight) -> ImageArray | None:
+    """An image's pixels; what is no image goes on as such, so that it is counted and told."""
+    if sight.image is None:
+        return None
+    pixels = decode(sight.image, cv2.IMREAD_COLOR)
+    return None if isinstance(pixels, str) else pixels
