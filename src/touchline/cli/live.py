@@ -7,16 +7,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.options import FollowLinks
+from touchline.cli.options import BagBase, FollowLinks, bag_options
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
-    from touchline.live.heard import Told
+    from touchline.live.heard import Link, Robot, Told
     from touchline.live.loop import LiveLoop
 
 _PORT = 28400
 _Address = Annotated[
     str, typer.Option("--udp", metavar="[HOST:]PORT", help="Where Touchline hears the robot; HOST: loopback.")
+]
+LiveTopics = Annotated[
+    list[str] | None,
+    typer.Option("--topic", metavar="ROLE=/NAME", help="Of --dds: image, odometry, imu, compass, points; repeatable."),
 ]
 _EVERY_S = 1.0  # so often a line on the terminal
 
@@ -29,6 +33,15 @@ def live(
     system: Annotated[
         str | None, typer.Option(help="The system to run; see touchline systems.", show_default=False)
     ] = None,
+    dds: Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")] = False,
+    topics: LiveTopics = None,
+    base: BagBase = None,
+    namespace: Annotated[
+        str, typer.Option(metavar="/NAME", help="Before the names of what is published by --dds.")
+    ] = "",
+    network: Annotated[
+        bool, typer.Option("--network", help="Of --dds: beyond this machine, as CYCLONEDDS_URI says.")
+    ] = False,
     udp: _Address = str(_PORT),
     to: Annotated[str, typer.Option("--to", metavar="[HOST:]PORT", help="Where the poses go.")] = str(_PORT + 1),
     start: Annotated[
@@ -48,14 +61,13 @@ def live(
     ] = None,
     seconds: Annotated[float | None, typer.Option(min=0, help="End after so long.", show_default=False)] = None,
 ) -> None:
-    """Localise a running robot: images and sensors in by UDP, poses out. Ctrl-C ends it."""
+    """Localise a running robot: images and sensors in by ROS 2's topics or UDP, poses out. Ctrl-C ends it."""
     import time
 
     from touchline.cli.console import errors_console, told_of_compiling
     from touchline.cli.run import interruptible, parse_pose
     from touchline.config import load_settings
     from touchline.live.loop import LiveLoop
-    from touchline.live.udp import UdpLink
     from touchline.localizer import Localizer
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
 
@@ -65,11 +77,14 @@ def live(
     localizer = Localizer(field, camera, name, _pair(wheels, "--wheels"), chosen)
     if start is not None or own_half:
         localizer.reset(None if start is None else tuple(parse_pose(start)), own_half=own_half)
-    link = UdpLink(address(udp, "--udp"), address(to, "--to"))
+    link: Link = _dds_link(topics, base, namespace, network) if dds else _udp_link(udp, to)
     shown = _Shown()
     loop = LiveLoop(link, localizer, shown.take)
     console = errors_console()
-    console.print(f"{name}: hears udp {udp}, tells udp {to}; Ctrl-C ends it")
+    where = (
+        f"reads topics of ROS 2, publishes {namespace}/touchline/pose" if dds else f"hears udp {udp}, tells udp {to}"
+    )
+    console.print(f"{name}: {where}; Ctrl-C ends it", markup=False)
     ends_s = None if seconds is None else time.monotonic() + seconds
     with told_of_compiling(console.print), interruptible() as stop:
         loop.run(lambda: stop() or (ends_s is not None and time.monotonic() > ends_s))
@@ -77,8 +92,34 @@ def live(
     _tell_end(loop, {**localizer.problems, **link.refused})
 
 
+def _udp_link(udp: str, to: str) -> Link:
+    from touchline.live.udp import UdpLink
+
+    return UdpLink(address(udp, "--udp"), address(to, "--to"))
+
+
+def _dds_link(topics: list[str] | None, base: str | None, namespace: str, network: bool) -> Link:
+    _require_dds()
+    from touchline.live.dds import DdsLink
+
+    return DdsLink(bag_options(topics, None, None, None).topics, base, namespace, network)
+
+
+def _require_dds() -> None:
+    """Raises InputError where Cyclone DDS is not installed."""
+    from importlib.util import find_spec
+
+    missing = [name for name in ("cyclonedds", "rosbags") if find_spec(name) is None]
+    if missing:
+        raise InputError(f"--dds: {' and '.join(missing)} is not installed: pip install 'touchline[ros2]'")
+
+
 def play(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.", show_default=False)],
+    dds: Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")] = False,
+    network: Annotated[
+        bool, typer.Option("--network", help="Of --dds: beyond this machine, as CYCLONEDDS_URI says.")
+    ] = False,
     udp: Annotated[str, typer.Option("--udp", metavar="[HOST:]PORT", help="Where Touchline hears.")] = str(_PORT),
     speed: Annotated[float, typer.Option(min=0.01, max=100.0, help="As fast as it was recorded, times this.")] = 1.0,
     delay: Annotated[
@@ -91,13 +132,13 @@ def play(
     from touchline.cli.console import errors_console, output
     from touchline.cli.run import interruptible
     from touchline.live.playing import play as play_recording
-    from touchline.live.udp import UdpRobot
     from touchline.messages import counted
     from touchline.sources import open_source
 
     source = open_source(recording, follow_links)
-    robot = UdpRobot(address(udp, "--udp"))
-    errors_console().print(f"{source.name}: {counted(len(source), 'image')} to udp {udp}; Ctrl-C ends it")
+    robot = _dds_robot(network) if dds else _udp_robot(udp)
+    where = "topics of ROS 2" if dds else f"udp {udp}"
+    errors_console().print(f"{source.name}: {counted(len(source), 'image')} to {where}; Ctrl-C ends it", markup=False)
     sent = 0
     with interruptible() as stop:
         while True:
@@ -106,6 +147,19 @@ def play(
                 break
     robot.close()
     output().print(f"{counted(sent, 'image')} sent")
+
+
+def _udp_robot(udp: str) -> Robot:
+    from touchline.live.udp import UdpRobot
+
+    return UdpRobot(address(udp, "--udp"))
+
+
+def _dds_robot(network: bool) -> Robot:
+    _require_dds()
+    from touchline.live.dds import DdsRobot
+
+    return DdsRobot(network)
 
 
 def address(text: str, option: str) -> tuple[str, int]:

@@ -57,7 +57,7 @@ class Datagrams:
             if not isinstance(said, dict):
                 raise InputError("no JSON object")
             return self._heard(said, behind)
-        except (InputError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+        except (InputError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
             self.refused[f"a message that can't be used ({_short(error)})"] += 1
             return None
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeAlias
 
 from touchline.geometry import FloatArray, Pose, Pose3
-from touchline.types import Estimate, Observation
+from touchline.types import Estimate, ImageArray, Observation
 
 SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}  # and how many numbers each gives
 
@@ -23,13 +23,13 @@ class Reading(NamedTuple):
 class Sight:
     """One image, or what a detector of the robot's own found in it.
 
-    image: the content of an image file (JPEG, PNG, …), or None. arrived_s: on the clock of time.monotonic.
-    base_from_camera: pose of the camera body in the base frame, of a head that moves.
+    image: the content of an image file (JPEG, PNG, …), or pixels (H, W, 3) BGR, or None. arrived_s: on the
+    clock of time.monotonic. base_from_camera: pose of the camera body in the base frame, of a head that moves.
     """
 
     stamp_ns: int
     arrived_s: float
-    image: bytes | None = None
+    image: bytes | ImageArray | None = None
     observation: Observation | None = None
     base_from_camera: Pose3 | None = None
 
@@ -75,6 +75,27 @@ class Link(Protocol):
     @property
     def refused(self) -> dict[str, int]:
         """What was left out so far, and how often."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the link."""
+        ...
+
+
+class Picture(NamedTuple):
+    """An image of a recording as it is stored, or what a detector found in it."""
+
+    stamp_ns: int
+    data: bytes | None
+    observation: Observation | None
+    base_from_camera: Pose3 | None
+
+
+class Robot(Protocol):
+    """The other end of a link, which a recording is played to."""
+
+    def send(self, event: Reading | Picture) -> None:
+        """Send a sample or an image. Nobody has to listen."""
         ...
 
     def close(self) -> None:

@@ -149,7 +149,7 @@ class LiveLoop:
 
 def _pixels(sight: Sight) -> ImageArray | None:
     """An image's pixels; what is no image goes on as such, so that it is counted and told."""
-    if sight.image is None:
-        return None
+    if sight.image is None or not isinstance(sight.image, bytes):
+        return sight.image
     pixels = decode(sight.image, cv2.IMREAD_COLOR)
     return None if isinstance(pixels, str) else pixels

@@ -7,24 +7,13 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
 
-from touchline.geometry import Pose3
-from touchline.live.heard import Reading
+from touchline.live.heard import Picture, Reading
 from touchline.sources import Recording
 from touchline.sources.observations import OBSERVATIONS
-from touchline.types import Frame, Observation, Samples
+from touchline.types import Frame, Samples
 
 _SENSORS = {"odometry": "odometry", "wheels": "wheels", "gyro": "gyro", "compass": "compass", "tilt": "attitude"}
-
-
-class Picture(NamedTuple):
-    """An image of a recording as it is stored, or what a detector found in it."""
-
-    stamp_ns: int
-    data: bytes | None
-    observation: Observation | None
-    base_from_camera: Pose3 | None
 
 
 def play(

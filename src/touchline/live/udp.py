@@ -9,8 +9,7 @@ from dataclasses import replace
 
 from touchline.errors import InputError
 from touchline.live.datagrams import Datagrams, image_datagrams, reading_datagram, seen_datagram, told_datagram
-from touchline.live.heard import Heard, Reading, Told
-from touchline.live.playing import Picture
+from touchline.live.heard import Heard, Picture, Reading, Told
 
 LOOPBACK, PORT, ANSWERS_PORT = "127.0.0.1", 28400, 28401
 _LARGEST = 65_536
@@ -28,6 +27,12 @@ class UdpLink:
         self._there = there
         self._in, self._out = bound(here), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.unheard = 0  # estimates that could not be sent
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Where it hears."""
+        host, port = self._in.getsockname()
+        return str(host), int(port)
 
     def hear(self, timeout_s: float) -> list[Heard]:
         """What has come: the first message is waited for, the rest taken along."""

@@ -13,8 +13,9 @@ import numpy as np
 from touchline.geometry import FloatArray, Pose3, tilt_rotation
 from touchline.sources.bags import roles
 from touchline.sources.bags.point_cloud import cloud_points
+from touchline.sources.bags.readings import attitude_of, place_and_turn, rates_of
 from touchline.sources.bags.table_rows import decimal_seconds
-from touchline.sources.bags.transforms import FrameTree, camera_body, plain, rotation
+from touchline.sources.bags.transforms import FrameTree, camera_body, plain
 from touchline.sources.observations import HEADER
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.truth import heading_of
@@ -26,7 +27,6 @@ _HEADERS = {
     "observations.csv": HEADER,
 }
 _GROUND_FRAME = "base_footprint"
-_UNKNOWN = -1.0  # first element of a covariance: the sensor does not measure this (sensor_msgs/Imu)
 
 
 class ForeignTables:
@@ -72,40 +72,33 @@ class ForeignTables:
     def add(self, role: str, stamp_ns: int, message: Any, together: bool = False) -> None:
         """Write a message's row. together: the IMU is the compass, too."""
         if role == roles.ODOMETRY:
-            place, turn = _pose_of(message)
+            place, turn = place_and_turn(message)
             self._row("odometry.csv", stamp_ns, [place.x, place.y, heading_of(turn.x, turn.y, turn.z, turn.w)])
         elif role == roles.TRUTH:
             self._truth(stamp_ns, message)
         elif role == roles.IMU:
             self._imu(stamp_ns, message, with_yaw=together)
         elif role == roles.COMPASS and not together:
-            yaw = self._attitude(message)[2]
+            yaw = (self._attitude(message) or (None, None, None))[2]
             self._row("imu.csv", stamp_ns, [None, None, yaw, None, None, None])
         elif role == roles.POINTS:
             self._points(stamp_ns, message)
 
     def _truth(self, stamp_ns: int, message: Any) -> None:
-        place, turn = _pose_of(message)
+        place, turn = place_and_turn(message)
         numbers = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
         file = self._file("ground_truth.tum")
         file.write(" ".join([decimal_seconds(stamp_ns), *(repr(float(number)) for number in numbers)]) + "\n")
 
     def _imu(self, stamp_ns: int, message: Any, with_yaw: bool) -> None:
-        roll, pitch, yaw = self._attitude(message)
+        attitude, rates = self._attitude(message), rates_of(message, self._pose_of_frame(message))
+        roll, pitch, yaw = attitude or (None, None, None)
         if roll is not None and pitch is not None:
             self._lean = tilt_rotation(roll, pitch)
-        rates: list[float | None] = [None, None, None]
-        if message.angular_velocity_covariance[0] != _UNKNOWN:
-            rate = message.angular_velocity
-            rates = [*(self._pose_of_frame(message).rotation @ (rate.x, rate.y, rate.z)).tolist()]
-        self._row("imu.csv", stamp_ns, [roll, pitch, yaw if with_yaw else None, *rates])
+        self._row("imu.csv", stamp_ns, [roll, pitch, yaw if with_yaw else None, *(rates or (None, None, None))])
 
-    def _attitude(self, message: Any) -> tuple[float | None, float | None, float | None]:
-        """Roll, pitch, yaw of the base, where the sensor measures them."""
-        turn = None if message.orientation_covariance[0] == _UNKNOWN else rotation(message.orientation)
-        if turn is None:
-            return None, None, None
-        return Pose3(turn @ self._pose_of_frame(message).rotation.T, np.zeros(3)).roll_pitch_yaw()
+    def _attitude(self, message: Any) -> tuple[float, float, float] | None:
+        return attitude_of(message, self._pose_of_frame(message))
 
     def _points(self, stamp_ns: int, message: Any) -> None:
         points = cloud_points(message)
@@ -136,10 +129,3 @@ class ForeignTables:
                 file.write(_HEADERS[name] + "\n")
             self._open[name] = file
         return self._open[name]
-
-
-def _pose_of(message: Any) -> tuple[Any, Any]:
-    """Position and orientation of an Odometry, a PoseStamped or a PoseWithCovarianceStamped."""
-    pose = message.pose
-    pose = pose if hasattr(pose, "position") else pose.pose
-    return pose.position, pose.orientation

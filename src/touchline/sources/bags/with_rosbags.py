@@ -84,6 +84,12 @@ def _is_like_standard(types: Any, name: str) -> bool:
     return known is None or all(own.get(each) == field for each, field in known[1])
 
 
+def field_kinds(kind: str) -> Sequence[tuple[str, Any]]:
+    """Names of the fields of a type of ROS 2 Humble, and what each is, as rosbags has it. Raises KeyError."""
+    found: Sequence[tuple[str, Any]] = _humble().fielddefs[kind][1]
+    return found
+
+
 class Codec:
     """Messages to and from bytes. Definitions that stand in the bag come before those of ROS 2 Humble."""
 

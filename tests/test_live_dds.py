@@ -1,0 +1,214 @@
+"""ROS 2's topics without ROS: what is on the wire, and a recording played from one node to another."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="no wheel of Cyclone DDS for this machine")
+
+from cyclonedds.qos import Policy, Qos
+
+from touchline.errors import InputError
+from touchline.geometry import Pose, Pose3
+from touchline.live import dds
+from touchline.live.dds import DdsLink, DdsNode, DdsRobot
+from touchline.live.dds_types import Cdr, dds_name, ros_name, sample, sample_type
+from touchline.live.heard import Heard, Picture, Reading, Sight, Start, Told
+from touchline.live.ros import RosReader, RosWriter
+from touchline.sources import open_source
+from touchline.sources.bags.messages import Topic
+from touchline.sources.bags.with_rosbags import BadMessageError, Codec
+from touchline.types import Estimate, Status
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
+BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.DataRepresentation(use_cdrv0_representation=True))
+RELIABLE = Qos(Policy.Reliability.Reliable(10**8), Policy.DataRepresentation(use_cdrv0_representation=True))
+
+
+@pytest.fixture(autouse=True)
+def alone(monkeypatch: pytest.MonkeyPatch, worker_id: str) -> None:
+    """A domain for each process of the tests, and no long waits."""
+    monkeypatch.setenv(
+        "ROS_DOMAIN_ID", str(100 + int(worker_id.removeprefix("gw") or 0) if worker_id != "master" else 99)
+    )
+    monkeypatch.setattr(dds, "SETTLE_S", 0.3)
+
+
+def waited(look: Callable[[], Any]) -> Any:
+    """What it returns once that is something."""
+    ends_s = time.monotonic() + 10.0
+    while not (found := look()) and time.monotonic() < ends_s:
+        time.sleep(0.005)
+    return found
+
+
+def test_types_are_named_as_ros_2_names_them() -> None:
+    assert dds_name("nav_msgs/msg/Odometry") == "nav_msgs::msg::dds_::Odometry_"
+    assert ros_name("nav_msgs::msg::dds_::Odometry_") == "nav_msgs/msg/Odometry"
+    assert ros_name("nav_msgs::srv::dds_::Get_Request_") is None
+    assert ros_name("Odometry") is None
+
+
+def test_a_sample_is_the_message_s_bytes_there_and_back() -> None:
+    codec = Codec()
+    message = RosWriter(codec)._make.odometry(5_000_000_001, 1.0, -2.0, 0.5)
+    cdr = codec.encode("nav_msgs/msg/Odometry", message)
+    assert sample("nav_msgs/msg/Odometry", cdr).serialize(use_version_2=False) == cdr
+    back = sample_type("nav_msgs/msg/Odometry").deserialize(cdr)
+    assert isinstance(back, Cdr)
+    again = codec.decode(Topic("/odom", "nav_msgs/msg/Odometry", "cdr", None, 1), back)
+    assert (again.pose.pose.position.x, again.header.stamp.nanosec) == (1.0, 1)
+
+
+def test_a_recording_played_by_one_node_is_heard_by_another_as_it_was_recorded() -> None:
+    link, robot = DdsLink({"compass": "/imu/data"}), DdsRobot()
+    sent: list[Reading | Picture] = []
+    data = (EXAMPLE / "images" / "000003.jpg").read_bytes()
+    for k in range(20):
+        stamp = 10_000_000 * (k + 1)
+        sent += [
+            Reading("odometry", stamp, (0.1 * k, 0.2, 0.3)),
+            Reading("gyro", stamp, (0.1, 0.2, 0.01 * k)),
+            Reading("compass", stamp, (1.5,)),
+        ]
+    sent.append(Picture(200_000_000, data, None, Pose3.from_roll_pitch_yaw(0.0, 0.3, 0.1, (0.1, 0.0, 1.0))))
+    heard: list[Heard] = []
+    waited(lambda: heard.extend(link.hear(0.01)) or len(link.topics) == 5)
+    for event in sent:
+        robot.send(event)
+    waited(lambda: heard.extend(link.hear(0.05)) or any(isinstance(each, Sight) for each in heard))
+    readings = [each for each in heard if isinstance(each, Reading)]
+    odometry = [each for each in readings if each.sensor == "odometry"]
+    assert [each.stamp_ns for each in odometry] == [10_000_000 * (k + 1) for k in range(20)]
+    np.testing.assert_allclose(odometry[7].values, (0.7, 0.2, 0.3), atol=1e-12)
+    compass = [each for each in readings if each.sensor == "compass"]
+    assert len(compass) == 20
+    assert compass[0].values[0] == pytest.approx(1.5)
+    (sight,) = (each for each in heard if isinstance(each, Sight))
+    assert sight.image == data
+    assert sight.base_from_camera is not None
+    np.testing.assert_allclose(sight.base_from_camera.translation_m, (0.1, 0.0, 1.0), atol=1e-12)
+    assert link.refused == {}
+    robot.close()
+    link.close()
+
+
+def test_an_estimate_goes_out_as_pose_transform_and_diagnostics() -> None:
+    link, other = DdsLink(namespace="/robot1"), DdsNode("listener")
+    kinds = {
+        "/robot1/touchline/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "/tf": "tf2_msgs/msg/TFMessage",
+        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    }
+    readers = {name: other.reader(name, kind, RELIABLE) for name, kind in kinds.items()}
+    estimate = Estimate(7_000_000_000, Pose(2.0, 1.0, 0.5), np.diag([0.01, 0.02, 0.03]), Status.TRACKING, points=88)
+    found: dict[str, Any] = {}
+
+    def told() -> bool:
+        link.tell(Told(estimate, Pose(1.0, 0.0, 0.5), image=True))
+        for name, reader in readers.items():
+            for each in reader.take(10):
+                found[name] = other.codec.decode(Topic(name, kinds[name], "cdr", None, 1), each)
+        return len(found) == 3
+
+    assert waited(told)
+    pose = found["/robot1/touchline/pose"]
+    assert pose.header.frame_id == "map"
+    assert (pose.pose.pose.position.x, pose.pose.covariance[7], pose.pose.covariance[35]) == (2.0, 0.02, 0.03)
+    moved = found["/tf"].transforms[0]
+    assert (moved.header.frame_id, moved.child_frame_id) == ("map", "odom")
+    assert (moved.transform.translation.x, moved.transform.translation.y) == (1.0, 1.0)
+    (status,) = found["/diagnostics"].status
+    assert (status.level, {pair.key: pair.value for pair in status.values}["points"]) == (0, "88")
+    link.close()
+    other.close()
+
+
+def test_a_node_is_seen_by_ros() -> None:
+    link, other = DdsLink(namespace="/robot1"), DdsNode("other")
+    kept = Qos(
+        Policy.Reliability.Reliable(10**8),
+        Policy.Durability.TransientLocal,
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+    )
+    kind = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+    reader = dds.DataReader(other.participant, other._topic("ros_discovery_info", kind), qos=kept)
+    nodes: set[tuple[str, str]] = set()
+
+    def found() -> bool:
+        for each in reader.take(10):
+            message = other.codec.decode(Topic("", kind, "cdr", None, 1), each)
+            nodes.update((node.node_namespace, node.node_name) for node in message.node_entities_info_seq)
+        return ("/robot1", "touchline") in nodes
+
+    assert waited(found)
+    link.close()
+    other.close()
+
+
+def test_of_several_that_could_be_it_the_named_one_is_read_and_a_wrong_type_is_told() -> None:
+    link = DdsLink({"odometry": "/wheel/odom", "imu": "/odom"})
+    robot = DdsNode("robot")
+    for name in ("/odom", "/wheel/odom"):
+        robot.announce(name, "nav_msgs/msg/Odometry")
+    waited(lambda: link.hear(0.01) or link.refused)
+    assert "odometry" not in link.topics
+    assert any("/odom: is a nav_msgs/msg/Odometry" in what for what in link.refused)
+    link.close()
+    robot.close()
+
+
+def test_a_message_that_cannot_be_used_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    link, robot = DdsLink(), DdsNode("robot")
+    robot.announce("/odom", "nav_msgs/msg/Odometry")
+    waited(lambda: link.hear(0.01) or "odometry" in link.topics)
+
+    def broken(*_: object) -> None:
+        raise BadMessageError("too short")
+
+    monkeypatch.setattr(link._node.codec, "decode", broken)
+    (out,) = RosWriter(robot.codec).played(Reading("odometry", 1, (1.0, 2.0, 3.0)))
+    waited(lambda: robot.write(out) or link.hear(0.02) or link.refused)
+    assert any("/odom that can't be used (too short)" in what for what in link.refused)
+    link.close()
+    robot.close()
+
+
+def test_initialpose_is_a_start_with_the_covariance_of_the_plane() -> None:
+    make = RosWriter(Codec())._make
+    full = np.zeros((6, 6))
+    full[0, 0], full[1, 1], full[5, 5] = 0.25, 0.25, 0.07
+    message = make.pose(1, 1.0, 2.0, -3.0, covariance=full.ravel())
+    (start,) = RosReader().read("initialpose", message)
+    assert isinstance(start, Start)
+    assert start.pose is not None
+    np.testing.assert_allclose(start.pose, (1.0, 2.0, -3.0))
+    assert start.covariance is not None
+    assert np.diag(start.covariance).tolist() == [0.25, 0.25, 0.07]
+
+
+def test_an_imu_without_orientation_is_no_compass() -> None:
+    message = RosWriter(Codec())._make.imu(1, (math.nan,) * 3, (0.1, 0.2, 0.3))
+    assert list(RosReader().read("imu", message, with_compass=True)) == [Reading("gyro", 1, (0.1, 0.2, 0.3))]
+
+
+@pytest.mark.parametrize("text", ["x", "-1", "233"])
+def test_a_domain_that_is_none_is_told(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    with pytest.raises(InputError, match="ROS_DOMAIN_ID"):
+        DdsNode("x")
+
+
+def test_the_example_s_images_are_played_as_they_are() -> None:
+    writer = RosWriter(Codec())
+    data = open_source(EXAMPLE).image_bytes(0)
+    (out,) = writer.played(Picture(1, data, None, None))
+    assert bytes(out.message.data) == data
+    assert out.message.format == "jpeg"
