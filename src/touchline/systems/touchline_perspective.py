@@ -36,7 +36,8 @@ CAMERA_HEIGHT_M = 1.0  # where nobody tells
 PLACE_M = 0.01  # error of a crossing's place on the field
 WIDE_M = 0.2  # standard deviation of a position from which on one line may be taken for another
 BLIND_S = 4.0  # without a feature from which on a pose is in doubt: the robot may have fallen, and been carried
-MEMORY = 0.25  # share of an image in how much is explained of late
+MEMORY = 0.4  # share of an image in how much is explained of late
+USUAL = 0.85  # share of what an image shows that a right pose explains: other places are looked for where it is less
 FEWEST = 2.0  # features, or line points by their shares, without which an image tells nothing
 TOLD = 3.0  # log-odds of an end that a person tells, where nothing can confirm it: one start in twenty is told wrongly
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
@@ -116,7 +117,7 @@ class TouchlinePerspective:
         best = self.hypotheses.best
         if best is None or best.fit is None or float(np.trace(best.filter.covariance[:2, :2])) > WIDE_M**2:
             return True
-        poor = self.explained < self.settings.min_explained
+        poor = min(best.explained, self.explained) < USUAL
         return self.status is not Status.TRACKING or poor or self.since_search >= self.settings.search_every
 
     def _search(self, seen: SeenPoints, view: FeatureView) -> list[LeanFit]:
@@ -165,13 +166,13 @@ class TouchlinePerspective:
             self.explained += MEMORY * (best.explained - self.explained)
             if best.explained >= 0.5 * self.settings.min_explained:
                 self.seen_ns = stamp_ns
-        least = self.settings.min_explained * (0.6 if self.status is Status.TRACKING else 1.0)
         sure = self.hypotheses.probabilities[0] >= self.settings.min_probability and is_narrow(best.filter.covariance)
-        sure = sure and self.explained >= least and 1e-9 * (stamp_ns - self.seen_ns) <= BLIND_S
+        sure = sure and self.explained >= self.settings.min_explained and 1e-9 * (stamp_ns - self.seen_ns) <= BLIND_S
+        sure = sure and self.hypotheses.is_confirmed and not self.hypotheses.is_contested
         if sure and (not self.tells_ends or self.twin.is_sure):
             self.status = Status.TRACKING
         else:
-            self.status = Status.LOST if self.explained < 0.5 * least else Status.SEARCHING
+            self.status = Status.LOST if self.explained < 0.5 * self.settings.min_explained else Status.SEARCHING
 
     def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PerspectiveFilter:
         s = self.settings

@@ -27,6 +27,8 @@ GATE = (
 )
 POOR = 0.6  # share of what is seen below which a shove is tried
 MIN_EXPLAINED = 0.4  # share below which an image says nothing of a pose
+CONFIRMING = 1  # images beside the one that a pose was found in, until it is believed
+CONTESTED = 0.15  # share by which another pose explains more of an image from which the likeliest one is in doubt
 UNLIKELY = 12.0  # logarithm of odds against the best from which a hypothesis is dropped
 MOST = 10  # hypotheses
 SAME_M, SAME_RAD = 0.25, 0.15  # hypotheses nearer than this are one
@@ -34,11 +36,15 @@ SAME_M, SAME_RAD = 0.25, 0.15  # hypotheses nearer than this are one
 
 @dataclass(eq=False, slots=True)
 class PerspectiveHypothesis:
-    """A pose: its filter, its log-odds, and how the last image was fitted to it; None before the first."""
+    """A pose: its filter, its log-odds, and how the last image was fitted to it; None before the first.
+
+    images: so many have been explained by it since it was found; a pose that was told needs none.
+    """
 
     filter: PerspectiveFilter
     log_odds: float
     fit: LeanFit | None = None
+    images: int = 0
 
     @property
     def explained(self) -> float:
@@ -65,9 +71,20 @@ class PerspectiveHypotheses:
         odds = [math.exp(one.log_odds - self.members[0].log_odds) for one in self.members]
         return [each / sum(odds) for each in odds]
 
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether more than the image that it was found in speaks for the likeliest pose."""
+        return bool(self.members) and self.members[0].images >= CONFIRMING
+
+    @property
+    def is_contested(self) -> bool:
+        """Whether another pose that has stood an image explains more of it than the likeliest one."""
+        rivals = [one.explained for one in self.members[1:] if one.log_odds > CARRIED_AWAY + 1.0]
+        return bool(rivals) and max(rivals) > self.members[0].explained + CONTESTED
+
     def start(self, start: PerspectiveFilter | None) -> None:
         """Follow this pose alone, or none."""
-        self.members = [] if start is None else [PerspectiveHypothesis(start, 0.0)]
+        self.members = [] if start is None else [PerspectiveHypothesis(start, 0.0, images=CONFIRMING)]
 
     def predict(self, motion: Motion, seconds: float) -> None:
         """The odometry carries every pose on."""
@@ -114,6 +131,7 @@ class PerspectiveHypotheses:
         one.fit = fitted.fit
         if fitted.fit.explained >= MIN_EXPLAINED:
             one.filter.take(fitted, shove)
+            one.images += 1
         return _evidence(fitted) + (SHOVE if shove is not None else 0.0)
 
     def _is_known(self, pose: Pose, known: Pose) -> bool:
