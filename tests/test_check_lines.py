@@ -12,9 +12,11 @@ import pytest
 import yaml
 
 from touchline.checks.findings import Finding, Severity
-from touchline.checks.lines import check_lines
+from touchline.checks.lines import _ends, check_lines
 from touchline.checks.survey import take_survey
+from touchline.geometry import Pose
 from touchline.sources import open_source
+from touchline.types import Estimate, Hypothesis, Status
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 
@@ -100,3 +102,12 @@ def test_the_look_at_the_lines_leaves_the_problems_as_they_were(recording: Path)
 def test_another_field_fits_no_pose(recording: Path) -> None:
     shutil.copy(Path(__file__).parents[1] / "src/touchline/field/presets/spl-9x6.yaml", recording / "field.yaml")
     assert findings(recording)["lines"].severity is Severity.WARNING
+
+
+def test_a_twin_that_is_likely_is_named() -> None:
+    def told(probability: float | None) -> list[Severity]:
+        twin = Hypothesis(Pose(-1.0, 0.0, math.pi), 0.02, probability)
+        estimate = Estimate(0, Pose(1.0, 0.0, 0.0), np.eye(3), Status.TRACKING, hypotheses=(twin,))
+        return [one.severity for one in _ends([estimate])]
+
+    assert (told(None), told(0.02), told(0.5)) == ([], [], [Severity.NOTE])

@@ -14,14 +14,14 @@ from fakes import STEP_NS, FakeSource, FakeSystem, true_pose, true_samples
 
 from touchline.errors import InputError
 from touchline.evaluation import Run, evaluate, read_tum, write_tum
-from touchline.evaluation.estimates import csv_row, read_estimates
+from touchline.evaluation.estimates import COLUMNS, PROBABILITIES, csv_row, read_estimates
 from touchline.evaluation.latency import LatencyHistogram, milliseconds
 from touchline.evaluation.run_folder import RunFolder, new_folder, read_summary, write_summary
 from touchline.evaluation.runner import RunTally, run_frames
 from touchline.geometry import Pose
 from touchline.types import Estimate, Frame, Hypothesis, Status
 
-HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
+HEADER = ",".join((*COLUMNS, *PROBABILITIES))
 
 
 def run_into(folder: Path, source: FakeSource, system: FakeSystem | None = None) -> RunTally:
@@ -44,8 +44,10 @@ def test_every_image_has_one_line_in_both_files(tmp_path: Path) -> None:
 def test_estimates_csv_holds_all_that_the_estimate_said(tmp_path: Path) -> None:
     covariance = np.array([[0.04, 0.001, 0.002], [0.001, 0.09, 0.003], [0.002, 0.003, 0.01]])
     estimate = Estimate(
-        1_234_567_890, true_pose(3), covariance, Status.LOST, 0.123, 45, perception_ms=1.25, localization_ms=0.5
-    )
+        1_234_567_890, true_pose(3), covariance, Status.LOST, 0.123, 45,
+        probability=0.75, perception_ms=1.25, localization_ms=0.5,
+        hypotheses=(Hypothesis(true_pose(3).mirrored(), 0.123, 0.2),),
+    )  # fmt: skip
     path = tmp_path / "estimates.csv"
     path.write_text(HEADER + "\n" + csv_row(estimate))
     header, row = path.read_text().splitlines()
@@ -56,7 +58,9 @@ def test_estimates_csv_holds_all_that_the_estimate_said(tmp_path: Path) -> None:
     assert written == pytest.approx([0.04, 0.001, 0.002, 0.09, 0.003, 0.01])
     assert (fields["status"], fields["points"], fields["residual_m"]) == ("lost", "45", "0.123000")
     assert (float(fields["perception_ms"]), float(fields["localization_ms"])) == (1.25, 0.5)
+    assert (fields["probability"], fields["twin_probability"]) == ("0.7500", "0.2000")
     table = read_estimates(path)
+    assert (table.probability[0], table.twin_probability[0]) == pytest.approx((0.75, 0.2))
     np.testing.assert_allclose(table.std[0], [0.2, 0.3, 0.1], rtol=1e-6)
     assert table.has_status(Status.LOST).tolist() == [True]
 
@@ -72,7 +76,7 @@ def test_a_residual_without_points_is_empty_and_read_as_nan(tmp_path: Path) -> N
     ("change", "said"),
     [
         (lambda rows: ["t,x,y", *rows[1:]], "line 1: expected the header"),
-        (lambda rows: [*rows[:2], "1,2,3", *rows[3:]], "line 3: expected 15 values, found 3"),
+        (lambda rows: [*rows[:2], "1,2,3", *rows[3:]], "line 3: expected 17 values, found 3"),
         (lambda rows: [*rows[:2], rows[2].replace("tracking", "dreaming")], "line 3: 'dreaming'"),
         (lambda rows: [*rows, rows[1]], "line 4: the time does not increase"),
         (lambda rows: [*rows[:2], rows[2].replace(rows[2].split(",")[1], "north")], "line 3: could not convert"),

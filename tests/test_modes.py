@@ -35,8 +35,8 @@ def test_the_mode_is_one_more_column_at_the_end_and_comes_back(tmp_path: Path) -
     modes: list[Mode | None] = [Mode.OMNIVISION, Mode.BOTH, Mode.ODOMETRY]
     path = written(tmp_path / "run", modes)
     lines = path.read_text(encoding="utf-8").splitlines()
-    assert lines[0] == HEADER + ",mode"
-    assert [line.rpartition(",")[2] for line in lines[1:]] == ["omnivision", "omnivision+odometry", "odometry"]
+    assert lines[0] == HEADER + ",mode,probability,twin_probability"
+    assert [line.split(",")[-3] for line in lines[1:]] == ["omnivision", "omnivision+odometry", "odometry"]
     table = read_estimates(path)
     assert table.has_modes
     assert [tuple(Mode)[k] for k in table.mode] == modes
@@ -45,13 +45,13 @@ def test_the_mode_is_one_more_column_at_the_end_and_comes_back(tmp_path: Path) -
 def test_systems_without_modes_and_runs_without_frames_have_the_columns_of_always(tmp_path: Path) -> None:
     for name, modes in (("plain", [None, None]), ("empty", [])):
         path = written(tmp_path / name, list(modes))
-        assert path.read_text(encoding="utf-8").splitlines()[0] == HEADER
+        assert path.read_text(encoding="utf-8").splitlines()[0] == HEADER + ",probability,twin_probability"
         assert not read_estimates(path).has_modes
 
 
 def test_an_unknown_mode_is_named_with_its_line(tmp_path: Path) -> None:
     path = written(tmp_path / "run", [Mode.BOTH, Mode.BOTH])
-    path.write_text(path.read_text(encoding="utf-8").replace("omnivision+odometry\n", "smell\n"), encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8").replace("omnivision+odometry,", "smell,"), encoding="utf-8")
     with pytest.raises(InputError, match=r"line 2: 'smell'"):
         read_estimates(path)
 

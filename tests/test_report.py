@@ -22,7 +22,7 @@ from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
 from touchline.evaluation.timeline import MOST_ROWS, axis_limit, error_charts, page_data, run_tree, shown_rows
 from touchline.field import open_field
-from touchline.types import Estimate, Frame, Mode, Samples, Status
+from touchline.types import Estimate, Frame, Hypothesis, Mode, Samples, Status
 
 MODE_NAMES = {Mode.OMNIVISION: "omnivision", Mode.BOTH: "both", Mode.ODOMETRY: "odometry"}
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -216,6 +216,19 @@ def test_a_robot_that_was_never_located_has_no_path_and_no_error_curve(tmp_path:
     assert "first located" not in page
 
 
+def test_probabilities_are_told_where_a_system_knows_them(tmp_path: Path) -> None:
+    class Unsure(FakeSystem):
+        def step(self, frame: Frame) -> Estimate:
+            estimate = super().step(frame)
+            twin = Hypothesis(estimate.pose.mirrored(), 0.02, 0.125)
+            return replace(estimate, probability=0.875, hypotheses=(twin,))
+
+    assert "probability" not in write(tmp_path / "silent")[0]
+    page, _ = write(tmp_path / "told", system=Unsure(np.random.default_rng(0)))
+    assert "probability of the pose, median</dt><dd>87.5<span> %" in page
+    assert "probability of its twin, median</dt><dd>12.5<span> %" in page
+
+
 def run_data(frames: int, searching: int, black_ns: list[tuple[int, int]]) -> RunData:
     """Estimates that are off by as many metres as their row; the first `searching` are not located."""
     truth = true_samples(frames)
@@ -223,7 +236,8 @@ def run_data(frames: int, searching: int, black_ns: list[tuple[int, int]]) -> Ru
     floats, counts = np.ones(frames, dtype=np.float32), np.ones(frames, dtype=np.int32)
     moved = Samples(truth.stamp_ns, truth.values + np.arange(frames)[:, np.newaxis] * [1.0, 0.0, 0.0])
     modes = np.full(frames, -1, dtype=np.int8)
-    table = EstimateTable(moved, np.ones((frames, 3), np.float32), status, floats, counts, floats, floats, modes)
+    std = np.ones((frames, 3), np.float32)
+    table = EstimateTable(moved, std, status, floats, counts, floats, floats, modes, floats, floats)
     return RunData(table, open_field("msl-18x12"), truth, signed_errors(moved, truth), black_ns)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, Pose, Pose3
+from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_numbers, refused
 
 ImageArray = npt.NDArray[np.uint8]
@@ -25,6 +25,7 @@ Colors = tuple[str, ...]
 
 
 LARGEST = 1.0e9  # no metre, radian or rad/s of a robot gets there
+_TWIN_M, _TWIN_RAD = 0.5, 0.5  # nearer than this to the turned pose a hypothesis is the twin
 MAX_OBSERVED_POINTS = 10_000_000
 """The most line points of one observation."""
 
@@ -438,6 +439,25 @@ class Estimate:
     problems: tuple[str, ...] = ()
     """What was wrong with the robot's data since the estimate before: a phrase each."""
 
+    @property
+    def twin_probability(self) -> float | None:
+        """Of the robot standing at the pose's twin, at the other end of the field.
+
+        None where nothing is estimated; 0 where a system that estimates probabilities names no twin.
+        """
+        told = [other.probability for other in self.twins if other.probability is not None]
+        return sum(told) if told or self.probability is not None else None
+
+    @property
+    def twins(self) -> tuple[Hypothesis, ...]:
+        """The hypotheses that are this pose at the other end of the field, which looks the same from there."""
+        twin = self.pose.mirrored()
+        return tuple(
+            other
+            for other in self.hypotheses
+            if other.pose.distance_to(twin) < _TWIN_M and abs(wrap_angle(other.pose.heading - twin.heading)) < _TWIN_RAD
+        )
+
     def __repr__(self) -> str:
         x, y, heading = self.pose
         dx, dy, turn = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
@@ -459,6 +479,7 @@ class Estimate:
             "residual_m": _number_or_none(self.residual_m),
             "points": int(self.points),
             "probability": self.probability,
+            "twin_probability": self.twin_probability,
             "hypotheses": [
                 {
                     "pose": _pose_tree(other.pose),

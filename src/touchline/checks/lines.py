@@ -32,6 +32,7 @@ _TILT_DEG = 0.1
 _SCALE = 0.01
 _HEADING_DEG, _POOR_HEADING_DEG = 1.0, 3.0
 _SAME_POSE_M = 1.0
+_UNSURE = 0.1  # probability of the other end from which it is to be settled
 _LATE_S = 0.04  # constant delay of the stamps that is told: 8 cm at 2 m/s
 
 
@@ -81,6 +82,16 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         yield _tilt(tilt)
     yield from _late(estimates, odometry)
     yield from _headings(survey, estimates)
+    yield from _ends(estimates)
+
+
+def _ends(estimates: list[Estimate]) -> Iterator[Finding]:
+    """Whether the end of a symmetric field is open, where the system tells how sure it is."""
+    told = [estimate.twin_probability for estimate in estimates if estimate.twin_probability is not None]
+    twin = float(np.median(told)) if told else 0.0
+    if twin >= _UNSURE:
+        what = f"the pose at the other end of the field has a probability of {100.0 * twin:.0f} % (median)"
+        yield Finding("ends", Severity.NOTE, FIELD, what, "Use --own-half or --start, or give the robot a compass.")
 
 
 def chosen_frames(frames: int) -> frozenset[int]:

@@ -1,6 +1,7 @@
 """estimates.csv of a run: one row per image, everything an estimate says but its other hypotheses.
 
-Systems that fuse sensors by modes have one more column, `mode`, at the end.
+Systems that fuse sensors by modes have one more column, `mode`. At the end stand the probability of the pose and that
+of its twin at the other end of the field, empty where the system estimates none.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from touchline.types import Estimate, Mode, Samples, Status
 
 HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"
 COLUMNS = tuple(HEADER.split(","))
+PROBABILITIES = ("probability", "twin_probability")  # which runs of older versions don't have
 _STATUSES, _MODES = tuple(Status), tuple(Mode)
 _NO_MODE = -1
 
@@ -34,6 +36,7 @@ class EstimateTable:
     trajectory: stamps (N,) and x, y, heading (N, 3) in (m, m, rad). std: (N, 3) standard deviations (m, m, rad).
     status: (N,) index in `tuple(Status)`. residual_m: (N,), NaN without points. points: (N,).
     perception_ms, localization_ms: (N,). mode: (N,) index in `tuple(Mode)`, -1 of systems without modes.
+    probability, twin_probability: (N,) of the pose and of its twin, NaN where unknown.
     """
 
     trajectory: Samples
@@ -44,6 +47,8 @@ class EstimateTable:
     perception_ms: npt.NDArray[np.float32]
     localization_ms: npt.NDArray[np.float32]
     mode: npt.NDArray[np.int8]
+    probability: npt.NDArray[np.float32]
+    twin_probability: npt.NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.trajectory)
@@ -61,7 +66,8 @@ class EstimateTable:
 
 def header(estimate: Estimate | None) -> str:
     """The header line for a run whose first estimate this is; None: of a run without any."""
-    return HEADER + (",mode" if estimate is not None and estimate.mode is not None else "") + "\n"
+    mode = ("mode",) if estimate is not None and estimate.mode is not None else ()
+    return ",".join((*COLUMNS, *mode, *PROBABILITIES)) + "\n"
 
 
 def csv_row(estimate: Estimate) -> str:
@@ -80,33 +86,35 @@ def csv_row(estimate: Estimate) -> str:
     ]
     if estimate.mode is not None:
         fields.append(estimate.mode.value)
+    fields += ["" if one is None else fixed(one, 4) for one in (estimate.probability, estimate.twin_probability)]
     return ",".join(fields) + "\n"
 
 
 def read_estimates(path: Path, cut: bool = False) -> EstimateTable:
-    """Read a whole estimates.csv (about 60 bytes of memory per row).
+    """Read a whole estimates.csv (about 70 bytes of memory per row).
 
     cut: the run may have been cut off within a row, so a last line without its end is left out.
     Raises InputError that names file and line.
     """
     stamps, numbers, statuses, modes = array("q"), array("d"), array("b"), array("b")
     details, points = array("f"), array("i")
-    for number, row in _rows(path, cut):
+    for number, row, columns in _rows(path, cut):
         try:
             stamps.append(stamp_from_text(row[0]))
             numbers.extend(float(text) for text in row[1:4])
             statuses.append(_STATUSES.index(Status(row[10])))
             details.extend(float(row[column]) ** 0.5 for column in (4, 7, 9))
-            details.extend(float(text or "nan") for text in (row[11], row[13], row[14]))
+            told = row[-2:] if columns[-2:] == PROBABILITIES else ("", "")
+            details.extend(float(text or "nan") for text in (row[11], row[13], row[14], *told))
             points.append(int(row[12]))
-            modes.append(_MODES.index(Mode(row[15])) if len(row) > 15 else _NO_MODE)
+            modes.append(_MODES.index(Mode(row[15])) if "mode" in columns else _NO_MODE)
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}, line {number}: {error}") from None
         except OverflowError:
             raise InputError(f"{path}, line {number}: a number of points this large cannot be") from None
         if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
             raise InputError(f"{path}, line {number}: the time does not increase")
-    more = _as_numpy(details).reshape(-1, 6)
+    more = _as_numpy(details).reshape(-1, 8)
     poses = _as_numpy(numbers).reshape(-1, 3)
     return EstimateTable(
         trajectory=Samples(_as_numpy(stamps), poses),
@@ -117,6 +125,8 @@ def read_estimates(path: Path, cut: bool = False) -> EstimateTable:
         perception_ms=more[:, 4],
         localization_ms=more[:, 5],
         mode=_as_numpy(modes),
+        probability=more[:, 6],
+        twin_probability=more[:, 7],
     )
 
 
@@ -125,16 +135,18 @@ def _as_numpy(values: array[Any]) -> npt.NDArray[Any]:
     return np.frombuffer(values, dtype=values.typecode) if len(values) else np.zeros(0, dtype=values.typecode)
 
 
-def _rows(path: Path, cut: bool) -> Iterator[tuple[int, list[str]]]:
+def _rows(path: Path, cut: bool) -> Iterator[tuple[int, list[str], tuple[str, ...]]]:
+    """Line, values and columns of each row."""
     lines = text_lines(path, newline="")
     reader = csv.reader((line for line in lines if line.endswith("\n")) if cut else lines)
     try:
         columns = tuple(next(reader, COLUMNS if cut else ()))
-        if columns not in (COLUMNS, (*COLUMNS, "mode")):
-            raise InputError(f"{path}, line 1: expected the header {HEADER}")
+        more = columns[len(COLUMNS) :]
+        if columns[: len(COLUMNS)] != COLUMNS or more not in ((), ("mode",), PROBABILITIES, ("mode", *PROBABILITIES)):
+            raise InputError(f"{path}, line 1: expected the header {HEADER},{','.join(PROBABILITIES)}")
         for row in reader:
             if len(row) != len(columns):
                 raise InputError(f"{path}, line {reader.line_num}: expected {len(columns)} values, found {len(row)}")
-            yield reader.line_num, row
+            yield reader.line_num, row, columns
     except csv.Error:
         raise InputError(f"{path}: is not a CSV file") from None

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from touchline.errors import InputError
+from touchline.evaluation.estimates import PROBABILITIES
 from touchline.evaluation.metrics import signed_errors
 from touchline.field import FieldModel
 from touchline.field.drawing import Color, draw_field, field_view
@@ -80,6 +81,7 @@ def run_frame(run: Run) -> Any:
     if table.has_modes:
         columns["mode"] = [tuple(Mode)[number].value for number in table.mode]
     columns |= {name: getattr(table, name) for name in ("residual_m", "points", "perception_ms", "localization_ms")}
+    columns |= {name: getattr(table, name) for name in PROBABILITIES if not np.isnan(getattr(table, name)).all()}
     if (truth := _known_truth(run)) is not None:
         errors = signed_errors(table.trajectory, truth)
         for column, name in enumerate(("error_x_m", "error_y_m", "error_heading_rad")):

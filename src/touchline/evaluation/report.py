@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from touchline.evaluation.figures import latency_figure
 from touchline.evaluation.latency import milliseconds
@@ -131,6 +132,9 @@ def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunDa
     frames = summary["frames"]
     if frames:
         tiles.append(("images tracked", f"{100 * summary['status']['tracking'] / frames:.1f}", "%"))
+    for label, values in (("of the pose", data.table.probability), ("of its twin", data.table.twin_probability)):
+        if not np.isnan(values).all():
+            tiles.append((f"probability {label}, median", f"{100 * np.nanmedian(values):.1f}", "%"))
     latency, left_out = summary["latency_ms"]["total"], summary["latency_ms"]["first_left_out"]
     if latency["median"] is not None:
         which = f", first {left_out} left out" if left_out else ""

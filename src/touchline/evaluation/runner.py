@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 from touchline.camera import PinholeCamera
 from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.field_side import COMPASS_FALSE
 from touchline.motion import FrameOrder, LeanFilter
 from touchline.perception.covered import is_covered
@@ -23,7 +22,6 @@ from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Mode, Prior, Status, System
 
 _MOST_PICTURES, _MOST_THUMBNAILS = 6, 100
-_SAME_PLACE_M, _SAME_HEADING_RAD = 0.5, 0.5
 
 OnFrame = Callable[[Frame, Estimate], None]
 Particles = Callable[[], FloatArray | None]
@@ -272,10 +270,4 @@ def fits_other_side(estimate: Estimate) -> bool:
     """
     if estimate.status is not Status.TRACKING:
         return False
-    x, y, heading = estimate.pose.mirrored()
-    return any(
-        math.hypot(other.pose.x - x, other.pose.y - y) < _SAME_PLACE_M
-        and abs(wrap_angle(other.pose.heading - heading)) < _SAME_HEADING_RAD
-        for other in estimate.hypotheses
-        if other.probability is None or other.probability > COMPASS_FALSE
-    )
+    return any(twin.probability is None or twin.probability > COMPASS_FALSE for twin in estimate.twins)
