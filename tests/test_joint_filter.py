@@ -12,7 +12,7 @@ from touchline.geometry import Pose
 from touchline.localization.fusion.joint_filter import JointFilter, Unknown
 from touchline.localization.fusion.mirror_head import MirrorHead
 from touchline.localization.fusion.pose_filter import Scales
-from touchline.localization.matching.mirror_fit import moved
+from touchline.localization.registration.mirror_kernels import upright_points
 from touchline.localization.registration.registration import SETTLED, Head, Registration
 from touchline.systems import RobotSetup, open_system
 from touchline.types import LinePoints
@@ -20,7 +20,7 @@ from touchline.types import LinePoints
 FIELD = open_field("msl-18x12")
 AS_BUILT = ("camera.known_from=design", "camera.mirror.range_spread=0.01")
 TRUTH = Pose(3.0, -1.0, 0.4)
-UNKNOWN = Unknown(Scales(0.03, 0.03, 0.03), np.array([0.02, 0.02, 3.0, 3.0, 0.02]), True)
+UNKNOWN = Unknown(Scales(0.03, 0.03, 0.03), np.diag(np.square([0.02, 0.02, 3.0, 3.0, 0.02])), True)
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +33,8 @@ def askew(head: MirrorHead, errors: np.ndarray) -> LinePoints:
     exact = TRUTH.inverse().transform(np.vstack(FIELD.polylines(0.2)))
     exact = exact[np.hypot(*exact.T) < 5.0]
     found = exact.copy()
-    for _ in range(60):  # the inverse of `moved`
-        found += 0.7 * (exact - moved(found, errors, head.mirror))
+    for _ in range(60):  # the inverse of `upright_points`
+        found += 0.7 * (exact - upright_points(found, errors, head.mirror))
     n = len(found)
     return LinePoints(found, np.tile(1e-4 * np.eye(2), (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
 
@@ -74,7 +74,7 @@ def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(head: MirrorHea
             prior = one.prior(swing)
             one.correct(registration.fit_state(points, prior.mean, prior, SETTLED, head.now), swing)
     np.testing.assert_array_equal(kept.errors, 0.0)
-    np.testing.assert_allclose(kept.error_covariance, np.diag(np.square(UNKNOWN.errors)), atol=1e-12)
+    np.testing.assert_allclose(kept.error_covariance, UNKNOWN.errors, atol=1e-12)
     assert np.trace(told.error_covariance) < 0.5 * np.trace(kept.error_covariance)
     assert np.trace(told.covariance[:2, :2]) <= 1.01 * np.trace(kept.covariance[:2, :2])
 

@@ -202,7 +202,8 @@ class Touchline:
         if best is None:
             pose, covariance, residual_m, probability = Pose(0.0, 0.0, 0.0), UNKNOWN, float("nan"), None
         else:
-            pose, covariance, probability = best.filter.pose, best.filter.covariance, self.hypotheses.probability * end
+            pose, probability = best.filter.pose, self.hypotheses.probability * end
+            covariance = best.filter.covariance + self.hypotheses.head.unseen(best.filter)
             residual_m = self._residual_m(observation, pose)
         others: list[Hypothesis] = []
         for one in self.hypotheses.members:

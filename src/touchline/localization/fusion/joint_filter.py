@@ -28,7 +28,7 @@ _NOWHERE = np.diag(1.0 / np.square([10.0, 10.0, 3.0]))  # inverse covariance of 
 
 
 class Unknown(NamedTuple):
-    """Standard deviations at first: of the odometry's scales, and of the mirror's errors (5,).
+    """At first: standard deviations of the odometry's scales, and covariance (5, 5) of the mirror's errors.
 
     learned: whether lines correct the errors; else they only leave the pose unsure.
     """
@@ -49,10 +49,10 @@ class JointFilter:
         self._joint = np.zeros((_STATES, _STATES))
         self._joint[:3, :3] = covariance
         self._joint[_SCALES, _SCALES] = np.square(unknown.scales)
-        self._joint[_ERRORS, _ERRORS] = np.square(unknown.errors)
+        self._joint[6:, 6:] = unknown.errors
         self._drift = np.zeros(_STATES)
         self._drift[_SCALES] = [SCALE_DRIFT**2 if scale > 0.0 else 0.0 for scale in unknown.scales]
-        self._drift[_ERRORS] = np.square(ERROR_DRIFT * unknown.errors)
+        self._drift[_ERRORS] = ERROR_DRIFT**2 * np.diag(unknown.errors)
 
     @property
     def covariance(self) -> FloatArray:

@@ -10,32 +10,36 @@ import math
 import numpy as np
 
 from touchline.camera import Camera, OmniCamera
+from touchline.camera.uncertainty import CameraUncertainty
 from touchline.geometry import FloatArray
 from touchline.localization.fusion.joint_filter import JointFilter
-from touchline.localization.matching.mirror_fit import ERRORS, Mirror, moved
-from touchline.localization.matching.mirror_tilt import APEX_RATIO_M, ground_scales, unknown_errors
-from touchline.localization.registration.mirror_kernels import StateFit
+from touchline.localization.matching.mirror_fit import ERRORS, Mirror
+from touchline.localization.matching.mirror_tilt import ground_scales
+from touchline.localization.registration.mirror_kernels import StateFit, upright_points
 from touchline.localization.registration.registration import USUAL_NOISE, Head
 
 HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
+APEX_RATIO_M = 0.05  # by how much a lean about the apex displaces the image: share of its outer radius, per 1/m of g
 VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from image to image, at first: 0.06 degrees
 LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
 GAIN = 0.05  # share of a new image in what is learned
+# by how much mirrors of several shapes shift the ground about the robot beyond these errors: per 1/m of g, per px
+MISFIT_M2, MISFIT_M_PER_PX = 0.2, 0.0015
 SETTLED_PER_M = 0.007  # standard deviation of g from which on the tilt is known: 0.15 degrees
 LEAST_NOISE, MOST_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
 REPEATED = 4.0  # so many points err together: neighbours on a line, and the same place in the next image
 
 
 class MirrorHead:
-    """`mirror`: what errors do to points. `unknown` (5,): standard deviations of the errors before the first image."""
+    """`mirror`: what errors do to points. `unknown` (5, 5): covariance of the errors before the first image."""
 
     def __init__(self, camera: Camera | None) -> None:
         """camera: without a mirror nothing is wrong with it."""
         omni = camera if isinstance(camera, OmniCamera) else None
         self.has_mirror = omni is not None
         self.mirror = Mirror(HEIGHT_M, np.zeros((0, 2)) if omni is None else ground_scales(omni))
-        self.unknown = np.zeros(ERRORS) if omni is None else unknown_errors(omni, True, HEIGHT_M)
         self._apex_px_m = 0.0 if omni is None else APEX_RATIO_M * omni.outer_radius_px
+        self.unknown = np.zeros((ERRORS, ERRORS)) if omni is None else self._stated(omni.uncertainty)
         self.reset()
 
     def reset(self) -> None:
@@ -45,12 +49,21 @@ class MirrorHead:
 
     @property
     def swing(self) -> FloatArray:
-        """Covariance (5, 5) of what shaking adds to an image's errors: a mirror turns about its apex."""
+        """Covariance (5, 5) of what shaking adds to an image's errors."""
+        return self._leaning(self.vibration_per_m)
+
+    def _leaning(self, per_m: float) -> FloatArray:
+        """Covariance (5, 5) of a lean of so much: a mirror turns about its apex."""
         axis = np.zeros((ERRORS, 2))
-        axis[0, 0] = axis[1, 1] = self.vibration_per_m
-        axis[2, 0] = axis[3, 1] = self._apex_px_m * self.vibration_per_m
-        swing: FloatArray = axis @ axis.T
-        return swing
+        axis[0, 0] = axis[1, 1] = per_m
+        axis[2, 0] = axis[3, 1] = self._apex_px_m * per_m
+        leaning: FloatArray = axis @ axis.T
+        return leaning
+
+    def _stated(self, stated: CameraUncertainty) -> FloatArray:
+        """Covariance (5, 5) of the errors as far as a camera.yaml is unsure."""
+        aside, scale = stated.center_px**2, stated.range_ratio**2
+        return self._leaning(2.0 * math.radians(stated.tilt_deg) / HEIGHT_M) + np.diag([0.0, 0.0, aside, aside, scale])
 
     @property
     def now(self) -> Head:
@@ -63,8 +76,14 @@ class MirrorHead:
 
     def upright(self, positions_m: FloatArray, one: JointFilter) -> FloatArray:
         """Points (N, 2) without the errors that a hypothesis has found."""
-        points: FloatArray = moved(np.ascontiguousarray(positions_m), one.errors, self.mirror)
+        points: FloatArray = upright_points(np.ascontiguousarray(positions_m), one.errors, self.mirror)
         return points
+
+    def unseen(self, one: JointFilter) -> FloatArray:
+        """Covariance (3, 3) of what a mirror does to every pose alike beyond these errors, in (m, m, rad)."""
+        shift2 = MISFIT_M2**2 * float(one.errors[:2] @ one.errors[:2])
+        shift2 += MISFIT_M_PER_PX**2 * float(one.errors[2:4] @ one.errors[2:4])
+        return np.diag([0.5 * shift2, 0.5 * shift2, 0.0])
 
     def learn(self, fit: StateFit, one: JointFilter) -> None:
         """What an image has told of the head's shaking and of the points' noise."""

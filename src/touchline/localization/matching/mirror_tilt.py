@@ -109,7 +109,7 @@ class MirrorTilt:
         omni = camera if isinstance(camera, OmniCamera) else None
         shown = omni if self.settings.paper.displacement else None
         self._mirror = Mirror(self.settings.height_m, np.zeros((0, 2)) if shown is None else ground_scales(shown))
-        self._unknown = unknown_errors(omni, shown is not None, self.settings.height_m)
+        self._unknown = _unknown(omni, shown is not None, self.settings.height_m)
         self._open = np.outer(self._unknown > 0.0, self._unknown > 0.0).astype(np.float64)
         self._apex_px_m = 0.0 if shown is None else APEX_RATIO_M * shown.outer_radius_px
         self.reset()
@@ -241,7 +241,7 @@ def ground_scales(camera: OmniCamera) -> FloatArray:
     )
 
 
-def unknown_errors(camera: OmniCamera | None, displaced: bool, height_m: float) -> FloatArray:
+def _unknown(camera: OmniCamera | None, displaced: bool, height_m: float) -> FloatArray:
     """Standard deviations (5,) of the errors before the first image; displaced: more than the tilt is looked for."""
     tilt_deg = USUAL_TILT_DEG if camera is None else camera.uncertainty.tilt_deg
     per_m = 2.0 * math.radians(tilt_deg) / max(height_m, 0.1)

@@ -2,6 +2,9 @@
 
 Everywhere: points (N, 2) as seen, robot frame (m), covariances (N, 2, 2) of them; table: the `OffsetTable` of a field;
 state (8,): x, y (m), heading (rad) in the field frame, and the five errors of `matching/mirror_fit.py`.
+
+A mirror that leans about its apex turns bearings, too: its surface moves aside above where a ray meets it. Before all
+else of `mirror_fit` a point at the range r in the direction u is turned by TWIST_M r / (r + FROM_M) (u × g).
 """
 
 from __future__ import annotations
@@ -16,6 +19,8 @@ from touchline.field.offset_map import look_up_offset
 from touchline.geometry import FloatArray
 from touchline.localization.matching.mirror_fit import MIN_DEPTH, STATE, inverse, scales_at
 
+# of five shapes of mirrors (hyperbolic, of a recorded robot, isometric ones and the papers' of three parts) 0.2 to 0.56
+TWIST_M, FROM_M = 0.45, 1.0
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
 _LEAST_RANGE2_M2 = 0.01
 _TINY2_M2 = 1e-12
@@ -55,13 +60,30 @@ class _Sums(NamedTuple):
 def _upright(px, py, state, mirror):  # type: ignore[no-untyped-def]
     """A point as a perfect mirror would have seen it, and what its derivatives need."""
     reach2 = max(px * px + py * py, 1e-9)
-    along, across = scales_at(mirror.scales, math.sqrt(reach2))
+    reach = math.sqrt(reach2)
+    along, across = scales_at(mirror.scales, reach)
     oblong = (along - across) / reach2
+    twist = TWIST_M / (reach + FROM_M)
+    turn = twist * (state[4] * px - state[3] * py)
+    px, py = px - turn * py, py + turn * px
     stretch = 1.0 + state[7] + oblong * (state[5] * px + state[6] * py)
     qx, qy = stretch * px + across * state[5], stretch * py + across * state[6]
     nearer = 1.0 / max(1.0 - state[3] * qx - state[4] * qy, MIN_DEPTH)
     square = mirror.height_m * mirror.height_m
-    return nearer * (qx + square * state[3]), nearer * (qy + square * state[4]), qx, qy, nearer, oblong, across
+    place = nearer * (qx + square * state[3]), nearer * (qy + square * state[4])
+    return place, (px, py), (qx, qy), (nearer, oblong, across, twist)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def upright_points(points, errors, mirror):  # type: ignore[no-untyped-def]
+    """Points (N, 2) as a mirror without errors (5,) would have seen them."""
+    state = np.zeros(STATE)
+    state[3:] = errors
+    out = np.empty_like(points)
+    for i in range(points.shape[0]):
+        place, _, _, _ = _upright(points[i, 0], points[i, 1], state, mirror)
+        out[i, 0], out[i, 1] = place
+    return out
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -75,8 +97,8 @@ def _equations(points, covariances, table, state, mirror, plan, width_m, sums): 
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     explained = squares = total = log_likelihood = 0.0
     for i in range(points.shape[0]):
-        px, py = points[i, 0], points[i, 1]
-        bx, by, qx, qy, nearer, oblong, across = _upright(px, py, state, mirror)
+        (bx, by), (px, py), (qx, qy), shape = _upright(points[i, 0], points[i, 1], state, mirror)
+        nearer, oblong, across, twist = shape
         ox, oy = look_up_offset(table, state[0] + cosine * bx - sine * by, state[1] + sine * bx + cosine * by)
         d2 = ox * ox + oy * oy + _TINY2_M2
         distance = math.sqrt(d2)
@@ -90,6 +112,9 @@ def _equations(points, covariances, table, state, mirror, plan, width_m, sums): 
         outward = rx * bx + ry * by
         row[3], row[4] = nearer * (outward * qx + square * rx), nearer * (outward * qy + square * ry)
         mx, my = nearer * (rx + outward * state[3]), nearer * (ry + outward * state[4])  # before the tilt
+        turning = twist * (my * px - mx * py)
+        row[3] -= turning * py
+        row[4] += turning * px
         row[7] = mx * px + my * py
         row[5], row[6] = oblong * row[7] * px + across * mx, oblong * row[7] * py + across * my
         reach = width2 + plan.gate2 * variance
