@@ -136,6 +136,7 @@ def test_a_node_is_seen_by_ros() -> None:
     kept = Qos(
         Policy.Reliability.Reliable(10**8),
         Policy.Durability.TransientLocal,
+        Policy.History.KeepAll,
         Policy.DataRepresentation(use_cdrv0_representation=True),
     )
     kind = "rmw_dds_common/msg/ParticipantEntitiesInfo"
