@@ -336,10 +336,11 @@ def test_events_that_the_recording_tells_are_marked_from_the_first_frame_on() ->
 
 def test_one_kidnap_does_not_flatten_the_curves() -> None:
     chart = error_charts(kidnapped(), np.arange(40))[0]
+    assert chart.calm is not None
     limit, largest = axis_limit(chart)
     assert limit < 1000.0
     assert largest is None or largest == pytest.approx(400.0)
-    calm = replace(chart, curves=[chart.curves[0]._replace(values=np.where(chart.calm, 1.0, 400.0), two_sigma=None)])
+    calm = replace(chart, curves=[chart.curves[0]._replace(values=np.where(chart.calm[0], 1.0, 400.0), two_sigma=None)])
     assert axis_limit(calm) == (pytest.approx(1.6), pytest.approx(400.0))
 
 

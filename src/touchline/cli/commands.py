@@ -11,6 +11,7 @@ from touchline.cli import (
     bench,
     calibrate,
     check,
+    compare,
     convert,
     evaluate,
     experiment,
@@ -37,6 +38,7 @@ app.command("demo")(run.demo)
 app.command("run")(run.run)
 app.command("locate")(locate.locate)
 app.command("evaluate")(evaluate.evaluate)
+app.command("compare")(compare.compare)
 app.command("check")(check.check)
 app.command("view")(view.view)
 app.command("simulate")(simulate.simulate)

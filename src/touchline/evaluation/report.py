@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from touchline.evaluation.compare import leaves
 from touchline.evaluation.figures import latency_figure
 from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorStatistics, ErrorTable
@@ -265,20 +266,10 @@ def _problems(summary: dict[str, Any]) -> str:
 def _settings(summary: dict[str, Any]) -> str:
     rows = "".join(
         f"<tr><th>{html.escape(key)}</th><td>{html.escape(str(value))}</td></tr>"
-        for key, value in _leaves(summary["settings"])
+        for key, value in leaves(summary["settings"])
     )
     table = f"<div class='scroll'><table>{rows}</table></div>"
     return f"<section><h2>Settings</h2><details><summary>All of this run</summary>{table}</details></section>"
-
-
-def _leaves(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    leaves: list[tuple[str, Any]] = []
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            leaves += _leaves(value, f"{prefix}{key}.")
-        else:
-            leaves.append((f"{prefix}{key}", value))
-    return leaves
 
 
 def _footer(summary: dict[str, Any]) -> str:

@@ -40,7 +40,7 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Chart:
-    """One chart: what it shows, in which unit, and its curves. calm (N,): which rows set the axis; None: all.
+    """One chart: what it shows, in which unit, and its curves. calm (curves, N): which values set the axis; None: all.
 
     signed: the axis lies about zero.
     """
@@ -122,7 +122,7 @@ def error_charts(data: RunData, rows: npt.NDArray[np.int64]) -> list[Chart]:
         for column, (name, scale, unit) in enumerate(named):
             sigma = np.where(rows >= data.first_located, 2.0 * scale * data.table.std[rows, column], np.nan)
             curve = Curve("error", f"series-{name}", scale * values[rows, column], sigma)
-            charts.append(Chart(f"Error of {name}", unit, 2, [curve], tracked))
+            charts.append(Chart(f"Error of {name}", unit, 2, [curve], tracked[np.newaxis]))
     residual = Curve("residual", "bar", 100.0 * data.table.residual_m[rows].astype(np.float64))
     points = Curve("points", "bar", data.table.points[rows].astype(np.float64))
     charts.append(Chart("Residual: mean distance from the field's lines", "cm", 2, [residual], signed=False))
@@ -136,7 +136,7 @@ def axis_limit(chart: Chart) -> tuple[float, float | None]:
     known = np.isfinite(size)
     if not known.any():
         return 1.0, None
-    calm = known if chart.calm is None else known & np.tile(chart.calm, len(chart.curves))
+    calm = known if chart.calm is None else known & chart.calm.ravel()
     bands = [curve.two_sigma for curve in chart.curves if curve.two_sigma is not None]
     usual = float(np.percentile(size[calm if calm.any() else known], _USUAL_PERCENT))
     sure = max((float(np.percentile(band[np.isfinite(band)], 90.0)) for band in bands if len(band)), default=0.0)

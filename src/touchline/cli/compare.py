@@ -1,0 +1,78 @@
+"""`touchline compare`: runs of one recording side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from touchline.new_files import check_new_file, write_new_file
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from touchline.evaluation.compare import Comparison
+
+
+def compare(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of two to six runs.", show_default=False)
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="PAGE.html", help="A new page with paths and curves.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Put runs of one recording side by side: errors, what differs in their settings, where they part.
+
+    touchline compare runs/match-1 runs/match-2 -o compared.html
+    """
+    from touchline.cli.console import output as console
+    from touchline.evaluation.compare import compare as compared_runs
+
+    if output is not None:
+        check_new_file(output, (".html", ".htm"), "a page")
+    compared = compared_runs(runs)
+    from touchline.evaluation.compare_page import comparison_page, parting_lines
+
+    out = console()
+    out.print(_figures(compared), soft_wrap=False)
+    if compared.why_no_truth:
+        out.print(f"no errors: {compared.why_no_truth}", style="dim")
+    out.print(_differences(compared), soft_wrap=False)
+    for line in parting_lines(compared):
+        out.print(line)
+    if output is not None:
+        write_new_file(output, comparison_page(compared).encode(errors="replace"))
+        out.print(f"page: {output}")
+
+
+def _table(*titles: str) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
+    for index, title in enumerate(titles):
+        table.add_column(title, justify="right" if index else "left", overflow="fold")
+    return table
+
+
+def _figures(compared: Comparison) -> Table:
+    from touchline.evaluation.compare import COLUMNS, UNITS
+
+    table = _table("run", *(f"{name} ({unit})" for name, unit in zip(COLUMNS, UNITS, strict=True)))
+    for name, values in compared.figures():
+        table.add_row(name, *values)
+    return table
+
+
+def _differences(compared: Comparison) -> Table | str:
+    rows = compared.differing_settings()
+    if not rows:
+        return "settings, seeds and versions are the same"
+    table = _table("what differs", *(one.name for one in compared.runs))
+    for key, values in rows:
+        table.add_row(key, *values)
+    return table

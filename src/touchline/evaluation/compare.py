@@ -1,0 +1,210 @@
+"""Runs of one recording side by side: what they reach, what differs in their settings, where they part."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.evaluation.metrics import BoolArray, associate, signed_errors
+from touchline.evaluation.run import Run
+from touchline.evaluation.run_data import RIGHT_M, RIGHT_RAD, RunData
+from touchline.geometry import FloatArray, wrap_angles
+from touchline.sources import Recording
+from touchline.types import Status
+
+MOST_RUNS = 6  # so many colours can be told apart
+COLUMNS = ("position", "largest", "heading", "tracked", "wrong", "time", "p99")
+UNITS = ("cm", "cm", "°", "%", "s", "ms", "ms")
+_MOST_STRETCHES = 5
+
+
+class Stretch(NamedTuple):
+    """From when to when (s since the first image) a run is elsewhere than the first one, and how far at most (m)."""
+
+    begin_s: float
+    end_s: float
+    largest_m: float
+    images: int
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Compared:
+    """One of the runs: its name, folder, data, and for each image of the first run its own row (N,), -1 for none."""
+
+    name: str
+    run: Run
+    data: RunData
+    row: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Comparison:
+    """Runs of one recording; why_no_truth says why errors are missing, if they are."""
+
+    runs: Sequence[Compared]
+    why_no_truth: str
+
+    @property
+    def first(self) -> RunData:
+        """The data of the run that the others are compared with."""
+        return self.runs[0].data
+
+    def figures(self) -> list[tuple[str, list[str]]]:
+        """For each run its name and COLUMNS as text: mean and largest position error, mean heading error, ...
+
+        Errors are of all images that count; wrong: how long a wrong pose was called tracking.
+        """
+        return [(one.name, _figures(one)) for one in self.runs]
+
+    def differing_settings(self) -> list[tuple[str, list[str]]]:
+        """What the runs were told otherwise: system, seed, start, versions and settings; each run's value as text.
+
+        A setting that only one of the systems has is left out: "–" is of a version that has it not.
+        """
+        told = [_told(one.run.summary) for one in self.runs]
+        keys = dict.fromkeys(key for one in told for key in one)
+        return [(key, [one.get(key, "–") for one in told]) for key in keys if _differs(key, told)]
+
+    def distances_m(self, index: int) -> FloatArray:
+        """How far a run is from the first one at each of its images (N,); NaN where it has none."""
+        poses, others = self.first.table.trajectory.values, self._poses(index)
+        distance: FloatArray = np.hypot(*(others[:, :2] - poses[:, :2]).T)
+        return distance
+
+    def apart(self, index: int) -> BoolArray:
+        """At which images (N,) a run is more than 30 cm or 10° from the first, or only one of both is tracking."""
+        turned = np.abs(wrap_angles(self._poses(index)[:, 2] - self.first.table.trajectory.values[:, 2]))
+        with np.errstate(invalid="ignore"):
+            apart = (self.distances_m(index) > RIGHT_M) | (turned > RIGHT_RAD)
+        one = self.runs[index]
+        tracked, first = one.data.table.has_status(Status.TRACKING), self.first.table.has_status(Status.TRACKING)
+        apart |= (one.row >= 0) & (tracked[one.row] != first)
+        return apart
+
+    def stretches(self, index: int) -> list[Stretch]:
+        """Where a run and the first part, in the order of time; at most the five longest."""
+        apart = self.apart(index)
+        times = self.first.seconds(self.first.table.trajectory.stamp_ns)
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], apart.astype(np.int8), [0]))))
+        distance = self.distances_m(index)
+        found = [
+            Stretch(float(times[a]), float(times[b - 1]), float(np.nanmax(distance[a:b])), int(b - a))
+            for a, b in zip(edges[::2], edges[1::2], strict=True)
+        ]
+        return sorted(sorted(found, key=lambda one: -one.images)[:_MOST_STRETCHES])
+
+    def is_same(self, index: int) -> bool:
+        """Whether a run has the same poses as the first, at the same images."""
+        mine, first = self.runs[index].data.table.trajectory, self.first.table.trajectory
+        return np.array_equal(mine.stamp_ns, first.stamp_ns) and np.array_equal(mine.values, first.values)
+
+    def _poses(self, index: int) -> FloatArray:
+        one = self.runs[index]
+        poses = one.data.table.trajectory.values[one.row]
+        return np.where((one.row >= 0)[:, np.newaxis], poses, np.nan)
+
+
+def compare(folders: Sequence[str | Path]) -> Comparison:
+    """Two to six runs of one recording, which is looked up for the field and the truth.
+
+    Raises InputError for another number of runs, for runs of different recordings, and if theirs is not found any more.
+    """
+    if not 2 <= len(folders) <= MOST_RUNS:
+        raise InputError(f"compare: expected two to {MOST_RUNS} runs, got {len(folders)}")
+    runs = [Run(folder) for folder in folders]
+    if len({run.folder.resolve() for run in runs}) < len(runs):
+        raise InputError("compare: the same run is given twice")
+    for run in runs:
+        if not len(run.estimates):
+            raise InputError(f"{run.folder}: holds no image to compare")
+        if _recording_name(run) != _recording_name(runs[0]):
+            raise InputError(
+                f"{run.folder} is a run of {_recording_name(run)}, {runs[0].folder} of {_recording_name(runs[0])}; "
+                "compare runs of one recording"
+            )
+    recording = _recording_of(runs)
+    truth = None if recording.truth is None else recording.truth.samples()
+    stamps = runs[0].estimates.trajectory.stamp_ns
+    compared = []
+    for name, run in zip(_names(runs), runs, strict=True):
+        row = associate(stamps, run.estimates.trajectory.stamp_ns)
+        if (row < 0).all():
+            raise InputError(
+                f"{run.folder} and {runs[0].folder} have no image in common; compare runs of one recording"
+            )
+        errors = None if truth is None else signed_errors(run.estimates.trajectory, truth)
+        data = RunData(run.estimates, recording.field, truth, errors, run.black_ns(), recording.events)
+        compared.append(Compared(name, run, data, row))
+    return Comparison(compared, "" if truth is not None else "the recording holds no truth")
+
+
+def _recording_of(runs: Sequence[Run]) -> Recording:
+    """The recording, from the first run that still finds it."""
+    gone = ""
+    for run in runs:
+        try:
+            return run.recording()
+        except InputError as error:
+            gone = gone or str(error)
+    raise InputError(f"no run finds its recording, which is needed for the field: {gone}")
+
+
+def _recording_name(run: Run) -> str:
+    return str(run.summary.get("recording", {}).get("name", "an unnamed recording"))
+
+
+def _names(runs: Sequence[Run]) -> list[str]:
+    """The folders' names, or their whole paths where two are called alike."""
+    names = [run.folder.name or str(run.folder) for run in runs]
+    return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
+
+
+def _figures(one: Compared) -> list[str]:
+    data, latency = one.data, one.run.summary.get("latency_ms", {}).get("total", {})
+    errors = None if data.truth is None else one.run.errors_against(data.truth)
+    wrong = data.wrong_while_tracking()
+    values = (
+        (None if errors is None else 100.0 * errors.position.mean, 2),
+        (None if errors is None else 100.0 * errors.position.max, 1),
+        (None if errors is None else math.degrees(errors.heading.mean), 3),
+        (100.0 * float(data.table.has_status(Status.TRACKING).mean()), 1),
+        (None if wrong is None else wrong.seconds, 2),
+        (latency.get("median"), 2),
+        (latency.get("p99"), 1),
+    )
+    return ["–" if value is None else f"{value:.{digits}f}" for value, digits in values]
+
+
+def _told(summary: dict[str, Any]) -> dict[str, str]:
+    """All that a run was told, each as text."""
+    told = {"system": summary.get("system"), "seed": summary.get("seed"), "cpu": summary.get("cpu")}
+    told |= {f"start {key}": value for key, value in summary.get("prior", {}).items()}
+    told |= {f"version of {name}": value for name, value in summary.get("versions", {}).items()}
+    told |= dict(leaves(summary.get("settings", {})))
+    return {key: "none" if value is None else str(value) for key, value in told.items()}
+
+
+def _differs(key: str, told: Sequence[dict[str, str]]) -> bool:
+    """Whether two runs have other values of a setting, or two of the same system one of them none."""
+    if len({one[key] for one in told if key in one}) > 1:
+        return True
+    has = {one["system"] for one in told if key in one}
+    return any(one["system"] in has for one in told if key not in one)
+
+
+def leaves(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """A tree of settings as dotted keys and their values."""
+    found: list[tuple[str, Any]] = []
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            found += leaves(value, f"{prefix}{key}.")
+        else:
+            found.append((f"{prefix}{key}", value))
+    return found
