@@ -112,6 +112,23 @@ def test_a_lean_of_a_degree_is_known_to_a_tenth(field: FieldModel) -> None:
     assert np.abs(ratios(found, tangent_table())).max() < 0.01
 
 
+def test_one_image_tells_a_lean_and_the_centre_is_that_of_the_upright_mirror(field: FieldModel) -> None:
+    # taken for upright, ranges were up to 6 % off on one side
+    bend = np.array([0.022, -0.012])
+    found = calibrated(field, field, [Pose(3.0, -1.5, 0.7)], tangent_table(), np.random.default_rng(3), bend)
+    assert np.abs(found.shape.bend_per_m - bend).max() < 0.007
+    truth = replace(found.shape, parameters=np.array([*CENTER, np.log(SCALE_M), PER_PX, *bend]), upright_px=None)
+    around = np.linspace(0.0, 2.0 * np.pi, 24)
+    away = np.column_stack((np.cos(around), np.sin(around)))
+    pixels = np.concatenate([CENTER + radius * away for radius in (130.0, 160.0, 180.0)])
+    ranges = [np.hypot(*shape.ground(pixels).T) for shape in (found.shape, truth)]
+    assert np.abs(ranges[0] / ranges[1] - 1.0).max() < 0.02
+    # the axis and the lean make up for each other: the upright mirror's centre is known better, and is another
+    assert np.hypot(*(found.shape.center - found.shape.axis)) > 1.0
+    assert known_camera(found, (480, 480), 60.0, 220.0).center == pytest.approx(found.shape.center)
+    assert found.certainty.center_px.max() < 0.5
+
+
 def test_points_on_penalty_marks_are_left_out(field: FieldModel) -> None:
     pose, rng = Pose(4.0, -1.0, 0.7), np.random.default_rng(4)
     start = np.array([*CENTER, np.log(SCALE_M), PER_PX, 0.0, 0.0])

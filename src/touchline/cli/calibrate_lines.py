@@ -116,6 +116,7 @@ def _words(lines: LineCalibration, camera: OmniCamera, field: FieldModel, handed
     """What was found, how sure it is, and what lines can't tell."""
     import numpy as np
 
+    from touchline.calibration.lines.equations import HEIGHT_M
     from touchline.geometry import wrap_angle
 
     sure, shape = lines.certainty, lines.shape
@@ -125,7 +126,7 @@ def _words(lines: LineCalibration, camera: OmniCamera, field: FieldModel, handed
     edges = np.array([camera.inner_radius_px, camera.outer_radius_px])
     ends, doubt = shape.range_m(edges), sure.range_ratio(shape, edges)
     near = sure.distances_m[sure.residuals < 2.5]
-    bend = float(np.degrees(np.hypot(*shape.bend_per_m) * 0.75 / 2.0))
+    leans, doubt_deg = np.degrees(0.5 * HEIGHT_M * np.array([np.hypot(*shape.bend_per_m), sure.bend_per_m.max()]))
     text = (
         f"Mirror calibrated from {points} line points of {images} on {field.name}: {100 * lines.on_lines:.0f} % lie on "
         f"lines, {100 * float(np.median(near)):.1f} cm from their middle (median).\n"
@@ -133,15 +134,11 @@ def _words(lines: LineCalibration, camera: OmniCamera, field: FieldModel, handed
         f"ranges ± {100 * lines.range_ratio:.1f} % between {first:.1f} and {last:.1f} m; continued from {ends[0]:.2f} "
         f"(± {100 * doubt[0]:.0f} %) to {ends[1]:.1f} m (± {100 * doubt[1]:.0f} %).\n"
     )
-    if len(lines.pixels) > 1:
-        text += f"The mirror leans by about {bend:.2f}°. "
-        text += (
-            "The robot turned on the spot: its axis is the origin.\n"
-            if lines.spot_m is not None
-            else "The origin is the point below the mirror: the robot did not turn on the spot.\n"
-        )
+    text += f"The mirror leans by about {leans:.2f}° (± {doubt_deg:.2f} per axis). "
+    if lines.spot_m is not None:
+        text += "The robot turned on the spot: its axis is the origin.\n"
     else:
-        text += "One image can't tell how the mirror leans: take it for upright, or give several images.\n"
+        text += "The origin is the point below the mirror: the robot was not seen to turn on the spot.\n"
     for k, pose in enumerate(lines.poses, start=1):
         degrees = np.degrees(wrap_angle(pose.heading - camera.mount_yaw_rad))
         text += f"Pose {k}: {pose.x:.2f}, {pose.y:.2f} m, {degrees:.1f}°, or its twin across the field.\n"

@@ -13,7 +13,7 @@ from touchline.calibration.lines.certainty import Certainty, certainty_of
 from touchline.calibration.lines.equations import Lines, Seen
 from touchline.calibration.lines.joint import JointFit, expected_mirror, fit_in_steps, linearise, starting
 from touchline.calibration.lines.mirror_shape import MirrorShape
-from touchline.calibration.lines.range_curve import KNOTS, fit_curve
+from touchline.calibration.lines.range_curve import KNOTS, fit_curve, held_upright
 from touchline.calibration.lines.search import CENTER_PX, WIDTHS
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
@@ -106,17 +106,18 @@ def refined(
 ) -> LineCalibration:
     """The calibration that a candidate becomes with all points, bend and curve. Raises NoFitError as above."""
     lines = Lines(True, field.distance_map(_MAP_M, _BEYOND_M).table, field.line_tables)
-    expected = expected_mirror(center, CENTER_PX * radius_px, bends=False)
     begin = one_half(start.poses) if _is_symmetric(field) else start.poses
-    tangent = fit_in_steps(seen, starting(start.mirror, begin, lines), expected, lines)
-    if len(seen) > 1:  # from one place a lean can't be told from a field that is not quite as the rules say
-        expected = expected_mirror(center, CENTER_PX * radius_px, bends=True)
-        tangent = fit_in_steps(seen, tangent, expected, lines)
+    expected = expected_mirror(center, CENTER_PX * radius_px, bends=False)
+    level = fit_in_steps(seen, starting(start.mirror, begin, lines), expected, lines)
+    expected = expected_mirror(center, CENTER_PX * radius_px, bends=True)
+    tangent = fit_in_steps(seen, level, expected, lines)
     seen = _without_marks(seen, tangent, lines, field)
     found = fit_curve(seen, tangent, expected, lines)
-    fit, certainty = found.fit, certainty_of(found, seen, lines)
+    fit, upright = found.fit, held_upright(found, level, seen, lines)
+    certainty = certainty_of(found, seen, lines)
+    certainty = certainty._replace(center_px=certainty_of(upright, seen, lines).center_px)
     origin, spot_m = turning_axis(fit.poses)
-    shape = MirrorShape(fit.mirror, int(seen[0].handedness), seen[0].knot_px, origin)
+    shape = MirrorShape(fit.mirror, int(seen[0].handedness), seen[0].knot_px, origin, upright.fit.mirror[:2])
     good = certainty.residuals < WIDTHS[-1]
     radii = np.concatenate([np.hypot(*(one.pixels - shape.center).T) for one in seen])[good]
     first, last = np.percentile(radii, [1.0, 99.0]) if len(radii) else (0.0, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,13 +26,14 @@ _KINKS = 0.15  # of the jump of the curve's second differences: how far a kink b
 class Certainty(NamedTuple):
     """What a fit says of itself.
 
-    covariance (Q, Q): of the mirror's parameters, from how far the residuals of neighbouring points agree; with
-    center_px (2,) and bend_per_m (2,), their standard deviations. residuals, distances: of all points, in standard
-    deviations (about pixels) and m. kinks (J, Q): what one kink more at each of the curve's knots would do to the
+    covariances (3, Q, Q): of the mirror's parameters, if points scatter as the fit supposes, if neighbours on the field
+    err together, if neighbours in the image do. Of each quantity that which says most counts: bend_per_m (2,), of the
+    bend; center_px (2,), of an upright mirror's centre. residuals, distances: of all points, in standard deviations
+    (about pixels) and m. kinks (J, Q): what one kink more at each of the curve's knots would do to the
     mirror's parameters.
     """
 
-    covariance: FloatArray
+    covariances: FloatArray
     center_px: FloatArray
     bend_per_m: FloatArray
     residuals: FloatArray
@@ -45,15 +47,15 @@ class Certainty(NamedTuple):
 
     def range_ratio(self, shape: MirrorShape, radius_px: FloatArray) -> FloatArray:
         """Standard deviation (N,) of the ranges at radii (N,), as a share of them. It grows where no point lies."""
-        step = 1e-4 * np.sqrt(np.maximum(np.diag(self.covariance), 1e-18))
+        step = 1e-4 * np.sqrt(np.maximum(np.diag(self.covariances[0]), 1e-18))
         base = np.log(shape.range_m(radius_px))
         slopes = np.zeros((len(radius_px), len(step)))
         for k in range(len(step)):
             moved = shape.parameters.copy()
             moved[k] += step[k]
-            other = MirrorShape(moved, shape.handedness, shape.knot_px, shape.origin_m)
+            other = replace(shape, parameters=moved)
             slopes[:, k] = (np.log(other.range_m(radius_px)) - base) / step[k]
-        variance = np.maximum(np.einsum("nk,kl,nl->n", slopes, self.covariance, slopes), 0.0)
+        variance = np.einsum("nk,skl,nl->sn", slopes, self.covariances, slopes).max(axis=0)
         more = np.abs(slopes @ self.kinks.T).sum(axis=1)  # scales of Cauchy's distribution add up as they are
         ratio: FloatArray = np.sqrt(variance + more**2 + _rounded(shape, radius_px) ** 2 + _UPRIGHT**2)
         return ratio
@@ -77,11 +79,10 @@ def certainty_of(found: CurveFit, seen: Sequence[Seen], lines: Lines) -> Certain
     told = (points.rows * ((shares / sigmas_m) ** 2 / expected.noise)[:, np.newaxis]).T @ points.rows
     supposed = fit.matrix - told
     scatters = [told, *(_scatter(added, groups) for groups in (_cells(points.places), sectors))]
-    spreads = [inverse @ (scatter + supposed) @ inverse for scatter in scatters]
-    covariance = max(spreads, key=_of_center)[:size, :size]
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    covariances = np.array([(inverse @ (scatter + supposed) @ inverse)[:size, :size] for scatter in scatters])
+    deviations = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2).max(axis=0))
     return Certainty(
-        covariance, deviations[:2], deviations[4:SHAPE], residuals, np.abs(points.distances_m), _kinks(found, inverse)
+        covariances, deviations[:2], deviations[4:SHAPE], residuals, np.abs(points.distances_m), _kinks(found, inverse)
     )
 
 
@@ -94,10 +95,6 @@ def _rounded(shape: MirrorShape, radius_px: FloatArray) -> FloatArray:
     near = second[np.clip(first[:, np.newaxis] + np.arange(-2, 4), 0, len(second) - 1)]
     rounded: FloatArray = _KINKS * (near.max(axis=1) - near.min(axis=1))
     return rounded
-
-
-def _of_center(covariance: FloatArray) -> float:
-    return float(np.trace(covariance[:2, :2]))
 
 
 def _kinks(found: CurveFit, inverse: FloatArray) -> FloatArray:

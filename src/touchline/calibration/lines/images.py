@@ -12,7 +12,7 @@ from touchline.calibration.lines.equations import HEIGHT_M
 from touchline.calibration.lines.image_points import Circle, generic_camera, mirror_circle, points_through
 from touchline.calibration.lines.search import WIDTHS
 from touchline.camera import OmniCamera
-from touchline.camera.uncertainty import CameraUncertainty, usual_uncertainty
+from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
@@ -88,7 +88,7 @@ def camera_of(
     ranges = lines.shape.range_m(radii)
     outer = float(radii[ranges <= _FARTHER * ranges[0]][-1])
     camera = lines.shape.camera(size, inner_px, outer, mount_yaw_rad)
-    return replace(camera, stated_uncertainty=_uncertainty(lines, outer))
+    return replace(camera, stated_uncertainty=_uncertainty(lines))
 
 
 def known_camera(
@@ -103,11 +103,12 @@ def known_camera(
     return replace(camera, inner_radius_px=first, outer_radius_px=last)
 
 
-def _uncertainty(lines: LineCalibration, outer_px: float) -> CameraUncertainty:
-    """How sure a calibration is between its nearest and farthest points; one image doesn't tell how a mirror leans."""
-    usual = usual_uncertainty(outer_px)
-    leans_deg = float(np.degrees(0.5 * HEIGHT_M * lines.certainty.bend_per_m.max()))
-    told = len(lines.pixels) > 1 and leans_deg < usual.tilt_deg
-    return CameraUncertainty(
-        leans_deg if told else usual.tilt_deg, float(lines.certainty.center_px.max()), min(lines.range_ratio, 0.5)
-    )
+def _uncertainty(lines: LineCalibration) -> CameraUncertainty:
+    """How sure a calibration is between its nearest and farthest points.
+
+    Lean and axis are uncertain together, and one makes up for most of the other: the lean's deviation covers both, and
+    the centre's is that of an upright mirror.
+    """
+    sure = lines.certainty
+    leans_deg = float(np.degrees(0.5 * HEIGHT_M * sure.bend_per_m.max()))
+    return CameraUncertainty(leans_deg, float(sure.center_px.max()), min(lines.range_ratio, 0.5))

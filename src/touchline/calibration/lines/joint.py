@@ -18,7 +18,7 @@ from touchline.geometry import FloatArray
 
 BEND_PER_M = 0.015  # standard deviation of the bend: a mirror 0.3 degrees off per axis
 STRAIGHT_M = 1e-6  # of lines that lie where the field says
-_HELD = 1e12
+HELD = 1e12
 _ANYWHERE = 1e-4  # of a pose, where no line says: within 100 m
 _CLOSE_PX = 6.0  # where the next line is so near, blur draws a point aside: it counts half
 _LEAST_GAP_M, _MOST_CROWDED = 0.001, 1000.0
@@ -80,7 +80,7 @@ def expected_mirror(center: FloatArray, center_px: float, bends: bool) -> Expect
     """What is expected of a mirror without a spline: a centre (2,) to within center_px, and nearly upright."""
     information = np.zeros((SHAPE, SHAPE))
     information[0, 0] = information[1, 1] = center_px**-2.0
-    information[BEND_X, BEND_X] = information[BEND_Y, BEND_Y] = BEND_PER_M**-2.0 if bends else _HELD
+    information[BEND_X, BEND_X] = information[BEND_Y, BEND_Y] = BEND_PER_M**-2.0 if bends else HELD
     return Expected(np.array([*center, 0.0, 0.0, 0.0, 0.0]), information)
 
 

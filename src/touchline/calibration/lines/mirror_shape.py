@@ -23,7 +23,7 @@ from touchline.geometry import FloatArray, wrap_angles
 
 _DIRECTIONS = 72
 _STEP_PX = 2.0
-_LARGEST_OFFSET_RAD = 0.15  # a camera.yaml holds 0.2 at most
+_LARGEST_OFFSET_RAD = 0.19  # a camera.yaml holds 0.2 at most
 _LEAST_RISE_M = 1e-4  # of the range from radius to radius
 
 
@@ -32,18 +32,25 @@ class MirrorShape:
     """Parameters (Q,) of `equations`, the image's handedness and the spacing of the spline's knots (px).
 
     origin_m: (2,) where the robot's origin lies from the mirror's, in the mirror's frame (x along u): the axis about
-    which the robot turned, or zero.
+    which the robot turned, or zero. upright_px: (2,) u, v, the centre of the upright mirror that is nearest to this
+    one; None for one that is upright. One that leans has its axis several pixels aside.
     """
 
     parameters: FloatArray
     handedness: int
     knot_px: float
     origin_m: FloatArray
+    upright_px: FloatArray | None = None
+
+    @property
+    def axis(self) -> FloatArray:
+        """Where the mirror's axis lies in the image (2,) u, v."""
+        return self.parameters[CENTER_U : CENTER_U + 2]
 
     @property
     def center(self) -> FloatArray:
-        """The mirror's centre (2,) u, v."""
-        return self.parameters[CENTER_U : CENTER_U + 2]
+        """The centre (2,) u, v about which the mirror looks most alike on all sides."""
+        return self.axis if self.upright_px is None else self.upright_px
 
     @property
     def bend_per_m(self) -> FloatArray:
@@ -51,7 +58,7 @@ class MirrorShape:
         return self.parameters[BEND_X : BEND_X + 2]
 
     def range_m(self, radius_px: FloatArray) -> FloatArray:
-        """Ranges (N,) at radii (N,) without the bend; those beyond the horizon's steepest angle stay at it."""
+        """Ranges (N,) at radii (N,) about the axis, without the bend; beyond the horizon's steepest angle they stay."""
         turn = np.minimum(self.parameters[PER_PX] * radius_px, STEEPEST_RAD)
         logs = self.parameters[LOG_SCALE] + np.log(np.tan(np.maximum(turn, 1e-9)))
         spline, weights = self.parameters[SHAPE:], np.zeros(4)
@@ -64,7 +71,7 @@ class MirrorShape:
 
     def ground(self, pixels: FloatArray) -> FloatArray:
         """Ground points (N, 2) in the robot frame, x along the image's u, of pixels (N, 2)."""
-        offset = pixels - self.center
+        offset = pixels - self.axis
         radius = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
         away = offset * np.array([1.0, self.handedness]) / radius[:, np.newaxis]
         upright = away * self.range_m(radius)[:, np.newaxis]
@@ -75,7 +82,7 @@ class MirrorShape:
     def camera(self, size: tuple[int, int], inner_px: float, outer_px: float, mount_yaw_rad: float = 0.0) -> OmniCamera:
         """The camera of images of a size (width, height) whose robot ends at inner_px and whose ground at outer_px."""
         radii = np.arange(np.floor(0.8 * inner_px), np.ceil(outer_px) + _STEP_PX, _STEP_PX)
-        level = not np.any(self.bend_per_m) and not np.any(self.origin_m)
+        level = self.upright_px is None and not np.any(self.bend_per_m) and not np.any(self.origin_m)
         bearings = np.zeros(1) if level else 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
         around = self.handedness * bearings
         away = np.column_stack((np.cos(around), np.sin(around)))

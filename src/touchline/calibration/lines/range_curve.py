@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from touchline.calibration.lines.equations import SHAPE, Lines, Seen, spline_weights
-from touchline.calibration.lines.joint import Expected, JointFit, crowding, fit_in_steps, fit_jointly, linearise
+from touchline.calibration.lines.equations import BEND_X, BEND_Y, SHAPE, Lines, Seen, spline_weights
+from touchline.calibration.lines.joint import HELD, Expected, JointFit, crowding, fit_in_steps, fit_jointly, linearise
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.search import WIDTHS
 from touchline.geometry import FloatArray
@@ -59,6 +59,17 @@ def fit_curve(seen: Sequence[Seen], tangent: JointFit, expected: Expected, lines
         if found < evidence - WORTH:
             best, evidence = CurveFit(fit, whole, curvature), found
     return best
+
+
+def held_upright(found: CurveFit, level: JointFit, seen: Sequence[Seen], lines: Lines) -> CurveFit:
+    """The fit with a curve as stiff as `found` has it, of an upright mirror; level: an upright tangent's."""
+    information = found.expected.information.copy()
+    information[BEND_X, BEND_X] = information[BEND_Y, BEND_Y] = HELD
+    expected = found.expected._replace(information=information)
+    mirror = np.concatenate((level.mirror[:SHAPE], found.fit.mirror[SHAPE:]))
+    return found._replace(
+        fit=_settled(seen, level._replace(mirror=mirror), expected, found.curvature, lines), expected=expected
+    )
 
 
 def _path(seen: Sequence[Seen], start: JointFit, whole: Expected, lines: Lines) -> list[JointFit]:
