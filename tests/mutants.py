@@ -144,8 +144,9 @@ FAULTS = (
     Fault(SIDE, "not self._unsettled or self._had_turned or", "True or", T_FUSION, "changes_its_mind"),
     Fault(CAMERA_ERRORS, "self.mean = self.covariance @ (known @ self.mean + said / REPEATED)", "pass", T_CAMERA,
           "learned_within"),
-    Fault(CAMERA_ERRORS, "HEIGHT_M**2 * own, radial,", "HEIGHT_M**2 * own, -radial,", T_CAMERA, "learned_within"),
-    Fault(CAMERA_ERRORS, "prior[3:, 3:] = np.linalg.inv(self.covariance)", "prior[3:, 3:] = 1e9 * np.eye(3)", T_CAMERA,
+    Fault(CAMERA_ERRORS, "np.zeros((0, 2)) if shown is None else ground_scales(shown)", "np.zeros((0, 2))", T_CAMERA,
+          "displaced"),
+    Fault(CAMERA_ERRORS, "= loose, np.linalg.inv(self.covariance)", "= loose, 1e9 * np.eye(ERRORS)", T_CAMERA,
           "unsure"),
     # field, perception, evaluation
     Fault(ERROR_MAP, "distances.values[:, :, 0] / farthest_m", "distances.values[:, :, 0] / (2.0 * farthest_m)",

@@ -25,7 +25,8 @@ from touchline.types import Estimate, Frame, LinePoints, Mode, Observation, Prio
 PAPER = (
     "paper.particles.max_units=255", "paper.particles.tempering_threshold=0", "paper.particles.roughening=0",
     "paper.particles.nearby_ratio=0", "paper.fusion.beta_period_s=null", "paper.fusion.bias_gain_per_s=0",
-    "paper.fusion.camera_errors=false", "paper.restart.heading_rad=null", "paper.restart.image_cycles=1",
+    "paper.fusion.camera_errors=false", "paper.fusion.displacement=false", "paper.restart.heading_rad=null",
+    "paper.restart.image_cycles=1",
 )  # fmt: skip
 
 

@@ -158,8 +158,8 @@ def iris_disturbances(seeds: int) -> ExperimentResult:
             f"(1.2 m/s) and {SCENARIOS[1]} (3 m/s among eight robots, without shoves), robots as built, 10 images per "
             "second, at the observation level with the geometry and the errors of their own eyes and the noise of real "
             f"images; {min(seeds, RENDERED)} robots also on rendered images, {SCENARIOS[0]} on {FIELDS[0]} and "
-            f"{SCENARIOS[1]} on {FIELDS[1]}: a mirror's displacement, which the system does not learn, differs from "
-            "robot to robot. The last four columns are the worst of all drives of robots as built as points.",
+            f"{SCENARIOS[1]} on {FIELDS[1]}. "
+            "The last four columns are the worst of all drives of robots as built as points.",
             *(f"In {count} drives ({form}) the robot was not found in time; they count as not kept, and the "
               "last four columns leave them out." for form, count in missed.items() if count and form != _SAME),
         ),

@@ -76,5 +76,4 @@ def open_iris(scenario: Scenario, level: str, seed: int) -> tuple[Simulation, Ro
     known = range_regression(simulation, np.random.default_rng([seed, 14])).camera()
     if level == "points":
         simulation = Simulation(scenario, level, eyes=Eyes(IRIS_PATHS, IRIS_NOISE, known))
-    camera = known if level == "images" else None
-    return simulation, RobotSetup(simulation.field, camera, simulation.wheel_directions_rad)
+    return simulation, RobotSetup(simulation.field, known, simulation.wheel_directions_rad)

@@ -134,7 +134,8 @@ class IrisFusion:
         self.history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
         self.odometry = DeadReckoning(self.history)
         self.rng = rng
-        self.camera_errors = CameraErrors(field, settings.fusion.paper.camera_errors, setup.camera)
+        told = settings.fusion.paper
+        self.camera_errors = CameraErrors(field, told.camera_errors, setup.camera, told.displacement)
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)
         self.side = FieldSide(settings.restart.paper.heading_rad)

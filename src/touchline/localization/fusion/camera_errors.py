@@ -1,32 +1,42 @@
-"""What the camera's calibration leaves: a tilted mirror and ranges that are too long, learned from the lines.
+"""What the camera's calibration leaves, learned from the lines: how the mirror leans and lies, how long the ranges are.
 
-A mirror tilted by a little moves a ground point p, seen from the height h, to first order by (g·p) p + h² g, with g
-(1/m) towards the side that is seen too near (`matching/mirror_tilt.py`); ranges that are too short by a share s move it
-by s p. Both are the same in every image of a head, so no number of images averages them out of the pose, but lines that
-should be straight and in their known places show them next to it. Until they are known the pose is as unsure as they
-leave it. Ismail et al. 2021 know no such errors; this is ours.
+`matching/mirror_fit.py` says how they move the ground points: g (1/m) is the tilt, c (px) the displacement, s the share
+by which ranges are too short. They are the same in every image of a head, so no number of images averages them out of
+the pose, but lines that should be straight and in their known places show them next to it. Until they are known the
+pose is as unsure as they leave it. Ismail et al. 2021 know no such errors; this is ours.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from touchline.camera import Camera, OmniCamera
 from touchline.field import FieldModel
-from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.matching.covariance import widest_m
-from touchline.localization.matching.mirror_fit import SCALE_STEP_M
-from touchline.localization.matching.mirror_tilt import ground_scales
+from touchline.localization.matching.mirror_fit import (
+    ERRORS,
+    SCALE_STEP_M,
+    STATE,
+    FitPlan,
+    Mirror,
+    inverse,
+    moved,
+    normal_equations,
+)
+from touchline.localization.matching.mirror_tilt import APEX_RATIO_M, ground_scales
 from touchline.types import LinePoints
 
 HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
 UNKNOWN_PER_M = 0.015  # standard deviation of g before the first image: a mirror 0.3 degrees off
 UNKNOWN_SCALE = 0.02  # the same of s: two marks of a strip misread by a centimetre
-DRIFT_PER_M = 0.0002  # drift of g from image to image (root of their number): a mount that loosens, a head that shakes
-DRIFT_SCALE = 0.0001  # drift of s from image to image
+# drift of g, c and s from image to image (root of their number), as a share of what is unknown at first: a head shakes,
+# a mount loosens
+DRIFT = np.array([0.05, 0.05, 0.005, 0.005, 0.005])
 WIDTH_M = 0.12  # distance from the line at which a point loses influence; the pose is close already
 FIRST_WIDTH_M = 0.25  # the same in the first steps while the errors are unknown
 FLOOR_M = 0.01  # standard deviation of a point beside what the detector says: the carpet, the field's own errors
@@ -39,6 +49,7 @@ REPEATED = 2.0  # so many points or images err together: neighbours on a line, a
 SHIFT_M2 = 1.0
 CENTER_AT_M = 2.0  # where most line points are that tell the position
 LEFT_M = 0.02  # deviation that the lines leave the position, up to which an image tells of the camera
+EXACT = 1e-6  # standard deviation (1/m, px, 1) of an error that is taken for known
 STEPS = 2  # Gauss-Newton steps; one more while the errors are unknown, each with the wide width
 MIN_POINTS = 15  # fewer tell nothing but the pose
 
@@ -46,9 +57,10 @@ MIN_POINTS = 15  # fewer tell nothing but the pose
 class CameraFit(NamedTuple):
     """Pose and camera errors that suit one image best.
 
-    errors (3,): g (1/m), s. covariance (6, 6): of x, y (m), heading (rad), g and s, with what was known of g and s
-    before. information (3, 3): what this image alone says of g and s. residuals_m (N,): distances of all points from
-    the lines. left_m: standard deviation of the position along its least known direction, if g and s are right.
+    errors (5,): g (1/m), c (px), s. covariance (8, 8): of x, y (m), heading (rad) and the errors, with what was known
+    of these before. information (5, 5): what this image alone says of the errors. residuals_m (N,): distances of all
+    points from the lines. left_m: standard deviation of the position along its least known direction, if the errors are
+    right.
     """
 
     pose: Pose
@@ -61,31 +73,40 @@ class CameraFit(NamedTuple):
 
 
 class CameraErrors:
-    """`mean` (3,): g (1/m, robot frame) and s, as learned so far; `covariance` (3, 3) of both.
+    """`mean` (5,): g (1/m, robot frame), c (px, robot frame) and s, as learned so far; `covariance` (5, 5) of them.
 
     `noise`: how much larger the points' variances are than the detector says, learned, too.
     """
 
-    def __init__(self, field: FieldModel, enabled: bool = True, camera: Camera | None = None) -> None:
+    def __init__(
+        self, field: FieldModel, enabled: bool = True, camera: Camera | None = None, displacement: bool = True
+    ) -> None:
         """enabled: False leaves all points as they are seen, and takes the camera for what it is said to be.
 
-        camera: how sure it is of its centre is part of `unseen`.
+        camera: without one with a mirror no displacement is looked for; nor without displacement, but how sure the
+        camera is of its centre is part of `unseen` then.
         """
-        self._lines = field.line_tables
+        self._field = field
         self.enabled = enabled
-        self._shift_m = _shift_m(camera) if enabled and isinstance(camera, OmniCamera) else 0.0
+        omni = camera if isinstance(camera, OmniCamera) and enabled else None
+        shown = omni if displacement else None
+        self._mirror = Mirror(HEIGHT_M, np.zeros((0, 2)) if shown is None else ground_scales(shown))
+        self._unknown = _unknown(shown) if enabled else np.full(ERRORS, EXACT)
+        self._shift_m = 0.0 if omni is None or displacement else _shift_m(omni)
         self.reset()
 
     def reset(self) -> None:
         """Nothing has been seen yet."""
-        self.mean = np.zeros(3)
+        self.mean = np.zeros(ERRORS)
         self.noise = 1.0
-        unknown = np.diag([UNKNOWN_PER_M, UNKNOWN_PER_M, UNKNOWN_SCALE]) ** 2
-        self.covariance: FloatArray = unknown if self.enabled else 1e-9 * unknown
+        self.covariance: FloatArray = np.diag(np.square(self._unknown))
 
     def corrected(self, positions_m: FloatArray, errors: FloatArray | None = None) -> FloatArray:
         """Points (N, 2) in the robot frame (m) as a perfect camera would have seen them; by other errors, if given."""
-        return corrected(positions_m, self.mean if errors is None else errors)
+        ground: FloatArray = moved(
+            np.ascontiguousarray(positions_m), self.mean if errors is None else errors, self._mirror
+        )
+        return ground
 
     @property
     def unseen(self) -> FloatArray:
@@ -100,27 +121,27 @@ class CameraErrors:
 
     def fit(self, points: LinePoints, pose: Pose) -> CameraFit | None:
         """Pose and errors for points as seen (robot frame, m), from a pose that is close; None if nothing suits."""
-        widths = (FIRST_WIDTH_M,) * (0 if self.settled else 3) + (WIDTH_M,) * STEPS
-        loose = np.zeros((6, 6))
-        loose[:3, :3] = np.diag(1.0 / np.array([LOOSE_M, LOOSE_M, LOOSE_RAD]) ** 2)
-        prior = loose.copy()
-        prior[3:, 3:] = np.linalg.inv(self.covariance)
+        seen = np.ascontiguousarray(points.positions_m)
+        loose = np.diag(1.0 / np.array([LOOSE_M, LOOSE_M, LOOSE_RAD]) ** 2)
+        prior = np.zeros((STATE, STATE))
+        prior[:3, :3], prior[3:, 3:] = loose, np.linalg.inv(self.covariance)
+        widths_m = np.array((FIRST_WIDTH_M,) * (0 if self.settled else 3) + (WIDTH_M,) * (STEPS + 1))
+        plan = FitPlan(widths_m, FLOOR_M, REPEATED * self.noise, np.zeros(3), 1.0)
         start = np.array([*pose, *self.mean])
-        state = start.copy()
-        for width_m in widths:
-            matrix, vector, _, _ = self._equations(points, state, width_m)
-            state = state + np.linalg.solve(matrix + prior, vector + prior @ (start - state))
-        matrix, _, residuals_m, noise = self._equations(points, state, WIDTH_M)
+        state, matrix, noise = _steps(
+            seen, np.ascontiguousarray(points.covariances_m2), start, prior, self._mirror, plan, self._field.line_tables
+        )
         if not np.all(np.isfinite(state)):
             return None
-        own = matrix + loose
-        alone = own[3:, 3:] - own[3:, :3] @ np.linalg.solve(own[:3, :3], own[:3, 3:])
+        found = Pose(*state[:3].tolist())
+        residuals_m = self._field.line_distances(found.transform(self.corrected(seen, state[3:])))
+        own = np.linalg.inv(matrix[:3, :3] + loose)
+        alone = matrix[3:, 3:] - matrix[3:, :3] @ own @ matrix[:3, 3:]
         covariance = np.linalg.inv(matrix + prior)
-        cosine, sine = np.cos(state[2]), np.sin(state[2])
+        cosine, sine = math.cos(state[2]), math.sin(state[2])
         bend = np.array([[cosine, -sine], [sine, cosine]]) @ state[3:5]
         covariance[:2, :2] += SHIFT_M2**2 * (np.outer(bend, bend) + 0.5 * np.trace(self.covariance[:2, :2]) * np.eye(2))
-        left_m = widest_m(np.linalg.inv(own[:3, :3]))
-        return CameraFit(Pose(*state[:3].tolist()), state[3:], covariance, alone, residuals_m, noise, left_m)
+        return CameraFit(found, state[3:], covariance, alone, residuals_m, noise, widest_m(own))
 
     def learn(self, fit: CameraFit) -> None:
         """Kalman update of the mean by what one image alone has said of the errors, if its lines fix the pose.
@@ -130,45 +151,44 @@ class CameraErrors:
         self.noise += NOISE_GAIN * (min(max(fit.noise, MIN_NOISE), MAX_NOISE) - self.noise)
         if not self.enabled or fit.left_m > LEFT_M:
             return
-        drift = np.diag([DRIFT_PER_M, DRIFT_PER_M, DRIFT_SCALE]) ** 2
         known = np.linalg.inv(self.covariance)
         # the fit's errors are the mean of both by their information; what the image said of it follows
         said = fit.errors @ (known + fit.information) - known @ self.mean
         share = fit.information / REPEATED
         self.covariance = np.linalg.inv(known + share)
         self.mean = self.covariance @ (known @ self.mean + said / REPEATED)
-        self.covariance = self.covariance + drift
-
-    def _equations(
-        self, points: LinePoints, state: FloatArray, width_m: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-        """Normal equations (6, 6), (6,) of a step of all six; the distances (N,) before it; `CameraFit.noise`."""
-        seen = points.positions_m
-        ground = corrected(seen, state[3:])
-        cosine, sine = np.cos(state[2]), np.sin(state[2])
-        turn = np.array([[cosine, -sine], [sine, cosine]])
-        placed = np.ascontiguousarray(state[:2] + ground @ turn.T)
-        away = placed - nearest_line_points(self._lines, placed)
-        distances_m = np.hypot(away[:, 0], away[:, 1])
-        normals = away / np.maximum(distances_m, 1e-9)[:, np.newaxis]
-        own = normals @ turn  # in the robot frame
-        radial = (own * seen).sum(axis=1)
-        rows = np.column_stack((
-            normals, own[:, 1] * ground[:, 0] - own[:, 0] * ground[:, 1],
-            radial[:, np.newaxis] * seen + HEIGHT_M**2 * own, radial,
-        ))  # fmt: skip
-        variances = FLOOR_M**2 + np.einsum("ni,nij,nj->n", own, points.covariances_m2, own)
-        influence = (width_m**2 / (width_m**2 + distances_m**2)) ** 2
-        weighted = rows * (influence / (REPEATED * self.noise * variances))[:, np.newaxis]
-        noise = float(influence @ (distances_m**2 / variances) / influence.sum())
-        return weighted.T @ rows, -weighted.T @ distances_m, distances_m, noise
+        self.covariance = self.covariance + np.diag(np.square(DRIFT * self._unknown))
 
 
-def corrected(positions_m: FloatArray, errors: FloatArray) -> FloatArray:
-    """Points (N, 2) in the robot frame (m) without errors (3,): g (1/m) and s."""
-    stretch = 1.0 + errors[2] + positions_m @ errors[:2]
-    moved: FloatArray = positions_m * stretch[:, np.newaxis] + HEIGHT_M**2 * errors[:2]
-    return moved
+@njit(cache=True)
+def _steps(points, covariances, start, prior, mirror, plan, lines):  # type: ignore[no-untyped-def]
+    """Gauss-Newton from a start (8,) with what is known of it, prior (8, 8): a step for each width but the last, whose
+    equations tell what the points say there: state (8,), matrix (8, 8), noise in the unit of the points' variances."""
+    state, matrix, noise = start.copy(), np.zeros((STATE, STATE)), 1.0
+    for k in range(len(plan.widths_m)):
+        matrix, vector, noise = normal_equations(points, covariances, state, mirror, plan, plan.widths_m[k], lines)
+        if k == len(plan.widths_m) - 1:
+            break
+        keep = inverse(matrix + prior)
+        step = np.zeros(STATE)
+        for a in range(STATE):
+            for b in range(STATE):
+                pull = vector[b]
+                for c in range(STATE):
+                    pull += prior[b, c] * (start[c] - state[c])
+                step[a] += keep[a, b] * pull
+        state = state + step
+    return state, matrix, noise
+
+
+def _unknown(camera: OmniCamera | None) -> FloatArray:
+    """Standard deviations (5,) of the errors before the first image; camera: None if no displacement is looked for."""
+    shift_px = EXACT
+    if camera is not None:
+        # what the camera states, and what a mirror that leans about its apex displaces
+        leans_px = APEX_RATIO_M * camera.outer_radius_px * UNKNOWN_PER_M
+        shift_px = math.hypot(camera.uncertainty.center_px, leans_px)
+    return np.array([UNKNOWN_PER_M, UNKNOWN_PER_M, shift_px, shift_px, UNKNOWN_SCALE])
 
 
 def _shift_m(camera: OmniCamera) -> float:

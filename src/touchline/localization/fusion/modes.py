@@ -68,6 +68,11 @@ class SensorFusionPaper(Settings):
         description="learn from the lines how far the mirror is tilted and the ranges are too long, and take it off; "
         "false as in the paper, whose particles are off by what the calibration leaves",
     )
+    displacement: bool = added(
+        True,
+        paper=False,
+        description="of these errors, look for a displaced mirror, too; without it a mirror 0.3 mm off costs 4 cm",
+    )
     bias_gain_per_s: float = added(
         0.2,
         paper=0.0,

@@ -14,7 +14,7 @@ import numpy as np
 from touchline.camera import Camera, OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.fusion.camera_errors import CameraErrors, CameraFit
+from touchline.localization.fusion.camera_errors import EXACT, CameraErrors, CameraFit
 from touchline.localization.matching.covariance import UNKNOWN_POSITION_M, principal_information
 from touchline.localization.matching.kernels import moments
 from touchline.localization.matching.matcher import Matcher
@@ -100,7 +100,7 @@ def _with_spread(
     deviations = np.sqrt(np.diag(fit.covariance)[3:])
     size = float(np.hypot(*fit.errors[:2]))
     doubt = CameraDoubt(
-        float(np.hypot(*off[:2])), float(fit.errors[2]), float(deviations[2]), size, float(deviations[:2].max())
+        float(np.hypot(*off[:2])), float(fit.errors[4]), float(deviations[4]), size, float(deviations[:2].max())
     )
     return covariance, doubt
 
@@ -115,7 +115,8 @@ def camera_fit(field: FieldModel, points: FloatArray, pose: Pose, spread: Spread
     noise = np.eye(2) * variances[:, np.newaxis, np.newaxis]
     seen = LinePoints(few, noise, np.ones(len(few)), np.full_like(few, np.nan))
     errors = CameraErrors(field)
-    errors.covariance = np.diag([spread.bend_per_m, spread.bend_per_m, spread.scale]) ** 2
+    deviations = [spread.bend_per_m, spread.bend_per_m, EXACT, EXACT, spread.scale]
+    errors.covariance = np.diag(deviations) ** 2
     fit = errors.fit(seen, pose)
     for _ in range(FITS - 1):
         fit = fit and errors.fit(seen, fit.pose)
