@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -196,8 +197,11 @@ def test_what_an_outcome_says_comes_from_the_truth() -> None:
     statuses = tuple(Status.LOST if 10 <= k < 13 else Status.TRACKING for k in range(count))
     driven = IrisDrive(
         open_field("indoor-9x6"), stamps, truth, dict.fromkeys(SYSTEMS, track), np.ones(count, dtype=bool),
-        (Mode.BOTH,) * count, statuses, 0,
+        (Mode.BOTH,) * count, statuses, np.zeros(0, dtype=np.int64),
     )  # fmt: skip
+    assert driven.tracked_ratio(1.0) == pytest.approx(47 / 50)
+    late = replace(driven, before_ns=stamps - stamps[-1])  # found 5.9 s after the start
+    assert late.tracked_ratio(-4.0) == pytest.approx(57 / 101)
     outcome = iris_disturbances._outcome(driven, 1.0)
     assert (outcome.far_s, outcome.back_m, outcome.lost_s, outcome.largest_m) == pytest.approx((0.5, 0.05, 0.3, 1.0))
     assert outcome.is_kept("slip")
@@ -218,6 +222,7 @@ def test_a_drive_that_never_finds_the_robot_holds_nothing() -> None:
     driven = blind(0)
     assert not driven.found
     assert driven.found_after == 40
+    assert driven.tracked_ratio(1.0) == 0.0
     assert all(track.shape == (0, 3) for track in (driven.truth, *driven.tracks.values()))
     outcome = iris_disturbances._outcome(driven, 1.0)
     assert not outcome.found

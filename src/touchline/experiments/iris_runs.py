@@ -29,7 +29,8 @@ class IrisDrive:
     """One drive from the first located image on, N images; none if the robot was never found.
 
     stamp_ns (N,); truth (N, 3) and tracks, by the names of SYSTEMS: x, y (m), heading (rad), field frame. seen (N,):
-    whether the image showed anything. modes, statuses: of the fusion. found_after: images before the first.
+    whether the image showed anything. modes, statuses: of the fusion. before_ns (B,): stamps of the images before the
+    first.
     """
 
     field: FieldModel
@@ -39,7 +40,19 @@ class IrisDrive:
     seen: npt.NDArray[np.bool_]
     modes: tuple[Mode | None, ...]
     statuses: tuple[Status, ...]
-    found_after: int
+    before_ns: npt.NDArray[np.int64]
+
+    @property
+    def found_after(self) -> int:
+        """Images before the first."""
+        return len(self.before_ns)
+
+    def tracked_ratio(self, start_s: float) -> float:
+        """Share of all images from some time on in which the robot is tracked; of none before it is found."""
+        tracking = np.array([status is Status.TRACKING for status in self.statuses], dtype=np.bool_)
+        start_ns = int(1e9 * start_s)
+        late = int(np.count_nonzero(self.stamp_ns >= start_ns) + np.count_nonzero(self.before_ns >= start_ns))
+        return float(np.count_nonzero(tracking[self.stamp_ns >= start_ns])) / max(late, 1)
 
     @property
     def found(self) -> bool:
@@ -88,7 +101,7 @@ def drive(
     particles = IrisParticles(setup.field, np.random.default_rng(seed), settings.particles)
     told: list[Estimate] = []
     poses: dict[str, list[Pose]] = {name: [] for name in SYSTEMS}
-    before = 0
+    before: list[int] = []
     for frame in frames:
         history.add(frame)
         motion = odometry.advance(frame.stamp_ns)
@@ -103,7 +116,7 @@ def drive(
             odometry.set_pose(estimate.pose)
             particles.start_at(estimate.pose, estimate.covariance)
         else:
-            before += 1
+            before.append(frame.stamp_ns)
             continue
         told.append(estimate)
         for name, pose in zip(SYSTEMS, (odometry.pose, particles.estimate().pose, estimate.pose), strict=True):
@@ -111,12 +124,12 @@ def drive(
     return IrisDrive(
         setup.field,
         np.array([e.stamp_ns for e in told], dtype=np.int64),
-        np.asarray(truth.values[before:], dtype=np.float64),
+        np.asarray(truth.values[len(before) :], dtype=np.float64),
         {name: np.array(track, dtype=np.float64).reshape(-1, 3) for name, track in poses.items()},
         np.array([e.points > 0 for e in told], dtype=np.bool_),
         tuple(e.mode for e in told),
         tuple(e.status for e in told),
-        before,
+        np.array(before, dtype=np.int64),
     )
 
 

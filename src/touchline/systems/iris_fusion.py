@@ -254,7 +254,7 @@ class IrisFusion:
         found = self._cycle(positions_m)
         self.fit = self.camera_errors.fit(chosen, found.pose)
         near = self.fit is not None and self.fit.pose.distance_to(found.pose) <= NEAR_M
-        if self.fit is None or (self.camera_errors.settled and not near):
+        if self.fit is None or not self.camera_errors.enabled or (self.camera_errors.settled and not near):
             errors_m, near_m = self.particles.errors_m(positions_m, found.pose), NEAR_M
         else:
             errors_m, near_m = self.fit.residuals_m, NEAR_FITTED_M
