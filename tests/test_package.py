@@ -5,11 +5,16 @@ from __future__ import annotations
 import importlib.util
 import re
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+import yaml
+
+import touchline
+from touchline.cli import main
 
 ROOT = Path(__file__).parents[1]
 
@@ -71,3 +76,35 @@ def test_a_link_is_made_whole_once(hook: ModuleType) -> None:
     assert f"[a]({hook.ADDRESS}/blob/main/docs/a.md#b) ![c]({hook.ADDRESS}/raw/main/docs/c.jpg)" in whole
     assert "[d](#d) [e](https://e.example/e)" in whole
     assert hook.with_whole_links(whole) == whole
+
+
+def test_the_promise_names_what_is_public() -> None:
+    text = (ROOT / "docs" / "versions.md").read_text(encoding="utf-8")
+    (named,) = re.findall(r"all that `import touchline` gives: (.*?); the names", text, re.DOTALL)
+    assert set(re.findall(r"`(\w+)`", named)) == {*touchline.__all__, "__version__"}
+
+
+def test_the_citation_is_of_this_version_and_names_every_paper_s_system() -> None:
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert (cited["version"], cited["license"]) == (project["version"], project["license"])
+    notes = " ".join(reference["notes"] for reference in cited["references"])
+    assert all(name in notes for name in ("nubot-mti", "iris-fusion", "nimbro-lines"))
+
+
+def test_what_the_page_of_a_run_is_made_of_is_in_the_package_with_its_licence() -> None:
+    web = ROOT / "src" / "touchline" / "evaluation" / "web"
+    licences = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["license-files"]
+    assert "MIT License" in (web / "uPlot-LICENSE.txt").read_text(encoding="utf-8")
+    assert (web / "uPlot-LICENSE.txt").relative_to(ROOT).as_posix() in licences
+    assert (web / "uPlot.iife.min.js").stat().st_size < 52_000
+    assert len((web / "page.js").read_text(encoding="utf-8").splitlines()) <= 200
+
+
+def test_a_shell_completes_the_commands(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, value in (("COMPLETE", "complete_bash"), ("WORDS", "touchline comp"), ("CWORD", "1")):
+        monkeypatch.setenv(f"_TOUCHLINE_{name}" if name == "COMPLETE" else f"COMP_{name}", value)
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.split() == ["compare", "compile"]

@@ -29,7 +29,6 @@ from touchline.cli.console import DEBUG_VARIABLE
 app = typer.Typer(
     help="Tells a soccer robot where it stands on the field, from the white lines it sees.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
