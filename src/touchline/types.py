@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -133,6 +134,7 @@ def _positions(what: str, given: object) -> FloatArray:
     return positions_m
 
 
+@cache  # nothing can be changed in arrays without elements
 def empty_points() -> LinePoints:
     """No line points."""
     return LinePoints(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)))
@@ -194,6 +196,7 @@ class Lines:
         return Lines(self.ends_m[kept], self.covariances_m2[kept], self.confidences[kept], self.pixels[kept])
 
 
+@cache
 def no_lines() -> Lines:
     """No lines."""
     return Lines(np.zeros((0, 2, 2)), np.zeros((0, 2, 2, 2)), np.zeros(0), np.zeros((0, 2, 2)))
@@ -255,6 +258,7 @@ class Crossings:
         )
 
 
+@cache
 def no_crossings() -> Crossings:
     """No crossings."""
     return Crossings(
@@ -320,6 +324,7 @@ class Landmarks:
         )
 
 
+@cache
 def no_landmarks() -> Landmarks:
     """No landmarks."""
     return Landmarks(np.zeros(0, "U1"), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), (), np.zeros((0, 2)))
@@ -346,9 +351,9 @@ class Observation:
         return replace(
             self,
             points=self.points.usable(max_range_m),
-            lines=self.lines.usable(max_range_m),
-            crossings=self.crossings.usable(max_range_m),
-            landmarks=self.landmarks.usable(max_range_m),
+            lines=self.lines.usable(max_range_m) if len(self.lines) else self.lines,
+            crossings=self.crossings.usable(max_range_m) if len(self.crossings) else self.crossings,
+            landmarks=self.landmarks.usable(max_range_m) if len(self.landmarks) else self.landmarks,
         )
 
     def __post_init__(self) -> None:

@@ -13,14 +13,15 @@ from touchline.types import ImageArray
 
 BODY = 3  # a fourth class of samples: the robot itself
 LEVEL = 3  # row of the values
+CHUNK = 2048  # samples that are worked on together: few enough to stay in the first-level cache
 
 
 class PathSamples(NamedTuple):
     """What an image shows at the N samples of ScanLines.
 
     values: (4, N), B, G, R and the level: the colours' signal, higher by 1 on paint than on carpet. classes: (N,).
-    pixels: (4, N), what the kernels work with: the upper two and the lower two pixels about each sample, four bytes of
-    the image each.
+    pixels: (4, CHUNK), what the kernels work with: the upper two and the lower two pixels about some of the samples,
+    four bytes of the image each.
     """
 
     values: npt.NDArray[np.float32]
@@ -30,7 +31,7 @@ class PathSamples(NamedTuple):
 
 def no_samples(count: int) -> PathSamples:
     """Room for `count` samples."""
-    return PathSamples(np.zeros((4, count), np.float32), np.zeros(count, np.uint8), np.zeros((4, count), np.uint32))
+    return PathSamples(np.zeros((4, count), np.float32), np.zeros(count, np.uint8), np.zeros((4, CHUNK), np.uint32))
 
 
 def sample_paths(
@@ -56,45 +57,51 @@ def _fill(words, width, places, masked, signal, table, samples):  # type: ignore
     """Fill the samples in loops that each do one simple thing, which the compiler makes SIMD instructions of."""
     values, classes, pixels = samples
     corners, shares = places
-    beside, below = np.uint64(3), np.uint64(width)  # unsigned: none can count from the end
-    for k in range(len(corners)):
-        here = np.uint64(corners[k])
-        pixels[0, k], pixels[1, k] = words[here], words[here + beside]
-        pixels[2, k], pixels[3, k] = words[here + below], words[here + below + beside]
-    for channel in range(3):
-        _blend(pixels, shares, np.uint32(8 * channel), values[channel])
-    _mix(values, signal[0], signal[1], signal[2], values[LEVEL])
     cells = table.reshape(-1)
-    place = pixels[0].view(np.int32)
-    _cells(values, place)
-    for k in range(len(classes)):
-        classes[k] = BODY if masked[k] else cells[np.uint64(place[k])]
+    beside, below = np.uint64(3), np.uint64(width)  # unsigned: none can count from the end
+    for first in range(0, len(corners), CHUNK):
+        last = min(first + CHUNK, len(corners))
+        upper_left, upper_right = pixels[0, : last - first], pixels[1, : last - first]
+        lower_left, lower_right = pixels[2, : last - first], pixels[3, : last - first]
+        for k in range(last - first):
+            here = np.uint64(corners[first + k])
+            upper_left[k], upper_right[k] = words[here], words[here + beside]
+            lower_left[k], lower_right[k] = words[here + below], words[here + below + beside]
+        about = (upper_left, upper_right, lower_left, lower_right)
+        for channel in range(3):
+            _blend(about, shares[0, first:last], shares[1, first:last], 8 * channel, values[channel, first:last])
+        blue, green, red = values[0, first:last], values[1, first:last], values[2, first:last]
+        _weigh(blue, green, red, signal, values[LEVEL, first:last])
+        _cells(blue, green, red, upper_left)
+        for k in range(last - first):
+            classes[first + k] = BODY if masked[first + k] else cells[np.uint64(upper_left[k])]
 
 
 @njit(cache=True)
-def _blend(pixels, shares, shift, out):  # type: ignore[no-untyped-def]
-    """One channel, bilinear: the eight bits of the pixels (4, N) from `shift` on, by the samples' shares (2, N)."""
-    one, byte = np.float32(1.0), np.uint32(255)
-    p00, p01, p10, p11 = pixels[0], pixels[1], pixels[2], pixels[3]
-    right, down = shares[0], shares[1]
+def _blend(about, right, down, shift, out):  # type: ignore[no-untyped-def]
+    """One channel, bilinear: the eight bits from `shift` on of the four pixels about each sample.
+
+    right, down: how far the sample is on its way to the next pixel.
+    """
+    one, byte, bits = np.float32(1.0), np.uint32(255), np.uint32(shift)
+    p00, p01, p10, p11 = about
     for k in range(len(out)):
         w11 = right[k] * down[k]
         w01, w10 = right[k] - w11, down[k] - w11
-        upper = (one - right[k] - w10) * np.float32(p00[k] >> shift & byte) + w01 * np.float32(p01[k] >> shift & byte)
-        out[k] = upper + w10 * np.float32(p10[k] >> shift & byte) + w11 * np.float32(p11[k] >> shift & byte)
+        upper = (one - right[k] - w10) * np.float32(p00[k] >> bits & byte) + w01 * np.float32(p01[k] >> bits & byte)
+        out[k] = upper + w10 * np.float32(p10[k] >> bits & byte) + w11 * np.float32(p11[k] >> bits & byte)
 
 
 @njit(cache=True)
-def _mix(values, blue, green, red, out):  # type: ignore[no-untyped-def]
-    b, g, r = values[0], values[1], values[2]
+def _weigh(blue, green, red, weights, out):  # type: ignore[no-untyped-def]
+    b, g, r = weights[0], weights[1], weights[2]
     for k in range(len(out)):
-        out[k] = blue * b[k] + green * g[k] + red * r[k]
+        out[k] = b * blue[k] + g * green[k] + r * red[k]
 
 
 @njit(cache=True)
-def _cells(values, out):  # type: ignore[no-untyped-def]
+def _cells(blue, green, red, out):  # type: ignore[no-untyped-def]
     """Where the colours stand in a table of 64³ cells laid flat."""
-    b, g, r = values[0], values[1], values[2]
-    two, six, twelve = np.int32(2), np.int32(6), np.int32(12)
+    two, six, twelve = np.uint32(2), np.uint32(6), np.uint32(12)
     for k in range(len(out)):
-        out[k] = np.int32(b[k]) >> two << twelve | np.int32(g[k]) >> two << six | np.int32(r[k]) >> two
+        out[k] = np.uint32(blue[k]) >> two << twelve | np.uint32(green[k]) >> two << six | np.uint32(red[k]) >> two

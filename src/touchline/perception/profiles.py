@@ -6,6 +6,7 @@ line's centre at any angle of crossing, because the two edges of a straight line
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,7 @@ class DimCarpet(NamedTuple):
     max_sum: float
 
 
+@lru_cache(maxsize=1)  # of the model that is in use
 def dim_carpet(model: ColourModel) -> DimCarpet:
     """What a carpet of these colours looks like in the dark: nearer to its own hue than to grey."""
     blue, red = chromaticity(model.green)
