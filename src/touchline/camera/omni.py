@@ -70,12 +70,12 @@ class OmniCamera:
     use_attitude: bool = False
     stated_uncertainty: CameraUncertainty | None = None
     # for the compiled loops: ranges (1, B, F) at uniform steps, with bearing offsets below them (2, B, F);
-    # u0, v0, handedness, yaw, first radius, step, last radius
+    # u0, v0, handedness, yaw, first radius, step, last radius, cosine and sine of the yaw
     lookup_table: FloatArray = field(init=False, repr=False)
     lookup_constants: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        radii, ranges = self.radius_px, self.range_m
+        radii, ranges, yaw = self.radius_px, self.range_m, self.mount_yaw_rad
         if ranges.shape != (len(self.bearings_rad), len(radii)):
             raise ValueError(
                 f"range table: {ranges.shape} ranges for {len(self.bearings_rad)} bearings, {len(radii)} radii"
@@ -91,9 +91,7 @@ class OmniCamera:
         object.__setattr__(
             self,
             "lookup_constants",
-            np.array(
-                [*self.center, self.handedness, self.mount_yaw_rad, radii[0], _STEP_PX, radii[-1]], dtype=np.float64
-            ),
+            np.array([*self.center, self.handedness, yaw, radii[0], _STEP_PX, radii[-1], np.cos(yaw), np.sin(yaw)]),
         )
 
     @property
@@ -154,6 +152,10 @@ class OmniCamera:
         self, pixels: npt.ArrayLike, noise_px: float, noise_m: float, base_from_camera: Pose3 | None = None
     ) -> FloatArray:
         """(N, 2, 2) covariances (m²) of ground points: the pixels' noise through the mirror, and the ground's own."""
+        if base_from_camera is None:
+            uv = np.ascontiguousarray(np.asarray(pixels, dtype=np.float64).reshape(-1, 2))
+            tables = (self.lookup_constants, self.bearings_rad, self.lookup_table)
+            return covariances_of_pixels(uv, (float(noise_px) ** 2, float(noise_m) ** 2), *tables)
         jacobians = ground_jacobian(lambda uv: self.ground_from_image(uv, base_from_camera), pixels)
         return pixel_covariances(jacobians, noise_px, noise_m)
 
@@ -331,14 +333,19 @@ def ground_from_pixel(
     radius = np.sqrt(du * du + dv * dv)
     if not constants[4] <= radius <= constants[6]:
         return np.nan, np.nan
-    bearing = constants[3] + constants[2] * np.arctan2(dv, du)
-    low, high, share = bearing_rows(bearing, bearings)
+    cosine, sine = (du / radius, constants[2] * dv / radius) if radius > 0.0 else (1.0, 0.0)
+    x, y = constants[7] * cosine - constants[8] * sine, constants[8] * cosine + constants[7] * sine
+    rows = (0, 0, 0.0)
+    if len(bearings) > 1:
+        rows = bearing_rows(constants[3] + constants[2] * np.arctan2(dv, du), bearings)
     position = (radius - constants[4]) / constants[5]
     i = min(int(position), table.shape[2] - 2)
-    distance = _between(table[0], low, high, share, i, position - i)
+    distance = _between(table, 0, rows, i, position - i)
     if len(table) > 1:
-        bearing += _between(table[1], low, high, share, i, position - i)
-    return distance * np.cos(bearing), distance * np.sin(bearing)
+        offset = _between(table, 1, rows, i, position - i)
+        cosine, sine = np.cos(offset), np.sin(offset)
+        x, y = cosine * x - sine * y, sine * x + cosine * y
+    return distance * x, distance * y
 
 
 @njit(cache=True)
@@ -349,32 +356,31 @@ def pixel_from_ground(
     distance, bearing = np.sqrt(x * x + y * y), np.arctan2(y, x)
     seen = bearing  # of the formula; offsets change slowly, so that a few steps are exact
     for step in range(_INVERSE_STEPS if len(table) > 1 else 1):
-        low, high, share = bearing_rows(seen, bearings)
-        position = _position(distance, table[0], low, high, share)
+        rows = bearing_rows(seen, bearings)
+        position = _position(distance, table[0], rows)
         if len(table) > 1 and step < _INVERSE_STEPS - 1:
             i = min(int(position), table.shape[2] - 2)
-            seen = bearing - _between(table[1], low, high, share, i, position - i)
-    last = table.shape[2] - 1
-    if not (
-        _between(table[0], low, high, share, 0, 0.0) <= distance <= _between(table[0], low, high, share, last - 1, 1.0)
-    ):
+            seen = bearing - _between(table, 1, rows, i, position - i)
+    if not _between(table, 0, rows, 0, 0.0) <= distance <= _between(table, 0, rows, table.shape[2] - 2, 1.0):
         return np.nan, np.nan
     radius, angle = constants[4] + constants[5] * position, (seen - constants[3]) * constants[2]
     return constants[0] + radius * np.cos(angle), constants[1] + radius * np.sin(angle)
 
 
 @njit(cache=True)
-def _between(layer: FloatArray, low: int, high: int, share: float, i: int, f: float) -> float:
-    """A table's (B, F) value between two rows (the second one's share) and the columns i and i + 1 (f: its share)."""
-    value: float = (1.0 - share) * (layer[low, i] * (1.0 - f) + layer[low, i + 1] * f)
+def _between(table: FloatArray, layer: int, rows: tuple[int, int, float], i: int, f: float) -> float:
+    """A layer's value between two rows (`bearing_rows`) and the columns i and i + 1 (f: its share) of a table."""
+    low, high, share = rows
+    value: float = (1.0 - share) * (table[layer, low, i] * (1.0 - f) + table[layer, low, i + 1] * f)
     if share > 0.0:
-        value += share * (layer[high, i] * (1.0 - f) + layer[high, i + 1] * f)
+        value += share * (table[layer, high, i] * (1.0 - f) + table[layer, high, i + 1] * f)
     return value
 
 
 @njit(cache=True)
-def _position(distance: float, ranges: FloatArray, low: int, high: int, share: float) -> float:
+def _position(distance: float, ranges: FloatArray, rows: tuple[int, int, float]) -> float:
     """At which column (with fraction) of the rows a range is found; the nearest end if it is at none."""
+    low, high, share = rows
     first, last = 0, ranges.shape[1] - 1
     while last - first > 1:
         middle = (first + last) // 2
@@ -397,6 +403,40 @@ def ground_from_pixels(
     for i in range(len(pixels)):
         points[i, 0], points[i, 1] = ground_from_pixel(pixels[i, 0], pixels[i, 1], constants, bearings, table)
     return points
+
+
+@njit(cache=True)
+def _slope(before: float, here: float, after: float) -> float:
+    """Derivative from values half a pixel away on both sides, or on the one where there is any."""
+    ahead, behind = 2.0 * (after - here), 2.0 * (here - before)
+    if np.isnan(ahead):
+        return behind
+    return ahead if np.isnan(behind) else 0.5 * (ahead + behind)
+
+
+@njit(cache=True)
+def covariances_of_pixels(
+    pixels: FloatArray, noise: tuple[float, float], constants: FloatArray, bearings: FloatArray, table: FloatArray
+) -> FloatArray:
+    """(N, 2, 2) covariances (m²) of the ground points of pixels (N, 2), as `camera.base.pixel_covariances`.
+
+    noise: variances of a pixel (px²) and of the ground (m²).
+    """
+    noise_px2, noise_m2 = noise
+    covariances = np.empty((len(pixels), 2, 2))
+    for i in range(len(pixels)):
+        u, v = pixels[i, 0], pixels[i, 1]
+        x, y = ground_from_pixel(u, v, constants, bearings, table)
+        left_x, left_y = ground_from_pixel(u - 0.5, v, constants, bearings, table)
+        right_x, right_y = ground_from_pixel(u + 0.5, v, constants, bearings, table)
+        up_x, up_y = ground_from_pixel(u, v - 0.5, constants, bearings, table)
+        down_x, down_y = ground_from_pixel(u, v + 0.5, constants, bearings, table)
+        x_u, y_u = _slope(left_x, x, right_x), _slope(left_y, y, right_y)
+        x_v, y_v = _slope(up_x, x, down_x), _slope(up_y, y, down_y)
+        covariances[i, 0, 0] = noise_px2 * (x_u * x_u + x_v * x_v) + noise_m2
+        covariances[i, 0, 1] = covariances[i, 1, 0] = noise_px2 * (x_u * y_u + x_v * y_v)
+        covariances[i, 1, 1] = noise_px2 * (y_u * y_u + y_v * y_v) + noise_m2
+    return covariances
 
 
 @njit(cache=True)
