@@ -17,8 +17,9 @@ import pytest
 
 from touchline.cli import main
 from touchline.cli.live import address
-from touchline.errors import InputError
+from touchline.errors import InputError, TouchlineError
 from touchline.geometry import Pose, Pose3
+from touchline.live.camera_device import WithCamera
 from touchline.live.datagrams import (
     PART_BYTES,
     Datagrams,
@@ -257,6 +258,46 @@ def test_a_start_is_handed_on_and_one_that_is_none_does_no_harm() -> None:
     loop, _ = looped([[bad], [Start(Pose(1.0, 2.0, 0.0))], *sights(1, 0.1)], real, 1)
     assert loop.counts["starts that are none"] == 1
     assert real.pose(0).pose == Pose(1.0, 2.0, 0.0)
+
+
+class Grabbed:
+    """Stands for a camera of three images."""
+
+    def __init__(self) -> None:
+        self.left, self.closed = 3, False
+
+    def grab(self) -> Any:
+        time.sleep(0.02)
+        if self.left == 0:
+            raise TouchlineError("gives no image any more")
+        self.left -= 1
+        return np.full((4, 4, 3), self.left, np.uint8)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_camera_s_images_come_beside_what_the_link_brings() -> None:
+    camera = Grabbed()
+    reading = Reading("odometry", 1, (0.0, 0.0, 0.0))
+    link = WithCamera(Script([[reading]]), camera)
+    heard: list[Heard] = []
+    ends_s = time.monotonic() + 10.0
+    while len(heard) < 4 and time.monotonic() < ends_s:
+        heard += link.hear(0.1)
+    time.sleep(0.1)
+    with pytest.raises(TouchlineError, match="no image"):
+        link.hear(0.1)
+    link.close()
+    assert heard[0] == reading
+    images = [each.image[0, 0, 0] for each in heard if isinstance(each, Sight) and not isinstance(each.image, bytes)]
+    assert images == [2, 1, 0]
+    assert camera.closed
+
+
+def test_a_device_where_a_file_is_meant_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["live", "--field", "msl-18x12", "--camera", "/dev/video0"]) != 0
+    assert "--device /dev/video0 reads it" in capsys.readouterr().err
 
 
 # --- a recording played ----------------------------------------------------------------------------------------------

@@ -44,6 +44,10 @@ def live(
     ] = False,
     udp: _Address = str(_PORT),
     to: Annotated[str, typer.Option("--to", metavar="[HOST:]PORT", help="Where the poses go.")] = str(_PORT + 1),
+    device: Annotated[
+        str | None,
+        typer.Option(metavar="/dev/videoN", help="Images of this camera, sensors by the link.", show_default=False),
+    ] = None,
     start: Annotated[
         str | None,
         typer.Option(
@@ -71,6 +75,8 @@ def live(
     from touchline.localizer import Localizer
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
 
+    if camera is not None and str(camera).startswith("/dev/"):
+        raise InputError(f"--camera {camera}: is a device: --device {camera} reads it, --camera names its camera.yaml")
     name = system or DEFAULT_SYSTEM
     others = {other: info.settings for other, info in SYSTEMS.items() if other != name}
     chosen = load_settings(system_info(name).settings, config, settings or (), elsewhere=others)
@@ -78,6 +84,8 @@ def live(
     if start is not None or own_half:
         localizer.reset(None if start is None else tuple(parse_pose(start)), own_half=own_half)
     link: Link = _dds_link(topics, base, namespace, network) if dds else _udp_link(udp, to)
+    if device is not None:
+        link = _with_camera(link, device)
     shown = _Shown()
     loop = LiveLoop(link, localizer, shown.take)
     console = errors_console()
@@ -90,6 +98,13 @@ def live(
         loop.run(lambda: stop() or (ends_s is not None and time.monotonic() > ends_s))
     link.close()
     _tell_end(loop, {**localizer.problems, **link.refused})
+
+
+def _with_camera(link: Link, device: str) -> Link:
+    from touchline.live.camera_device import WithCamera
+    from touchline.sources.uvc_camera import UvcCamera
+
+    return WithCamera(link, UvcCamera(int(device) if device.isdigit() else device, automatic=True))
 
 
 def _udp_link(udp: str, to: str) -> Link:

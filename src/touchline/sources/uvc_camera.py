@@ -16,7 +16,7 @@ _MANUAL, _UNITS_PER_MS = 1.0, 10.0  # V4L2: exposure_auto 1 is manual; exposure_
 
 
 class UvcCamera:
-    """One V4L2/UVC camera with automatic exposure off.
+    """One V4L2/UVC camera with automatic exposure off, unless it is to stay as it is (automatic).
 
     gain_units: driver's units of a gain of 1 and of one more: gain g is set as gain_units[0] + (g - 1) · gain_units[1].
     stale_images: thrown away after a change, exposed before it took effect. capture: an opened cv2.VideoCapture, or
@@ -29,6 +29,7 @@ class UvcCamera:
         gain_units: tuple[float, float] = (1.0, 1.0),
         stale_images: int = 2,
         capture: Any = None,
+        automatic: bool = False,
     ) -> None:
         self._name = f"camera {device}"
         self._capture = cv2.VideoCapture(device) if capture is None else capture
@@ -37,7 +38,8 @@ class UvcCamera:
         self._gain_units = gain_units
         self._stale_images = stale_images
         self._stale = 0
-        self._want(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL, "manual exposure")
+        if not automatic:
+            self._want(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL, "manual exposure")
 
     def set(self, exposure_ms: float, gain: float) -> None:
         """Use these settings from the next image on."""
