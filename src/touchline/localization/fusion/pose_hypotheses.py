@@ -25,8 +25,9 @@ from touchline.types import LinePoints
 
 REPEATED = 4.0  # so many points err together, neighbours on a line: a frame tells so much less
 CARRIED_AWAY = -6.0  # logarithm of the odds that the robot was moved unfelt, in a frame that makes one search
-SHOVE = -2.0  # and that it was shoved since the last frame, against the odometry being right
+SHOVE = -5.0  # and that it was shoved since the last frame, against the odometry being right: every twenty seconds
 SHOVE_M, SHOVE_RAD = 0.6, 0.8  # how far a shove moves and turns the robot at most
+SHOVED = np.diag(np.square([0.15, 0.15, 0.12]))  # covariance of what one does
 UNLIKELY = 9.0  # logarithm of odds against the best from which a member is dropped
 MOST = 12  # members
 SAME_M, SAME_RAD = 0.25, 0.1  # members nearer than this are one
@@ -134,7 +135,7 @@ class PoseHypotheses:
         far_m, turned = math.hypot(jump[0], jump[1]), abs(wrap_angle(float(jump[2])))
         if far_m > SHOVE_M or turned > SHOVE_RAD:
             return
-        loose = one.filter.loosened(np.diag(np.square([far_m, far_m, turned])))
+        loose = one.filter.loosened(SHOVED)
         fit, told = self._fitted(loose, points, start)
         if told + SHOVE > one.told:
             one.filter, one.fit, one.told = loose, fit, told + SHOVE
