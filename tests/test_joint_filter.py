@@ -58,7 +58,7 @@ def test_the_update_is_the_fit_and_its_inverse_information(head: MirrorHead) -> 
     points, swing = askew(head, np.zeros(5)), head.swing
     one = JointFilter(Pose(3.01, -1.0, 0.4), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
     prior = one.prior(swing)
-    fit = Registration(FIELD.distance_map()).fit_state(points, prior.mean, prior, SETTLED, head.now)
+    fit = Registration(FIELD.distance_map()).fit_state(points, prior.mean, prior, SETTLED, head.seeing(len(points)))
     one.correct(fit, swing)
     assert one.pose.distance_to(Pose(*fit.state[:3].tolist())) < 1e-3
     expected = np.linalg.inv(fit.information + prior.information)[:3, :3]
@@ -72,7 +72,7 @@ def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(head: MirrorHea
     for one in (kept, told):
         for _ in range(10):
             prior = one.prior(swing)
-            one.correct(registration.fit_state(points, prior.mean, prior, SETTLED, head.now), swing)
+            one.correct(registration.fit_state(points, prior.mean, prior, SETTLED, head.seeing(len(points))), swing)
     np.testing.assert_array_equal(kept.errors, 0.0)
     np.testing.assert_allclose(kept.error_covariance, UNKNOWN.errors, atol=1e-12)
     assert np.trace(told.error_covariance) < 0.5 * np.trace(kept.error_covariance)

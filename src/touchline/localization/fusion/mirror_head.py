@@ -27,7 +27,8 @@ GAIN = 0.05  # share of a new image in what is learned
 MISFIT_M2, MISFIT_M_PER_PX = 0.2, 0.0015
 SETTLED_PER_M = 0.007  # standard deviation of g from which on the tilt is known: 0.15 degrees
 LEAST_NOISE, MOST_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
-REPEATED = 4.0  # so many points err together: neighbours on a line, and the same place in the next image
+REPEATED = 3.4  # so many points err together: neighbours on a line, and the same place in the next image
+FEW = 20  # of so few points twice as many: the ends of a lone line tell most, and may be none
 
 
 class MirrorHead:
@@ -65,10 +66,9 @@ class MirrorHead:
         aside, scale = stated.center_px**2, stated.range_ratio**2
         return self._leaning(2.0 * math.radians(stated.tilt_deg) / HEIGHT_M) + np.diag([0.0, 0.0, aside, aside, scale])
 
-    @property
-    def now(self) -> Head:
-        """What fits are told of it."""
-        return Head(self.mirror, REPEATED * self.noise)
+    def seeing(self, count: int) -> Head:
+        """What fits of so many points are told of it."""
+        return Head(self.mirror, REPEATED * self.noise * (1.0 + FEW / max(count, 1)))
 
     def is_settled(self, one: JointFilter) -> bool:
         """Whether a hypothesis knows its tilt so well that lines far off lie near their places."""

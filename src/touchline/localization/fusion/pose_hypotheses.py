@@ -149,7 +149,7 @@ class PoseHypotheses:
         start = np.array([*pose, *one.errors])
         start[2] = prior.mean[2] + wrap_angle(float(start[2] - prior.mean[2]))
         plan = SETTLED if self.head.is_settled(one) else UNSETTLED
-        fit = self.registration.fit_state(points, start, prior, plan, self.head.now)
+        fit = self.registration.fit_state(points, start, prior, plan, self.head.seeing(len(points)))
         strain = fit.state - prior.mean
         narrowed = np.linalg.slogdet(prior.information + fit.information)[1] - np.linalg.slogdet(prior.information)[1]
         contradiction = 0.5 * float(strain @ prior.information @ strain + narrowed)
