@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 LOWEST := .venv-lowest
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test style loops tests coverage fuzz mutants test-lowest package benchmark clean
+.PHONY: demo test test-all style loops tests browser coverage fuzz mutants test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -25,6 +25,12 @@ loops: $(VENV)/installed
 
 tests: loops
 	$(PYTEST)
+
+# Also what needs a browser; without Chromium it says how to install one, and fails.
+test-all: test browser
+
+browser: $(VENV)/installed
+	$(BIN)/pytest tests/browser_pages.py
 
 # Which lines the tests reach: they take a sixth longer.
 coverage: $(VENV)/installed
