@@ -20,7 +20,7 @@ from touchline.localization import (
     WeightSettings,
     range_weights,
 )
-from touchline.localization.matching.global_search import sample_errors, sample_positions
+from touchline.localization.matching.global_search import GlobalSearchPaper, sample_errors, sample_positions
 
 FIELD = open_field("msl-18x12")
 MATCHER = Matcher(FIELD.distance_map())
@@ -90,6 +90,21 @@ def test_without_acceptance_the_samples_shift_twice_and_the_best_of_all_rounds_i
     everyone = [candidate.error for one in fix.rounds for candidate in one.candidates]
     assert fix.match.error == min(everyone)
     assert fix.match.pose.distance_to(Pose(3.2, -1.4, 0.5)) < 0.05
+
+
+def test_at_the_touch_line_half_the_view_and_the_field_beside_hide_no_place() -> None:
+    """Its line three metres off pulls samples ranked with c = 2.55 m alone towards the middle of the field."""
+    pose = Pose(-3.9, 5.0, 0.0)
+    beside = np.column_stack((np.linspace(-4.0, 4.0, 20), np.full(20, 4.0)))
+    points = np.concatenate((view(FIELD, pose, np.random.default_rng(0), noise=0.01), beside))
+    bearings = np.degrees(np.arctan2(points[:, 1], points[:, 0])) % 90.0
+    points = np.ascontiguousarray(points[(bearings < 22.5) | (bearings > 67.5)])
+    weights = np.full(len(points), 1.0 / len(points))
+    one_c = GlobalSearchPaper(one_c=True)
+    for settings, found in ((GlobalSearchSettings(), True), (GlobalSearchSettings(paper=one_c), False)):
+        fix = search(settings).locate(points, weights, 0.05)
+        assert fix is not None
+        assert (fix.match.pose.distance_to(pose) < 0.05) is found
 
 
 def test_the_compass_decides_between_the_twins() -> None:

@@ -23,6 +23,9 @@ SHIFT_M = 0.35  # shift of all samples in x and in y from round to round; the pa
 # width c of the error function that ranks the samples: the paper's C = 255 read in cm, its unit of length; the nearest
 # sample is up to 0.7 m away, where the 0.25 m of matching can't tell near from far
 SAMPLE_C_M = 2.55
+# the same in the rounds after one that found nothing: at the edge of the field with a part of the view hidden, 2.55 m
+# ranks most places amid more lines before the right one
+LATER_SAMPLE_C_M = 0.5
 EQUAL_FACTOR = 1.25  # a pose is as good as another up to this factor, plus EQUAL_MARGIN, above its mean error
 EQUAL_MARGIN = 0.02  # what noise alone changes in the mean error
 SAME_POSE_M = 0.5  # nearer than that two refined samples are one hypothesis
@@ -38,7 +41,8 @@ class GlobalSearchPaper(Settings):
         paper=True,
         description="true as in the paper: one c for ranking the samples, for matching and for judging it, its C = 255 "
         "in cm, 2.55 m; a pose is accepted below an error of 0.012 then, between the paper's 0.006 when right and "
-        "0.018 when wrong. false: matching.c_m for matching and accepted_error",
+        "0.018 when wrong. false: matching.c_m for matching and accepted_error, and from the second round on a c of "
+        "0.5 m ranks the samples",
     )
     near_compass: bool = added(
         True,
@@ -196,7 +200,9 @@ class GlobalSearch:
         accepted = False
         while not accepted and len(rounds) < self.settings.rounds:
             samples = self._samples(len(rounds) * SHIFT_M, region)
-            rounds.append(self._round(points, weights, samples, compass_rad, region, record))
+            c_m = LATER_SAMPLE_C_M if rounds and not self.settings.paper.one_c else SAMPLE_C_M
+            errors = sample_errors(self.matcher.distance_map, points, samples, compass_rad, c_m)
+            rounds.append(self._refined(points, weights, SearchRound(samples, errors, ()), compass_rad, region, record))
             known = rounds[-1].candidates if best is None else (best, *rounds[-1].candidates)
             best = min(known, key=lambda candidate: candidate.error, default=None)
             accepted = best is not None and best.error < self.settings.accepts_below
@@ -233,26 +239,26 @@ class GlobalSearch:
         inside &= (y >= region.min_y - reach_m) & (y <= region.max_y + reach_m)
         return np.asarray(samples[inside])
 
-    def _round(
+    def _refined(
         self,
         points: FloatArray,
         weights: FloatArray,
-        samples: FloatArray,
+        ranked: SearchRound,
         compass_rad: float,
         region: Region | None,
         record: bool,
     ) -> SearchRound:
-        errors = sample_errors(self.matcher.distance_map, points, samples, compass_rad, SAMPLE_C_M)
+        """A round with the best of its samples refined."""
         candidates = []
-        for k in np.argsort(errors)[: self.settings.candidates]:
-            start = np.array([samples[k, 0], samples[k, 1], compass_rad])
+        for k in np.argsort(ranked.errors)[: self.settings.candidates]:
+            start = np.array([*ranked.samples_m[k], compass_rad])
             refined, error, trace = self.matcher.descend(points, weights, start, record)
             pose = as_pose(refined)
             heading_inconsistent = abs(wrap_angle(pose.heading - compass_rad)) > self.settings.heading_tolerance_rad
             free = not self.settings.paper.near_compass
             if (free or not heading_inconsistent) and (region is None or region.contains(pose)):
                 candidates.append(Candidate(pose, error, trace))
-        return SearchRound(samples, errors, tuple(candidates))
+        return replace(ranked, candidates=tuple(candidates))
 
 
 def sample_positions(length_m: float, width_m: float, spacing_m: float, beyond_m: float) -> FloatArray:
