@@ -514,3 +514,18 @@ def test_the_readme_s_program_for_a_robot_runs(tmp_path: Path, monkeypatch: pyte
 def test_it_is_found_where_the_readme_says() -> None:
     assert touchline.Localizer is Localizer
     assert Localizer(open_field("msl-18x12")).localize(0, observation=Observation(0)).status is Status.SEARCHING
+
+
+def test_what_others_say_reaches_the_system_with_the_next_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    localizer, frames = Localizer("msl-18x12", system="touchline"), []
+    step = localizer._system.step
+    monkeypatch.setattr(localizer._system, "step", lambda frame: frames.append(frame) or step(frame))
+    localizer.add_evidence("the keeper", 0.8, own_half=True)
+    localizer.add_evidence("the keeper", 0.8, place_m="over there")
+    localizer.add_evidence("the keeper", 2.0, own_half=True)
+    localizer.add_evidence("the keeper", 0.8, somewhere=True)
+    estimate = localizer.localize(0, points=np.zeros((0, 2)))
+    assert [one.source for one in frames[0].evidence] == ["the keeper"]
+    assert estimate.problems == ("evidence: is none, left out (3 times)",)
+    localizer.localize(100_000_000, points=np.zeros((0, 2)))
+    assert frames[1].evidence == ()

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from touchline.errors import InputError
 from touchline.evaluation.points.point_set import polar_covariances
 from touchline.evaluation.runner import robot_setup
 from touchline.field import FieldModel, open_field
@@ -16,7 +17,7 @@ from touchline.geometry import Pose, wrap_angle
 from touchline.localization.fusion.field_end import FieldEnd
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
-from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
+from touchline.types import Estimate, Evidence, Frame, LinePoints, Observation, Prior, Samples, Status
 
 FIELD = open_field("msl-18x12")
 
@@ -142,3 +143,38 @@ def test_the_own_half_is_believed() -> None:
         estimate = system.step(frame(k, seen(truth, k)))
     assert errors(estimate, truth)[0] < 0.1
     assert (estimate.probability or 0.0) > 0.99
+
+
+def test_a_team_mate_turns_the_pose_after_some_time_and_is_named() -> None:
+    """Told the twin, without a compass: one who says so again and again turns it, one who says so once does not."""
+    system, truth = open_system("touchline", RobotSetup(FIELD)), Pose(2.0, 1.0, 0.3)
+    system.reset(Prior(truth.mirrored()))
+    near = Evidence("the keeper", 0.999, place_m=(2.0, 1.3))
+    ball = Evidence("the ball", 0.99, place_m=(3.0, 1.0), seen_m=(1.0, 0.0), spread_m=0.5)
+    reasons, turned = [], []
+    for k in range(60):
+        seen_now = frame(k, seen(truth, k))
+        estimate = system.step(seen_now if k % 3 else replace(seen_now, evidence=(near, ball)))
+        reasons += estimate.problems
+        turned.append(estimate.pose.distance_to(truth) < 0.1)
+    assert turned.index(True) > 5
+    assert all(turned[-10:])
+    assert reasons == ["the keeper and the ball: the robot is at the other end of the field"]
+    assert (estimate.twin_probability or 1.0) < 0.1
+
+
+def test_who_is_alone_against_the_compass_turns_nothing() -> None:
+    system, truth = open_system("touchline", RobotSetup(FIELD)), Pose(-2.0, 1.0, 0.3)
+    wrong = Evidence("a mate that is turned itself", 0.9, own_half=False)
+    for k in range(60):
+        estimate = system.step(replace(frame(k, seen(truth, k), truth.heading), evidence=(wrong,)))
+        assert estimate.pose.distance_to(truth) < 0.1
+    assert 0.05 < (estimate.twin_probability or 0.0) < 0.5
+
+
+def test_evidence_that_is_none_is_refused() -> None:
+    for wrong in ({}, {"own_half": True, "place_m": (0.0, 0.0)}, {"place_m": (0.0, math.nan)}, {"place_m": "here"}):
+        with pytest.raises(InputError, match="evidence"):
+            Evidence("a mate", 0.9, **wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="between 0 and 1"):
+        Evidence("a mate", 1.0, own_half=True)

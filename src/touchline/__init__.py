@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     from touchline.localizer import Localizer
     from touchline.sources import open_source
     from touchline.systems import RobotSetup, open_system
-    from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status
+    from touchline.types import Estimate, Evidence, Frame, LinePoints, Observation, Prior, Samples, Status
 
 __all__ = [
     "Estimate",
+    "Evidence",
     "Frame",
     "LinePoints",
     "Localizer",
@@ -56,6 +57,7 @@ _PLACES = {
     "RobotSetup": ("touchline.systems", "RobotSetup"),
     "Pose": ("touchline.geometry", "Pose"),
     "Estimate": ("touchline.types", "Estimate"),
+    "Evidence": ("touchline.types", "Evidence"),
     "Frame": ("touchline.types", "Frame"),
     "Prior": ("touchline.types", "Prior"),
     "Samples": ("touchline.types", "Samples"),

@@ -32,6 +32,7 @@ from touchline.systems.ordered import OrderedSystem
 from touchline.types import (
     LARGEST,
     Estimate,
+    Evidence,
     Frame,
     ImageArray,
     LinePoints,
@@ -44,6 +45,7 @@ from touchline.types import (
 
 _SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
 _MOST_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
+_MOST_EVIDENCE = 100  # that waits for an image
 _LATEST_NS = 2**62
 _PREDICTED_NS = 1_000_000_000  # a pose carried on for longer is a guess: odometry may have slipped
 _MISSING_S = 0.5
@@ -91,6 +93,7 @@ class Localizer:
         self._counts = _Counts()
         self._told: Counter[str] = Counter()
         self._pending = _Queue()
+        self._said: deque[Evidence] = deque(maxlen=_MOST_EVIDENCE)
         self._stepping = threading.Lock()
         # A second history of the same samples predicts poses between images, so that the system's own is left alone.
         self._ahead = copy.deepcopy(made.history)
@@ -118,6 +121,20 @@ class Localizer:
     def add_attitude(self, stamp_ns: int, roll: float, pitch: float) -> None:
         """Lean of the body (rad): positive pitch tips the nose down, positive roll lowers the right side."""
         self._add("attitude", stamp_ns, roll, pitch)
+
+    def add_evidence(self, source: str, probability: float = 0.9, **says: Any) -> None:
+        """What somebody else says of where the robot stands, for the next image: a team mate, the ball, a colour.
+
+        source: who says it. probability: that it is true. says: own_half (True or False); or place_m (x, y, field
+        frame) of the robot, or of what it sees at seen_m (x, y, robot frame), give or take spread_m; see `Evidence`.
+        Systems that follow both ends of the field weigh it: who is alone turns no pose at once, nor against a compass.
+        """
+        try:
+            said = Evidence(str(source), probability, **says)
+        except (InputError, TypeError):
+            self._counts.add("evidence: is none, left out")
+            return
+        self._said.append(said)
 
     def localize(
         self,
@@ -149,6 +166,7 @@ class Localizer:
                 observation=self._usable_observation(stamp, points, observation),
                 base_from_camera=self._usable_camera_pose(base_from_camera),
                 problem=None if image is None else "the image can't be used",
+                evidence=self._heard(),
             )
             return self._finished(self._step(_with_samples(frame, self._pending.take())))
 
@@ -213,6 +231,10 @@ class Localizer:
             return stamp
         self._counts.add(f"{what}: a stamp that is no whole number of nanoseconds, left out")
         return None
+
+    def _heard(self) -> tuple[Evidence, ...]:
+        """What was said since the last image."""
+        return tuple(self._said.popleft() for _ in range(len(self._said)))
 
     def _usable_image(self, image: ImageArray | None, may_be_missing: bool) -> ImageArray | None:
         if image is None:
@@ -303,7 +325,7 @@ class Localizer:
         new = so_far - self._told
         self._told = so_far
         problems = tuple(what if count == 1 else f"{what} ({count} times)" for what, count in new.items())
-        return replace(estimate, problems=problems)
+        return replace(estimate, problems=(*estimate.problems, *problems))
 
     def _unknown(self, stamp_ns: int) -> Estimate:
         """Before the first image: what `reset` was told, or nothing."""

@@ -29,6 +29,7 @@ from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 
+SAID_OFTEN = 10.0  # images over which what others say repeats itself
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
 
@@ -121,9 +122,10 @@ class Touchline:
         compass_rad = self.history.at(frame.stamp_ns).heading_rad
         if len(observation.points) >= self.settings.min_points:
             self.hypotheses.update(observation.points)  # register, fuse, weigh
+            self.hypotheses.hear(frame.evidence, 1.0 / SAID_OFTEN)
             if self._is_in_doubt():
                 self._search(observation, compass_rad)  # search: every pose that explains the points
-        self._judge(observation, compass_rad)  # judge: status, and which end
+        self._judge(frame, observation, compass_rad)  # judge: status, and which end
         return self._report(observation, clock)
 
     def _is_in_doubt(self) -> bool:
@@ -164,8 +166,8 @@ class Touchline:
                 kept.append(mode)
         return tuple(kept)
 
-    def _judge(self, observation: Observation, compass_rad: float | None) -> None:
-        """The status, and the end of the field by what the compass says."""
+    def _judge(self, frame: Frame, observation: Observation, compass_rad: float | None) -> None:
+        """The status, and the end of the field by what the compass and others say."""
         self.blind = 0 if len(observation.points) >= self.settings.min_points else self.blind + 1
         seconds = 1e-9 * max(observation.stamp_ns - self.last_ns, 0) if self.last_ns else 0.0
         self.last_ns, self.problems = observation.stamp_ns, ()
@@ -173,10 +175,11 @@ class Touchline:
         if best is None:
             return
         self.end.update(self._compass_error(best.filter.pose, compass_rad), seconds)
+        self.end.hear(frame.evidence, best.filter.pose, seconds)
         if self.end.is_refuted:
+            self.problems = (f"{' and '.join(self.end.against)}: the robot is at the other end of the field",)
             self.hypotheses.turn()
             self.end.turn()
-            self.problems = ("the compass says that the robot is at the other end of the field",)
         decided = self.hypotheses.probability >= self.settings.min_probability
         explained = self.blind > 0 or best.explained >= self.settings.min_explained
         observed = is_observed(best.filter.covariance)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from touchline.geometry import wrap_angle
+from touchline.geometry import Pose, wrap_angle
 from touchline.localization.fusion.field_side import COMPASS_FALSE
+from touchline.types import Evidence
 
 TOLD = 6.0  # log-odds of an end that a person tells: one in four hundred is wrong
 COMPASS = math.log((1.0 - COMPASS_FALSE) / COMPASS_FALSE)  # of one that a compass tells
-MEMORY_S = 2.0  # time over which a compass has to say the same, so that a moment's fault tells nothing
+MEMORY_S = 2.0  # time over which a compass or others have to say the same, so that a moment's fault tells nothing
+FORGET_S = 10.0  # after which what others said and don't repeat has lost most of its weight
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
+FIRST_WORD = 0.25  # share of what somebody says first that counts at once
 REFUTED = -2.0  # log-odds from which the twin is taken
 
 
@@ -25,6 +29,8 @@ class FieldEnd:
         """Nothing is known, or a person has told the end."""
         self.told = TOLD if told else 0.0
         self.compass = 0.0
+        self.others: dict[str, float] = {}
+        self._silent_s: dict[str, float] = {}
 
     def begin(self, told: bool, compass_error_rad: float | None) -> None:
         """A pose was found anew: what speaks for its end at once."""
@@ -36,19 +42,41 @@ class FieldEnd:
         if compass_error_rad is not None:
             self.compass += (_speaks(compass_error_rad) - self.compass) * min(seconds / MEMORY_S, 1.0)
 
+    def hear(self, evidence: Sequence[Evidence], pose: Pose, seconds: float) -> None:
+        """What others say of the pose now. Each one counts once, however often it repeats itself: it errs as one."""
+        self.others = {source: value * math.exp(-seconds / FORGET_S) for source, value in self.others.items()}
+        self._silent_s = {source: silent_s + seconds for source, silent_s in self._silent_s.items()}
+        for one in evidence:
+            speaks = one.log_likelihood(pose) - one.log_likelihood(pose.mirrored())
+            before, silent_s = self.others.get(one.source, 0.0), self._silent_s.get(one.source, FIRST_WORD * MEMORY_S)
+            self.others[one.source] = before + (speaks - before) * min(silent_s / MEMORY_S, 1.0)
+            self._silent_s[one.source] = 0.0
+
     def turn(self) -> None:
         """The twin is the pose from now on; what was told, was told wrongly."""
         self.told, self.compass = 0.0, -self.compass
+        self.others = {source: -value for source, value in self.others.items()}
+
+    @property
+    def log_odds(self) -> float:
+        """Of the pose, against its twin."""
+        return self.told + self.compass + sum(self.others.values())
 
     @property
     def is_refuted(self) -> bool:
         """Whether the twin is the pose."""
-        return self.symmetric and self.told + self.compass <= REFUTED
+        return self.symmetric and self.log_odds <= REFUTED
+
+    @property
+    def against(self) -> tuple[str, ...]:
+        """Who speaks against the pose, the one that weighs most first."""
+        said = {"the compass": self.compass, **self.others}
+        return tuple(source for source in sorted(said, key=lambda one: said[one]) if said[source] < 0.0)
 
     @property
     def probability(self) -> float:
         """Of the pose, against its twin."""
-        return 1.0 / (1.0 + math.exp(-self.told - self.compass)) if self.symmetric else 1.0
+        return 1.0 / (1.0 + math.exp(-self.log_odds)) if self.symmetric else 1.0
 
 
 def _speaks(error_rad: float | None) -> float:

@@ -21,7 +21,7 @@ from touchline.localization.registration.mirror_kernels import StateFit
 from touchline.localization.registration.pose_search import Mode
 from touchline.localization.registration.registration import SETTLED, UNSETTLED, Registration
 from touchline.motion import Motion
-from touchline.types import LinePoints
+from touchline.types import Evidence, LinePoints
 
 REPEATED = 4.0  # so many points err together, neighbours on a line: a frame tells so much less
 CARRIED_AWAY = -6.0  # logarithm of the odds that the robot was moved unfelt, in a frame that makes one search
@@ -107,6 +107,14 @@ class PoseHypotheses:
             fit, told = self._fitted(new, points, mode.pose.as_array())
             new.correct(fit, self.head.swing)
             self.members.append(Member(new, before + CARRIED_AWAY + told, fit, told))
+        self._settle()
+
+    def hear(self, evidence: Sequence[Evidence], share: float) -> None:
+        """What others say weighs the members, a pose and its twin alike; share: of it that is new."""
+        for one in self.members:
+            ends = (one.filter.pose, one.filter.pose.mirrored())
+            for said in evidence:
+                one.log_odds += share * max(said.log_likelihood(end) for end in ends)
         self._settle()
 
     def turn(self) -> None:
