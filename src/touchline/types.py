@@ -111,9 +111,10 @@ def _measured(
     kept = np.isfinite(positions_m).all(axis=1) & np.isfinite(covariances_m2).all(axis=(1, 2))
     kept &= np.isfinite(confidences) & (confidences >= 0.0)
     kept &= (covariances_m2[:, 0, 0] >= 0.0) & (covariances_m2[:, 1, 1] >= 0.0)
-    with np.errstate(over="ignore"):
-        near: npt.NDArray[np.bool_] = np.hypot(positions_m[:, 0], positions_m[:, 1]) <= max_range_m
-    return near & kept
+    if max_range_m < math.inf:
+        with np.errstate(over="ignore"):
+            kept &= np.hypot(positions_m[:, 0], positions_m[:, 1]) <= max_range_m
+    return np.asarray(kept)
 
 
 def check_point_count(count: int) -> int:

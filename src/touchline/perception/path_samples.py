@@ -13,6 +13,7 @@ from touchline.types import ImageArray
 
 BODY = 3  # a fourth class of samples: the robot itself
 LEVEL = 3  # row of the values
+CACHE_LINE = 64  # bytes
 CHUNK = 2048  # samples that are worked on together: few enough to stay in the first-level cache
 
 
@@ -59,6 +60,7 @@ def _fill(words, width, places, masked, signal, table, samples):  # type: ignore
     corners, shares = places
     cells = table.reshape(-1)
     beside, below = np.uint64(3), np.uint64(width)  # unsigned: none can count from the end
+    fetched = _fetched(words)
     for first in range(0, len(corners), CHUNK):
         last = min(first + CHUNK, len(corners))
         upper_left, upper_right = pixels[0, : last - first], pixels[1, : last - first]
@@ -75,6 +77,16 @@ def _fill(words, width, places, masked, signal, table, samples):  # type: ignore
         _cells(blue, green, red, upper_left)
         for k in range(last - first):
             classes[first + k] = BODY if masked[first + k] else cells[np.uint64(upper_left[k])]
+    return fetched  # or the compiler would leave it out
+
+
+@njit(cache=True)
+def _fetched(words):  # type: ignore[no-untyped-def]
+    """The sum of one byte of each line of the cache: read in order, an image comes from memory twice as fast."""
+    total = np.uint32(0)
+    for k in range(0, len(words), CACHE_LINE):
+        total += words[k]
+    return total
 
 
 @njit(cache=True)

@@ -202,20 +202,21 @@ class Touchline:
     def _report(self, observation: Observation, clock: Stopwatch) -> Estimate:
         best, end = self.hypotheses.best, self.end.probability
         count = len(observation.points)
+        residuals_m = [self._residual_m(observation, one.filter.pose) for one in self.hypotheses.members]
         if best is None:
             pose, covariance, residual_m, probability = Pose(0.0, 0.0, 0.0), UNKNOWN, float("nan"), None
         else:
             pose, probability = best.filter.pose, self.hypotheses.probability * end
             covariance = best.filter.covariance + self.hypotheses.head.unseen(best.filter)
-            residual_m = self._residual_m(observation, pose)
+            residual_m = residuals_m[0]
         others: list[Hypothesis] = []
-        for one in self.hypotheses.members:
+        for one, left_m in zip(self.hypotheses.members, residuals_m, strict=True):
             share = self.hypotheses.probability * float(np.exp(one.log_odds))
             place, spread = one.filter.pose, one.filter.covariance
             if one is not best:
-                others.append(Hypothesis(place, self._residual_m(observation, place), share * end, spread.copy()))
+                others.append(Hypothesis(place, left_m, share * end, spread.copy()))
             if end < 1.0:
-                others.append(Hypothesis(place.mirrored(), self._residual_m(observation, place), share * (1.0 - end)))
+                others.append(Hypothesis(place.mirrored(), left_m, share * (1.0 - end)))
         tracked = self.status is Status.TRACKING
         return Estimate(
             observation.stamp_ns,

@@ -23,7 +23,9 @@ _STATES = 6 + ERRORS
 _SCALES = np.arange(3, 6)
 _ERRORS = np.arange(6, _STATES)
 _SEEN = np.array([0, 1, 2, *_ERRORS])  # the states that a fit measures
-_EXACT = 1e-14  # variance of what is known exactly
+_SEEN_BLOCK = np.ix_(_SEEN, _SEEN)
+_DIAGONAL = np.diag_indices(_STATES)
+_EXACT = 1e-14 * np.eye(len(_SEEN))  # covariance of what is known exactly
 _NOWHERE = np.diag(1.0 / np.square([10.0, 10.0, 3.0]))  # inverse covariance of a pose somewhere on a field
 
 
@@ -100,11 +102,11 @@ class JointFilter:
         self.pose = self.pose.compose(Pose(ahead, left, motion.heading * (1.0 + self.scales[2])))
         self._joint = by_state @ self._joint @ by_state.T
         self._joint[:3, :3] += by_motion @ motion_covariance @ by_motion.T
-        self._joint[np.diag_indices(_STATES)] += self._drift
+        self._joint[_DIAGONAL] += self._drift
 
     def prior(self, swing: FloatArray) -> StatePrior:
         """What it expects of an image's pose and errors; swing (5, 5): covariance of what shaking adds."""
-        return StatePrior(self._seen(), np.linalg.inv(self._spread(swing) + _EXACT * np.eye(len(_SEEN))))
+        return StatePrior(self._seen(), np.linalg.inv(self._spread(swing) + _EXACT))
 
     def innovation(self, fit: StateFit, swing: FloatArray) -> tuple[FloatArray, float]:
         """How far the pose by the lines alone lies from the prediction (3,), and its squared Mahalanobis distance."""
@@ -136,7 +138,7 @@ class JointFilter:
 
     def _spread(self, swing: FloatArray) -> FloatArray:
         """Covariance (8, 8) of an image's pose and errors."""
-        spread: FloatArray = self._joint[np.ix_(_SEEN, _SEEN)]
+        spread: FloatArray = self._joint[_SEEN_BLOCK]
         spread[3:, 3:] += swing
         return spread
 
