@@ -49,6 +49,7 @@ COMPASS, WEIGHTS = "localization/fusion/compass_correction.py", "localization/ma
 COVARIANCE = "localization/matching/covariance.py"
 STEPS, BOUND = "localization/registration/kernels.py", "localization/registration/bound.py"
 HYPOTHESES, END = "localization/fusion/pose_hypotheses.py", "localization/fusion/field_end.py"
+COMPASS_WITNESS = "localization/fusion/compass_witness.py"
 T_STEPS, T_OWN = "test_registration.py", "test_touchline_system.py"
 T_WHEELS, T_FUSION, T_IRIS = "test_wheels.py", "test_sensor_fusion.py", "test_iris_particles.py"
 T_MCL, T_TILT, T_MATCHING = "test_nubot_particles.py", "test_mirror_tilt.py", "test_matching.py"
@@ -95,7 +96,9 @@ FAULTS = (
     Fault(STEPS, "reach * reach / (every * every * spread)", "reach / (every * spread)", T_STEPS, "plain_numpy"),
     Fault(BOUND, "lever[:, 0] - normals[:, 0]", "lever[:, 0] + normals[:, 0]", T_STEPS, "bound_of_a_cross"),
     Fault(HYPOTHESES, "before + CARRIED_AWAY +", "before - 500.0 +", T_OWN, "moved_unfelt"),
-    Fault(END, "-COMPASS if error > FAR_RAD", "0.0 if error > FAR_RAD", T_OWN, "turns_the_pose"),
+    Fault(COMPASS_WITNESS, "-1 if error > FAR_RAD", "0 if error > FAR_RAD", T_OWN, "turns_the_pose"),
+    Fault(COMPASS_WITNESS, "if suspect > 0.0:", "if False:", T_OWN, "had_failed"),
+    Fault(COMPASS_WITNESS, "speaks * seconds / FAULT_S", "speaks * seconds", T_OWN, "robot_that_is_followed"),
     # fusion of nubot-mti
     Fault(FILTER, "max(BETTER_FACTOR * error, error + BETTER_MARGIN)", "BETTER_FACTOR * error", "test_tracking.py",
           "margin"),

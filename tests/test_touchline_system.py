@@ -122,18 +122,41 @@ def test_the_wrong_end_is_never_silently_kept() -> None:
     assert 0.05 < max(other.probability or 0.0 for other in estimate.hypotheses) < 0.5
 
 
+def heard(end: FieldEnd, error_rad: float, seconds: float) -> FieldEnd:
+    for _ in range(round(10 * seconds)):
+        end.update(error_rad, 0.1)
+    return end
+
+
 def test_a_compass_turns_the_pose_only_after_some_time() -> None:
     end = FieldEnd(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
     assert end.probability == pytest.approx(0.98)
-    for _ in range(10):
-        end.update(math.pi, 0.1)
-    assert not end.is_refuted  # stuck for a second
-    for _ in range(30):
-        end.update(math.pi, 0.1)
-    assert end.is_refuted
+    assert not heard(end, math.pi, 1.0).is_refuted  # stuck for a second
+    assert heard(end, math.pi, 9.0).is_refuted
     end.turn()
     assert end.probability > 0.8
+
+
+def test_a_fault_of_the_compass_does_not_turn_a_robot_that_is_followed() -> None:
+    end = FieldEnd(symmetric=True)
+    end.begin(told=False, compass_error_rad=0.1)
+    heard(end, 0.1, 3.0)
+    assert not heard(end, math.pi, 10.0).is_refuted
+    assert 0.8 < end.probability < 0.95  # it says so, and the twin is named
+    assert heard(end, 0.1, 10.0).probability > 0.97
+    assert heard(end, math.pi, 40.0).is_refuted  # it was false when the end was found
+
+
+def test_a_compass_that_had_failed_does_not_tell_where_a_lost_robot_is_until_it_changes_its_mind() -> None:
+    end = FieldEnd(symmetric=True)
+    end.begin(told=False, compass_error_rad=0.1)
+    heard(heard(end, 0.1, 5.0), math.pi, 2.0)
+    end.begin(told=False, compass_error_rad=0.2)
+    assert heard(end, 0.2, 5.0).probability == 0.5
+    assert heard(end, math.pi, 8.0).is_refuted
+    end.turn()
+    assert heard(end, 0.0, 10.0).probability > 0.97
 
 
 def test_the_own_half_is_believed() -> None:

@@ -152,7 +152,7 @@ class Touchline:
 
     def _known(self, compass_rad: float | None) -> Known | None:
         """What a compass says of every pose."""
-        if compass_rad is None:
+        if compass_rad is None or self.end.compass.is_suspect:
             return None
         information = np.diag([0.0, 0.0, 1.0 / self.settings.compass_sigma_rad**2])
         return Known(np.array([0.0, 0.0, compass_rad]), information)

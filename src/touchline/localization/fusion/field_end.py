@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from touchline.geometry import Pose, wrap_angle
-from touchline.localization.fusion.field_side import COMPASS_FALSE
+from touchline.geometry import Pose
+from touchline.localization.fusion.compass_witness import CompassWitness
 from touchline.types import Evidence
 
 TOLD = 6.0  # log-odds of an end that a person tells: one in four hundred is wrong
-COMPASS = math.log((1.0 - COMPASS_FALSE) / COMPASS_FALSE)  # of one that a compass tells
-MEMORY_S = 2.0  # time over which a compass or others have to say the same, so that a moment's fault tells nothing
+MEMORY_S = 2.0  # time over which others have to say the same, so that a moment's fault tells nothing
 FORGET_S = 10.0  # after which what others said and don't repeat has lost most of its weight
-NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
 FIRST_WORD = 0.25  # share of what somebody says first that counts at once
 REFUTED = -2.0  # log-odds from which the twin is taken
 
@@ -23,24 +21,27 @@ class FieldEnd:
 
     def __init__(self, symmetric: bool) -> None:
         self.symmetric = symmetric
+        self.compass = CompassWitness()
         self.reset()
 
     def reset(self, told: bool = False) -> None:
         """Nothing is known, or a person has told the end."""
+        self._forget(told)
+        self.compass.reset()
+
+    def _forget(self, told: bool) -> None:
         self.told = TOLD if told else 0.0
-        self.compass = 0.0
         self.others: dict[str, float] = {}
         self._silent_s: dict[str, float] = {}
 
     def begin(self, told: bool, compass_error_rad: float | None) -> None:
         """A pose was found anew: what speaks for its end at once."""
-        self.reset(told)
-        self.compass = _speaks(compass_error_rad)
+        self._forget(told)
+        self.compass.begin(compass_error_rad)
 
     def update(self, compass_error_rad: float | None, seconds: float) -> None:
         """What the compass says of the pose now; None: nothing."""
-        if compass_error_rad is not None:
-            self.compass += (_speaks(compass_error_rad) - self.compass) * min(seconds / MEMORY_S, 1.0)
+        self.compass.hear(compass_error_rad, seconds)
 
     def hear(self, evidence: Sequence[Evidence], pose: Pose, seconds: float) -> None:
         """What others say of the pose now. Each one counts once, however often it repeats itself: it errs as one."""
@@ -54,13 +55,14 @@ class FieldEnd:
 
     def turn(self) -> None:
         """The twin is the pose from now on; what was told, was told wrongly."""
-        self.told, self.compass = 0.0, -self.compass
+        self.told = 0.0
+        self.compass.turn()
         self.others = {source: -value for source, value in self.others.items()}
 
     @property
     def log_odds(self) -> float:
         """Of the pose, against its twin."""
-        return self.told + self.compass + sum(self.others.values())
+        return self.told + self.compass.log_odds + sum(self.others.values())
 
     @property
     def is_refuted(self) -> bool:
@@ -70,18 +72,10 @@ class FieldEnd:
     @property
     def against(self) -> tuple[str, ...]:
         """Who speaks against the pose, the one that weighs most first."""
-        said = {"the compass": self.compass, **self.others}
+        said = {"the compass": self.compass.log_odds, **self.others}
         return tuple(source for source in sorted(said, key=lambda one: said[one]) if said[source] < 0.0)
 
     @property
     def probability(self) -> float:
         """Of the pose, against its twin."""
         return 1.0 / (1.0 + math.exp(-self.log_odds)) if self.symmetric else 1.0
-
-
-def _speaks(error_rad: float | None) -> float:
-    """Log-odds for the pose's end, of a compass that differs by an angle from its heading."""
-    if error_rad is None:
-        return 0.0
-    error = abs(wrap_angle(error_rad))
-    return COMPASS if error < NEAR_RAD else -COMPASS if error > FAR_RAD else 0.0
