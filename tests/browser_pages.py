@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import subprocess
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ import pytest
 from fakes import FakeSource, FakeSystem, true_samples, write_recording
 from test_compare import Shifted, made
 
+from touchline.calibration.marking import server
+from touchline.calibration.marking.clicks import Clicks, read_clicks
 from touchline.evaluation.compare import compare
 from touchline.evaluation.compare_page import comparison_page
 from touchline.evaluation.estimates import read_estimates
@@ -92,9 +95,14 @@ def clicked_through(page: str, folder: Path, width: int) -> dict[str, Any]:
     """What the page showed when it was clicked through in a window of that width."""
     path = folder / "page.html"
     path.write_text(page.replace("<head>", "<head>" + BEFORE, 1).replace("</body>", AFTER + "</body>"))
+    return seen_in_browser(path.as_uri(), folder, width)
+
+
+def seen_in_browser(address: str, folder: Path, width: int) -> dict[str, Any]:
+    """What the script of a page told in the end."""
     command = [
         chromium(), "--headless", "--no-sandbox", "--disable-gpu", f"--window-size={width},900",
-        f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=15000", "--dump-dom", path.as_uri(),
+        f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=15000", "--dump-dom", address,
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     (told,) = re.findall(r'data-told="(.*?)"', done.stdout) or pytest.fail(done.stdout[-2000:])
@@ -154,3 +162,64 @@ def test_the_page_of_runs_side_by_side(width: int, tmp_path: Path, monkeypatch: 
     told = clicked_through(comparison_page(compare(runs)), tmp_path, width)
     check(told)
     assert told["charts"] == 4
+
+
+MARKING = """<script>
+const wait = ms => new Promise(done => setTimeout(done, ms));
+async function click(u, v) {
+  const place = new DOMPoint(u + 0.5, v + 0.5).matrixTransform(id("image").getScreenCTM());
+  const event = { bubbles: true, clientX: place.x, clientY: place.y, view: window };
+  id("image").dispatchEvent(new MouseEvent("mousemove", event));
+  id("image").dispatchEvent(new MouseEvent("click", event));
+  await wait(20);
+}
+const choose = name => document.querySelector(`[data-mode=${name}]`).click();
+(async () => {
+  await wait(500);
+  for (const [name, value] of [["x", "1"], ["y", "0.5"], ["dx", "0.25"]]) id(name).value = value;
+  await click(10, 20); await click(30, 40);
+  await click(50, 60); id("undo").click();
+  choose("lines"); await click(70, 20.5);
+  choose("regions");
+  for (const [u, v] of [[5, 5], [25, 5], [25, 25], [5, 5]]) await click(u, v);
+  id("zoom").value = 2; id("zoom").oninput(); await wait(50);
+  choose("lines"); await click(40.25, 41.5);
+  id("save").click(); await wait(500);
+  const told = { message: id("message").textContent, rows: id("list").children.length, faults };
+  told.overflow = document.documentElement.scrollWidth - innerWidth;
+  document.body.dataset.told = JSON.stringify(told);
+})();
+</script>"""
+
+
+@pytest.mark.parametrize("width", [1280, 500])
+def test_the_page_to_mark_images_on(width: int, tmp_path: Path) -> None:
+    source = Path(server.__file__).with_name("page.html").read_text(encoding="utf-8")
+    page = source.replace("<head>", "<head>" + BEFORE, 1).replace("</body>", MARKING + "</body>")
+    picture = cv2.imencode(".png", np.full((96, 96, 3), (40, 140, 40), np.uint8))[1].tobytes()
+    got: list[Clicks] = []
+
+    def save(text: bytes) -> list[str]:
+        got.append(read_clicks(text, ["a.png"]))
+        return ["marks.csv"]
+
+    made = server.MarkServer({"a.png": picture}, save, page=page)
+    thread = threading.Thread(target=made.serve)
+    thread.start()
+    try:
+        told = seen_in_browser(made.url, tmp_path, width)
+    finally:
+        if thread.is_alive():
+            made.stop()
+        thread.join()
+    assert told["faults"] == []
+    assert told["message"].startswith("saved: marks.csv")
+    assert told["rows"] == 5
+    assert told["overflow"] <= 0
+    (clicks,) = got
+    assert [(point.name, point.place_m) for point in clicks.points] == [("A", (1.0, 0.5)), ("B", (1.25, 0.5))]
+    pixels = [(point.u, point.v) for point in clicks.points] + [(u, v) for _, u, v in clicks.lines]
+    np.testing.assert_allclose(pixels[:3], [(10, 20), (30, 40), (70, 20.5)], atol=0.6)
+    np.testing.assert_allclose(pixels[3:], [(40.25, 41.5)], atol=0.2)  # at a larger scale
+    ((_, kind, corners),) = clicks.regions
+    assert (kind, len(corners)) == ("green", 3)

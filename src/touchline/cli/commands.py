@@ -18,6 +18,7 @@ from touchline.cli import (
     fields,
     live,
     locate,
+    mark,
     run,
     simulate,
     systems,
@@ -40,6 +41,7 @@ app.command("evaluate")(evaluate.evaluate)
 app.command("compare")(compare.compare)
 app.command("check")(check.check)
 app.command("view")(view.view)
+app.command("mark")(mark.mark)
 app.command("simulate")(simulate.simulate)
 app.command("convert")(convert.convert)
 app.command("live")(live.live)
