@@ -21,7 +21,7 @@ def test_compile_names_every_system_and_leaves_nothing_to_compile(tmp_path: Path
     assert [name for name in SYSTEMS if f"{name}: ready after" not in done.stdout] == []
     example = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
     walk = [str(small_data / "humanoid_9x6_walk"), "--start=-2.6,-1.2,2.84"]
-    for system, recording in (("nubot-mti", [str(example)]), ("nimbro-lines", walk)):
+    for system, recording in (("nubot-mti", [str(example)]), ("nimbro-lines", walk), ("touchline", walk)):
         wanted = ["run", *recording, "--system", system, "-o", str(tmp_path / system)]
         ran = subprocess.run([*RUN, *wanted], capture_output=True, text=True)
         assert ran.returncode == 0, ran.stderr

@@ -188,3 +188,15 @@ def test_a_filter_keeps_what_it_knows_of_the_camera_at_another_place() -> None:
     assert wrap_angle(twin.pose.heading - 0.3 - math.pi) == pytest.approx(0.0)
     assert np.array_equal(twin.state[3:], one.state[3:])
     assert np.array_equal(twin.covariance_all, one.covariance_all)
+
+
+def test_features_without_points_are_a_perspective_camera_s_where_nobody_tells() -> None:
+    system = open_system("touchline", RobotSetup(open_field(COLOURED)))
+    start = near_start(COLOURED)
+    system.reset(start)
+    frames = walk(COLOURED)[1]
+    estimates = [system.step(frame) for frame in frames[:16]]
+    assert errors_m(walk(COLOURED)[0][:16], estimates)[-4:].max() < 0.1
+    assert len(system.history.odometry.samples) > 0
+    system.reset(start)
+    assert system.step(replace(frames[0], observation=Observation(0))).points == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,7 +31,7 @@ def compile_loops(
         started = time.perf_counter()
         if "omni" in info.cameras:
             _run_example(name)
-        else:
+        if "pinhole" in info.cameras:
             _walk_example(name)
         console.print(f"{name}: ready after {time.perf_counter() - started:.1f} s")
     started = time.perf_counter()
@@ -77,7 +78,7 @@ def _walk_example(system: str) -> None:
     from touchline.geometry import Pose, Pose3
     from touchline.localizer import Localizer
     from touchline.perception import LineGraphDetector, LineGraphSettings
-    from touchline.types import Frame
+    from touchline.types import Frame, empty_points
 
     field = open_field("indoor-9x6")
     mount = Pose3.from_roll_pitch_yaw(0.0, 0.35, 0.0, (0.0, 0.0, 1.1))
@@ -88,7 +89,8 @@ def _walk_example(system: str) -> None:
         stamp_ns, pose = k * 100_000_000, Pose(-1.2 + 0.1 * k, 0.3, 0.3)
         seen = detector.observe(Frame(stamp_ns, image=_drawn(field, camera, pose)))
         robot.add_odometry(stamp_ns, pose.x, pose.y, pose.heading)
-        robot.localize(stamp_ns, observation=seen)
+        # without its points, which would be a mirror's where nobody tells of the camera
+        robot.localize(stamp_ns, observation=replace(seen, points=empty_points()))
     white = open_field("humanoid-kid-9x6")
     image = _drawn(white, camera, Pose(1.5, 0.3, 0.0))
     LineGraphDetector(camera, LineGraphSettings(), white).observe(Frame(0, image=image))

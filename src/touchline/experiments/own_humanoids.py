@@ -175,12 +175,10 @@ def _told(walked: Walk, start: Pose) -> tuple[Track, float]:
     system = open_system(SYSTEMS[0], _setup(walked))
     system.reset(Prior(start))
     estimates = [system.step(frame) for frame in walked.frames]
-    last = estimates[-1]
-    twins = [one.probability or 0.0 for one in last.hypotheses if one.pose.distance_to(last.pose.mirrored()) < 0.1]
     poses = np.array([estimate.pose for estimate in estimates])
     tracking = np.array([estimate.status is Status.TRACKING for estimate in estimates])
-    twin = max((each for each in twins if each > 0.001), default=0.0)
-    return Track(walked.times_s, poses, walked.truth, tracking), twin
+    twin = estimates[-1].twin_probability or 0.0
+    return Track(walked.times_s, poses, walked.truth, tracking), twin if twin > 1e-3 else 0.0
 
 
 def _tracked(walked: Walk, name: str, seed: int, prior: Prior | None = None) -> Track:

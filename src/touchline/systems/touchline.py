@@ -62,7 +62,9 @@ class TouchlineSettings(Settings):
     start_position_m: float = Field(0.3, gt=0, description="standard deviation of x and y of a pose that is told (m)")
     start_heading_rad: float = Field(0.15, gt=0, description="standard deviation of a heading that is told (rad)")
     self_calibration: bool = Field(
-        True, description="learn from the lines what a mirror differs by from its camera.yaml: tilt, centre, ranges"
+        True,
+        description="learn from the lines what a camera differs by from its camera.yaml: a mirror's tilt, centre and "
+        "ranges, a perspective camera's roll, pitch and height",
     )
     odometry: OdometrySettings = OdometrySettings()
     compass_track: CompassTrackSettings = CompassTrackSettings()

@@ -177,7 +177,8 @@ class TouchlinePerspective:
     def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PerspectiveFilter:
         s = self.settings
         told = np.diag(np.square([s.start_position_m, s.start_position_m, s.start_heading_rad]))
-        return PerspectiveFilter(pose, told if covariance is None else covariance)
+        learns = self.settings.self_calibration
+        return PerspectiveFilter(pose, told if covariance is None else covariance, learns)
 
     def _report(self, observation: Observation, count: int, clock: Stopwatch) -> Estimate:
         end = self.twin.probability if self.symmetric else 1.0
@@ -207,12 +208,52 @@ class TouchlinePerspective:
         )
 
 
+class TouchlineByObservation:
+    """touchline of a robot whose own detector sees through a camera that nobody tells of.
+
+    Line points are a mirror's until lines, crossings or landmarks come without any.
+    """
+
+    detector = None
+
+    def __init__(self, setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator) -> None:
+        self._mirror = Touchline(setup, settings, rng)
+        self._perspective = TouchlinePerspective(setup, settings, rng)
+        self.reset()
+
+    @property
+    def history(self) -> MotionHistory:
+        """What is remembered of the robot's motion."""
+        return self.system.history
+
+    def reset(self, prior: Prior | None = None) -> None:
+        """Forget everything but the prior."""
+        self._prior = as_prior(prior)
+        self.system: Touchline | TouchlinePerspective = self._mirror
+        self.system.reset(self._prior)
+
+    def step(self, frame: Frame) -> Estimate:
+        """Take one frame, return where the robot stands at its time stamp."""
+        if self.system is self._mirror and _shows_features_alone(frame.observation):
+            self.system = self._perspective
+            self.system.reset(self._prior)
+        return self.system.step(frame)
+
+
 def touchline_system(
     setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator
-) -> Touchline | TouchlinePerspective:
-    """touchline as the robot's camera asks for it: a mirror's, or none that is known of, or a perspective one."""
-    perspective = isinstance(setup.camera, PinholeCamera) or (setup.camera is None and setup.height_m is not None)
-    return TouchlinePerspective(setup, settings, rng) if perspective else Touchline(setup, settings, rng)
+) -> Touchline | TouchlinePerspective | TouchlineByObservation:
+    """touchline as the robot's camera asks for it: a mirror's, a perspective one, or one that nobody tells of."""
+    if isinstance(setup.camera, PinholeCamera) or (setup.camera is None and setup.height_m is not None):
+        return TouchlinePerspective(setup, settings, rng)
+    return TouchlineByObservation(setup, settings, rng) if setup.camera is None else Touchline(setup, settings, rng)
+
+
+def _shows_features_alone(seen: Observation | None) -> bool:
+    """Whether an observation holds lines, crossings or landmarks, and no line points."""
+    if not isinstance(seen, Observation) or len(seen.points):
+        return False
+    return bool(len(seen.lines) or len(seen.crossings) or len(seen.landmarks))
 
 
 def _count(seen: SeenPoints) -> float:

@@ -23,6 +23,7 @@ from touchline.perception.feature_pictures import CROSSING_PAINT, LANDMARK_PAINT
 from touchline.perception.stages import Legend, Paint, with_legend
 from touchline.systems import LocalizationSystem
 from touchline.systems.nimbro_lines import NimbroLines
+from touchline.systems.touchline_perspective import TouchlinePerspective
 from touchline.types import Estimate, ImageArray, Observation, Status
 from touchline.view.overlay import LINE_COLOR
 
@@ -52,14 +53,15 @@ def particles_of(system: LocalizationSystem) -> FloatArray | None:
 
 def belief_of(system: LocalizationSystem, field: FieldModel, seen: Observation) -> Belief | None:
     """What one observation alone says of the pose; None of a system without a model of features, and of no features."""
-    if not isinstance(system, NimbroLines):
+    if not isinstance(system, NimbroLines | TouchlinePerspective):
         return None
-    paper = FeaturePaper(covariances=False, oriented_t=system.settings.features.paper.oriented_t)
-    settings = system.settings.features.model_copy(update={"paper": paper})
+    told = system.features.settings
+    paper = FeaturePaper(covariances=False, oriented_t=told.paper.oriented_t)
+    settings = told.model_copy(update={"paper": paper})
     view = Features(system.features.associations, settings, system.features.height_m).of(seen)
     if view.size == 0:
         return None
-    own = system.particles.sensor_model
+    own = system.search.proposals.model if isinstance(system, TouchlinePerspective) else system.particles.sensor_model
     model = FeatureModel(own.tables, own.lines, polar=True)
     half_x, half_y = 0.5 * field.length + _BEYOND_M, 0.5 * field.width + _BEYOND_M
     headings = 2.0 * math.pi * np.arange(_HEADINGS) / _HEADINGS - math.pi

@@ -35,6 +35,8 @@ ALLOWED = 16.3  # squared deviations from the prediction: 99.9 % of right poses 
 _STATES = 9
 _SEEN = 6  # the first of them are those that an image shows
 _LEANS = (3, 4)
+_CAMERA = np.arange(3, 6)
+TINY = 1e-6  # of the variances of what is not learned
 
 
 class Fitted(NamedTuple):
@@ -53,14 +55,19 @@ class Fitted(NamedTuple):
 class PerspectiveFilter:
     """`state` (9,), `covariance_all` (9, 9) of it, `lean_rad`: standard deviation of roll and pitch in one image."""
 
-    def __init__(self, pose: Pose, covariance: FloatArray) -> None:
-        """covariance (3, 3): of the pose in (m, m, rad), field frame."""
+    def __init__(self, pose: Pose, covariance: FloatArray, learns_camera: bool = True) -> None:
+        """covariance (3, 3): of the pose in (m, m, rad), field frame. learns_camera: how it is mounted; else that is
+        taken for true.
+        """
+        self.learns_camera = learns_camera
         self.state = np.zeros(_STATES)
         self.state[:3] = pose
         self.covariance_all = np.diag(
             np.square([0.0, 0.0, 0.0, MOUNT_RAD, MOUNT_RAD, HEIGHT_RATIO, TURN_DRIFT_RAD_S, TRAVEL_SCALE, TRAVEL_SCALE])
         )
         self.covariance_all[:3, :3] = covariance
+        if not learns_camera:
+            self.covariance_all[_CAMERA, _CAMERA] *= TINY
         self.lean_rad = LEAN_RAD
 
     @property
@@ -77,7 +84,7 @@ class PerspectiveFilter:
 
     def placed(self, pose: Pose, covariance: FloatArray) -> PerspectiveFilter:
         """A filter that starts at another pose, and knows the camera and the odometry as this one does."""
-        other = PerspectiveFilter(pose, covariance)
+        other = PerspectiveFilter(pose, covariance, self.learns_camera)
         other.state[3:], other.lean_rad = self.state[3:], self.lean_rad
         other.covariance_all[3:, 3:] = self.covariance_all[3:, 3:]
         return other
@@ -120,6 +127,7 @@ class PerspectiveFilter:
         drifts = np.square(
             [MOUNT_DRIFT_RAD, MOUNT_DRIFT_RAD, HEIGHT_DRIFT, TURN_DRIFT_RAD_S_S, TRAVEL_DRIFT, TRAVEL_DRIFT]
         )
+        drifts[:3] *= 1.0 if self.learns_camera else TINY
         self.covariance_all[3:, 3:] += np.diag(seconds * drifts)
 
     def fitted(
