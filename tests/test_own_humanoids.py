@@ -67,7 +67,8 @@ def test_the_table_holds_both_systems(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(own_humanoids, "STARTS_FROM_NOWHERE", 1)
     result = own_humanoids.own_humanoids(1)
     assert [row[:3] for row in result.rows] == [
-        (robot, FIELD, system) for robot in ("as built", "ideal") for system in own_humanoids.SYSTEMS
+        *(("as built", FIELD, system) for system in (*own_humanoids.SYSTEMS, own_humanoids.WITHOUT)),
+        *(("ideal", FIELD, system) for system in own_humanoids.SYSTEMS),
     ]
     assert float(result.rows[0][3]) < 5.0
     assert all(float(row[8]) == 0.0 for row in result.rows)

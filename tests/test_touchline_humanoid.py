@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.schulz_runs import with_false_crossings
+from touchline.experiments.own_walks import FALL_S, fallen
+from touchline.experiments.schulz_runs import Walk, with_false_crossings
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -111,6 +112,20 @@ def test_a_robot_put_down_elsewhere_is_found() -> None:
     truth, frames = walk(COLOURED)
     estimates = localized(COLOURED, Prior(Pose(2.0, 1.5, 1.0)), frames[40:])
     assert errors_m(truth[40:], estimates)[-12:].max() < 0.15
+
+
+def test_a_fall_is_absorbed_within_two_images() -> None:
+    truth, frames = walk(COLOURED)
+    setup = RobotSetup(open_field(COLOURED), height_m=HEIGHT_M)
+    down = fallen(Walk(setup, frames, truth), (2.0,), np.random.default_rng(1))
+    estimates = localized(COLOURED, near_start(COLOURED), down.frames)
+    away = errors_m(truth, estimates)
+    stands = int(np.flatnonzero(down.times_s >= 2.0 + FALL_S)[0])
+    assert away[stands - 1] > 0.3
+    assert away[stands + 2 :].max() < 0.15
+    assert all(
+        e.status is not Status.TRACKING for e, d in zip(estimates[stands:], away[stands:], strict=True) if d > 0.5
+    )
 
 
 def test_false_crossings_move_nothing() -> None:

@@ -37,6 +37,7 @@ from touchline.systems import RobotSetup, open_system
 from touchline.types import Prior, Status
 
 SYSTEMS = ("touchline", "nimbro-lines")
+WITHOUT = "touchline, self_calibration=false"
 SECONDS, SECONDS_FROM_NOWHERE = 100.0, 20.0
 FALLS_S = (25.0, 60.0)
 STARTS_FROM_NOWHERE = 4  # per seed
@@ -56,6 +57,7 @@ class Case(NamedTuple):
     name: str
     change: Change
     from_s: float = 0.0
+    systems: tuple[str, ...] = SYSTEMS
 
 
 def _as_it_is(walked: Walk, seed: int) -> Walk:
@@ -82,8 +84,8 @@ def _false(share: float) -> Case:
 
 
 CASES = (
-    Case("as built", _as_it_is),
-    Case("camera 2° lower, from 10 s on", _lower, PITCH_FROM_S),
+    Case("as built", _as_it_is, systems=(*SYSTEMS, WITHOUT)),
+    Case("camera 2° lower, from 10 s on", _lower, PITCH_FROM_S, (*SYSTEMS, WITHOUT)),
     Case("gyro drifts 6° a minute", _drifting),
     Case("two falls", _fallen),
     *map(_false, (0.1, 0.3, 0.5)),
@@ -98,7 +100,7 @@ def own_humanoids(seeds: int) -> ExperimentResult:
         walked = walk(field, AS_BUILT, seed, SECONDS)
         for case in CASES:
             changed = case.change(walked, seed)
-            for system in SYSTEMS:
+            for system in case.systems:
                 track = _after(_tracked(changed, system, seed), case.from_s)
                 tracks.setdefault((case.name, field, system), []).append(track)
         ideal = walk(field, IDEAL, seed, SECONDS)
@@ -182,7 +184,9 @@ def _told(walked: Walk, start: Pose) -> tuple[Track, float]:
 
 
 def _tracked(walked: Walk, name: str, seed: int, prior: Prior | None = None) -> Track:
-    system = open_system(name, _setup(walked), None, np.random.default_rng([seed, 22]))
+    rng = np.random.default_rng([seed, 22])
+    without = {"self_calibration": False} if name == WITHOUT else None
+    system = open_system(SYSTEMS[0] if without else name, _setup(walked), without, rng)
     system.reset(Prior(start_about(Pose(*walked.truth[0].tolist()), seed)) if prior is None else prior)
     estimates = [system.step(frame) for frame in walked.frames]
     poses = np.array([estimate.pose for estimate in estimates])

@@ -21,7 +21,7 @@ from touchline.localization.particles.feature_poses import PoseProposals
 from touchline.localization.particles.features import Features
 from touchline.localization.particles.random_particles import BEYOND_M
 from touchline.localization.perspective.filter import PerspectiveFilter
-from touchline.localization.perspective.hypotheses import PerspectiveHypotheses
+from touchline.localization.perspective.hypotheses import CARRIED_AWAY, FALLEN, PerspectiveHypotheses
 from touchline.localization.perspective.kernels import LeanFit, SeenPoints
 from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
 from touchline.localization.perspective.search import PerspectiveSearch
@@ -83,7 +83,7 @@ class TouchlinePerspective:
         self.hypotheses.start(None if prior.pose is None else self.known)
         self._tell_end(prior.pose is not None)
         self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
-        self.since_search, self.last_ns, self.seen_ns, self.explained = 0, 0, 0, 1.0
+        self.since_reset, self.since_search, self.last_ns, self.seen_ns, self.explained = 0, 0, 0, 0, 1.0
         self.problems: tuple[str, ...] = ()
 
     def step(self, frame: Frame) -> Estimate:
@@ -98,12 +98,17 @@ class TouchlinePerspective:
         features = self.features.of(observation)
         seen = seen_points(observation, features.points)
         if _count(seen) >= FEWEST:
+            blind = self._is_blind(frame.stamp_ns)
             view = self.features.of(observation, self.known.state[3:5])
             found = self._search(seen, view) if self._is_in_doubt() else []  # search: every pose that explains them
-            self.hypotheses.update(seen, found, self.known)  # register, fuse, weigh
+            self.hypotheses.update(seen, found, self.known, FALLEN if blind else CARRIED_AWAY)  # register, fuse, weigh
             self._judge_end(view)  # which end
         self._judge(seen, frame.stamp_ns)  # status
         return self._report(observation, features.size + len(observation.points), clock)
+
+    def _is_blind(self, stamp_ns: int) -> bool:
+        """Whether nothing that the pose explains was seen for some time."""
+        return 1e-9 * (stamp_ns - self.seen_ns) > BLIND_S
 
     def _seconds(self, stamp_ns: int) -> float:
         seconds = 1e-9 * max(stamp_ns - self.last_ns, 0) if self.last_ns else 0.0
@@ -163,11 +168,13 @@ class TouchlinePerspective:
         if best is None:
             return
         if _count(seen) >= FEWEST:
-            self.explained += MEMORY * (best.explained - self.explained)
+            memory = 1.0 if self.since_reset == 0 or self._is_blind(stamp_ns) else MEMORY
+            self.explained += memory * (best.explained - self.explained)
+            self.since_reset += 1
             if best.explained >= 0.5 * self.settings.min_explained:
                 self.seen_ns = stamp_ns
         sure = self.hypotheses.probabilities[0] >= self.settings.min_probability and is_narrow(best.filter.covariance)
-        sure = sure and self.explained >= self.settings.min_explained and 1e-9 * (stamp_ns - self.seen_ns) <= BLIND_S
+        sure = sure and self.explained >= self.settings.min_explained and not self._is_blind(stamp_ns)
         sure = sure and self.hypotheses.is_confirmed and not self.hypotheses.is_contested
         if sure and (not self.tells_ends or self.twin.is_sure):
             self.status = Status.TRACKING

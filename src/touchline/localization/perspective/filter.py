@@ -8,6 +8,7 @@ learned.
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -43,13 +44,14 @@ class Fitted(NamedTuple):
     """An image fitted to a filter's prediction; covariance (6, 6) of the fit's state.
 
     contradiction: squared distance of that state from the prediction, in the prediction's standard deviations;
-    distance2: the same of the pose alone.
+    distance2: the same of the pose alone. narrowed: logarithm of how much smaller the state's spread has become.
     """
 
     fit: LeanFit
     covariance: FloatArray
     contradiction: float
     distance2: float
+    narrowed: float
 
 
 class PerspectiveFilter:
@@ -95,6 +97,13 @@ class PerspectiveFilter:
         turn = np.diag([-1.0, -1.0, *np.ones(_STATES - 2)])
         other.covariance_all = turn @ self.covariance_all @ turn
         return other
+
+    def starts(self) -> list[Pose]:
+        """Poses all about a prediction that is unsure: a told one is off by some decimetres and degrees."""
+        dx, dy, dh = 1.2 * np.sqrt(np.diag(self.covariance))
+        steps = itertools.product((-dx, 0.0, dx), (-dy, 0.0, dy), (-dh, 0.0, dh))
+        x, y, heading = self.pose
+        return [Pose(x + ox, y + oy, wrap_angle(heading + oh)) for ox, oy, oh in steps]
 
     def allows(self, pose: Pose) -> bool:
         """Whether a pose is none that the prediction rules out."""
@@ -150,7 +159,8 @@ class PerspectiveFilter:
         covariance = np.linalg.inv(information + fit.information)
         step = fit.state - mean
         distance2 = float(step[:3] @ np.linalg.solve(spread[:3, :3], step[:3]))
-        return Fitted(fit, covariance, float(step @ information @ step), distance2)
+        narrowed = 0.5 * float(np.linalg.slogdet(spread)[1] - np.linalg.slogdet(covariance)[1])
+        return Fitted(fit, covariance, float(step @ information @ step), distance2, narrowed)
 
     def take(self, fitted: Fitted, shove: FloatArray | None = None) -> None:
         """Fuse an image that was fitted with the same shove."""

@@ -20,7 +20,8 @@ from touchline.motion.odometry import Motion
 
 MOST_GAIN = 4.0  # logarithm of the odds by which one image speaks at most: its features err together
 CARRIED_AWAY = -8.0  # that the robot was moved unfelt, at an image that makes one search
-SHOVE = -3.0  # that it was shoved, or has fallen, since the last image
+FALLEN = -3.0  # the same after some seconds in which nothing was seen
+SHOVE = -7.0  # that it was shoved, or has fallen, since the last image
 SHOVED = np.array([0.4, 0.4, 0.5])  # and by how much: standard deviations (m, m, rad)
 GATE = (
     16.3  # squared deviations of a pose from the prediction from which it was shoved: 99.9 % of right ones are within
@@ -91,22 +92,24 @@ class PerspectiveHypotheses:
         for one in self.members:
             one.filter.predict(motion, seconds)
 
-    def update(self, seen: SeenPoints, found: Sequence[LeanFit], known: PerspectiveFilter) -> None:
+    def update(
+        self, seen: SeenPoints, found: Sequence[LeanFit], known: PerspectiveFilter, moved: float = CARRIED_AWAY
+    ) -> None:
         """Fuse an image with every pose and weigh them; found: poses that a search has found in it.
 
-        known: a filter that knows camera and odometry.
+        known: a filter that knows camera and odometry. moved: logarithm of the odds that the robot was moved unfelt.
         """
         told: list[float] = []
         for one in self.members:
             told.append(self._fuse(one, seen, [_pose(fit) for fit in found]))
         followed = max(told, default=math.inf)
-        before = max((one.log_odds for one in self.members), default=-CARRIED_AWAY)
+        before = max((one.log_odds for one in self.members), default=-moved)
         for fit in found:
             pose = _pose(fit)
             if any(self._is_known(pose, one.filter.pose) for one in self.members):
                 continue
             covariance = np.linalg.inv(fit.information + np.diag([0.01, 0.01, 0.1, 2500.0, 2500.0, 10000.0]))[:3, :3]
-            self.members.append(PerspectiveHypothesis(known.placed(pose, covariance), before + CARRIED_AWAY, fit))
+            self.members.append(PerspectiveHypothesis(known.placed(pose, covariance), before + moved, fit))
             # the image that it was found in was fitted best of all places: that tells nothing against the others
             told.append(min(fit.log_likelihood, followed))
         if not told:
@@ -120,13 +123,15 @@ class PerspectiveHypotheses:
         prediction allows it.
         """
         fitted, shove = one.filter.fitted(self.registration, seen), None
+        if one.fit is None:
+            starts = [*starts, *one.filter.starts()]
         for start in starts:
             if one.filter.allows(start):
                 other = one.filter.fitted(self.registration, seen, start=start)
                 fitted = max(fitted, other, key=_evidence)
         if fitted.fit.explained < POOR or fitted.distance2 > GATE:
             other = one.filter.fitted(self.registration, seen, SHOVED)
-            if _evidence(other) + SHOVE > _evidence(fitted):
+            if _evidence(other) - other.narrowed + SHOVE > _evidence(fitted) - fitted.narrowed:
                 fitted, shove = other, SHOVED
         one.fit = fitted.fit
         if fitted.fit.explained >= MIN_EXPLAINED:
