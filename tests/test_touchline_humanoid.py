@@ -27,7 +27,7 @@ from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline_perspective import TouchlinePerspective
-from touchline.types import Estimate, Frame, Lines, Observation, Prior, Status
+from touchline.types import Estimate, Evidence, Frame, Lines, Observation, Prior, Status
 
 COLOURED, WHITE = "indoor-9x6", "humanoid-kid-9x6"
 HEIGHT_M = PINHOLE_FEATURES.height_m
@@ -106,6 +106,18 @@ def test_a_told_end_that_nothing_can_confirm_stays_in_doubt() -> None:
     assert last.probability is not None
     assert 0.9 < last.probability < 0.96
     assert last.hypotheses[0].pose.distance_to(last.pose.mirrored()) < 1e-9
+
+
+def test_a_team_mate_tells_the_end_where_no_colour_does() -> None:
+    start = near_start(WHITE).pose
+    assert start is not None
+    own_half = bool(walk(WHITE)[0][0, 0] < 0.0)
+    said = (Evidence("team mate", 0.98, own_half=own_half), Evidence("ball", 0.98, own_half=own_half))
+    frames = tuple(replace(frame, evidence=said) for frame in walk(WHITE)[1])
+    estimates = localized(WHITE, Prior(start.mirrored()), frames[:40])
+    assert errors_m(walk(WHITE)[0][:40], estimates)[-8:].max() < 0.1
+    assert any(problem.startswith("team mate and ball: ") for e in estimates for problem in e.problems)
+    assert (estimates[-1].probability or 0.0) > 0.8
 
 
 def test_a_robot_put_down_elsewhere_is_found() -> None:

@@ -70,9 +70,6 @@ EXPERIMENTS = {
         Experiment("schulz-belief", "figure 4: the belief by one frame", "schulz_belief", "schulz_belief"),
         Experiment("schulz-imu", "figure 3: the learned correction by roll and pitch", "schulz_imu", "schulz_imu"),
         Experiment("schulz-games", "section 6.3: games, a fall and re-entry", "schulz_games", "schulz_games"),
-        Experiment(
-            "own-humanoids", "touchline on walking humanoids, beside nimbro-lines", "own_humanoids", "own_humanoids"
-        ),
     )
 }
 

@@ -7,6 +7,7 @@ image ─▶ lines, crossings, landmarks ─▶ registration from every hypothes
 
 from __future__ import annotations
 
+import math
 from typing import cast
 
 import numpy as np
@@ -15,7 +16,8 @@ from touchline.camera import PinholeCamera
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
 from touchline.localization.fusion.feature_belief import is_narrow
-from touchline.localization.fusion.twin_odds import TwinOdds
+from touchline.localization.fusion.field_end import FieldEnd
+from touchline.localization.fusion.twin_odds import SURE, TwinOdds
 from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.particles.feature_poses import PoseProposals
 from touchline.localization.particles.features import Features
@@ -29,7 +31,7 @@ from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup
-from touchline.systems.touchline import Touchline, TouchlineSettings
+from touchline.systems.touchline import SAID_OFTEN, Touchline, TouchlineSettings
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where nobody tells
@@ -68,7 +70,7 @@ class TouchlinePerspective:
         self.hypotheses = PerspectiveHypotheses(registration, field.is_symmetric)
         self.symmetric = field.is_symmetric
         self.tells_ends = self.symmetric and self.features.tell_ends_apart
-        self.twin = TwinOdds(model)
+        self.twin, self.end = TwinOdds(model), FieldEnd(self.symmetric)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -83,18 +85,18 @@ class TouchlinePerspective:
         self.hypotheses.start(None if prior.pose is None else self.known)
         self._tell_end(prior.pose is not None)
         self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
-        self.since_reset, self.since_search, self.last_ns, self.seen_ns, self.explained = 0, 0, 0, 0, 1.0
+        self.images, self.since_search, self.last_ns, self.seen_ns, self.explained = 0, 0, 0, 0, 1.0
         self.problems: tuple[str, ...] = ()
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
         clock = Stopwatch()
         motion = self.history.take(frame)
-        self.hypotheses.predict(motion, self._seconds(frame.stamp_ns))  # predict: the odometry carries every pose on
+        seconds = self._seconds(frame.stamp_ns)
+        self.hypotheses.predict(motion, seconds)  # predict: the odometry carries every pose on
         frame = self.leaning.carried(frame)  # roll and pitch at the image
-        observation = clock.perception(
-            observe, frame, self.detector, self.max_range_m
-        )  # observe: lines, crossings, ...
+        # observe: lines, crossings, landmarks
+        observation = clock.perception(observe, frame, self.detector, self.max_range_m)
         features = self.features.of(observation)
         seen = seen_points(observation, features.points)
         if _count(seen) >= FEWEST:
@@ -102,7 +104,8 @@ class TouchlinePerspective:
             view = self.features.of(observation, self.known.state[3:5])
             found = self._search(seen, view) if self._is_in_doubt() else []  # search: every pose that explains them
             self.hypotheses.update(seen, found, self.known, FALLEN if blind else CARRIED_AWAY)  # register, fuse, weigh
-            self._judge_end(view)  # which end
+            self.hypotheses.hear(frame.evidence, 1.0 / SAID_OFTEN)
+            self._judge_end(frame, view, seconds)  # which end
         self._judge(seen, frame.stamp_ns)  # status
         return self._report(observation, features.size + len(observation.points), clock)
 
@@ -112,7 +115,7 @@ class TouchlinePerspective:
 
     def _seconds(self, stamp_ns: int) -> float:
         seconds = 1e-9 * max(stamp_ns - self.last_ns, 0) if self.last_ns else 0.0
-        self.last_ns = stamp_ns
+        self.last_ns, self.problems = stamp_ns, ()
         self.seen_ns = self.seen_ns or stamp_ns
         return seconds
 
@@ -137,27 +140,39 @@ class TouchlinePerspective:
         heading = best.filter.pose.heading
         return [_at_end(fit, bool(np.cos(fit.state[2] - heading) >= 0.0)) for fit in found]
 
-    def _judge_end(self, view: FeatureView) -> None:
-        """Which of the pose and its twin is right, by the colours of goals and poles."""
-        self.problems = ()
+    def _judge_end(self, frame: Frame, view: FeatureView, seconds: float) -> None:
+        """Which of the pose and its twin is right, by the colours of goals and poles and by what others say."""
         best = self.hypotheses.best
         if best is None:
             return
         jumped = best.filter.pose.distance_to(self.known.pose) > 1.0  # no slip: another pose has become the likeliest
         if jumped:
-            self._tell_end(self.own_half and self.status is Status.SEARCHING)
+            self._tell_end(self.own_half and self.images == 0)
         self.known = best.filter
-        if not self.tells_ends:
+        if not self.symmetric:
             return
-        self.twin.update(view, best.filter.pose)
-        if self.twin.is_refuted:
-            self.twin.turn()
-            for one in self.hypotheses.members:
-                one.filter = one.filter.mirrored()
+        if self.tells_ends:
+            self.twin.update(view, best.filter.pose)
+        self.end.hear(frame.evidence, best.filter.pose, seconds)
+        if self.end_log_odds <= -SURE:
+            colours = ("the colours of goals and poles",) if self.twin.log_odds < 0.0 else ()
+            who = " and ".join((*colours, *self.end.against))
+            self.problems = (f"{who}: the robot is at the other end of the field",)
+            if self.tells_ends:
+                self.twin.turn()
+            else:
+                self.twin.reset()  # what was told, was told wrongly
+            self.end.turn()
+            self.hypotheses.turn()
             self.known = best.filter
-            self.problems = ("the colours of goals and poles say that the robot is at the other end of the field",)
+
+    @property
+    def end_log_odds(self) -> float:
+        """Of the pose, against its twin at the other end."""
+        return self.twin.log_odds + sum(self.end.others.values())
 
     def _tell_end(self, told: bool) -> None:
+        self.end.reset()
         self.twin.reset(told and self.tells_ends)
         if told and not self.tells_ends:
             self.twin.log_odds = TOLD
@@ -168,15 +183,15 @@ class TouchlinePerspective:
         if best is None:
             return
         if _count(seen) >= FEWEST:
-            memory = 1.0 if self.since_reset == 0 or self._is_blind(stamp_ns) else MEMORY
+            memory = 1.0 if self.images == 0 or self._is_blind(stamp_ns) else MEMORY
             self.explained += memory * (best.explained - self.explained)
-            self.since_reset += 1
+            self.images += 1
             if best.explained >= 0.5 * self.settings.min_explained:
                 self.seen_ns = stamp_ns
         sure = self.hypotheses.probabilities[0] >= self.settings.min_probability and is_narrow(best.filter.covariance)
         sure = sure and self.explained >= self.settings.min_explained and not self._is_blind(stamp_ns)
         sure = sure and self.hypotheses.is_confirmed and not self.hypotheses.is_contested
-        if sure and (not self.tells_ends or self.twin.is_sure):
+        if sure and (not self.tells_ends or self.end_log_odds >= SURE):
             self.status = Status.TRACKING
         else:
             self.status = Status.LOST if self.explained < 0.5 * self.settings.min_explained else Status.SEARCHING
@@ -188,7 +203,7 @@ class TouchlinePerspective:
         return PerspectiveFilter(pose, told if covariance is None else covariance, learns)
 
     def _report(self, observation: Observation, count: int, clock: Stopwatch) -> Estimate:
-        end = self.twin.probability if self.symmetric else 1.0
+        end = 1.0 / (1.0 + math.exp(-self.end_log_odds)) if self.symmetric else 1.0
         best, others = self.hypotheses.best, []
         for one, share in zip(self.hypotheses.members, self.hypotheses.probabilities, strict=True):
             pose, covariance = one.filter.pose, one.filter.covariance

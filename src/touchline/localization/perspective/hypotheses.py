@@ -17,6 +17,7 @@ from touchline.localization.perspective.filter import Fitted, PerspectiveFilter
 from touchline.localization.perspective.kernels import LeanFit, SeenPoints
 from touchline.localization.perspective.registration import PerspectiveRegistration
 from touchline.motion.odometry import Motion
+from touchline.types import Evidence
 
 MOST_GAIN = 4.0  # logarithm of the odds by which one image speaks at most: its features err together
 CARRIED_AWAY = -8.0  # that the robot was moved unfelt, at an image that makes one search
@@ -117,6 +118,20 @@ class PerspectiveHypotheses:
         for one, evidence in zip(self.members, told, strict=True):
             one.log_odds += max(evidence - max(told), -MOST_GAIN)
         self._settle()
+
+    def hear(self, evidence: Sequence[Evidence], share: float) -> None:
+        """What others say weighs the poses, each and its twin alike; share: of it that is new."""
+        for one in self.members:
+            ends = (one.filter.pose, one.filter.pose.mirrored()) if self.symmetric else (one.filter.pose,)
+            for said in evidence:
+                one.log_odds += share * max(said.log_likelihood(end) for end in ends)
+        if evidence and self.members:
+            self._settle()
+
+    def turn(self) -> None:
+        """Every pose stands at the other end of a symmetric field."""
+        for one in self.members:
+            one.filter = one.filter.mirrored()
 
     def _fuse(self, one: PerspectiveHypothesis, seen: SeenPoints, starts: Sequence[Pose]) -> float:
         """Fuse an image with a pose; the logarithm of its likelihood there. starts: where else to begin, if the
