@@ -20,7 +20,6 @@ from touchline.experiments import (
     ExperimentResult,
     chosen_experiments,
     kidnap,
-    kidnap_play,
     lighting,
     lighting_runs,
     occlusion,
@@ -138,8 +137,8 @@ def errors_under(number: int, ideal: bool = True) -> ErrorTable:
 
 # mean and largest position error (m), mean heading error (rad): twice what is measured at the most
 IDEAL_BOUNDS = (
-    (0.006, 0.029, 0.0011), (0.007, 0.025, 0.0014), (0.007, 0.025, 0.0015), (0.0084, 0.074, 0.0018),
-    (0.0126, 0.071, 0.0026), (0.0086, 0.028, 0.0014), (0.0113, 0.039, 0.002),
+    (0.0049, 0.0163, 0.00055), (0.0061, 0.025, 0.00083), (0.0065, 0.025, 0.00099), (0.008, 0.068, 0.00117),
+    (0.0113, 0.0505, 0.00177), (0.0086, 0.028, 0.0014), (0.0112, 0.039, 0.00198),
 )  # fmt: skip
 
 
@@ -153,7 +152,7 @@ def test_errors_with_up_to_half_the_view_hidden(number: int) -> None:
     assert errors.heading.mean <= heading_rad
 
 
-@pytest.mark.parametrize(("number", "bounds"), [(0, (0.0173, 0.11, 0.0023)), (4, (0.0317, 0.22, 0.0057))])
+@pytest.mark.parametrize(("number", "bounds"), [(0, (0.0139, 0.049, 0.00196)), (4, (0.0317, 0.171, 0.0045))])
 def test_errors_of_a_robot_as_built(number: int, bounds: tuple[float, float, float]) -> None:
     errors = errors_under(number, ideal=False)
     assert errors.frames > 540
@@ -165,7 +164,7 @@ def test_errors_of_a_robot_as_built(number: int, bounds: tuple[float, float, flo
 def test_particles_alone_as_the_paper_prints_them_are_less_exact_than_particles_and_matching() -> None:
     alone = occlusion.drive(occlusion.CONDITIONS[5], seed=0, ideal=True, paper=True).errors
     assert alone is not None
-    assert alone.position.mean > 2.0 * errors_under(0).position.mean
+    assert alone.position.mean > 4.6 * errors_under(0).position.mean
 
 
 @pytest.mark.parametrize(("system", "covered"), [("nubot-mcl", 3), ("nubot-mcl", 0), ("nubot-mti", 3)])
@@ -175,14 +174,14 @@ def test_kidnapped_robots_are_right_within_10_cycles(system: str, covered: int) 
     assert all(one.success for one in every)
     noticed = [one for one in every if one.waited is not None]
     assert len(noticed) >= 39
-    assert max(one.waited or 0 for one in noticed) <= (0 if covered else 1)
+    assert not any(one.waited for one in noticed)
 
 
 def test_a_kidnap_that_nobody_notices_and_that_is_wrong_is_no_success() -> None:
     """Both of its figures come from the truth, not from what the system says of itself."""
     one = kidnap.kidnap("nubot-mcl", FIELD, Pose(-3.0, 1.0, 0.0), Pose(4.0, -2.0, 2.0), 0.0, 3, (0,))
     assert one.success
-    assert one.found.distance_to(one.truth) < kidnap_play.RIGHT_M
+    assert one.found.distance_to(one.truth) < 0.0045
     assert one.truth.distance_to(Pose(4.0, -2.0, 2.0)) < 0.5
 
 
@@ -200,7 +199,7 @@ def test_a_kidnap_never_noticed_counts_by_where_the_robot_is_tracked() -> None:
     one = kidnap.kidnap("nubot-mcl", FIELD, Pose(2.0, 1.0, 0.0), Pose(2.3, 1.1, 0.0), 0.0, 0, (0,))
     assert one.waited is None
     assert one.success
-    assert one.found.distance_to(one.truth) < 0.05
+    assert one.found.distance_to(one.truth) < 0.0058
 
 
 @pytest.mark.parametrize("ideal", [True, False], ids=["ideal", "as built"])
@@ -218,13 +217,13 @@ def test_figure_7_shows_the_papers_form_and_ideal_robots_beside_ours() -> None:
     assert found.columns[-4:] == ("pose is off by: paper", "its form here", "ours", "ideal robot")
 
 
-def test_rprop_settles_within_20_steps_from_next_to_it_and_wrong_ends_have_thrice_the_error() -> None:
+def test_rprop_settles_within_20_steps_from_next_to_it_and_wrong_ends_have_far_more_error() -> None:
     ends = [end for search in searches(3, ideal=True) for end in descents(search)]
     near = [end for end in ends if end.right]
     beside = [end for end in near if math.dist(end.start_m, PLACE) < 0.94]  # two of the grid's samples
     assert len(beside) == 6
     assert max(end.steps for end in beside) <= 20
-    assert min(end.after for end in ends if not end.right) > 3.0 * max(end.after for end in near)
+    assert min(end.after for end in ends if not end.right) > 34.0 * max(end.after for end in near)
 
 
 def test_figure_9_compares_like_with_like() -> None:
@@ -310,7 +309,7 @@ def test_under_the_sun_through_clear_glass_a_robot_in_a_patch_sees_the_lines_in_
     run = lighting_runs.drive(lighting_runs.GLASS, lighting_runs.Robot(0, first_case[0], ideal=True), None, seconds=4.0)
     assert run.tracked.all()
     assert run.mean_m < 0.0123
-    assert run.points.min() > 45
+    assert run.points.min() > 46
 
 
 def test_the_papers_ratios_come_by_the_formula_of_ours() -> None:

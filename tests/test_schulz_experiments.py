@@ -80,12 +80,12 @@ def test_the_belief_of_everything_has_one_position(monkeypatch: pytest.MonkeyPat
     together = [row for row in rows if row[1] == "lines, crossings, pole"]
     assert [float(row[3]) for row in together] == [1.0, 1.0]
     alone = [float(row[3]) for row in rows if row[1] == "pole"]
-    assert min(alone) > 2.0
+    assert min(alone) > 4.5
 
 
 def test_the_learned_correction_halves_what_marks_wander() -> None:
     found = schulz_imu.learned(1).calibration
-    assert found.after_px < 0.25 * found.before_px
+    assert found.after_px < 0.15 * found.before_px
 
 
 def test_every_part_of_table_1_takes_some_time(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,7 +99,7 @@ def test_every_part_of_table_1_takes_some_time(shared_data: Path, monkeypatch: p
 def test_a_game_has_a_fall_and_a_re_entry_at_the_side_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     played = schulz_games.game(IDEAL, 3)
     back = int(np.argmax(played.times_s > schulz_games.FALL_S))
-    assert abs(abs(played.truth[back, 1]) - 3.0) < 0.2
+    assert abs(abs(played.truth[back, 1]) - 3.0) < 0.00076
     blind = (played.times_s > schulz_games.FALL_S - schulz_games.DOWN_S + 0.2) & (played.times_s < schulz_games.FALL_S)
     seen = [0 if f.observation is None else len(f.observation.lines) for f in played.frames]
     assert not np.array(seen)[blind].any()
@@ -112,7 +112,7 @@ def test_a_game_has_a_fall_and_a_re_entry_at_the_side_line(monkeypatch: pytest.M
 def test_a_walk_is_tracked_and_odometry_alone_starts_at_the_truth(walked: Walk) -> None:
     track = tracked(walked, settings(), 0)
     assert track.right.all()
-    assert np.median(track.distances_m[-20:]) < 0.1
+    assert np.median(track.distances_m[-20:]) < 0.0168
     assert schulz_runs.dead_reckoned(walked).distances_m[0] < 1e-9
 
 
@@ -130,7 +130,7 @@ def test_what_a_turned_head_sees_is_in_the_robot_frame() -> None:
     places = np.array([(c.x, c.y) for c in field.crossings])
     away = np.hypot(*(pose.transform(crossings.positions_m)[:, np.newaxis] - places).transpose(2, 0, 1))
     assert len(crossings)
-    assert away.min(axis=1).max() < 0.5
+    assert away.min(axis=1).max() < 0.036
     bearings = np.arctan2(crossings.positions_m[:, 1], crossings.positions_m[:, 0])
     assert np.abs(bearings - 0.8).max() < 0.75
     straight = simulation.features(3)
