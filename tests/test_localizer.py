@@ -26,7 +26,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, RobotSetup, open_system
-from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Samples, Status
+from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Samples, Status
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "omni_msl_track_short"
@@ -529,3 +529,16 @@ def test_what_others_say_reaches_the_system_with_the_next_image(monkeypatch: pyt
     assert estimate.problems == ("evidence: is none, left out (3 times)",)
     localizer.localize(100_000_000, points=np.zeros((0, 2)))
     assert frames[1].evidence == ()
+
+
+def test_a_reset_takes_the_state_of_the_game(monkeypatch: pytest.MonkeyPatch) -> None:
+    localizer, priors = Localizer("msl-18x12", system="touchline"), []
+    monkeypatch.setattr(localizer._system, "reset", priors.append)
+    localizer.reset(state="kick-off")
+    localizer.reset(state="picked up")
+    assert priors == [Prior(own_half=True), Prior()]
+    for more in ({"pose": (1.0, 0.0, 0.0)}, {"own_half": True}):
+        with pytest.raises(InputError, match="one of them"):
+            localizer.reset(state="fallen", **more)
+    with pytest.raises(InputError, match="known: "):
+        localizer.reset(state="?")

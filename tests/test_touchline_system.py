@@ -15,6 +15,7 @@ from touchline.evaluation.runner import robot_setup
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization.fusion.field_end import FieldEnd
+from touchline.localization.fusion.game_states import game_prior
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Estimate, Evidence, Frame, LinePoints, Observation, Prior, Samples, Status
@@ -201,3 +202,25 @@ def test_evidence_that_is_none_is_refused() -> None:
             Evidence("a mate", 0.9, **wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="between 0 and 1"):
         Evidence("a mate", 1.0, own_half=True)
+
+
+@pytest.mark.parametrize("state", ["kick-off", "walk-in", "penalty shot", "penalty keeper", "fallen"])
+def test_the_state_of_the_game_tells_the_end(state: str) -> None:
+    """Without a compass, turned round by the fall, found in the first image."""
+    penalty = {"penalty shot": Pose(4.2, 0.3, 0.2), "penalty keeper": Pose(-8.8, 0.5, -0.2)}
+    truth = penalty.get(state, Pose(-3.0, 1.0, 2.8))
+    prior = game_prior(state, FIELD, Prior(Pose(-3.2, 0.8, 0.1), covariance=0.01 * np.eye(3)))
+    system = open_system("touchline", RobotSetup(FIELD))
+    system.reset(prior)
+    for k in range(3):
+        estimate = system.step(frame(k, seen(truth, k)))
+        assert errors(estimate, truth)[0] < 0.1
+        assert estimate.status is Status.TRACKING
+    assert (estimate.twin_probability or 0.0) < 0.01
+
+
+def test_who_was_picked_up_may_be_anywhere() -> None:
+    assert game_prior("picked up", FIELD, Prior(Pose(1.0, 2.0, 3.0))) == Prior()
+    assert game_prior("fallen", FIELD, Prior()) == Prior()
+    with pytest.raises(InputError, match="did you mean 'fallen'"):
+        game_prior("falling", FIELD, Prior())

@@ -25,6 +25,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_seed
+from touchline.localization.fusion.game_states import game_prior
 from touchline.localization.fusion.pose_filter import PoseFilter
 from touchline.motion import FrameOrder, MotionHistory
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
@@ -190,14 +191,21 @@ class Localizer:
         pose: Sequence[float] | None = None,
         covariance: FloatArray | Sequence[Sequence[float]] | None = None,
         own_half: bool = False,
+        state: str | None = None,
     ) -> None:
         """Forget where the robot was. pose: x, y, theta (m, m, rad; field frame) where it stands now, with its
-        covariance (3, 3) if known; own_half: all that is known is that x < 0. Waits for a `localize` under way.
+        covariance (3, 3) if known; own_half: all that is known is that x < 0; or the state of the game, by name:
+        kick-off, walk-in, penalty shot, penalty keeper, fallen, picked up. Waits for a `localize` under way.
 
-        Raises InputError for what is no pose or no covariance, and for a pose together with own_half.
+        Raises InputError for what is no pose, no covariance or no state, and for more than one of them.
         """
         prior = _prior(pose, covariance, own_half)
+        if state is not None and prior != Prior():
+            raise InputError("give a pose, the own half or the state of the game, one of them")
         with self._stepping, self._predicting:
+            if state is not None:
+                last = Prior() if self._last is None else Prior(self._last.pose, covariance=self._last.covariance)
+                prior = game_prior(state, self.field, last)
             self._system.reset(prior)
             self._ahead.clear()
             self._prior, self._last = prior, None

@@ -21,7 +21,7 @@ from touchline.localization.fusion.mirror_head import MirrorHead
 from touchline.localization.fusion.pose_filter import Scales
 from touchline.localization.fusion.pose_hypotheses import Member, PoseHypotheses
 from touchline.localization.matching.covariance import is_observed
-from touchline.localization.registration.pose_search import Known, Mode, PoseSearch
+from touchline.localization.registration.pose_search import Known, Mode, PoseSearch, contradiction
 from touchline.localization.registration.registration import Registration
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
@@ -29,6 +29,8 @@ from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 
+WIDE = 0.6  # standard deviation (m, rad) of a told pose from which it is a zone: registration reaches no farther
+CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
 SAID_OFTEN = 10.0  # images over which what others say repeats itself
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
@@ -108,10 +110,14 @@ class Touchline:
         self.hypotheses.members = []
         self.hypotheses.head.reset()
         self.own_half = prior.own_half
-        self.end.reset(told=prior.pose is not None)
-        if prior.pose is not None:
+        self.zone: Known | None = None
+        placed = prior.pose is not None
+        self.end.reset(told=placed)
+        if prior.pose is not None and prior.covariance is not None and _is_wide(prior.covariance):
+            self.zone, placed = Known(prior.pose.as_array(), np.linalg.inv(prior.covariance)), False
+        elif prior.pose is not None:
             self.hypotheses.members = [Member(self._filter_at(prior.pose, prior.covariance), 0.0)]
-        self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
+        self.status = Status.TRACKING if placed else Status.SEARCHING
         self.blind, self.since_search, self.last_ns = 0, 0, 0
         self.problems: tuple[str, ...] = ()
 
@@ -150,14 +156,23 @@ class Touchline:
         self.hypotheses.add(modes, points)
         best = self.hypotheses.best
         if best is not None and best is not before:  # found, or found elsewhere
-            self.end.begin(self.own_half and before is None, self._compass_error(best.filter.pose, compass_rad))
+            told = before is None and (self.own_half or self._is_in_zone(best.filter.pose))
+            self.end.begin(told, self._compass_error(best.filter.pose, compass_rad))
+            self.zone = None
 
-    def _known(self, compass_rad: float | None) -> Known | None:
-        """What a compass says of every pose."""
+    def _known(self, compass_rad: float | None) -> tuple[Known, ...]:
+        """What a compass says of every pose, and what was told of where the robot is found."""
+        told = () if self.zone is None else (self.zone,)
         if compass_rad is None or self.end.compass.is_suspect:
-            return None
+            return told
         information = np.diag([0.0, 0.0, 1.0 / self.settings.compass_sigma_rad**2])
-        return Known(np.array([0.0, 0.0, compass_rad]), information)
+        return (Known(np.array([0.0, 0.0, compass_rad]), information), *told)
+
+    def _is_in_zone(self, pose: Pose) -> bool:
+        """Whether a pose is where the robot was told to be, and its twin clearly is not."""
+        if self.zone is None:
+            return False
+        return contradiction(pose.mirrored(), self.zone) - contradiction(pose, self.zone) > CLEARLY
 
     def _at_one_end(self, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
         """Of each pair of twins the likelier one, or the one that is nearer to a pose that is followed."""
@@ -241,6 +256,11 @@ class Touchline:
             return float("nan")
         distances, _ = self._distance_map.look_up(pose.transform(self.hypotheses.upright(observation.points)))
         return float(distances.mean())
+
+
+def _is_wide(covariance: FloatArray) -> bool:
+    """Whether a pose that is told is a zone to search rather than one to begin at."""
+    return bool(np.diagonal(covariance).max() > WIDE**2)
 
 
 def _near(one: Pose, other: Pose) -> bool:

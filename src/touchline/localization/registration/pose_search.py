@@ -9,6 +9,7 @@ none was seen (`unseen`) speak against it: half a view fits many places, until t
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -75,7 +76,7 @@ class PoseSearch:
         self._coarse = CoarseSearch(field.distance_map(), self._grid, WIDTH_M)
 
     def everywhere(
-        self, positions_m: FloatArray, covariances_m2: FloatArray, known: Known | None = None
+        self, positions_m: FloatArray, covariances_m2: FloatArray, known: Sequence[Known] = ()
     ) -> tuple[Mode, ...]:
         """Modes on the whole field, the likeliest first; () without points."""
         rows, columns = self._grid.shape
@@ -91,7 +92,7 @@ class PoseSearch:
         headings = _around(heading_rad, 3.0 * sigma_rad + SPACING_RAD)
         window = Window(0, self._grid.shape[0], 0, self._grid.shape[1], headings)
         known = Known(np.array([0.0, 0.0, heading_rad]), np.diag([0.0, 0.0, 1.0 / sigma_rad**2]))
-        return self._modes(positions_m, covariances_m2, window, STARTS, known)
+        return self._modes(positions_m, covariances_m2, window, STARTS, (known,))
 
     def near(
         self, positions_m: FloatArray, covariances_m2: FloatArray, start: FloatArray, reach_m: float, reach_rad: float
@@ -112,7 +113,7 @@ class PoseSearch:
         covariances: FloatArray,
         window: Window,
         most_starts: int,
-        known: Known | None = None,
+        known: Sequence[Known] = (),
         twins: bool = False,
     ) -> tuple[Mode, ...]:
         if len(points) == 0:
@@ -165,7 +166,7 @@ def _around(heading_rad: float, reach_rad: float) -> FloatArray:
     return heading_rad + np.linspace(-reach_rad, reach_rad, 2 * each_side + 1)
 
 
-def _with_probabilities(fits: Fits, known: Known | None, twins: bool) -> tuple[Mode, ...]:
+def _with_probabilities(fits: Fits, known: Sequence[Known], twins: bool) -> tuple[Mode, ...]:
     """Modes with their shares of the likelihood, the unlikely ones left out; twins: each one's twin among them."""
     covariances = covariances_of(fits)
     volumes = 0.5 * np.linalg.slogdet(covariances)[1] - np.log(overlaps(fits.poses, fits.information, twins))
@@ -175,7 +176,7 @@ def _with_probabilities(fits: Fits, known: Known | None, twins: bool) -> tuple[M
         pose = Pose(x, y, wrap_angle(heading))
         both = [(pose, covariances[k]), (pose.mirrored(), mirrored_covariance(covariances[k]))]
         for place, covariance in both if twins else both[:1]:
-            candidates.append((log_odds - _contradiction(place, known), place, covariance, k))
+            candidates.append((log_odds - sum(contradiction(place, one) for one in known), place, covariance, k))
     best = max(log_odds for log_odds, *_ in candidates)
     kept = [each for each in candidates if each[0] > best - UNLIKELY]
     total = sum(math.exp(each[0] - best) for each in kept)
@@ -186,10 +187,8 @@ def _with_probabilities(fits: Fits, known: Known | None, twins: bool) -> tuple[M
     return tuple(sorted(modes, key=lambda mode: -mode.probability))
 
 
-def _contradiction(pose: Pose, known: Known | None) -> float:
+def contradiction(pose: Pose, known: Known) -> float:
     """How much something known speaks against a pose: logarithm of a likelihood ratio."""
-    if known is None:
-        return 0.0
     away = pose.as_array() - known.pose
     away[2] = wrap_angle(float(away[2]))
     return min(0.5 * float(away @ known.information @ away), MOST_CONTRADICTION)
