@@ -37,6 +37,7 @@ ROOMS = (
     "yaml_files",
     "image_files",
     "array_files",
+    "palette",
     "geometry",
     "types",
     "config",

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from fakes import STEP_NS, FakeSource, FakeSystem, true_samples
 
+from touchline import palette
 from touchline.evaluation.estimates import EstimateTable, read_estimates
 from touchline.evaluation.metrics import ErrorTable, error_table, signed_errors
 from touchline.evaluation.path_svg import path_key, path_svg
@@ -393,3 +394,12 @@ def test_long_series_keep_their_peaks() -> None:
 def test_a_long_run_makes_no_longer_page(tmp_path: Path) -> None:
     short, long = (len(write(tmp_path / name, frames=frames)[0]) for name, frames in (("b", 1500), ("c", 7500)))
     assert long < 1.7 * short
+
+
+def test_the_page_has_the_colours_of_all_figures(page: str) -> None:
+    day = page[: page.index("prefers-color-scheme: dark")]
+    for number, color in enumerate(palette.SERIES):
+        assert f"--run-{number}:{color}" in day
+    for name, color in (("tracking", palette.BLUE), ("searching", palette.ORANGE), ("lost", palette.VERMILLION)):
+        assert f"--{name}:{color}" in day
+    assert palette.bgr("#010203") == (3, 2, 1)

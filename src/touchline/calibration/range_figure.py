@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline import palette
 from touchline.calibration.range_regression import RangeRegression
 
-_PAIR, _CURVE, _LIMIT = "#1a56a8", "#c62828", "#8a948a"
+_PAIR, _CURVE, _LIMIT = palette.BLUE, palette.VERMILLION, "#8a948a"
 
 
 def range_figure(regression: RangeRegression) -> Figure:

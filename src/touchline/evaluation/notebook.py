@@ -15,17 +15,17 @@ from touchline.evaluation.metrics import signed_errors
 from touchline.field import FieldModel
 from touchline.field.drawing import Color, draw_field, field_view
 from touchline.geometry import FloatArray
+from touchline.palette import BLUE, ORANGE, VERMILLION, bgr
 from touchline.types import ImageArray, Mode, Samples, Status
 
 if TYPE_CHECKING:
     from touchline.evaluation.run import Run
 
 _SCALE = 40.0  # pixels per metre
-# Of the report's palette, BGR: safe for colour-blind eyes.
 _STATUS_COLORS: dict[Status, Color] = {
-    Status.TRACKING: (178, 114, 0),
-    Status.SEARCHING: (0, 159, 230),
-    Status.LOST: (0, 94, 213),
+    Status.TRACKING: bgr(BLUE),
+    Status.SEARCHING: bgr(ORANGE),
+    Status.LOST: bgr(VERMILLION),
 }
 _TRUTH: Color = (60, 60, 60)
 

@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline import palette
 from touchline.experiments.iris_eyes import open_iris
 from touchline.experiments.iris_points import all_tours
 from touchline.experiments.iris_runs import IMAGE_ROBOTS, SYSTEMS, IrisDrive, by_form, covered, drive, missed_note
@@ -21,7 +22,7 @@ from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup
 from touchline.types import Frame, Mode
 
-CYAN = "#00a3c4"
+CYAN = palette.SKY
 SCENARIO = "tour-20"
 FROM_A_TO_B = ((-3.5, -2.0, 0.0), (-1.0, 1.5, 60.0), (1.2, -1.2, -30.0), (3.6, 1.9, 20.0))
 HIDDEN_S = ((6.0, 2.0), (10.0, 1.5))

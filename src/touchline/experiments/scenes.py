@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from touchline import palette
 from touchline.camera import OmniCamera, require_omni
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose
@@ -24,7 +25,7 @@ from touchline.types import LinePoints
 FIELD = "msl-18x12"
 DATA_VARIABLE = "TOUCHLINE_DATA"  # names the folder of the public recordings
 CARPET, PAINT, INK = "#7fae86", "#ffffff", "#20302a"
-RED, BLUE, MAGENTA = "#c62828", "#1a56a8", "#c2269b"
+RED, BLUE, MAGENTA = palette.VERMILLION, palette.BLUE, palette.PURPLE
 
 
 @cache

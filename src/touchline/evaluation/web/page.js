@@ -27,7 +27,7 @@
   }
   function nameEvents(u) {
     const c = u.ctx, ratio = devicePixelRatio || 1, taken = [];
-    c.save(); c.fillStyle = css("ink"); c.font = `${12 * ratio}px system-ui, sans-serif`; c.textBaseline = "top";
+    c.save(); c.fillStyle = css("ink"); c.font = `${12 * ratio}px system-ui, sans-serif`; c.textBaseline = "top"; c.textAlign = "left";
     for (const event of [...data.events].sort((a, b) => (a.until !== undefined) - (b.until !== undefined) || a.t - b.t)) {
       const left = at(u, event.t), right = left + c.measureText(event.label).width + 6 * ratio;
       if (left < u.bbox.left || right > u.bbox.left + u.bbox.width || taken.some(([a, b]) => left < b && right > a)) continue;
