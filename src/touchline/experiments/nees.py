@@ -23,7 +23,7 @@ from touchline.geometry import wrap_angles
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Status
 
-SYSTEMS = ("nubot-mti", "nubot-mcl", "iris-fusion")
+SYSTEMS = ("nubot-mti", "nubot-mcl", "iris-fusion", "touchline")
 ROBOTS = 10  # per seed
 SECONDS, FROM_S = 20.0, 5.0  # of a drive; errors count from here on
 LINE_S, LINE_END_S = 8.0, 18.0
@@ -102,7 +102,7 @@ def told_of(found: Found, seeds: int) -> ExperimentResult:
         COLUMNS,
         tuple(_row(*key, found[key]) for key in keys()),
         Headline(
-            "NEES per degree of freedom; 95 % ellipse covers: free, 50 % hidden, one line, three systems",
+            "NEES per degree of freedom; 95 % ellipse covers: free, 50 % hidden, one line, four systems",
             "–",
             f"{min(means):.2f}-{max(means):.2f}; {min(covers):.0f}-{max(covers):.0f} %",
         ),
@@ -119,7 +119,7 @@ def told_of(found: Found, seeds: int) -> ExperimentResult:
 
 def _figure(tracked: Found) -> Figure:
     """NEES per degree of freedom of each robot, by condition; the grey band is what is asked."""
-    figure, axes = new_figure(1, len(SYSTEMS), width_in=12.0, height_in=3.6)
+    figure, axes = new_figure(1, len(SYSTEMS), width_in=14.0, height_in=3.6)
     for each, system in zip(axes, SYSTEMS, strict=True):
         each.axvspan(0.5, 2.0, color="0.9")
         for row, c in enumerate(CONDITIONS):
