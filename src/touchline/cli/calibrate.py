@@ -10,6 +10,7 @@ import typer
 from touchline.cli.calibrate_lines import calibrate_lines
 from touchline.cli.calibrate_perspective import calibrate_camera, calibrate_imu
 from touchline.cli.calibrate_range import calibrate_range
+from touchline.cli.calibrate_self import calibrate_self
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.cli.options import FollowLinks
 from touchline.errors import InputError
@@ -68,6 +69,7 @@ def mirror(
 
 calibrate_app.command("lines")(calibrate_lines)
 calibrate_app.command("range")(calibrate_range)
+calibrate_app.command("self")(calibrate_self)
 calibrate_app.command("camera")(calibrate_camera)
 calibrate_app.command("imu")(calibrate_imu)
 

@@ -1,0 +1,238 @@
+"""`touchline calibrate self`: what a mirror differs by from its camera.yaml, from a recording of play.
+
+A bundle adjustment (Triggs et al. 2000) of the mirror and the poses of images from all over a recording: robust
+Gauss-Newton steps on the distances of the line points from the lines, the poses and each image's shaking eliminated
+first (Schur's complement). The mirror is that of `localization/registration/mirror_kernels.py`, with a smooth
+correction of its ranges. The poses of a run of the system are where it begins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.camera import OmniCamera
+from touchline.camera.uncertainty import CameraUncertainty
+from touchline.errors import NoFitError
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose
+from touchline.localization.fusion.mirror_head import HEIGHT_M, MISFIT_M2, MirrorHead
+from touchline.localization.matching.mirror_fit import ERRORS, Mirror
+from touchline.localization.registration.mirror_kernels import upright_points
+from touchline.types import Estimate, LinePoints, Status
+
+IMAGES, LEAST_IMAGES = 50, 12  # images that are fitted; fewer tell nothing
+APART_M, TURN_M = 0.3, 1.5  # how far images lie apart at least; a turn by a radian counts so much
+KNOTS_M = np.array([1.0, 2.0, 3.0, 4.5, 6.5])  # of the correction of ranges, linear between them
+KNOT_RATIO = 0.01  # its standard deviation at each, before
+SHAKING_PER_M = 0.005  # standard deviation of an image's own lean
+WIDTHS_M = (0.3, 0.2, 0.1, 0.1, 0.05, 0.05, 0.05, 0.05)  # from which points lose influence, step by step
+FLOOR_M = 0.01  # standard deviation that no point falls below
+REPEATED = 6.0  # so many points err together: neighbours on a line, images of the same place
+ON_LINE = 3.0  # standard deviations within which a point lies on its line
+MIN_ON_LINES = 0.7  # share of the points that must
+MAX_TILT_DEG, MAX_CENTER_PX, MAX_RANGE_RATIO = 0.1, 0.8, 0.01  # standard deviations of what is written
+_STEP = 1e-6
+_SHARED = ERRORS + len(KNOTS_M)
+_BEARINGS = 72  # directions of the table that is written
+
+
+class View(NamedTuple):
+    """One image: its line points, and the pose (3,) that a system has found."""
+
+    points: LinePoints
+    pose: FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SelfCalibration:
+    """The camera; errors (5,) and range corrections (knots,) with their covariance; poses (V, 3) of the views.
+
+    before, after: share of the points on lines and the root of their mean square distance (m).
+    """
+
+    camera: OmniCamera
+    shared: FloatArray
+    covariance: FloatArray
+    views: tuple[View, ...]
+    poses: FloatArray
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+
+def spread_views(estimates: Sequence[Estimate], count: int = IMAGES) -> tuple[View, ...]:
+    """Images of a run that lie apart, each as far as possible from those before it, places and headings alike."""
+    found = [
+        View(e.observation.points, e.pose.as_array())
+        for e in estimates
+        if e.status is Status.TRACKING and e.observation is not None and len(e.observation.points) >= 30
+    ]
+    if not found:
+        return ()
+    poses = np.array([one.pose for one in found])
+    places = np.column_stack((poses[:, :2], TURN_M * np.cos(poses[:, 2]), TURN_M * np.sin(poses[:, 2])))
+    chosen, gaps = [len(found) // 2], np.full(len(found), np.inf)
+    while len(chosen) < count:
+        gaps = np.minimum(gaps, np.linalg.norm(places - places[chosen[-1]], axis=1))
+        if gaps.max() < APART_M:
+            break
+        chosen.append(int(np.argmax(gaps)))
+    return tuple(found[k] for k in chosen)
+
+
+def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel) -> SelfCalibration:
+    """The camera that puts the line points of all views on the field's lines. Raises NoFitError with the reason."""
+    if len(views) < LEAST_IMAGES:
+        raise NoFitError(
+            f"{len(views)} images with a known pose that lie apart are too few, {LEAST_IMAGES} are needed: the robot "
+            "must drive about and see lines"
+        )
+    bundle = _Bundle(views, MirrorHead(camera), field)
+    before = bundle.quality()
+    for width_m in WIDTHS_M:
+        covariance = bundle.step(width_m)
+    found = SelfCalibration(
+        _camera(camera, bundle.shared, covariance, bundle.mirror), bundle.shared, covariance, tuple(views),
+        bundle.poses, before, bundle.quality(),
+    )  # fmt: skip
+    _check(found)
+    return found
+
+
+def corrected(positions_m: FloatArray, shared: FloatArray, mirror: Mirror) -> FloatArray:
+    """Points (N, 2), base frame, without errors (5,) and range corrections (knots,)."""
+    ranges = np.hypot(positions_m[:, 0], positions_m[:, 1])
+    factor = 1.0 + np.interp(ranges, KNOTS_M, shared[ERRORS:])
+    stretched = np.ascontiguousarray(positions_m * factor[:, np.newaxis])
+    points: FloatArray = upright_points(stretched, np.ascontiguousarray(shared[:ERRORS]), mirror)
+    return points
+
+
+class _Bundle:
+    """The fit as it goes: `shared` (5 + knots,), `poses` (V, 3), `shaking` (V, 2)."""
+
+    def __init__(self, views: Sequence[View], head: MirrorHead, field: FieldModel) -> None:
+        self.views, self.mirror, self._map = views, head.mirror, field.distance_map()
+        self.poses = np.array([one.pose for one in views])
+        self.shared, self.shaking = np.zeros(_SHARED), np.zeros((len(views), 2))
+        prior = np.zeros((_SHARED, _SHARED))
+        prior[:ERRORS, :ERRORS] = np.linalg.inv(head.unknown + 1e-14 * np.eye(ERRORS))
+        prior[ERRORS:, ERRORS:] = np.eye(len(KNOTS_M)) / KNOT_RATIO**2
+        self._prior = prior
+
+    def step(self, width_m: float) -> FloatArray:
+        """One Gauss-Newton step of everything; covariance of what is shared."""
+        matrix, vector = self._prior.copy(), -self._prior @ self.shared
+        own_parts = []
+        for k in range(len(self.views)):
+            rows, distances_m, weights = self._linear(k, width_m)
+            information = (rows.T * weights) @ rows
+            gradient = -(rows.T * weights) @ distances_m
+            information[3, 3] += 1.0 / SHAKING_PER_M**2
+            information[4, 4] += 1.0 / SHAKING_PER_M**2
+            gradient[3:5] -= self.shaking[k] / SHAKING_PER_M**2
+            own = np.linalg.inv(information[:5, :5] + 1e-3 * np.eye(5))
+            matrix += information[5:, 5:] - information[5:, :5] @ own @ information[:5, 5:]
+            vector += gradient[5:] - information[5:, :5] @ own @ gradient[:5]
+            own_parts.append((own, gradient[:5], information[:5, 5:]))
+        covariance: FloatArray = np.linalg.inv(matrix)
+        change = covariance @ vector
+        self.shared = self.shared + change
+        for k, (own, gradient, crossed) in enumerate(own_parts):
+            moved = own @ (gradient - crossed @ change)
+            self.poses[k] += moved[:3]
+            self.shaking[k] += moved[3:]
+        return covariance
+
+    def quality(self) -> tuple[float, float]:
+        """Share of all points on lines, and the root of the mean square distance (m) of those within 0.3 m."""
+        on_line, squares = [], []
+        for k in range(len(self.views)):
+            _, distances_m, weights = self._linear(k, math.inf)
+            on_line.append(distances_m**2 * weights * REPEATED < ON_LINE**2)
+            squares.append(distances_m[distances_m < 0.3] ** 2)
+        return float(np.mean(np.concatenate(on_line))), float(np.sqrt(np.mean(np.concatenate(squares))))
+
+    def _placed(self, k: int, shared: FloatArray) -> FloatArray:
+        """Points (N, 2) of a view in the base frame, with its own shaking taken out, too."""
+        image = shared.copy()
+        image[:2] += self.shaking[k]
+        return corrected(self.views[k].points.positions_m, image, self.mirror)
+
+    def _linear(self, k: int, width_m: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of a view's points: derivatives (N, 5 + shared) by pose, shaking and what is shared, distances (N,) from the
+        lines (m), and weights (N,).
+        """
+        x, y, heading = self.poses[k]
+        turn = Pose(0.0, 0.0, float(heading))
+        base = self._placed(k, self.shared)
+        distances_m, slopes = self._map.look_up(Pose(float(x), float(y), float(heading)).transform(base))
+        own = slopes @ np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
+        rows = np.empty((len(base), 5 + _SHARED))
+        rows[:, :2] = slopes
+        lever = turn.transform(base)
+        rows[:, 2] = slopes[:, 1] * lever[:, 0] - slopes[:, 0] * lever[:, 1]
+        for j in range(_SHARED):
+            moved = self._placed(k, self.shared + _STEP * np.eye(_SHARED)[j])
+            rows[:, 5 + j] = ((moved - base) * own).sum(axis=1) / _STEP
+        rows[:, 3:5] = rows[:, 5:7]
+        variances = FLOOR_M**2 + np.einsum("ni,nij,nj->n", own, self.views[k].points.covariances_m2, own)
+        squares = np.square(distances_m) / (width_m**2 + 9.0 * variances)
+        return rows, distances_m, 1.0 / (np.square(1.0 + squares) * variances * REPEATED)
+
+
+def _camera(camera: OmniCamera, shared: FloatArray, covariance: FloatArray, mirror: Mirror) -> OmniCamera:
+    """The camera with ranges and bearings for every direction, and how sure it is."""
+    bearings = np.arange(_BEARINGS) * (2.0 * math.pi / _BEARINGS)
+    formula = (bearings - camera.mount_yaw_rad) * camera.handedness
+    radii = np.clip(camera.radius_px, camera.radius_px[0] + 1e-6, camera.radius_px[-1] - 1e-6)  # both ends count
+    ranges, offsets = [], []
+    for bearing, angle in zip(bearings, formula, strict=True):
+        out = radii[:, np.newaxis] * np.array([math.cos(angle), math.sin(angle)])
+        ground = corrected(camera.ground_from_image(out + np.array(camera.center)), shared, mirror)
+        reach = np.hypot(ground[:, 0], ground[:, 1])
+        ranges.append(np.maximum.accumulate(reach) + 1e-6 * np.arange(len(reach)))
+        turned = np.arctan2(ground[:, 1], ground[:, 0]) - bearing
+        offsets.append(np.arctan2(np.sin(turned), np.cos(turned)))
+    return replace(
+        camera,
+        bearings_rad=bearings,
+        range_m=np.array(ranges),
+        bearing_offset_rad=np.clip(np.array(offsets), -0.19, 0.19),
+        stated_uncertainty=_uncertainty(shared, covariance),
+    )
+
+
+def _uncertainty(shared: FloatArray, covariance: FloatArray) -> CameraUncertainty:
+    variances = np.diag(covariance)
+    unseen2 = (0.1 * MISFIT_M2) ** 2 * float(shared[:2] @ shared[:2])
+    tilt_rad = 0.5 * HEIGHT_M * math.sqrt(float(variances[:2].mean()) + unseen2)
+    range_ratio = math.sqrt(float(variances[4] + variances[ERRORS:].mean()))
+    return CameraUncertainty(math.degrees(tilt_rad), math.sqrt(float(variances[2:4].mean())), range_ratio)
+
+
+def _check(found: SelfCalibration) -> None:
+    """Raises NoFitError with the reason where a calibration is none."""
+    if found.after[0] < MIN_ON_LINES:
+        raise NoFitError(
+            f"only {100 * found.after[0]:.0f} % of the line points lie on lines with the best mirror, "
+            f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field, and a camera.yaml that is about right? "
+            "touchline calibrate lines needs none"
+        )
+    sure = found.camera.uncertainty
+    what = (
+        "the mirror's lean uncertain by ± {:.2f}°",
+        "the centre uncertain by ± {:.1f} px",
+        "ranges uncertain by ± {:.1f} %",
+    )
+    limits, values = (MAX_TILT_DEG, MAX_CENTER_PX, MAX_RANGE_RATIO), (sure.tilt_deg, sure.center_px, sure.range_ratio)
+    for text, limit, value, unit in zip(what, limits, values, (1.0, 1.0, 100.0), strict=True):
+        if value > limit:
+            raise NoFitError(
+                f"the recording leaves {text.format(unit * value)}: the robot must see more lines, from more places "
+                "and with more headings"
+            )

@@ -1,0 +1,38 @@
+"""The picture of a self-calibration: the line points of all images on the field, before and after."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from touchline.calibration.self_calibration import SelfCalibration
+from touchline.field import FieldModel
+from touchline.field.drawing import draw_field, field_view
+from touchline.geometry import FloatArray, Pose
+from touchline.types import ImageArray
+
+_NEAR_M = 0.1
+_ON, _OFF = (255, 200, 0), (0, 120, 255)  # BGR
+
+
+def self_picture(found: SelfCalibration, field: FieldModel) -> ImageArray:
+    """Points near lines are blue, others orange. BGR."""
+    before = [one.points.positions_m for one in found.views]
+    after = [found.camera.ground_from_image(one.points.pixels) for one in found.views]
+    starts = np.array([one.pose for one in found.views])
+    return np.vstack((
+        _panel(before, starts, field, f"before: {100 * found.before[0]:.0f} % of the points on lines"),
+        _panel(after, found.poses, field, f"after: {100 * found.after[0]:.0f} %"),
+    ))  # fmt: skip
+
+
+def _panel(points: list[FloatArray], poses: FloatArray, field: FieldModel, title: str) -> ImageArray:
+    canvas, view = draw_field(field), field_view(field)
+    for seen, pose in zip(points, poses, strict=True):
+        placed = Pose(*pose.tolist()).transform(seen[np.isfinite(seen).all(axis=1)])
+        near = field.line_distances(placed) < _NEAR_M
+        for place, on_line in zip(view.picture_from_field(placed), near, strict=True):
+            if np.all(np.abs(place) < 1e4):
+                cv2.circle(canvas, (round(place[0]), round(place[1])), 2, _ON if on_line else _OFF, -1, cv2.LINE_AA)
+    cv2.putText(canvas, title, (20, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.0, (255, 255, 255), 2, cv2.LINE_AA)
+    return canvas
