@@ -163,7 +163,8 @@ def _rises(levels, reach):  # type: ignore[no-untyped-def]
     for _ in range(HALVINGS):
         lowest, highest = _halved(lowest, highest)
     whole, around = len(lowest), (reach + BLOCK - 1) // BLOCK
-    rises = np.full(len(levels) // BLOCK + 1, np.inf)
+    rises = np.empty(len(levels) // BLOCK + 1)
+    rises[:] = np.inf
     for block in range(whole - around):
         before = after = lowest[block]
         for step in range(1, around + 1):
