@@ -105,6 +105,16 @@ def test_one_line_that_lies_aside_does_not_shift_the_mirror(field: FieldModel) -
     assert np.abs(ratios(found, tangent_table())).max() < 0.012
 
 
+def test_points_on_a_line_that_is_half_a_metre_aside_are_not_on_the_fields(field: FieldModel) -> None:
+    # the line was moved to them, and all counted as on lines: a laboratory's field passed for 18 x 12 m
+    segments = field.segments.copy()
+    aside = np.flatnonzero(np.all(np.abs(segments[:, [0, 2]] - 6.8125) < 0.01, axis=1))[0]
+    segments[aside, [0, 2]] -= 0.5
+    laid = replace(field, segments=segments)
+    found = calibrated(field, laid, [Pose(3.0, -1.5, 0.7)], tangent_table(), np.random.default_rng(2))
+    assert found.on_lines < 0.95
+
+
 def test_a_lean_of_a_degree_is_known_to_a_tenth(field: FieldModel) -> None:
     bend = np.array([0.035, -0.02])
     found = calibrated(field, field, TURN, tangent_table(), np.random.default_rng(3), bend)

@@ -27,6 +27,7 @@ MAX_CENTER_PX, MAX_RANGE_RATIO = 2.0, 0.03  # largest standard deviations of wha
 _WHERE = np.arange(5.0, 100.0, 5.0)  # percentiles of the points' radii
 _MARK_M = 0.1  # how far beside a penalty mark a point on it may seem to lie
 _BESIDE_M = 0.3  # beside the field, where no line point can be
+_ASIDE_M = 0.2  # a line that lies so far from where the field has it is another
 _GAP_M, _GAP_RATIO = 0.15, 0.1  # between points along a line that is seen: rays 5 degrees apart
 _SPOT_M = 0.02  # poses of a robot that turned on the spot agree to this
 _FARTHEST_ORIGIN_M = 0.15
@@ -116,6 +117,7 @@ def refined(
     fit, upright = found.fit, held_upright(found, level, seen, lines)
     certainty = certainty_of(found, seen, lines)
     certainty = certainty._replace(center_px=certainty_of(upright, seen, lines).center_px)
+    moved = np.abs(fit.aside_m[linearise(seen, fit, lines).line]) > _ASIDE_M
     origin, spot_m = turning_axis(fit.poses)
     shape = MirrorShape(fit.mirror, int(seen[0].handedness), seen[0].knot_px, origin, upright.fit.mirror[:2])
     good = certainty.residuals < WIDTHS[-1]
@@ -126,7 +128,7 @@ def refined(
     reach_m = shape.range_m(np.array([first, last]))
     on_field = [pose.transform(shape.ground(one)) for pose, one in zip(poses, pixels, strict=True)]
     inside = np.all(np.abs(np.concatenate(on_field)) < 0.5 * np.array([field.length, field.width]) + _BESIDE_M, axis=1)
-    on_lines = float(np.mean(good[inside])) if inside.any() else 0.0
+    on_lines = float(np.mean((good & ~moved)[inside])) if inside.any() else 0.0
     lines_seen = _lines_seen(on_field, good, poses, reach_m, field)
     return LineCalibration(
         shape, certainty, poses, pixels, float(first), float(last), lead, on_lines, lines_seen, spot_m, tangent
