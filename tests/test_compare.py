@@ -137,3 +137,13 @@ def test_runs_that_cannot_be_compared_are_refused(
     (empty / "estimates.csv").write_text((empty / "estimates.csv").read_text().splitlines(keepends=True)[0])
     with pytest.raises(InputError, match=said):
         compare([tmp_path / name for name in names])
+
+
+@pytest.mark.parametrize("junk", [None, 3, "x", [], {}, {"total": 3}, {"total": {"median": "fast"}}])
+@pytest.mark.parametrize("key", ["latency_ms", "prior", "versions", "settings", "system", "seed"])
+def test_a_summary_that_was_edited_does_no_harm(key: str, junk: object, runs: list[Path]) -> None:
+    summary = json.loads((runs[1] / "summary.json").read_text())
+    (runs[1] / "summary.json").write_text(json.dumps({**summary, key: junk}))
+    compared = compare(runs[:2])
+    assert len(compared.figures()) == 2
+    assert "Where they part" in comparison_page(compared)

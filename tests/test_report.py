@@ -21,7 +21,16 @@ from touchline.evaluation.report import Picture, write_report
 from touchline.evaluation.run_data import RunData, carried_rows
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
-from touchline.evaluation.timeline import MOST_ROWS, axis_limit, error_charts, page_data, run_tree, shown_rows
+from touchline.evaluation.timeline import (
+    MOST_ROWS,
+    axis_limit,
+    error_charts,
+    page_data,
+    run_tree,
+    shown_rows,
+    truth_tree,
+)
+from touchline.evaluation.web_page import html_page
 from touchline.field import open_field
 from touchline.types import Estimate, Frame, Hypothesis, Mode, Samples, Status
 
@@ -345,6 +354,15 @@ def test_one_kidnap_does_not_flatten_the_curves() -> None:
     assert axis_limit(calm) == (pytest.approx(1.6), pytest.approx(400.0))
 
 
+@pytest.mark.parametrize("odd", [np.inf, np.nan])
+def test_an_uncertainty_that_is_no_number_leaves_the_band_out(odd: float, tmp_path: Path) -> None:
+    data = run_data(20, 0, [])
+    table = replace(data.table, std=np.full((20, 3), odd, np.float32), residual_m=np.full(20, np.nan, np.float32))
+    tree = page_data_of(write(tmp_path, frames=20, data=replace(data, table=table))[0])
+    assert tree["charts"][0]["series"][0]["band"] == [None] * 20
+    assert tree["charts"][0]["range"][1] > 0.0
+
+
 def test_the_true_path_has_a_gap_where_the_robot_was_carried() -> None:
     data = kidnapped()
     assert data.truth is not None
@@ -394,6 +412,17 @@ def test_long_series_keep_their_peaks() -> None:
 def test_a_long_run_makes_no_longer_page(tmp_path: Path) -> None:
     short, long = (len(write(tmp_path / name, frames=frames)[0]) for name, frames in (("b", 1500), ("c", 7500)))
     assert long < 1.7 * short
+
+
+def test_two_thousand_images_make_a_page_of_four_megabytes_at_most(tmp_path: Path) -> None:
+    data = run_data(2_000, 3, [])
+    rows = shown_rows(data)
+    assert len(rows) == 2_000
+    small = [Thumbnail(STEP_NS * 20 * k, bytes(14_000)) for k in range(100)]  # as those of a mirror robot
+    runs = [run_tree("estimate", data, rows), truth_tree(data, rows)]
+    text = page_data(data, error_charts(data, rows), [run for run in runs if run is not None], rows, small)
+    page = html_page("walk", [path_svg(data)], text)
+    assert len(page) < 4_000_000 - 6 * 200_000  # six large pictures stand beside
 
 
 def test_the_page_has_the_colours_of_all_figures(page: str) -> None:

@@ -46,9 +46,10 @@ class Compared:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Comparison:
-    """Runs of one recording; why_no_truth says why errors are missing, if they are."""
+    """Runs of one recording, by its name; why_no_truth says why errors are missing, if they are."""
 
     runs: Sequence[Compared]
+    recording: str
     why_no_truth: str
 
     @property
@@ -142,7 +143,7 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
         errors = None if truth is None else signed_errors(run.estimates.trajectory, truth)
         data = RunData(run.estimates, recording.field, truth, errors, run.black_ns(), recording.events)
         compared.append(Compared(name, run, data, row))
-    return Comparison(compared, "" if truth is not None else "the recording holds no truth")
+    return Comparison(compared, _recording_name(runs[0]), "" if truth is not None else "the recording holds no truth")
 
 
 def _recording_of(runs: Sequence[Run]) -> Recording:
@@ -157,7 +158,13 @@ def _recording_of(runs: Sequence[Run]) -> Recording:
 
 
 def _recording_name(run: Run) -> str:
-    return str(run.summary.get("recording", {}).get("name", "an unnamed recording"))
+    return str(_part(run.summary, "recording").get("name", "an unnamed recording"))
+
+
+def _part(summary: dict[str, Any], key: str) -> dict[str, Any]:
+    """A part of summary.json; nothing where it is missing, or is not as a run writes it."""
+    part = summary.get(key)
+    return part if isinstance(part, dict) else {}
 
 
 def _names(runs: Sequence[Run]) -> list[str]:
@@ -167,7 +174,7 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 
 def _figures(one: Compared) -> list[str]:
-    data, latency = one.data, one.run.summary.get("latency_ms", {}).get("total", {})
+    data, latency = one.data, _part(_part(one.run.summary, "latency_ms"), "total")
     errors = None if data.truth is None else one.run.errors_against(data.truth)
     wrong = data.wrong_while_tracking()
     values = (
@@ -179,15 +186,15 @@ def _figures(one: Compared) -> list[str]:
         (latency.get("median"), 2),
         (latency.get("p99"), 1),
     )
-    return ["–" if value is None else f"{value:.{digits}f}" for value, digits in values]
+    return [f"{value:.{digits}f}" if isinstance(value, int | float) else "–" for value, digits in values]
 
 
 def _told(summary: dict[str, Any]) -> dict[str, str]:
     """All that a run was told, each as text."""
     told = {"system": summary.get("system"), "seed": summary.get("seed"), "cpu": summary.get("cpu")}
-    told |= {f"start {key}": value for key, value in summary.get("prior", {}).items()}
-    told |= {f"version of {name}": value for name, value in summary.get("versions", {}).items()}
-    told |= dict(leaves(summary.get("settings", {})))
+    told |= {f"start {key}": value for key, value in _part(summary, "prior").items()}
+    told |= {f"version of {name}": value for name, value in _part(summary, "versions").items()}
+    told |= dict(leaves(_part(summary, "settings")))
     return {key: "none" if value is None else str(value) for key, value in told.items()}
 
 

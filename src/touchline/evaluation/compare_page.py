@@ -26,7 +26,7 @@ def comparison_page(compared: Comparison) -> str:
     truth = truth_tree(first, rows)
     data = page_data(first, _charts(compared, rows), [*trees, *([] if truth is None else [truth])], rows)
     names = " · ".join(html.escape(one.name) for one in compared.runs)
-    recording = html.escape(str(compared.runs[0].run.summary.get("recording", {}).get("name", "")))
+    recording = html.escape(compared.recording)
     sections = [
         f"<header><p class='brand'>Touchline</p><h1>{names}</h1><p class='facts'>runs of {recording}</p></header>",
         _table("Figures", ("run", *(f"{n} ({u})" for n, u in zip(COLUMNS, UNITS, strict=True))), compared.figures()),

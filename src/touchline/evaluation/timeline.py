@@ -137,9 +137,9 @@ def axis_limit(chart: Chart) -> tuple[float, float | None]:
     if not known.any():
         return 1.0, None
     calm = known if chart.calm is None else known & chart.calm.ravel()
-    bands = [curve.two_sigma for curve in chart.curves if curve.two_sigma is not None]
+    bands = [curve.two_sigma[np.isfinite(curve.two_sigma)] for curve in chart.curves if curve.two_sigma is not None]
     usual = float(np.percentile(size[calm if calm.any() else known], _USUAL_PERCENT))
-    sure = max((float(np.percentile(band[np.isfinite(band)], 90.0)) for band in bands if len(band)), default=0.0)
+    sure = max((float(np.percentile(band, 90.0)) for band in bands if len(band)), default=0.0)
     largest, reach = float(size[known].max()), _CUT * max(usual, min(sure, 6.0 * usual))
     if largest <= 2.0 * reach or reach == 0.0:
         return 1.05 * max(largest, reach) or 1.0, None
