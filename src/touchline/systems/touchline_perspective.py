@@ -30,7 +30,7 @@ from touchline.localization.perspective.search import PerspectiveSearch
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch
-from touchline.systems.setup import RobotSetup
+from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.touchline import SAID_OFTEN, Touchline, TouchlineSettings
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 
@@ -48,10 +48,12 @@ UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may
 class TouchlinePerspective:
     """The system as sources and sinks know it: `reset` and `step`."""
 
+    __repr__ = system_text
+
     def __init__(self, setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator) -> None:
         """rng is not needed: nothing here is left to chance."""
         field, camera = setup.field, setup.camera
-        self.settings = settings
+        self.setup, self.settings = setup, settings
         eye = np.array([0.0, 0.0, setup.height_m or CAMERA_HEIGHT_M])
         self.detector: Detector | None = None
         if isinstance(camera, PinholeCamera):
@@ -238,7 +240,10 @@ class TouchlineByObservation:
 
     detector = None
 
+    __repr__ = system_text
+
     def __init__(self, setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator) -> None:
+        self.setup = setup
         self._mirror = Touchline(setup, settings, rng)
         self._perspective = TouchlinePerspective(setup, settings, rng)
         self.reset()
