@@ -13,7 +13,7 @@ from touchline.errors import InputError
 from touchline.evaluation.points.point_set import polar_covariances
 from touchline.evaluation.runner import robot_setup
 from touchline.field import FieldModel, open_field
-from touchline.geometry import Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.field_end import FieldEnd
 from touchline.localization.fusion.game_states import game_prior
 from touchline.sources import open_source
@@ -224,3 +224,26 @@ def test_who_was_picked_up_may_be_anywhere() -> None:
     assert game_prior("fallen", FIELD, Prior()) == Prior()
     with pytest.raises(InputError, match="did you mean 'fallen'"):
         game_prior("falling", FIELD, Prior())
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.1])
+def test_a_delay_that_nobody_told_is_named_while_driving(delay_s: float) -> None:
+    def where(times_s: FloatArray) -> FloatArray:
+        return np.column_stack((2.0 * np.sin(0.7 * times_s), np.cos(0.4 * times_s), 0.8 * np.sin(times_s)))
+
+    system, told = open_system("touchline", RobotSetup(FIELD)), []
+    system.reset(Prior(Pose(*where(np.array([0.9]))[0])))
+    for k in range(10, 215):
+        times_s = 0.1 * k + np.arange(-0.08, 0.01, 0.02)
+        truth = Pose(*where(times_s[-1:] - delay_s)[0])
+        stamp_ns = round(1e9 * times_s[-1])
+        odometry = Samples(np.rint(1e9 * times_s).astype(np.int64), where(times_s))
+        told += system.step(
+            Frame(stamp_ns, observation=Observation(stamp_ns, seen(truth, k)), odometry=odometry)
+        ).problems
+    if delay_s == 0.0:
+        assert told == []
+    else:
+        (late,) = told
+        assert late.startswith("images are stamped ")
+        assert float(late.split()[3]) == pytest.approx(100.0, abs=20.0)

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from touchline.checks.delay import find_delay
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
@@ -16,6 +15,7 @@ from touchline.field import FieldModel
 from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.localization.matching.mirror_tilt import MirrorTilt
+from touchline.motion.delay import find_delay
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system

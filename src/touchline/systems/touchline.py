@@ -24,6 +24,7 @@ from touchline.localization.matching.covariance import is_observed
 from touchline.localization.registration.pose_search import Known, Mode, PoseSearch, contradiction
 from touchline.localization.registration.registration import Registration
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
+from touchline.motion.delay_watch import DelayWatch
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
@@ -98,6 +99,7 @@ class Touchline:
         self.unknown = Unknown(scales, head.unknown, s.self_calibration)
         start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
         self.hypotheses = PoseHypotheses(registration, start, head, s.gate)
+        self.delay = DelayWatch()
         self.end = FieldEnd(field.is_symmetric)
         self.reset()
 
@@ -107,6 +109,7 @@ class Touchline:
         if self.detector is not None:
             self.detector.reset()
         self.history.clear()
+        self.delay.reset()
         self.hypotheses.members = []
         self.hypotheses.head.reset()
         self.own_half = prior.own_half
@@ -134,7 +137,16 @@ class Touchline:
             if self._is_in_doubt():
                 self._search(observation, compass_rad)  # search: every pose that explains the points
         self._judge(frame, observation, compass_rad)  # judge: status, and which end
+        self._watch_delay(frame)
         return self._report(observation, clock)
+
+    def _watch_delay(self, frame: Frame) -> None:
+        """Whether the images are stamped late, by the poses of the lines alone."""
+        self.delay.hear(frame.odometry)
+        best = self.hypotheses.best
+        if self.status is Status.TRACKING and self.blind == 0 and best is not None and best.by_lines is not None:
+            late = self.delay.see(frame.stamp_ns, best.by_lines)
+            self.problems += () if late is None else (late,)
 
     def _is_in_doubt(self) -> bool:
         """Whether the whole field is searched in this frame."""

@@ -39,13 +39,14 @@ ANYWHERE = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose of whic
 class Member:
     """A pose hypothesis: its filter, log-odds, the last fit of points from it (None before the first), and what that
 
-    fit has told for it: the logarithm of the points' evidence.
+    fit has told for it: the logarithm of the points' evidence. by_lines: its pose by the last points alone.
     """
 
     filter: JointFilter
     log_odds: float
     fit: StateFit | None = None
     told: float = 0.0
+    by_lines: Pose | None = None
 
     @property
     def explained(self) -> float:
@@ -129,6 +130,7 @@ class PoseHypotheses:
             self.head.upright(points.positions_m, one.filter), points.covariances_m2, predicted
         )
         one.fit, one.told = self._fitted(one.filter, points, predicted)
+        one.by_lines = Pose(*found.pose.tolist())
         away, distance2 = one.filter.innovation(one.fit, swing)
         gained = (found.log_likelihood - one.fit.log_likelihood) / REPEATED
         if distance2 > self.gate or gained > -SHOVE:
