@@ -94,6 +94,13 @@ def late_error_m(drive, setup: RobotSetup, learned: bool) -> float:
 
 
 def test_the_covariance_of_a_robot_as_built_is_honest() -> None:
-    told = honesty(Condition("free"), "touchline", 0)
+    told = honesty(Condition("free"), "touchline", 3)
     assert 0.4 < told.nees < 2.0
     assert told.tracked > 0.95
+
+
+def test_a_lone_line_for_ten_seconds_loses_no_robot() -> None:
+    told = honesty(Condition("a lone line", line=True), "touchline", 3)
+    assert told.tracked == 1.0
+    assert told.nees < 3.0
+    assert told.error_m < 0.08
