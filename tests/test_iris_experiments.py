@@ -87,9 +87,9 @@ def test_table_1_the_fusion_is_within_4_mm_and_better_than_its_particle_filter_w
     assert fusion[2] <= 0.11
     assert math.hypot(*fusion[:2]) < math.hypot(*particles[:2])
     assert fusion[2] < particles[2]
-    assert math.hypot(*odometry[:2]) > 0.1
+    assert math.hypot(*odometry[:2]) > 0.49
     early, late = (toured.distances_m("odometry")[part].mean() for part in (slice(0, 300), slice(-300, None)))
-    assert late > 2.0 * early
+    assert late > 6.4 * early
 
 
 def test_the_fusion_is_smoother_than_its_particle_filter(toured: IrisDrive) -> None:
@@ -105,7 +105,7 @@ def test_the_same_table_on_a_recording_with_places(shared_data: Path, monkeypatc
     places = np.loadtxt(shared_data / iris_points.PUBLIC / "images.csv", delimiter=",", skiprows=1, usecols=4)
     assert len(iris_points.standing(driven)) == places.max() + 1
     odometry, particles, fusion = (mean_errors(driven, system) for system in SYSTEMS)
-    assert max(fusion[:2]) <= 0.0043
+    assert max(fusion[:2]) <= 0.0032
     assert fusion[2] <= 0.3
     assert math.hypot(*fusion[:2]) < math.hypot(*particles[:2])
     assert math.hypot(*odometry[:2]) > 0.1
