@@ -101,6 +101,8 @@ class Tracker:
             if other_error < error:
                 pose, error = other, other_error
         match = refine_with_tilt(self.matcher, view, pose, error, self._expected(pose))
+        if not self.settings.paper.shoves or widest_m(self.filter.covariance) < UNSURE_M:
+            return match
         return replace(match, covariance=match.covariance + self._left_open(view, match))
 
     def _left_open(self, view: MatchInput, match: Match) -> FloatArray:
@@ -109,7 +111,7 @@ class Tracker:
         variances, axes = np.linalg.eigh(self.filter.covariance[:2, :2])
         axis, deviation_m = axes[:, 1], math.sqrt(variances[1])
         told_m = math.sqrt(float(axis @ match.covariance[:2, :2] @ axis))
-        if deviation_m < UNSURE_M or told_m > deviation_m or not self.settings.paper.shoves:
+        if told_m > deviation_m:
             return open_
         predicted, pose = self.filter.pose.as_array(), match.pose.as_array()
         sides = min(math.ceil(3.0 * deviation_m / BESIDE_M), MAX_BESIDE)
