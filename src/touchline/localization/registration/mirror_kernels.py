@@ -88,7 +88,9 @@ def upright_points(points, errors, mirror):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy")
 def _equations(points, covariances, table, state, mirror, plan, width_m, sums):  # type: ignore[no-untyped-def]
-    """`_Sums` at a state, into sums; each point weighs as in `kernels`. Returns explained, noise, log-likelihood."""
+    """`_Sums` at a state, into sums; each point weighs as in `kernels`. Returns explained, noise, log-likelihood,
+    those at a width of zero alone.
+    """
     matrix, gradient = sums
     square = mirror.height_m * mirror.height_m
     width2 = width_m * width_m
@@ -125,6 +127,8 @@ def _equations(points, covariances, table, state, mirror, plan, width_m, sums): 
             gradient[a] -= weight * row[a] * distance
             for b in range(a + 1):
                 matrix[a, b] += weight * row[a] * row[b]
+        if width_m > 0.0:  # on the way there nobody asks how likely it is
+            continue
         z2 = d2 / variance
         explained += z2 < _EXPLAINED2
         squares += kept * z2
