@@ -40,7 +40,7 @@ WIDE_M = 0.2  # standard deviation of a position from which on one line may be t
 BLIND_S = 4.0  # without a feature from which on a pose is in doubt: the robot may have fallen, and been carried
 MEMORY = 0.4  # share of an image in how much is explained of late
 USUAL = 0.85  # share of what an image shows that a right pose explains: other places are looked for where it is less
-FEWEST = 2.0  # features, or line points by their shares, without which an image tells nothing
+FEWEST = 0.5  # features, or line points by their shares, without which an image tells nothing
 TOLD = 3.0  # log-odds of an end that a person tells, where nothing can confirm it: one start in twenty is told wrongly
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
