@@ -30,7 +30,7 @@ BEYOND_M = 0.5  # the grid reaches so far beyond the lines
 WIDTH_M = 0.25  # of the coarse error function
 # poses of the grid that are registered, and of those the likeliest distinct ones that are registered to the end; of a
 # whole view, and as many times more of a narrower one, which fits more places
-STARTS, FINISHED = 40, 16
+STARTS, FINISHED = 50, 24
 NARROWEST = 0.25  # of the whole view, beyond which there are no more of them
 CLOSE_STARTS = 30  # so many of the starts may be neighbours on the grid
 NEAR_STARTS = 25  # of a search near a pose
