@@ -213,6 +213,11 @@ def test_the_end_of_a_lone_line_that_fits_twice_tells_nothing_along_it() -> None
         seen, _ = seen_from(tracker, points, truth)
         assert tracker.fuse(seen, tracker.match(seen)) is not Fusion.CONTRADICTS
         assert math.sqrt(tracker.filter.covariance[0, 0]) == pytest.approx(left_m, rel=0.5)
+    tracker.start_at(truth._replace(x=truth.x - 0.4), np.diag([0.3, 0.3, 0.01]) ** 2)  # no odometry: not along a line
+    seen, _ = seen_from(tracker, lone_end, truth)
+    match = tracker.match(seen)
+    assert match is not None
+    assert match.covariance[0, 0] < 0.1
 
 
 @pytest.mark.parametrize("clutter", [0.0, 0.2])

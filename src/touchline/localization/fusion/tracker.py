@@ -43,6 +43,9 @@ LONE_LINE_SHOVE = 0.3  # share of a usual shove that is believed where only one 
 # standard deviation of the prediction from which a match is compared with other places along its least known direction:
 # the end of a lone line looks like that of the arc or the area beside it
 UNSURE_M = 0.1
+LONG = (
+    0.3  # of its deviations the shorter by the longer up to which lines leave it one direction; without odometry: all
+)
 BESIDE_M = 0.2  # distance of such places: less than that of any two lines
 MAX_BESIDE = 10  # places on either side: no robot in play is unsure by more than a metre for long
 
@@ -111,7 +114,7 @@ class Tracker:
         variances, axes = np.linalg.eigh(self.filter.covariance[:2, :2])
         axis, deviation_m = axes[:, 1], math.sqrt(variances[1])
         told_m = math.sqrt(float(axis @ match.covariance[:2, :2] @ axis))
-        if told_m > deviation_m:
+        if told_m > deviation_m or variances[0] > LONG**2 * variances[1]:
             return open_
         predicted, pose = self.filter.pose.as_array(), match.pose.as_array()
         sides = min(math.ceil(3.0 * deviation_m / BESIDE_M), MAX_BESIDE)
