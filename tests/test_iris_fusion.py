@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from functools import cache
@@ -20,13 +21,24 @@ from touchline.simulation.scenario import MotionSettings, open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.iris_fusion import IrisFusion, IrisFusionSettings
-from touchline.types import Estimate, Frame, LinePoints, Mode, Observation, Prior, Samples, Status, empty_points
+from touchline.types import (
+    Estimate,
+    Frame,
+    LinePoints,
+    Mode,
+    Observation,
+    Prior,
+    Samples,
+    Status,
+    empty_points,
+    points_at,
+)
 
 PAPER = (
     "paper.particles.max_units=255", "paper.particles.tempering_threshold=0", "paper.particles.roughening=0",
     "paper.particles.nearby_ratio=0", "paper.fusion.beta_period_s=null", "paper.fusion.bias_gain_per_s=0",
     "paper.fusion.camera_errors=false", "paper.fusion.displacement=false", "paper.restart.heading_rad=null",
-    "paper.restart.image_cycles=1",
+    "paper.restart.image_cycles=1", "paper.restart.lone_line=true",
 )  # fmt: skip
 
 
@@ -328,6 +340,23 @@ def test_a_bad_image_never_pulls_the_pose(field: str, what: str) -> None:
             assert estimate.status is Status.TRACKING
             errors_m.append(off_m(estimate, truth(run, k)))
     assert max(errors_m) < 0.05
+
+
+def followed_along_a_false_line(*sets: str) -> list[Estimate]:
+    """A robot that sees nothing but a straight line of 6 m, which is none of the field's."""
+    run = simulation("indoor-9x6", 3)
+    made, rng, told = system(run, *sets), np.random.default_rng(0), []
+    at = np.column_stack((np.linspace(-3.0, 3.0, 60), np.full(60, 1.5)))
+    for frame in itertools.islice(run, 90):
+        assert frame.observation is not None
+        line = points_at(at + 0.01 * rng.standard_normal((60, 2)))
+        told.append(made.step(replace(frame, observation=Observation(frame.stamp_ns, line))))
+    return told
+
+
+def test_a_lone_line_finds_nobody_who_is_searched_for() -> None:
+    assert not any(one.status is Status.TRACKING for one in followed_along_a_false_line())
+    assert any(one.status is Status.TRACKING for one in followed_along_a_false_line("paper.restart.lone_line=true"))
 
 
 def test_the_same_seed_gives_the_same_trajectory_and_another_seed_another() -> None:

@@ -28,10 +28,10 @@ from touchline.localization.fusion.particle_localizer import (
     ParticleLocalizer,
     ParticleSearch,
     ParticleSearchSettings,
-    is_one_line,
 )
 from touchline.localization.fusion.pose_filter import Fusion
 from touchline.localization.fusion.tracker import MAX_UNSETTLED, Tracker
+from touchline.localization.matching.covariance import is_one_line
 from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
 from touchline.localization.particles import NubotParticles
 from touchline.motion import Motion, MotionHistory

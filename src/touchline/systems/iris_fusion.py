@@ -25,6 +25,7 @@ from touchline.localization.fusion.camera_errors import HEIGHT_M, CameraErrors, 
 from touchline.localization.fusion.field_side import FieldSide
 from touchline.localization.fusion.modes import MIN_POINTS, SensorFusion, SensorFusionSettings, difference, shared_out
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
+from touchline.localization.matching.covariance import is_one_line
 from touchline.localization.matching.global_search import OWN_HALF
 from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
 from touchline.localization.particles.particle_set import ParticleEstimate
@@ -222,7 +223,8 @@ class IrisFusion:
         elif self.restart.start_is_due() and not self.fusion.contradicting:
             self._start(compass_rad)
         vision, residual_m = self._cycles(points, image_cycles)
-        return vision if self._began_in_start_region(vision.pose) else None, residual_m
+        lone_line = not self.settings.restart.paper.lone_line and is_one_line(points.positions_m)
+        return vision if self._began_in_start_region(vision.pose) and not lone_line else None, residual_m
 
     def _move(self, motion: Motion) -> None:
         """The particles move; as long as the start region counts, none of them may have begun outside."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-import numpy as np
 from pydantic import Field
 
 from touchline.config import Settings, added, constants_now
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import Pose
 from touchline.localization.fusion.doubt import stands_alone
 from touchline.localization.fusion.failure import MAX_HEADING_ERROR_RAD
 from touchline.localization.fusion.global_localizer import Localization, Prediction
 from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
+from touchline.localization.matching.covariance import is_one_line
 from touchline.localization.matching.global_search import GlobalSearch, Region
 from touchline.localization.matching.matcher import Match, as_pose
 from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
@@ -25,7 +25,6 @@ CONFIRMATIONS = 3
 # distance within which two poses are the same, the odometry's motion between them taken off: less than that of two
 # clusters
 SAME_M = 0.5
-LINE_M = 0.1  # standard deviation across, of points that are all of one line: its width, noise, a ruffled carpet
 
 
 class ParticleSearchPaper(Settings):
@@ -225,9 +224,3 @@ class ParticleLocalizer:
         fix = self.whole_field.locate_any_heading(view.positions_m, view.weights, view.heading_rad)
         held = match.error >= self.search.settings.accepted_error
         return stands_alone(self.whole_field, fix, match, match.covariance, held)
-
-
-def is_one_line(positions_m: FloatArray) -> bool:
-    """Whether points (M, 2) in m all lie along one straight line."""
-    across = np.linalg.eigvalsh(np.cov(positions_m.T))[0] if len(positions_m) > 1 else 0.0
-    return bool(across < LINE_M**2)

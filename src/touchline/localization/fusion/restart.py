@@ -46,6 +46,12 @@ class RestartPaper(Settings):
         description="particles start anew over the field when images contradict them, or a search has found nothing; "
         "false as in the paper: they start once",
     )
+    lone_line: bool = added(
+        False,
+        paper=True,
+        description="find a robot that is searched for by images of a single straight line, which fits many places "
+        "and may be none of the field's; true as in the paper",
+    )
 
 
 class RestartSettings(Settings):

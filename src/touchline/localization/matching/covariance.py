@@ -29,6 +29,7 @@ UNKNOWN_HEADING_RAD = 3.0  # standard deviation of a heading that no line observ
 # standard deviations beyond which a pose is none: a robot that may stand a step to either side hits no ball
 MAX_DEVIATION_OF_POSITION_M = 0.5
 MAX_DEVIATION_OF_HEADING_RAD = 0.35
+LINE_M = 0.1  # standard deviation across, of points that are all of one line: its width, noise, a ruffled carpet
 
 
 class UncertaintyPaper(Settings):
@@ -181,3 +182,9 @@ def is_observed(covariance: FloatArray) -> bool:
     """Whether a covariance (3, 3), of x, y, heading in (m, m, rad), leaves a pose: not so along a lone line."""
     position, heading = widest_m(covariance), covariance[2, 2]
     return bool(position < MAX_DEVIATION_OF_POSITION_M and heading < MAX_DEVIATION_OF_HEADING_RAD**2)
+
+
+def is_one_line(positions_m: FloatArray) -> bool:
+    """Whether points (M, 2) in m all lie along one straight line."""
+    across = np.linalg.eigvalsh(np.cov(positions_m.T))[0] if len(positions_m) > 1 else 0.0
+    return bool(across < LINE_M**2)
