@@ -83,7 +83,11 @@ def test_a_robot_that_is_carried_away_is_found_at_once(shared_data: Path, compas
         assert estimate.status is Status.TRACKING
         twin = [one for one in estimate.hypotheses if one.pose.distance_to(estimate.pose.mirrored()) < 0.01]
         assert len(twin) == 1
-        assert twin[0].probability == pytest.approx(0.02 if compass else 0.5, abs=0.005)
+        assert twin[0].probability is not None
+        if compass:  # 2 % at first, and less as it goes on agreeing
+            assert 0.003 < twin[0].probability < 0.021
+        else:
+            assert twin[0].probability == pytest.approx(0.5, abs=0.005)
 
 
 def test_a_robot_that_is_moved_unfelt_is_found_in_the_same_image() -> None:
@@ -133,8 +137,9 @@ def test_a_compass_turns_the_pose_only_after_some_time() -> None:
     end = FieldEnd(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
     assert end.probability == pytest.approx(0.98)
-    assert not heard(end, math.pi, 1.0).is_refuted  # stuck for a second
-    assert heard(end, math.pi, 9.0).is_refuted
+    assert 0.3 < heard(end, math.pi, 1.0).probability < 0.7  # undecided at once
+    assert not end.is_refuted
+    assert heard(end, math.pi, 20.0).is_refuted
     end.turn()
     assert end.probability > 0.8
 
@@ -142,22 +147,38 @@ def test_a_compass_turns_the_pose_only_after_some_time() -> None:
 def test_a_fault_of_the_compass_does_not_turn_a_robot_that_is_followed() -> None:
     end = FieldEnd(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
-    heard(end, 0.1, 3.0)
+    heard(end, 0.1, 20.0)
     assert not heard(end, math.pi, 10.0).is_refuted
-    assert 0.8 < end.probability < 0.95  # it says so, and the twin is named
+    assert 0.6 < end.probability < 0.9  # it says so, and the twin is named
     assert heard(end, 0.1, 10.0).probability > 0.97
-    assert heard(end, math.pi, 40.0).is_refuted  # it was false when the end was found
+    assert heard(end, math.pi, 60.0).is_refuted  # it was false when the end was found
 
 
-def test_a_compass_that_had_failed_does_not_tell_where_a_lost_robot_is_until_it_changes_its_mind() -> None:
+def test_a_compass_that_had_failed_does_not_tell_where_a_lost_robot_is_and_the_next_word_puts_it_right() -> None:
+    """The same error at the new place is the failed compass's own; when it ends, the robot is where the lines say."""
     end = FieldEnd(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
-    heard(heard(end, 0.1, 5.0), math.pi, 2.0)
+    heard(heard(end, 0.1, 20.0), math.pi, 0.5)
+    assert end.compass.is_suspect
     end.begin(told=False, compass_error_rad=0.2)
-    assert heard(end, 0.2, 5.0).probability == 0.5
-    assert heard(end, math.pi, 8.0).is_refuted
-    end.turn()
-    assert heard(end, 0.0, 10.0).probability > 0.97
+    assert heard(end, 0.2, 2.5).probability < 0.25
+    assert heard(end, math.pi, 0.5).is_refuted
+
+
+def test_a_stuck_compass_tells_nothing_of_the_end_while_the_robot_turns() -> None:
+    end = FieldEnd(symmetric=True)
+    end.begin(told=False, compass_error_rad=0.1)
+    heard(end, 0.1, 40.0)
+    for error_rad in (1.5, math.pi, -1.5, 0.0, 1.5, math.pi):
+        assert heard(end, error_rad, 1.5).probability > 0.9
+
+
+def test_a_pause_of_the_images_is_no_contradiction() -> None:
+    end = FieldEnd(symmetric=True)
+    end.begin(told=False, compass_error_rad=0.1)
+    heard(end, 0.1, 20.0)
+    end.update(math.pi, 60.0)
+    assert end.probability > 0.9
 
 
 def test_the_own_half_is_believed() -> None:

@@ -171,6 +171,8 @@ class Touchline:
             told = before is None and (self.own_half or self._is_in_zone(best.filter.pose))
             self.end.begin(told, self._compass_error(best.filter.pose, compass_rad))
             self.zone = None
+            if self.end.symmetric and self.end.log_odds < 0.0:  # the compass has probably failed
+                self._turn()
 
     def _known(self, compass_rad: float | None) -> tuple[Known, ...]:
         """What a compass says of every pose, and what was told of where the robot is found."""
@@ -207,8 +209,7 @@ class Touchline:
         self.end.hear(frame.evidence, best.filter.pose, seconds)
         if self.end.is_refuted:
             self.problems = (f"{' and '.join(self.end.against)}: the robot is at the other end of the field",)
-            self.hypotheses.turn()
-            self.end.turn()
+            self._turn()
         decided = self.hypotheses.probability >= self.settings.min_probability
         explained = self.blind > 0 or best.explained >= self.settings.min_explained
         observed = is_observed(best.filter.covariance)
@@ -218,6 +219,11 @@ class Touchline:
             self.status = Status.TRACKING
         else:
             self.status = Status.SEARCHING if self.status is not Status.TRACKING or decided else Status.LOST
+
+    def _turn(self) -> None:
+        """The twin is the pose from now on."""
+        self.hypotheses.turn()
+        self.end.turn()
 
     @staticmethod
     def _compass_error(pose: Pose, compass_rad: float | None) -> float | None:

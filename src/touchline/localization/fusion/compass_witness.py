@@ -1,25 +1,35 @@
 """What a compass says of the end of the field, as log-odds: a witness that now and then fails for a while.
 
-A robot that is followed from image to image does not change its end. So a compass that says otherwise has failed, and
-such faults end by themselves, or it was false when the end was found. If faults last as long as they please (an
-exponential law), the log-odds of the two go down by the same for every second of contradiction and up for every second
-of agreement.
+A robot that is followed from image to image does not change its end, and a compass either works or has failed, then
+stuck or turned by half a circle. So there are four states, right or wrong end with a working or a failed compass, and a
+filter over them (Rabiner 1989, the forward recursion): faults begin seldom and end soon. A compass that turns round
+while a robot is followed has probably failed, unless it had agreed for a moment only; one that has failed does not tell
+where a robot is that was lost meanwhile.
 """
 
 from __future__ import annotations
 
 import math
 
-from touchline.geometry import wrap_angle
+import numpy as np
+
+from touchline.geometry import FloatArray, wrap_angle
 from touchline.localization.fusion.field_side import COMPASS_FALSE
 
-TOLD = math.log((1.0 - COMPASS_FALSE) / COMPASS_FALSE)  # log-odds of an end that a compass tells
-FIRST_S = 2.0  # until it has said the same for so long, a compass tells nothing for certain
-FAULT_S = 5.0  # by which a contradiction has to last longer for each unit of log-odds
-MOST = TOLD + 60.0 / FAULT_S  # a minute of agreement
-SUSPECT_S = 1.0  # of contradiction, after which a compass is not asked where a lost robot is
-IGNORED_S = 30.0  # for so long, or until it changes its mind
+FAULT_EVERY_S, FAULT_S = 600.0, 10.0  # mean times until a fault begins, and until it ends
+UNLIKELY = 0.05  # of what a state does not lead to, in one image: the compass is late, or the robot turns
+LONGEST_S = 0.2  # between two images, as far as it counts: what a compass said in a pause is not known
+MOST = 10.0  # log-odds that a minute of agreement comes to
+SUSPECT = 0.2  # probability of a failed compass from which it is not asked where a lost robot is
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
+_ALMOST_NONE = 1e-6  # stands for 0 where a quotient is made
+# of each word (for the pose's end, for neither, against it) how likely it is: rows right and wrong end, columns a
+# working and a failed compass, which shows anything but the truth
+_LIKELY = {
+    1: np.array([[1.0, UNLIKELY], [UNLIKELY, 1.0]]),
+    0: np.array([[UNLIKELY, 1.0], [UNLIKELY, 1.0]]),
+    -1: np.array([[UNLIKELY, 1.0], [1.0, UNLIKELY]]),
+}
 
 
 class CompassWitness:
@@ -30,53 +40,65 @@ class CompassWitness:
 
     def reset(self) -> None:
         """Nothing was heard."""
-        self.log_odds = 0.0
-        self._heard_s = self._against_s = self._ignored_s = 0.0
-        self._ignored = 0
+        self._states = _both_ends(COMPASS_FALSE)
+
+    @property
+    def log_odds(self) -> float:
+        """Of the pose's end, against the other."""
+        right, wrong = self._states.sum(axis=1)
+        return math.log(right / wrong)
 
     @property
     def is_suspect(self) -> bool:
-        """Whether it has just failed: it is not asked where a lost robot is."""
-        return self._ignored_s > 0.0 or self._against_s >= SUSPECT_S
+        """Whether it has probably failed: it is not asked where a lost robot is."""
+        return self._failed > SUSPECT
+
+    @property
+    def _failed(self) -> float:
+        return float(self._states[:, 1].sum() / self._states.sum())
 
     def begin(self, error_rad: float | None) -> None:
-        """A pose was found anew that a compass differs from: its word counts at once, unless it had just failed."""
-        suspect = self._ignored_s if self._ignored_s > 0.0 else IGNORED_S * (self._against_s >= SUSPECT_S)
-        self.reset()
+        """A pose was found anew that a compass differs from: of its end nothing else is known."""
+        self._states = _both_ends(self._failed)
         speaks = _speaks(error_rad)
-        if suspect > 0.0:
-            self._ignored_s, self._ignored = suspect, speaks
-        else:
-            self.log_odds = TOLD * speaks
+        if speaks:
+            self._states = self._states * np.maximum(_LIKELY[speaks] > UNLIKELY, _ALMOST_NONE)
 
     def hear(self, error_rad: float | None, seconds: float) -> None:
         """What it says of the pose now; None: nothing. seconds: since it was heard last."""
         speaks = _speaks(error_rad)
-        if self._ignored_s > 0.0:
-            self._ignored_s -= seconds
-            if speaks in (0, self._ignored):
-                return
-            self._ignored_s = 0.0  # it has changed its mind
-        if speaks == 0:
+        if speaks is None:
             return
-        self._heard_s += seconds
-        if self._heard_s <= FIRST_S:
-            self.log_odds += (TOLD * speaks - self.log_odds) * min(seconds / FIRST_S, 1.0)
-            return
-        self.log_odds = max(min(self.log_odds + speaks * seconds / FAULT_S, MOST), -MOST)
-        against = speaks * self.log_odds < 0.0
-        self._against_s = max(self._against_s + seconds if against else self._against_s - seconds, 0.0)
+        elapsed_s = min(max(seconds, 0.0), LONGEST_S)
+        failing, ending = elapsed_s / FAULT_EVERY_S, elapsed_s / FAULT_S
+        change = np.array([[1.0 - failing, failing], [ending, 1.0 - ending]])
+        states = (self._states @ change) * _LIKELY[speaks]
+        if (
+            speaks != 0
+        ):  # a failed compass that agrees with an end does so by chance, as long as the robot does not turn
+            states[:, 1] *= math.exp(-elapsed_s / FAULT_S)
+        self._states = _bounded(states / states.sum())
 
     def turn(self) -> None:
         """The twin is the pose from now on."""
-        self.log_odds = -self.log_odds
-        self._ignored = -self._ignored
-        self._against_s = 0.0
+        self._states = self._states[::-1].copy()
 
 
-def _speaks(error_rad: float | None) -> int:
+def _both_ends(failed: float) -> FloatArray:
+    """States (2, 2) of which nothing but the probability of a failed compass is known."""
+    return np.array([[0.5 * (1.0 - failed), 0.5 * failed]] * 2)
+
+
+def _bounded(states: FloatArray) -> FloatArray:
+    """The same with no more odds between the ends than MOST, so that nothing is certain for ever."""
+    ends = states.sum(axis=1)
+    least = math.exp(-MOST) * ends.max()
+    return np.asarray(states * (np.maximum(ends, least) / ends)[:, np.newaxis])
+
+
+def _speaks(error_rad: float | None) -> int | None:
     """1 for the pose's end, -1 against it, 0 for neither, of a compass that differs by an angle from its heading."""
     if error_rad is None:
-        return 0
+        return None
     error = abs(wrap_angle(error_rad))
     return 1 if error < NEAR_RAD else -1 if error > FAR_RAD else 0
