@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -14,13 +15,16 @@ from touchline.calibration.lines.calibration import (
     calibrate_points,
     check,
     one_half,
+    refined,
     turning_axis,
 )
-from touchline.calibration.lines.equations import SHAPE, Lines, Noise, residual
-from touchline.calibration.lines.images import camera_of
+from touchline.calibration.lines.candidates import Candidate
+from touchline.calibration.lines.equations import SHAPE, Lines, Noise, Seen, residual
+from touchline.calibration.lines.images import camera_of, merged_looks
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.pixels_file import image_size, read_pixels
 from touchline.camera import open_camera
+from touchline.cli.calibrate_lines import different
 from touchline.cli.commands import app
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
@@ -179,3 +183,51 @@ def test_the_camera_reaches_twice_the_last_range(field: FieldModel) -> None:
     camera = camera_of(found, (480, 480), 30.0, 230.0)
     assert 9.0 < camera.range_m[0, -1] < 10.5
     assert found.lead > MIN_LEAD
+
+
+def test_points_left_out_on_a_penalty_mark_do_no_harm_when_images_are_looked_at_again(field: FieldModel) -> None:
+    """Both looks see the mark, the calibration in between leaves it out."""
+    rng, pose = np.random.default_rng(3), Pose(3.0, -1.5, 0.7)
+    lines = seen_pixels(field, pose, rng)
+    places = pose.inverse().transform(np.array([[0.0, 0.03], [0.0, -0.03]]) + field.discs[field.discs[:, 0] > 0, :2])
+    radius, bearing = np.arctan(np.hypot(*places.T) / SCALE_M) / PER_PX, np.arctan2(places[:, 1], places[:, 0])
+    mark = CENTER + radius[:, np.newaxis] * np.column_stack((np.cos(bearing), np.sin(bearing)))
+    seen = [Seen(np.concatenate((lines, mark)), 1.0, 14.0)]
+    start = Candidate(np.array([*CENTER, np.log(SCALE_M), PER_PX, 0.0, 0.0]), np.array([[*pose]]), 0.1)
+    found = refined(start, 1.0, seen, CENTER, 220.0, field)
+    assert len(found.pixels[0]) == len(lines)
+    (merged,) = merged_looks(found, [np.zeros((0, 2))])
+    assert 0.9 * len(lines) < len(merged) <= len(lines)
+
+
+def refusal(*words: object) -> str:
+    """What `calibrate lines` says while it writes nothing."""
+    done = CliRunner().invoke(app, ["calibrate", "lines", *map(str, words), "--field", "msl-18x12"])
+    assert isinstance(done.exception, InputError | NoFitError), done
+    return str(done.exception)
+
+
+def test_an_image_of_one_grey_shows_no_mirror(tmp_path: Path) -> None:
+    image = tmp_path / "grey.png"
+    cv2.imwrite(str(image), np.full((480, 480, 3), 90, np.uint8))
+    assert "no mirror's circle is found" in refusal(image, "-o", tmp_path / "camera.yaml")
+
+
+def test_images_of_different_sizes_a_folder_and_degrees_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "recording" / "images").mkdir(parents=True)
+    images, out = [tmp_path / "a.png", tmp_path / "b.png"], tmp_path / "camera.yaml"
+    for path, side in zip(images, (60, 64), strict=True):
+        cv2.imwrite(str(path), np.full((side, 60, 3), 90, np.uint8))
+    assert "another size" in refusal(*images, "-o", out)
+    assert "images/*.png for instance" in refusal(tmp_path / "recording", "-o", out)
+    for angle in ("90", "-6.3", "nan"):
+        assert "in rad" in refusal(images[0], "-o", out, f"--mount-yaw={angle}")
+
+
+def test_what_is_given_twice_counts_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = [tmp_path / f"{name}.png" for name in "abc"]
+    contents = [np.full((4, 4, 3), value, np.uint8) for value in (1, 2, 1)]
+    assert different(paths, contents) == [0, 1]
+    told = " ".join(capsys.readouterr().err.split())
+    assert "left out" in told
+    assert "shows the same as" in told

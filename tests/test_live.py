@@ -394,6 +394,22 @@ def test_live_ends_after_its_seconds_and_play_sends_to_nobody(capsys: pytest.Cap
     assert "60 images sent" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("--start=1,2,90", "radians"),
+        ("--start=100,2,0", "far off the field"),
+        ("--wheels=45,135", "in rad"),
+        ("--wheels=0.8,nan", "in rad"),
+    ],
+)
+def test_degrees_and_a_start_far_off_the_field_are_told(
+    capsys: pytest.CaptureFixture[str], option: str, words: str
+) -> None:
+    assert main(["live", "--field", "msl-18x12", "--udp", "28498", "--seconds", "0", option]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
 def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

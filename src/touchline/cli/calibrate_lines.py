@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
+from touchline.cli.options import turn_in_rad
 from touchline.errors import InputError, NoFitError
 from touchline.new_files import write_new_file
 
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
     from touchline.calibration.lines.calibration import LineCalibration
     from touchline.camera import OmniCamera
     from touchline.field import FieldModel
+    from touchline.geometry import FloatArray
     from touchline.types import ImageArray
 
 _HANDEDNESS = (
@@ -50,6 +54,8 @@ def calibrate_lines(
     """Write a camera.yaml found from the field's lines in one or more images, with no camera.yaml to begin with."""
     if handedness not in (None, 1, -1):
         raise InputError(f"--handedness: 1 or -1 is expected, found {handedness}")
+    mount_yaw = turn_in_rad(mount_yaw, "--mount-yaw")
+    _refuse_folders(inputs)
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     from touchline.calibration.strip_recording import camera_yaml
     from touchline.field import open_field
@@ -75,6 +81,29 @@ def calibrate_lines(
     print_lines(words, output, picture)
 
 
+def _refuse_folders(paths: list[Path]) -> None:
+    for path in paths:
+        if path.is_dir():
+            images = path / "images" if (path / "images").is_dir() else path
+            raise InputError(
+                f"{path}: is a folder; expected images or CSV files of line points, {images}/*.png for instance "
+                "(touchline calibrate self and touchline calibrate mirror take recordings)"
+            )
+
+
+def different(paths: list[Path], contents: Sequence[FloatArray | ImageArray]) -> list[int]:
+    """The numbers of those whose content did not come before. Counted twice, they would seem to tell more."""
+    from touchline.cli.console import errors_console
+
+    first: dict[tuple[tuple[int, ...], bytes], int] = {}
+    for k, content in enumerate(contents):
+        same = first.setdefault((content.shape, sha256(content.tobytes()).digest()), k)
+        if same != k:
+            told = f"left out: {paths[k]}: shows the same as {paths[same]}, which counts once"
+            errors_console().print(told, style="yellow", markup=False)
+    return list(first.values())
+
+
 def _from_points(
     paths: list[Path], field: FieldModel, handedness: int, mount_yaw: float, size: str | None
 ) -> tuple[OmniCamera, LineCalibration, ImageArray]:
@@ -84,6 +113,7 @@ def _from_points(
     from touchline.view.line_calibration import points_picture
 
     pixels = [read_pixels(path) for path in paths]
+    pixels = [pixels[k] for k in different(paths, pixels)]
     width_height = image_size(size, pixels)
     circle = rough_circle(pixels)
     lines = calibrate_points(pixels, circle.center, circle.radius_px, field, handedness)
@@ -105,6 +135,8 @@ def _from_images(
     for path, image in zip(paths, images, strict=True):
         if image.shape != images[0].shape:
             raise InputError(f"{path}: is of another size than {paths[0]}; all images must be of one camera")
+    kept = different(paths, images)
+    paths, images = [paths[k] for k in kept], [images[k] for k in kept]
     found = calibrate_images(images, field, handedness, mount_yaw)
     check(found.lines, whole_view=True)
     for k in set(range(len(paths))) - set(found.used):

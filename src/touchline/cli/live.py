@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.options import BagBase, FollowLinks, bag_options
+from touchline.cli.options import BagBase, FollowLinks, bag_options, turn_in_rad
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,12 +68,14 @@ def live(
     """Localise a running robot: images and sensors in by ROS 2's topics or UDP, poses out. Ctrl-C ends it."""
     import time
 
+    from touchline.api import checked_prior
     from touchline.cli.console import errors_console, told_of_compiling
     from touchline.cli.run import interruptible, parse_pose
     from touchline.config import load_settings
     from touchline.live.loop import LiveLoop
     from touchline.localizer import Localizer
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
+    from touchline.types import Prior
 
     if camera is not None and str(camera).startswith("/dev/"):
         raise InputError(f"--camera {camera}: is a device: --device {camera} reads it, --camera names its camera.yaml")
@@ -82,7 +84,8 @@ def live(
     chosen = load_settings(system_info(name).settings, config, settings or (), elsewhere=others)
     localizer = Localizer(field, camera, name, _pair(wheels, "--wheels"), chosen)
     if start is not None or own_half:
-        localizer.reset(None if start is None else tuple(parse_pose(start)), own_half=own_half)
+        pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
+        localizer.reset(pose, own_half=own_half)
     link: Link = _dds_link(topics, base, namespace, network) if dds else _udp_link(udp, to)
     if device is not None:
         link = _with_camera(link, device)
@@ -192,7 +195,7 @@ def _pair(text: str | None, option: str) -> tuple[float, float] | None:
         a, b = (float(part) for part in text.split(","))
     except ValueError:
         raise InputError(f"{option} {text}: expected A,B in rad, for example {option}=0.785,2.356") from None
-    return a, b
+    return turn_in_rad(a, option), turn_in_rad(b, option)
 
 
 class _Shown:

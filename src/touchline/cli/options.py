@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -43,3 +44,10 @@ def bag_options(topics: list[str] | None, field: str | None, camera: Path | None
         if not (role and equals and name):
             raise InputError(f"--topic {role}{equals}{name}: expected ROLE=/NAME, for example image=/front/image_raw")
     return BagOptions({role: name for role, _, name in named}, field, camera, base)
+
+
+def turn_in_rad(angle: float, option: str) -> float:
+    """The angle. Raises InputError for more than a full turn: degrees, then, or for what is no number."""
+    if not abs(angle) <= 2.0 * math.pi:
+        raise InputError(f"{option} {angle:g}: is more than a full turn; an angle in rad is expected (90° are 1.5708)")
+    return angle

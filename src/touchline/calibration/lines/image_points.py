@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from touchline.camera import OmniCamera
+from touchline.errors import NoFitError
 from touchline.geometry import FloatArray
 from touchline.perception.line_points import LinePointDetector
 from touchline.types import ImageArray
@@ -30,7 +31,10 @@ class Circle(NamedTuple):
 
 
 def mirror_circle(images: Sequence[ImageArray]) -> Circle:
-    """The circle along which images (H, W, 3) turn darkest from the inside out. It need not be whole in the image."""
+    """The circle along which images (H, W, 3) turn darkest from the inside out. It need not be whole in the image.
+
+    Raises NoFitError where no circle gets darker.
+    """
     brightest = np.max([image.max(axis=2) for image in images], axis=0).astype(np.float32)
     shrink = max(1.0, min(brightest.shape) / _SIDE_PX)
     small = cv2.resize(brightest, None, fx=1.0 / shrink, fy=1.0 / shrink, interpolation=cv2.INTER_AREA)
@@ -42,6 +46,11 @@ def mirror_circle(images: Sequence[ImageArray]) -> Circle:
     best: FloatArray = np.zeros(4)
     for radius in np.arange(_RADII[0] * side, _RADII[1] * side, 3.0):
         best = _best_circle(slopes, 0.5 * width + aside, 0.5 * height + aside, radius, best)
+    if not best[0] > 0.0:
+        raise NoFitError(
+            "no mirror's circle is found: nowhere does the image get darker around its middle. Is it an image of a "
+            "mirror camera?"
+        )
     for step in (2.0, 1.0, 0.5):
         _, u, v, radius = best
         near = step * np.arange(-2.0, 3.0)

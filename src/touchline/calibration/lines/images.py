@@ -58,20 +58,21 @@ def calibrate_images(
         again = points_through(rough, [images[k] for k in used], field.line_width)
     except NoCarpetError as error:
         raise NoFitError(f"no line points can be found: {error}") from None
-    pixels = _merged(lines, pixels, again)
+    pixels = merged_looks(lines, again)
     lines = refined_again(lines, pixels, circle.center, circle.radius_px, field)
     camera = known_camera(lines, size, _INNER * circle.radius_px, circle.radius_px, mount_yaw_rad)
     return ImageCalibration(circle, before, camera, lines, used)
 
 
-def _merged(lines: LineCalibration, first: Sequence[FloatArray], again: Sequence[FloatArray]) -> list[FloatArray]:
-    """The points of the second look, and those of the first that lay on lines and are not among them.
+def merged_looks(lines: LineCalibration, again: Sequence[FloatArray]) -> list[FloatArray]:
+    """The points of the second look, and those that the calibration used, lay on lines and are not among them.
 
     Where the paint is not as wide as the field says, each look misses some.
     """
-    on_line = np.split(lines.certainty.residuals < WIDTHS[-1], np.cumsum([len(one) for one in first])[:-1])
+    ends = np.cumsum([len(one) for one in lines.pixels])  # fewer than were found: those on penalty marks are left out
+    on_line = np.split(lines.certainty.residuals < WIDTHS[-1], ends[:-1])
     merged = []
-    for old, good, new in zip(first, on_line, again, strict=True):
+    for old, good, new in zip(lines.pixels, on_line, again, strict=True):
         kept = old[good]
         if len(new):
             gaps = np.hypot(*np.moveaxis(kept[:, np.newaxis] - new, -1, 0)).min(axis=1)
