@@ -103,7 +103,7 @@ FAULTS = (
     Fault(COMPASS_WITNESS, "-1 if error > FAR_RAD", "0 if error > FAR_RAD", T_OWN, "turns_the_pose"),
     Fault(COMPASS_WITNESS, "_both_ends(self._failed)", "_both_ends(COMPASS_FALSE)", T_OWN, "had_failed"),
     Fault(COMPASS_WITNESS, "elapsed_s / FAULT_EVERY_S", "elapsed_s / 1e9", T_OWN, "robot_that_is_followed"),
-    Fault(COMPASS_WITNESS, "if speaks == 0:  #", "if False:  #", T_OWN, "stuck_compass"),
+    Fault(COMPASS_WITNESS, "0: np.array([[UNLIKELY, 1.0]", "0: np.array([[UNLIKELY, 0.1]", T_OWN, "stuck_compass"),
     # fusion of nubot-mti
     Fault(FILTER, "max(BETTER_FACTOR * error, error + BETTER_MARGIN)", "BETTER_FACTOR * error", "test_tracking.py",
           "margin"),

@@ -22,13 +22,18 @@ LONGEST_S = 0.2  # between two images, as far as it counts: what a compass said 
 MOST = 10.0  # log-odds that a minute of agreement comes to
 SUSPECT = 0.2  # probability of a failed compass from which it is not asked where a lost robot is
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
-_ALMOST_NONE = 1e-6  # stands for 0 where a quotient is made
 # of each word (for the pose's end, for neither, against it) how likely it is: rows right and wrong end, columns a
-# working and a failed compass, which shows anything but the truth
+# working and a failed compass, which may say anything
 _LIKELY = {
-    1: np.array([[1.0, UNLIKELY], [UNLIKELY, 1.0]]),
+    1: np.array([[1.0, 1.0], [UNLIKELY, 1.0]]),
     0: np.array([[UNLIKELY, 1.0], [UNLIKELY, 1.0]]),
-    -1: np.array([[UNLIKELY, 1.0], [1.0, UNLIKELY]]),
+    -1: np.array([[UNLIKELY, 1.0], [1.0, 1.0]]),
+}
+
+# the word with which a pose was found: a failed compass has led the search to the other end, or happens to be right
+_FIRST_WORD = {
+    1: np.array([[1.0, 0.25], [1e-6, 1.0]]),
+    -1: np.array([[1e-6, 1.0], [1.0, 0.25]]),
 }
 
 
@@ -62,7 +67,7 @@ class CompassWitness:
         self._states = _both_ends(self._failed)
         speaks = _speaks(error_rad)
         if speaks:
-            self._states = self._states * np.maximum(_LIKELY[speaks] > UNLIKELY, _ALMOST_NONE)
+            self._states = self._states * _FIRST_WORD[speaks]
 
     def hear(self, error_rad: float | None, seconds: float) -> None:
         """What it says of the pose now; None: nothing. seconds: since it was heard last."""
