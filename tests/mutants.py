@@ -101,7 +101,7 @@ FAULTS = (
     Fault(HYPOTHESES, "REPEATED - contradiction", "REPEATED", T_JOINT, "lone"),
     Fault(HYPOTHESES, "before + CARRIED_AWAY +", "before - 500.0 +", T_OWN, "moved_unfelt"),
     Fault(COMPASS_WITNESS, "-1 if error > FAR_RAD", "0 if error > FAR_RAD", T_OWN, "turns_the_pose"),
-    Fault(COMPASS_WITNESS, "_both_ends(self._failed)", "_both_ends(COMPASS_FALSE)", T_OWN, "had_failed"),
+    Fault(COMPASS_WITNESS, "_both_ends(self._failed)", "_both_ends(COMPASS_FALSE)", T_OWN, "lost_robot"),
     Fault(COMPASS_WITNESS, "elapsed_s / FAULT_EVERY_S", "elapsed_s / 1e9", T_OWN, "robot_that_is_followed"),
     Fault(COMPASS_WITNESS, "0: np.array([[UNLIKELY, 1.0]", "0: np.array([[UNLIKELY, 0.1]", T_OWN, "stuck_compass"),
     # fusion of nubot-mti

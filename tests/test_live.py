@@ -119,6 +119,10 @@ def test_a_start_comes_with_its_covariance() -> None:
         b'{"kind": "image", "stamp_ns": 1, "part": 3, "parts": 2}\n',
         b'{"kind": "image", "stamp_ns": 1, "parts": 1e9}\n',
         b'{"kind": "start", "pose": [1, 2, 3, 4]}',
+        b'{"kind": "start", "pos": [1, 2, 3]}',
+        b'{"kind": "start", "own_half": "true"}',
+        b'{"kind": "points", "stamp_ns": 1, "points": [[1, 2, 0], [3, 4, 0]]}',
+        b'{"kind": "odometry", "stamp_ns": 1, "values": "123"}',
         b'{"kind": "unheard of", "stamp_ns": 1}',
         b'{"kind": ["odometry"], "stamp_ns": 1}',
         b"[" * 100_000,
@@ -149,7 +153,7 @@ def test_mutated_messages_do_no_harm() -> None:
 
 def test_an_estimate_is_told_with_where_the_odometry_began() -> None:
     estimate = Estimate(9, Pose(2.0, 1.0, np.pi / 2), np.eye(3), Status.TRACKING, residual_m=float("nan"))
-    said = json.loads(told_datagram(Told(estimate, Pose(1.0, 0.0, 0.0), image=True, dropped=2)))
+    said = json.loads(told_datagram(Told(estimate, Pose(2.0, 0.0, np.pi / 2), image=True, dropped=2)))
     assert said["status"] == "tracking"
     np.testing.assert_allclose(said["map_from_odom"], [2.0, 0.0, np.pi / 2], atol=1e-12)
     assert said["covariance"] == np.eye(3).ravel().tolist()
@@ -237,7 +241,8 @@ def test_poses_go_out_at_every_sample_of_the_odometry_once_there_is_one() -> Non
     _, script = looped([*events, *sights(1, 0.1)], Slow(0.0), 2)
     carried = [told for told in script.told if not told.image]
     assert [told.estimate.stamp_ns for told in carried] == [60]
-    assert carried[0].odometry == Pose(0.6, 0.0, 0.0)
+    assert carried[0].map_from_odom is not None
+    np.testing.assert_allclose(carried[0].map_from_odom, (0.4, 0.0, 0.0))
 
 
 def test_the_odometry_at_an_image_lies_between_its_samples() -> None:
@@ -246,10 +251,27 @@ def test_the_odometry_at_an_image_lies_between_its_samples() -> None:
         Reading("odometry", 100, (1.0, 2.0, -3.1)),
     ]
     _, script = looped([readings, [Sight(25, 0.0, observation=Observation(25))]], Slow(0.0), 1)
-    found = script.told[-1].odometry
+    found = script.told[-1].map_from_odom
     assert found is not None
-    np.testing.assert_allclose(found[:2], (0.25, 0.5))
-    assert found.heading == pytest.approx(3.1 + 0.25 * (2 * np.pi - 6.2))
+    heading = 3.1 + 0.25 * (2 * np.pi - 6.2)
+    np.testing.assert_allclose(found, Pose(0.25, 0.5, heading).inverse(), atol=1e-12)
+
+
+def test_the_odometry_frame_of_an_image_newer_than_all_samples_is_that_of_the_newest() -> None:
+    readings: list[Heard] = [Reading("odometry", 0, (0.0, 0.0, 0.0)), Reading("odometry", 100, (0.4, 0.0, 0.0))]
+    _, script = looped([readings, [Sight(150, 0.0, observation=Observation(150))]], Slow(0.0), 1)
+    found = script.told[-1].map_from_odom  # Slow says that the robot was at x = 1 then
+    assert found is not None
+    np.testing.assert_allclose(found, (0.6, 0.0, 0.0))
+
+
+def test_what_ends_the_thread_that_localises_is_raised() -> None:
+    class Broken(Slow):
+        def localize(self, stamp_ns: int, **_: object) -> Estimate:
+            raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        looped(sights(1, 0.1), Broken(0.0), 1)
 
 
 def test_a_start_is_handed_on_and_one_that_is_none_does_no_harm() -> None:

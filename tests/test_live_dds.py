@@ -112,7 +112,7 @@ def test_an_estimate_goes_out_as_pose_transform_and_diagnostics() -> None:
     found: dict[str, Any] = {}
 
     def told() -> bool:
-        link.tell(Told(estimate, Pose(1.0, 0.0, 0.5), image=True))
+        link.tell(Told(estimate, Pose(1.0, 1.0, 0.0), image=True))
         for name, reader in readers.items():
             for each in reader.take(10):
                 found[name] = other.codec.decode(Topic(name, kinds[name], "cdr", None, 1), each)

@@ -154,15 +154,17 @@ def test_a_fault_of_the_compass_does_not_turn_a_robot_that_is_followed() -> None
     assert heard(end, math.pi, 60.0).is_refuted  # it was false when the end was found
 
 
-def test_a_compass_that_had_failed_does_not_tell_where_a_lost_robot_is_and_the_next_word_puts_it_right() -> None:
-    """The same error at the new place is the failed compass's own; when it ends, the robot is where the lines say."""
+def test_where_a_lost_robot_is_a_compass_that_had_failed_speaks_against_what_it_says() -> None:
+    """Then the pose at the other end is taken, and holds when the fault ends."""
     end = FieldEnd(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
     heard(heard(end, 0.1, 20.0), math.pi, 0.5)
     assert end.compass.is_suspect
     end.begin(told=False, compass_error_rad=0.2)
-    assert heard(end, 0.2, 2.5).probability < 0.25
-    assert heard(end, math.pi, 0.5).is_refuted
+    assert end.log_odds < -1.0
+    end.turn()
+    assert heard(end, math.pi, 2.5).probability > 0.7
+    assert heard(end, 0.2, 5.0).probability > 0.8
 
 
 def test_a_stuck_compass_tells_nothing_of_the_end_while_the_robot_turns() -> None:

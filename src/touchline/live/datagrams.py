@@ -46,7 +46,7 @@ class Datagrams:
     """Datagrams to what was heard; keeps the parts of images until the last one has come."""
 
     def __init__(self) -> None:
-        self._waiting: dict[int, dict[int, bytes]] = {}
+        self._waiting: dict[tuple[int, int], dict[int, bytes]] = {}  # by stamp and number of parts
         self.refused: Counter[str] = Counter()
 
     def read(self, datagram: bytes) -> Heard | None:
@@ -68,7 +68,10 @@ class Datagrams:
         if kind == "image":
             return self._image(said, behind)
         if kind == "points":
-            points = np.asarray(said["points"], dtype=np.float64).reshape(-1, 2)[:MAX_OBSERVED_POINTS]
+            points = np.asarray(said["points"], dtype=np.float64)
+            if points.size and (points.ndim != 2 or points.shape[1] != 2):
+                raise InputError("points that are no pairs x, y")
+            points = points.reshape(-1, 2)[:MAX_OBSERVED_POINTS]
             return _sight(said, observation=Observation(_stamp(said), points_at(points)))
         if kind == "seen":
             rows = [{str(key): _cell(value) for key, value in row.items()} for row in said["rows"]]
@@ -79,14 +82,14 @@ class Datagrams:
 
     def _image(self, said: Mapping[str, Any], behind: bytes) -> Heard | None:
         stamp_ns, part, parts = _stamp(said), said.get("part", 0), said.get("parts", 1)
-        if not (isinstance(part, int) and isinstance(parts, int) and 0 <= part < parts <= MOST_PARTS):
+        if not (type(part) is int and type(parts) is int and 0 <= part < parts <= MOST_PARTS):
             raise InputError("parts of an image that are none")
         if parts == 1:
             return _sight(said, image=behind)
-        found = self._waiting.setdefault(stamp_ns, {})
+        found = self._waiting.setdefault((stamp_ns, parts), {})
         found[part] = behind
         if len(found) == parts:
-            del self._waiting[stamp_ns]
+            del self._waiting[stamp_ns, parts]
             return _sight(said, image=b"".join(found[k] for k in sorted(found)))
         while len(self._waiting) > _MOST_WAITING:
             del self._waiting[next(iter(self._waiting))]
@@ -127,15 +130,15 @@ def reading_datagram(reading: Reading) -> bytes:
 def told_datagram(told: Told) -> bytes:
     """The datagram of an estimate."""
     e = told.estimate
-    map_from_odom = None if told.odometry is None else list(e.pose.compose(told.odometry.inverse()))
+    covariance = np.asarray(e.covariance).ravel()
     said = {
         "kind": "pose",
         "stamp_ns": e.stamp_ns,
         **dict(zip(("x", "y", "theta"), e.pose, strict=True)),
-        "covariance": np.asarray(e.covariance).ravel().tolist(),
+        "covariance": covariance.tolist() if np.isfinite(covariance).all() else None,
         "status": str(e.status),
         "image": told.image,
-        "map_from_odom": map_from_odom,
+        "map_from_odom": None if told.map_from_odom is None else list(told.map_from_odom),
         "probability": e.probability,
         "residual_m": e.residual_m,
         "points": e.points,
@@ -163,6 +166,9 @@ def _sight(said: Mapping[str, Any], image: bytes | None = None, observation: Obs
 
 def _start(said: Mapping[str, Any]) -> Start:
     pose, covariance = said.get("pose"), said.get("covariance")
+    unknown = set(said) - {"kind", "pose", "covariance", "own_half", "stamp_ns"}
+    if unknown or said.get("own_half", False) not in (True, False):
+        raise InputError("a start that says something else than pose, covariance, or own_half: true")
     return Start(
         None if pose is None else Pose(*_numbers(pose, 3)),
         None if covariance is None else np.reshape(_numbers(covariance, 9), (3, 3)),
@@ -178,6 +184,8 @@ def _stamp(said: Mapping[str, Any]) -> int:
 
 
 def _numbers(given: Any, count: int) -> tuple[float, ...]:
+    if not isinstance(given, list) or not all(type(value) in (int, float) for value in given):
+        raise InputError(f"not {count} numbers")
     values = tuple(float(value) for value in given)
     if len(values) != count or not all(abs(value) < LARGEST for value in values):
         raise InputError(f"not {count} numbers")

@@ -50,12 +50,12 @@ Heard: TypeAlias = Reading | Sight | Start
 class Told:
     """What the robot is told: an image's estimate, or one carried on to a sample of the odometry.
 
-    odometry: the pose in the odometry frame at the estimate's time, None where it is not known. image: whether it comes
+    map_from_odom: the odometry frame in the field's, None where it is not known. image: whether it comes
     from an image. dropped: images so far that came while the program was busy. after_s: from the image's arrival on.
     """
 
     estimate: Estimate
-    odometry: Pose | None = None
+    map_from_odom: Pose | None = None
     image: bool = False
     dropped: int = 0
     after_s: float = 0.0

@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from operator import itemgetter
 from statistics import median
 
@@ -28,7 +28,7 @@ HEARING_S = 0.1  # how long the loop may wait before it looks whether it shall e
 _MOST_ODOMETRY = 2_000
 _MOST_WAITING = 30  # images
 _REMEMBERED, _FIRST = 15, 3  # steps and arrivals that tell who is faster; steps until then, in which code is loaded
-_NEAR_NS = 200_000_000
+_MOST_AGE_NS, _APART_NS = 1_000_000_000, 400_000_000  # of the newest sample; between two
 
 
 class LiveLoop:
@@ -50,12 +50,13 @@ class LiveLoop:
         self._changed = threading.Condition()
         self._telling = threading.Lock()
         self._ended = False
+        self._failure: Exception | None = None
         self._odometry: deque[tuple[int, Pose]] = deque(maxlen=_MOST_ODOMETRY)
         self.counts = Counter(images=0, dropped=0, readings=0, told=0)
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Until `stop` returns True; it is asked several times a second."""
-        worker = threading.Thread(target=self._localize_all, name="localize", daemon=True)
+        """Until `stop` says so, which is asked several times a second. Raises what ended the thread that localises."""
+        worker = threading.Thread(target=self._work, name="localize", daemon=True)
         worker.start()
         try:
             while not stop() and worker.is_alive():
@@ -66,6 +67,8 @@ class LiveLoop:
                 self._ended = True
                 self._changed.notify()
             worker.join()
+        if self._failure is not None:
+            raise self._failure
 
     def _take(self, heard: Heard) -> None:
         if isinstance(heard, Reading):
@@ -105,7 +108,14 @@ class LiveLoop:
         self._odometry.append((reading.stamp_ns, place))
         estimate = self._localizer.pose(reading.stamp_ns)
         if self.counts["told"]:
-            self._tell(Told(estimate, place, dropped=self.counts["dropped"]))
+            self._tell(Told(estimate, estimate.pose.compose(place.inverse()), dropped=self.counts["dropped"]))
+
+    def _work(self) -> None:
+        """The worker's thread: what ends it is raised by `run`."""
+        try:
+            self._localize_all()
+        except Exception as error:
+            self._failure = error
 
     def _localize_all(self) -> None:
         while True:
@@ -123,7 +133,7 @@ class LiveLoop:
             )
             now_s = time.monotonic()
             self._steps_s.append(now_s - begun_s)
-            told = Told(estimate, self._odometry_at(estimate), True, self.counts["dropped"], now_s - sight.arrived_s)
+            told = Told(estimate, self._map_from_odom(estimate), True, self.counts["dropped"], now_s - sight.arrived_s)
             self.counts["told"] += 1
             self._tell(told)
             self._on_told(told)
@@ -132,19 +142,30 @@ class LiveLoop:
         with self._telling:
             self._link.tell(told)
 
-    def _odometry_at(self, estimate: Estimate) -> Pose | None:
-        """The odometry's pose at an estimate's time, between its samples; None where none is near."""
+    def _map_from_odom(self, estimate: Estimate) -> Pose | None:
+        """Where the odometry frame lies; None where no sample of it is near.
+
+        Of an image that is newer than all samples, by the pose at the newest: what comes later is not known yet.
+        """
         samples = list(self._odometry)
-        stamp_ns = estimate.stamp_ns
-        before = max((s for s in samples if s[0] <= stamp_ns), key=itemgetter(0), default=None)
-        after = min((s for s in samples if s[0] >= stamp_ns), key=itemgetter(0), default=None)
-        before, after = before or after, after or before
-        if before is None or after is None or max(stamp_ns - before[0], after[0] - stamp_ns) > _NEAR_NS:
+        if not samples or abs(samples[-1][0] - estimate.stamp_ns) > _MOST_AGE_NS:
             return None
-        span_ns = after[0] - before[0]
-        share = (stamp_ns - before[0]) / span_ns if span_ns else 0.0
-        x, y = (a + share * (b - a) for a, b in zip(before[1][:2], after[1][:2], strict=True))
-        return Pose(x, y, wrap_angle(before[1].heading + share * wrap_angle(after[1].heading - before[1].heading)))
+        newest_ns, newest = max(samples, key=itemgetter(0))
+        if newest_ns <= estimate.stamp_ns:
+            return self._localizer.pose(newest_ns).pose.compose(newest.inverse())
+        odometry = _between(samples, estimate.stamp_ns)
+        return None if odometry is None else estimate.pose.compose(odometry.inverse())
+
+
+def _between(samples: Sequence[tuple[int, Pose]], stamp_ns: int) -> Pose | None:
+    """The odometry's pose at a time, between two samples of it; None where these are far apart."""
+    before = max((s for s in samples if s[0] <= stamp_ns), key=itemgetter(0), default=None)
+    after = min((s for s in samples if s[0] > stamp_ns), key=itemgetter(0), default=None)
+    if before is None or after is None or after[0] - before[0] > _APART_NS:
+        return None
+    share = (stamp_ns - before[0]) / (after[0] - before[0])
+    x, y = (a + share * (b - a) for a, b in zip(before[1][:2], after[1][:2], strict=True))
+    return Pose(x, y, wrap_angle(before[1].heading + share * wrap_angle(after[1].heading - before[1].heading)))
 
 
 def _pixels(sight: Sight) -> ImageArray | None:

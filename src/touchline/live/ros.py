@@ -168,8 +168,8 @@ class RosWriter:
         pose = self._make.pose(stamp_ns, *e.pose, covariance=full.ravel())
         yield Outgoing(self._namespace + POSE, POSE_TYPE, pose)
         if e.status is Status.TRACKING:
-            child = BASE if told.odometry is None else ODOM
-            placed = e.pose if told.odometry is None else e.pose.compose(told.odometry.inverse())
+            child = BASE if told.map_from_odom is None else ODOM
+            placed = told.map_from_odom or e.pose
             moved = Pose3.from_roll_pitch_yaw(0.0, 0.0, placed.heading, (placed.x, placed.y, 0.0))
             yield Outgoing("/tf", TF_TYPE, self._make.transform(stamp_ns, MAP, child, moved))
         if told.image:
