@@ -131,3 +131,13 @@ def test_images_need_their_field_and_camera(small_data: Path, capsys: pytest.Cap
     camera = small_data / "real" / "omni" / "nubot_a.camera.yaml"
     assert main(["fields", "measure", str(photograph), "--field", "msl-18x12", "--camera", str(camera)]) == 0
     assert "not observed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("wrong", ["msl-22x14", "hsl-m-14x9"])
+def test_a_field_that_some_observations_fit_is_refused_and_the_right_one_named(
+    wrong: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some views fit by the lines that both fields share: sizes from these alone would be the wrong field's."""
+    monkeypatch.setattr("touchline.calibration.field_sizes.places.preset_names", lambda: ("spl-9x6", "msl-18x12"))
+    with pytest.raises(NoFitError, match=rf"of 12 observations fits? {wrong} .*: --field msl-18x12"):
+        measure_field(seen_points(RULES, 12), open_field(wrong))

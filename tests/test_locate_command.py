@@ -223,3 +223,19 @@ def test_wrong_ranges_are_refused_with_the_scale_that_fits_and_fitted_when_asked
     assert tree["scale"]["deviation"] < 0.01
     assert tree["doubts"] == tree["better"] == []
     assert abs(tree["pose"]["x_m"]) == pytest.approx(4.117, abs=0.05)
+
+
+def test_a_wrong_field_that_most_points_fit_is_doubted_and_the_right_one_named(
+    small_data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The two fields share circle and halfway line: 12 % of the points, a touch line, lie far off."""
+    photograph = small_data / "real" / "omni" / "nubot_a.png"
+    camera = photograph.with_suffix(".camera.yaml")
+    arguments = ["locate", str(photograph), "--camera", str(camera), "--json"]
+    assert main([*arguments, "--field", "msl-22x14", "--output", "wrong.png"]) == 0
+    tree = json.loads(capsys.readouterr().out)
+    assert "another field, for many of them lie in one row" in tree["doubts"][0]
+    assert tree["better"][0]["field"] == "msl-18x12"
+    assert np.sqrt(tree["covariance"][0][0]) > 0.2
+    assert main([*arguments, "--field", "msl-18x12", "--output", "right.png"]) == 0
+    assert json.loads(capsys.readouterr().out)["doubts"] == []

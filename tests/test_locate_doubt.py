@@ -164,3 +164,10 @@ def test_a_scale_is_found_from_one_observation(measured: FloatArray, factor: flo
 def test_a_scale_beyond_those_tried_is_refused(measured: FloatArray) -> None:
     with pytest.raises(NoFitError, match=r"no scale between 0\.84 and 1\.18 fits best"):
         fit_scale(measured / 1.3, FIELD)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_clutter_is_not_taken_for_the_line_of_another_field(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = view(FIELD, Pose(3.2, -1.4, 0.5), rng, count=300, clutter=0.3)
+    assert not any("lie in one row" in doubt for doubt in locate_points(points, FIELD).doubts)

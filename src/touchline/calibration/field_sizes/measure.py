@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from touchline.calibration.field_sizes.fit import USUAL_SCALE, SizeFit, fit_sizes
-from touchline.calibration.field_sizes.places import find_places
+from touchline.calibration.field_sizes.places import FARTHEST_M, MIN_POINTS, better_preset, find_places
 from touchline.calibration.field_sizes.sizes import FieldSizes, Size, sizes_of
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
@@ -21,6 +21,7 @@ UNSURE = 1.5  # standard deviations beyond which it may be
 SURE_FLOOR_M = 0.004  # of every size: carpets and lines are not straight
 SURE_FLOOR_RATIO = 0.0005
 MIN_PLACES = 4  # from fewer, what a mirror does in one direction is not told from a size
+MIN_FITTING_RATIO = 0.75  # of the observations that show enough: 0.9 on their own field, up to 0.6 on another
 MAX_MEDIAN_M = 0.1  # of the points' distances after the fit
 
 
@@ -63,11 +64,9 @@ def measure_field(
     Raises NoFitError where they don't tell, with the reason.
     """
     places = find_places(seen, field)
-    if not places:
-        raise NoFitError(
-            f"none of {len(seen)} observations fits {field.name} with points that fix the place: is it this field, and "
-            "is the camera calibrated? touchline locate says what one observation says"
-        )
+    told = [points for points in seen if len(points.usable(FARTHEST_M)) >= MIN_POINTS]
+    if not places or len(places) < MIN_FITTING_RATIO * len(told):
+        raise NoFitError(_misfit(len(places), seen, field))
     sizes = sizes_of(field)
     fit = fit_sizes(places, sizes, scale)
     median_m = float(np.median(fit.residuals_m))
@@ -83,6 +82,17 @@ def measure_field(
             "opposite lines are seen at once"
         )
     return FieldMeasurement(measured, _changed(sizes, measured, name), fit, len(places), len(seen))
+
+
+def _misfit(places: int, seen: Sequence[LinePoints], field: FieldModel) -> str:
+    """In words, that most observations don't fit the field, and which one they fit."""
+    many = f"only {places} of {len(seen)} observations fit" if places else f"none of {len(seen)} observations fits"
+    better = better_preset(seen, field)
+    advice = f"The preset {better} fits them far better: --field {better}. " if better is not None else ""
+    return (
+        f"{many} {field.name} with points that fix the place: is it this field, and is the camera calibrated? "
+        f"{advice}touchline locate says what one observation says"
+    )
 
 
 def _judged(size: Size, fit: SizeFit, j: int, places: int) -> MeasuredSize:

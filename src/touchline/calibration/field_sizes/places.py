@@ -9,7 +9,7 @@ import numpy as np
 from touchline.calibration.field_sizes.fit import Place
 from touchline.camera import Camera, require_omni
 from touchline.errors import InputError
-from touchline.field import FieldModel
+from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray
 from touchline.localization.matching.covariance import is_observed
 from touchline.localization.matching.matcher import Matcher
@@ -29,6 +29,8 @@ MIN_POINTS = 20
 MAX_POINTS = 200  # of a place, evenly over the ground
 FARTHEST_M = 8.0  # points farther than this say more about the mirror than about the field
 NEAR_M, MIN_NEAR_RATIO = 0.35, 0.7  # share of a place's points that must lie so near to lines of the field as given
+_TRIED_ON = 10  # observations that other fields are tried on
+_BETTER = 1.25  # times as many places make another field worth naming
 _LEARNED_FROM = 5  # images that a detector learns the carpet from
 
 
@@ -73,6 +75,14 @@ def find_places(seen: Iterable[LinePoints], field: FieldModel) -> list[Place]:
         if fits and is_observed(points_covariance(matcher, kept, weights, pose)):
             places.append(Place(kept, _deviations(near, kept), pose.as_array()))
     return places
+
+
+def better_preset(seen: Sequence[LinePoints], field: FieldModel) -> str | None:
+    """The preset on which most of the observations tell their place, if they are far more than on the field."""
+    tried = [seen[k] for k in np.linspace(0, len(seen) - 1, min(len(seen), _TRIED_ON)).round().astype(int)]
+    found = {name: len(find_places(tried, open_field(name))) for name in preset_names()}
+    best = max(found, key=lambda name: found[name])
+    return best if found[best] > _BETTER * len(find_places(tried, field)) else None
 
 
 def _deviations(points: LinePoints, kept: FloatArray) -> FloatArray:

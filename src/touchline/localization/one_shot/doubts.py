@@ -6,14 +6,18 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.localization.matching.covariance import is_observed
 from touchline.localization.one_shot.certainty import CameraDoubt
+from touchline.localization.one_shot.thinning import thinned_to
 
 FAR_M = 0.25  # from every line: beyond the reach of the error function, such a point says nothing
 MAX_FAR_RATIO = 0.2  # of the points: real robots' points on their own field have up to 0.17, on another 0.28 and more
+MAX_MEAN_PER_MEDIAN, MAX_ROW_RATIO = 4.0, 0.065  # beyond both another line was seen: clutter lies in no row, up to 0.05
+ROW_HALF_M, MIN_ROW_M, ROW_POINTS = 0.08, 1.0, 150  # of such a row; points that it is looked for in
 MAX_MEDIAN_M = 0.08  # distance from the lines: real robots have 2 to 5 cm, 8 with a poor calibration
 MAX_OUTSIDE_RATIO = 0.05  # of the points beyond the carpet, where no line can be
 MIN_SCALE, MIN_SCALE_DEVIATIONS = 0.015, 4.0  # of a scale error that is told: calibrations are good to a per cent
@@ -38,10 +42,12 @@ def judge(
     doubts = [] if is_observed(covariance) else [_open_direction(covariance)]
     far = float(np.mean(distances_m > FAR_M))
     mean_m, median_m = float(np.mean(distances_m)), float(np.median(distances_m))
-    if far > MAX_FAR_RATIO:
+    row = mean_m > MAX_MEAN_PER_MEDIAN * median_m and _row_ratio(placed, distances_m > FAR_M) > MAX_ROW_RATIO
+    if far > MAX_FAR_RATIO or row:
+        why = "another field, for many of them lie in one row" if row else "another field, or much clutter"
         doubts.append(
             f"{100 * far:.0f} % of the points lie more than {100 * FAR_M:.0f} cm from every line (the mean, "
-            f"{100 * mean_m:.0f} cm, is far above the median, {100 * median_m:.0f} cm): another field, or much clutter"
+            f"{100 * mean_m:.0f} cm, is far above the median, {100 * median_m:.0f} cm): {why}"
         )
         spread_m = float(np.sqrt(np.mean((placed - placed.mean(axis=0)) ** 2)))
         covariance = covariance + np.diag([mean_m, mean_m, mean_m / max(spread_m, mean_m)]) ** 2
@@ -67,6 +73,22 @@ def judge(
             f"its centre: without that the pose lies {100 * camera.moved_m:.0f} cm away"
         )
     return Judgement(covariance, tuple(doubts))
+
+
+def _row_ratio(placed: FloatArray, far: NDArray[np.bool_]) -> float:
+    """Share of the points (N, 2) that are far (N,) from every line and lie in one straight row, as on a line."""
+    few = thinned_to(placed[far], ROW_POINTS)
+    first, second = np.triu_indices(len(few), 1)
+    along = few[second] - few[first]
+    lengths = np.hypot(*along.T)
+    long = lengths > MIN_ROW_M
+    if not np.any(long):
+        return 0.0
+    start, along = few[first[long]], along[long] / lengths[long, np.newaxis]
+    normals = np.column_stack((-along[:, 1], along[:, 0]))
+    beside = np.abs(normals @ few.T - np.sum(normals * start, axis=1)[:, np.newaxis])
+    most = int(np.max(np.count_nonzero(beside < ROW_HALF_M, axis=1)))
+    return most / len(few) * float(np.mean(far))
 
 
 def _open_direction(covariance: FloatArray) -> str:
