@@ -8,13 +8,12 @@ lines don't (consider states: Schmidt 1966).
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.fusion.pose_filter import SCALE_DRIFT, Scales
+from touchline.localization.fusion.pose_filter import SCALE_DRIFT, Scales, driven
 from touchline.localization.matching.mirror_fit import ERRORS
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior
 
@@ -90,18 +89,12 @@ class JointFilter:
 
     def predict(self, motion: Pose, motion_covariance: FloatArray) -> None:
         """Move by the odometry: motion is `before_from_after`, its covariance (3, 3) in the robot frame before it."""
-        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
-        ahead, left = motion.x * (1.0 + self.scales[0]), motion.y * (1.0 + self.scales[1])
+        step = driven(self.pose, self.scales, motion)
+        self.pose = step.pose
         by_state = np.eye(_STATES)
-        by_state[0, 2] = -sine * ahead - cosine * left
-        by_state[1, 2] = cosine * ahead - sine * left
-        by_state[0, 3], by_state[1, 3] = cosine * motion.x, sine * motion.x
-        by_state[0, 4], by_state[1, 4] = -sine * motion.y, cosine * motion.y
-        by_state[2, 5] = motion.heading
-        by_motion = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        self.pose = self.pose.compose(Pose(ahead, left, motion.heading * (1.0 + self.scales[2])))
+        by_state[:6, :6] = step.by_state
         self._joint = by_state @ self._joint @ by_state.T
-        self._joint[:3, :3] += by_motion @ motion_covariance @ by_motion.T
+        self._joint[:3, :3] += step.by_motion @ motion_covariance @ step.by_motion.T
         self._joint[_DIAGONAL] += self._drift
 
     def prior(self, swing: FloatArray) -> StatePrior:

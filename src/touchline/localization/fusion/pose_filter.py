@@ -97,6 +97,30 @@ _KNOWN_SCALES = Scales(0.0, 0.0, 0.0)
 _SCALES = np.arange(3, 6)
 
 
+class Step(NamedTuple):
+    """One motion by the odometry, linearised: the pose after it, its derivatives by pose and scales (6, 6) and by the
+    motion (3, 3).
+    """
+
+    pose: Pose
+    by_state: FloatArray
+    by_motion: FloatArray
+
+
+def driven(pose: Pose, scales: FloatArray, motion: Pose) -> Step:
+    """A pose after a motion `before_from_after`, whose parts are too short by scales (3,): ahead, aside, turning."""
+    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
+    ahead, left = motion.x * (1.0 + scales[0]), motion.y * (1.0 + scales[1])
+    by_state = np.eye(6)
+    by_state[0, 2] = -sine * ahead - cosine * left
+    by_state[1, 2] = cosine * ahead - sine * left
+    by_state[0, 3], by_state[1, 3] = cosine * motion.x, sine * motion.x
+    by_state[0, 4], by_state[1, 4] = -sine * motion.y, cosine * motion.y
+    by_state[2, 5] = motion.heading
+    by_motion = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return Step(pose.compose(Pose(ahead, left, motion.heading * (1.0 + scales[2]))), by_state, by_motion)
+
+
 class PoseFilter:
     """The pose and its covariance (3, 3) of x, y, heading in (m, m, rad), field frame.
 
@@ -146,18 +170,10 @@ class PoseFilter:
 
     def predict(self, motion: Pose, motion_covariance: FloatArray) -> None:
         """Move by the odometry: motion is `before_from_after`, its covariance (3, 3) in the robot frame before it."""
-        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
-        ahead, left = motion.x * (1.0 + self.scales[0]), motion.y * (1.0 + self.scales[1])
-        by_state = np.eye(6)
-        by_state[0, 2] = -sine * ahead - cosine * left
-        by_state[1, 2] = cosine * ahead - sine * left
-        by_state[0, 3], by_state[1, 3] = cosine * motion.x, sine * motion.x
-        by_state[0, 4], by_state[1, 4] = -sine * motion.y, cosine * motion.y
-        by_state[2, 5] = motion.heading
-        by_motion = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        self.pose = self.pose.compose(Pose(ahead, left, motion.heading * (1.0 + self.scales[2])))
-        self._joint = by_state @ self._joint @ by_state.T
-        self._joint[:3, :3] += by_motion @ motion_covariance @ by_motion.T
+        step = driven(self.pose, self.scales, motion)
+        self.pose = step.pose
+        self._joint = step.by_state @ self._joint @ step.by_state.T
+        self._joint[:3, :3] += step.by_motion @ motion_covariance @ step.by_motion.T
         self._joint[_SCALES, _SCALES] += self._drifting * SCALE_DRIFT**2
 
     def distance2_to(self, pose: Pose, covariance: FloatArray) -> float:

@@ -20,6 +20,7 @@ from touchline.localization.fusion.mirror_head import MirrorHead
 from touchline.localization.registration.mirror_kernels import StateFit
 from touchline.localization.registration.pose_search import Mode
 from touchline.localization.registration.registration import SETTLED, UNSETTLED, Registration
+from touchline.localization.registration.settling import settled
 from touchline.motion import Motion
 from touchline.types import Evidence, LinePoints
 
@@ -167,16 +168,9 @@ class PoseHypotheses:
 
     def _settle(self) -> None:
         """Sort, drop the unlikely, take those that have come together for one."""
-        self.members.sort(key=lambda one: -one.log_odds)
-        kept: list[Member] = []
-        for one in self.members:
-            unlikely = bool(kept) and one.log_odds < kept[0].log_odds - UNLIKELY
-            if len(kept) < MOST and not unlikely and not any(_same(one.filter.pose, k.filter.pose) for k in kept):
-                kept.append(one)
-        top = kept[0].log_odds if kept else 0.0
-        for one in kept:  # only differences count; the frame's likelihood is kept for `add`
-            one.log_odds -= top
-        self.members = kept
+        self.members = settled(
+            self.members, MOST, UNLIKELY, lambda one, other: _same(one.filter.pose, other.filter.pose)
+        )
 
 
 def _same(one: Pose, other: Pose) -> bool:

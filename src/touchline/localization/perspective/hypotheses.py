@@ -16,6 +16,7 @@ from touchline.geometry import Pose, wrap_angle
 from touchline.localization.perspective.filter import Fitted, PerspectiveFilter
 from touchline.localization.perspective.kernels import LeanFit, SeenPoints
 from touchline.localization.perspective.registration import PerspectiveRegistration
+from touchline.localization.registration.settling import settled
 from touchline.motion.odometry import Motion
 from touchline.types import Evidence
 
@@ -159,16 +160,9 @@ class PerspectiveHypotheses:
 
     def _settle(self) -> None:
         """Sort, drop the unlikely, take those that have come together for one."""
-        self.members.sort(key=lambda one: -one.log_odds)
-        kept: list[PerspectiveHypothesis] = []
-        for one in self.members:
-            unlikely = bool(kept) and one.log_odds < kept[0].log_odds - UNLIKELY
-            if len(kept) < MOST and not unlikely and not any(_same(one.filter.pose, k.filter.pose) for k in kept):
-                kept.append(one)
-        top = kept[0].log_odds
-        for one in kept:
-            one.log_odds -= top
-        self.members = kept
+        self.members = settled(
+            self.members, MOST, UNLIKELY, lambda one, other: _same(one.filter.pose, other.filter.pose)
+        )
 
 
 def _evidence(fitted: Fitted) -> float:
