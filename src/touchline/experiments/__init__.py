@@ -52,6 +52,7 @@ EXPERIMENTS = {
         Experiment("xiong-tracking", "Table 1: errors along straight lines", "occlusion", "xiong_tracking"),
         Experiment("xiong-timing", "figure 11: time of a whole frame", "timing", "xiong_timing"),
         Experiment("nees", "how honest the stated covariances are, four systems", "nees", "nees"),
+        Experiment("own-humanoids", "our own system on walking humanoids", "own_humanoids", "own_humanoids"),
         Experiment("iris-lines", "figures 13, 14: line detection in three lightings", "iris_lines", "iris_lines"),
         Experiment("iris-points", "Table I, figures 9, 15: errors at 20 places", "iris_points", "iris_points"),
         Experiment("iris-tracks", "figure 16: tracks of odometry, particles, fusion", "iris_tracks", "iris_tracks"),
