@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 LOWEST := .venv-lowest
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops tests browser coverage fuzz mutants test-lowest package benchmark clean
+.PHONY: demo test test-all style loops tests browser docs coverage fuzz mutants test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -26,11 +26,16 @@ loops: $(VENV)/installed
 tests: loops
 	$(PYTEST)
 
-# Also what needs a browser; without Chromium it says how to install one, and fails.
-test-all: test browser
+# Also the documentation's site, and what needs a browser; without Chromium it says how to install one, and fails.
+test-all: test docs browser
 
 browser: $(VENV)/installed
 	$(BIN)/pytest tests/browser_pages.py
+
+# The documentation as a site, build/docs/site: any warning and any link that leads nowhere is an error.
+docs: $(VENV)/installed
+	$(BIN)/pip install --quiet --editable '.[docs]'
+	$(BIN)/python docs/site/build.py
 
 # Which lines the tests reach: they take a sixth longer.
 coverage: $(VENV)/installed
