@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 LOWEST := .venv-lowest
+WHEEL := .venv-wheel
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 .PHONY: demo test test-all style loops tests browser docs coverage fuzz mutants test-lowest package benchmark clean
@@ -49,12 +50,15 @@ test-lowest:
 	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba $(LOWEST)/bin/touchline demo --output $(LOWEST)/demo
 	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba $(LOWEST)/bin/pytest --every 10 --numprocesses auto --maxprocesses 4
 
-# Source and wheel as they would be published, and whether the index would take and show them.
+# Source and wheel as they would be published, whether the index would take and show them, and whether the wheel runs.
 package: $(VENV)/installed
 	rm -rf dist
 	$(BIN)/pip install --quiet build twine
 	$(BIN)/python -m build
 	$(BIN)/twine check --strict dist/*
+	$(PYTHON) -m venv --clear $(WHEEL)
+	$(WHEEL)/bin/pip install --quiet dist/*.whl
+	cd $(WHEEL) && bin/touchline demo --output demo
 
 # Any number of hostile files through every reader: make fuzz N=100000 SEED=7
 fuzz: N ?= 20000
@@ -76,4 +80,4 @@ $(VENV)/installed: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(LOWEST)
+	rm -rf $(VENV) $(LOWEST) $(WHEEL)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import signal
 import sys
 import tomllib
 from pathlib import Path
@@ -108,3 +109,30 @@ def test_a_shell_completes_the_commands(monkeypatch: pytest.MonkeyPatch, capsys:
         main([])
     assert ended.value.code == 0
     assert capsys.readouterr().out.split() == ["compare", "compile"]
+
+
+def test_every_extra_stands_on_the_page_of_installing() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    page = (ROOT / "docs" / "release.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `touchline\[(\w+)\]`", page, re.MULTILINE)) >= set(project["optional-dependencies"])
+    assert f"Python {project['requires-python'].removeprefix('>=')} or newer" in page
+
+
+def test_the_release_tries_the_wheel_on_every_kind_of_machine_before_it_is_published() -> None:
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8"))["jobs"]
+    machines = " ".join(jobs["try"]["strategy"]["matrix"]["machine"])
+    assert all(kind in machines for kind in ("ubuntu-latest", "arm", "macos", "windows"))
+    assert set(jobs["publish"]["needs"]) == {"try", "container", "docs"}
+    made = re.findall(r"make (\w+)", " ".join(step.get("run", "") for job in jobs.values() for step in job["steps"]))
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert set(made) <= set(targets)
+
+
+def test_a_command_runs_where_signals_are_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Windows has no timer that sends one."""
+    monkeypatch.delattr(signal, "SIGALRM")
+    monkeypatch.delattr(signal, "setitimer")
+    assert main(["--version"]) == 0
+    assert "touchline" in capsys.readouterr().out

@@ -40,8 +40,9 @@ def stage(folder: Path) -> None:
     """Lay pages, pictures and configuration together as the site has them."""
     docs = folder / "docs"
     docs.mkdir(parents=True)
-    shutil.copy(ROOT / "docs" / "site" / "zensical.toml", folder)
-    (folder / "src").symlink_to(ROOT / "src")
+    settings = (ROOT / "docs" / "site" / "zensical.toml").read_text(encoding="utf-8")
+    settings = settings.replace('paths = ["src"]', f"paths = ['{ROOT / 'src'}']")  # no link: hatchling would follow it
+    (folder / "zensical.toml").write_text(settings, encoding="utf-8")
     shutil.copytree(ROOT / "docs" / "images", docs / "images", ignore=shutil.ignore_patterns("*.py", "__pycache__"))
     names = PAGES | {f"docs/{page.name}": page.name for page in (ROOT / "docs").glob("*.md")}
     for source, name in names.items():

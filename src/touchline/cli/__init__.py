@@ -98,23 +98,29 @@ def _interruptions() -> Iterator[Callable[[], bool]]:
             with suppress(OSError):
                 os.write(2, b"error: interrupted\n")
             os._exit(INTERRUPTED)
-        if any(_may_swallow(one) for one in _stack(frame)):
+        if hasattr(signal, "setitimer") and any(_may_swallow(one) for one in _stack(frame)):  # Windows has none
             signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
             return
         raise KeyboardInterrupt
 
     before = {}
     with suppress(ValueError):  # in another thread than the main one
-        for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
+        for kind in _signals():
             if signal.getsignal(kind) is not signal.SIG_IGN:
                 before[kind] = signal.signal(kind, stop)
     try:
         yield lambda: asked
     finally:
-        if asked:
+        if asked and hasattr(signal, "setitimer"):
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         for kind, handler in before.items():
             signal.signal(kind, handler)
+
+
+def _signals() -> list[int]:
+    """What may end a command: Ctrl-C, a kind word, and the timer that asks again where there is one."""
+    names = ("SIGINT", "SIGTERM", "SIGALRM")
+    return [int(getattr(signal, name)) for name in names if hasattr(signal, name)]
 
 
 def _starts_up(frame: FrameType | None) -> bool:
