@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.fusion.joint_kernels import correction_of, expected_information, innovation_of
 from touchline.localization.fusion.pose_filter import SCALE_DRIFT, Scales, driven
 from touchline.localization.matching.mirror_fit import ERRORS
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior
@@ -22,10 +23,7 @@ _STATES = 6 + ERRORS
 _SCALES = np.arange(3, 6)
 _ERRORS = np.arange(6, _STATES)
 _SEEN = np.array([0, 1, 2, *_ERRORS])  # the states that a fit measures
-_SEEN_BLOCK = np.ix_(_SEEN, _SEEN)
 _DIAGONAL = np.diag_indices(_STATES)
-_EXACT = 1e-14 * np.eye(len(_SEEN))  # covariance of what is known exactly
-_NOWHERE = np.diag(1.0 / np.square([10.0, 10.0, 3.0]))  # inverse covariance of a pose somewhere on a field
 
 
 class Unknown(NamedTuple):
@@ -54,6 +52,8 @@ class JointFilter:
         self._drift = np.zeros(_STATES)
         self._drift[_SCALES] = [SCALE_DRIFT**2 if scale > 0.0 else 0.0 for scale in unknown.scales]
         self._drift[_ERRORS] = ERROR_DRIFT**2 * np.diag(unknown.errors)
+        self._moving = np.ones(_STATES)
+        self._moving[_ERRORS] = float(unknown.learned)
 
     @property
     def covariance(self) -> FloatArray:
@@ -99,41 +99,24 @@ class JointFilter:
 
     def prior(self, swing: FloatArray) -> StatePrior:
         """What it expects of an image's pose and errors; swing (5, 5): covariance of what shaking adds."""
-        return StatePrior(self._seen(), np.linalg.inv(self._spread(swing) + _EXACT))
+        return StatePrior(self._seen(), expected_information(self._joint, _SEEN, swing))
 
     def innovation(self, fit: StateFit, swing: FloatArray) -> tuple[FloatArray, float]:
         """How far the pose by the lines alone lies from the prediction (3,), and its squared Mahalanobis distance."""
-        information = fit.information[:3, :3] + _NOWHERE
-        by_state = np.linalg.solve(information, fit.information[:3])  # of the lines' pose by pose and errors
-        away = by_state @ self._away(fit) + np.linalg.solve(information, fit.gradient[:3])
-        spread = by_state @ self._spread(swing) @ by_state.T + np.linalg.inv(information)
-        return away, float(away @ np.linalg.solve(spread, away))
+        away, distance2 = innovation_of(self._joint, _SEEN, swing, fit.information, fit.gradient, self._away(fit))
+        return away, distance2
 
     def correct(self, fit: StateFit, swing: FloatArray) -> None:
         """Kalman update by a fit whose prior it was: the fit's points as information about all that it measures."""
-        crossed, spread, information = self._joint[:, _SEEN], self._spread(swing), fit.information
-        said = fit.gradient + information @ self._away(fit)
-        gain = crossed @ np.linalg.inv(np.eye(len(_SEEN)) + information @ spread)  # of what was said
-        if not self.unknown.learned:
-            gain[_ERRORS] = 0.0
-        step = gain @ said
-        self.pose = Pose(
-            self.pose.x + float(step[0]), self.pose.y + float(step[1]), wrap_angle(self.pose.heading + float(step[2]))
+        step, self._joint = correction_of(
+            self._joint, _SEEN, swing, fit.information, fit.gradient, self._away(fit), self._moving
         )
+        x, y, heading = step[:3].tolist()
+        self.pose = Pose(self.pose.x + x, self.pose.y + y, wrap_angle(self.pose.heading + heading))
         self.scales, self.errors = self.scales + step[_SCALES], self.errors + step[_ERRORS]
-        shared = gain @ information @ crossed.T
-        told = information + information @ spread @ information
-        joint = self._joint - shared - shared.T + gain @ told @ gain.T
-        self._joint = 0.5 * (joint + joint.T)
 
     def _seen(self) -> FloatArray:
-        return np.array([*self.pose, *self.errors])
-
-    def _spread(self, swing: FloatArray) -> FloatArray:
-        """Covariance (8, 8) of an image's pose and errors."""
-        spread: FloatArray = self._joint[_SEEN_BLOCK]
-        spread[3:, 3:] += swing
-        return spread
+        return np.array([*self.pose, *self.errors.tolist()])
 
     def _away(self, fit: StateFit) -> FloatArray:
         """(8,) from what is expected to a fit."""

@@ -45,13 +45,12 @@ class MirrorHead:
 
     def reset(self) -> None:
         """Nothing has been seen yet."""
-        self.vibration_per_m = VIBRATION_PER_M if self.has_mirror else 0.0
+        self._shake(VIBRATION_PER_M if self.has_mirror else 0.0)
         self.noise = 1.0
 
-    @property
-    def swing(self) -> FloatArray:
-        """Covariance (5, 5) of what shaking adds to an image's errors."""
-        return self._leaning(self.vibration_per_m)
+    def _shake(self, per_m: float) -> None:
+        """It shakes so much; `swing` (5, 5): covariance of what that adds to an image's errors."""
+        self.vibration_per_m, self.swing = per_m, self._leaning(per_m)
 
     def _leaning(self, per_m: float) -> FloatArray:
         """Covariance (5, 5) of a lean of so much: a mirror turns about its apex."""
@@ -91,8 +90,10 @@ class MirrorHead:
         self.noise += GAIN * (noise - self.noise)
         if not self.has_mirror:
             return
+        (ahead, both), (_, aside) = fit.information[3:5, 3:5].tolist()
+        before2 = self.vibration_per_m**2
+        ahead, aside = ahead + 1.0 / before2, aside + 1.0 / before2
+        unsure2 = (ahead + aside) / (ahead * aside - both * both)  # trace of the inverse
         deviation = fit.state[3:5] - one.errors[:2]
-        left = np.linalg.inv(fit.information[3:5, 3:5] + np.eye(2) / self.vibration_per_m**2)
-        seen = 0.5 * (float(deviation @ deviation) + float(np.trace(left)))
-        variance = self.vibration_per_m**2 + GAIN * (seen - self.vibration_per_m**2)
-        self.vibration_per_m = min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M)
+        variance = before2 + GAIN * (0.5 * (float(deviation @ deviation) + unsure2) - before2)
+        self._shake(min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M))

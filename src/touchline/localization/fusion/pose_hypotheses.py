@@ -113,6 +113,8 @@ class PoseHypotheses:
 
     def hear(self, evidence: Sequence[Evidence], share: float) -> None:
         """What others say weighs the members, a pose and its twin alike; share: of it that is new."""
+        if not evidence:
+            return
         for one in self.members:
             ends = (one.filter.pose, one.filter.pose.mirrored())
             for said in evidence:
@@ -127,9 +129,8 @@ class PoseHypotheses:
     def _correct(self, one: Member, points: LinePoints) -> None:
         """Fit the points to a member, and correct it; not if they are explained too little."""
         swing, predicted = self.head.swing, one.filter.pose.as_array()
-        found = self.registration.register(
-            self.head.upright(points.positions_m, one.filter), points.covariances_m2, predicted
-        )
+        upright = self.head.upright(points.positions_m, one.filter)
+        found = self.registration.fit(upright, points.covariances_m2, predicted)
         one.fit, one.told = self._fitted(one.filter, points, predicted)
         one.by_lines = Pose(*found.pose.tolist())
         away, distance2 = one.filter.innovation(one.fit, swing)
@@ -152,19 +153,13 @@ class PoseHypotheses:
             one.filter, one.fit, one.told = loose, fit, told + SHOVE
 
     def _fitted(self, one: JointFilter, points: LinePoints, pose: FloatArray) -> tuple[StateFit, float]:
-        """Pose and mirror errors by the points and what a filter expects, from a pose (3,), and the log-evidence.
-
-        The evidence is that of Laplace's approximation: who expects less, and is right, gains by it.
-        """
+        """Pose and mirror errors by the points and what a filter expects, from a pose (3,), and the log-evidence."""
         prior = one.prior(self.head.swing)
         start = np.array([*pose, *one.errors])
         start[2] = prior.mean[2] + wrap_angle(float(start[2] - prior.mean[2]))
         plan = SETTLED if self.head.is_settled(one) else UNSETTLED
         fit = self.registration.fit_state(points, start, prior, plan, self.head.seeing(len(points)))
-        strain = fit.state - prior.mean
-        narrowed = np.linalg.slogdet(prior.information + fit.information)[1] - np.linalg.slogdet(prior.information)[1]
-        contradiction = 0.5 * float(strain @ prior.information @ strain + narrowed)
-        return fit, fit.log_likelihood / REPEATED - contradiction
+        return fit, fit.log_likelihood / REPEATED - fit.contradiction
 
     def _settle(self) -> None:
         """Sort, drop the unlikely, take those that have come together for one."""

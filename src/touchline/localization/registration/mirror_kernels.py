@@ -36,7 +36,9 @@ class StatePrior(NamedTuple):
 class StateFit(NamedTuple):
     """state (8,) most probable of points and prior; information (8, 8), gradient (8,): of the points alone there.
 
-    explained, noise, log_likelihood: as of `kernels.Fit`, with the image's own errors taken out.
+    explained, noise, log_likelihood: as of `kernels.Fit`, with the image's own errors taken out. contradiction: what
+    the prior says against it, in logarithm of a likelihood ratio, by Laplace's approximation: who expects less, and is
+    right, gains by it.
     """
 
     state: FloatArray
@@ -45,33 +47,50 @@ class StateFit(NamedTuple):
     explained: float
     noise: float
     log_likelihood: float
+    contradiction: float
+
+
+class _Seen(NamedTuple):
+    """An image: points (N, 2), covariances (N, 2, 2), and `_shape` at each (N, 3), which is the same in every step."""
+
+    points: FloatArray
+    covariances: FloatArray
+    shapes: FloatArray
 
 
 class _Sums(NamedTuple):
     """information (8, 8): sum of u uᵀ / σ² over the points, u the derivative of a point's distance d from its line by
-    the state; gradient (8,): that of -u d / σ².
+    the state; gradient (8,): that of -u d / σ². rows (11, N): of each point u, d, its weight, and room for its product.
     """
 
     information: FloatArray
     gradient: FloatArray
+    rows: FloatArray
+
+
+_DISTANCE, _WEIGHT, _BOTH = STATE, STATE + 1, STATE + 2  # of the rows
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def _upright(px, py, state, mirror):  # type: ignore[no-untyped-def]
-    """A point as a perfect mirror would have seen it, and what its derivatives need."""
+def _shape(px, py, mirror):  # type: ignore[no-untyped-def]
+    """What the mirror is like where it shows a point: its oblong, its scale across and its twist."""
     reach2 = max(px * px + py * py, 1e-9)
     reach = math.sqrt(reach2)
     along, across = scales_at(mirror.scales, reach)
-    oblong = (along - across) / reach2
-    twist = TWIST_M / (reach + FROM_M)
+    return (along - across) / reach2, across, TWIST_M / (reach + FROM_M)
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _upright(px, py, state, shape, square):  # type: ignore[no-untyped-def]
+    """A point as a perfect mirror would have seen it, and what its derivatives need; square: of the mirror's height."""
+    oblong, across, twist = shape
     turn = twist * (state[4] * px - state[3] * py)
     px, py = px - turn * py, py + turn * px
     stretch = 1.0 + state[7] + oblong * (state[5] * px + state[6] * py)
     qx, qy = stretch * px + across * state[5], stretch * py + across * state[6]
     nearer = 1.0 / max(1.0 - state[3] * qx - state[4] * qy, MIN_DEPTH)
-    square = mirror.height_m * mirror.height_m
     place = nearer * (qx + square * state[3]), nearer * (qy + square * state[4])
-    return place, (px, py), (qx, qy), (nearer, oblong, across, twist)
+    return place, (px, py), (qx, qy), nearer
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -79,28 +98,27 @@ def upright_points(points, errors, mirror):  # type: ignore[no-untyped-def]
     """Points (N, 2) as a mirror without errors (5,) would have seen them."""
     state = np.zeros(STATE)
     state[3:] = errors
-    out = np.empty_like(points)
+    out, square = np.empty_like(points), mirror.height_m * mirror.height_m
     for i in range(points.shape[0]):
-        place, _, _, _ = _upright(points[i, 0], points[i, 1], state, mirror)
+        px, py = points[i, 0], points[i, 1]
+        place, _, _, _ = _upright(px, py, state, _shape(px, py, mirror), square)
         out[i, 0], out[i, 1] = place
     return out
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _equations(points, covariances, table, state, mirror, plan, width_m, sums):  # type: ignore[no-untyped-def]
+def _equations(seen, table, state, square, plan, width_m, sums):  # type: ignore[no-untyped-def]
     """`_Sums` at a state, into sums; each point weighs as in `kernels`. Returns explained, noise, log-likelihood,
     those at a width of zero alone.
     """
-    matrix, gradient = sums
-    square = mirror.height_m * mirror.height_m
-    width2 = width_m * width_m
-    row = np.empty(STATE)
-    matrix[:], gradient[:] = 0.0, 0.0
+    points, covariances, shapes = seen
+    rows, width2 = sums.rows, width_m * width_m
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     explained = squares = total = log_likelihood = 0.0
     for i in range(points.shape[0]):
-        (bx, by), (px, py), (qx, qy), shape = _upright(points[i, 0], points[i, 1], state, mirror)
-        nearer, oblong, across, twist = shape
+        oblong, across, twist = shapes[i, 0], shapes[i, 1], shapes[i, 2]
+        shape = oblong, across, twist
+        (bx, by), (px, py), (qx, qy), nearer = _upright(points[i, 0], points[i, 1], state, shape, square)
         ox, oy = look_up_offset(table, state[0] + cosine * bx - sine * by, state[1] + sine * bx + cosine * by)
         d2 = ox * ox + oy * oy + _TINY2_M2
         distance = math.sqrt(d2)
@@ -110,23 +128,19 @@ def _equations(points, covariances, table, state, mirror, plan, width_m, sums): 
         ratio = (lx * lx + ly * ly + _LEAST_RANGE2_M2) / (px * px + py * py + _LEAST_RANGE2_M2)
         spread = rx * rx * covariances[i, 0, 0] + 2.0 * rx * ry * covariances[i, 0, 1] + ry * ry * covariances[i, 1, 1]
         variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
-        row[0], row[1], row[2] = nx, ny, ry * bx - rx * by
+        rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by
         outward = rx * bx + ry * by
-        row[3], row[4] = nearer * (outward * qx + square * rx), nearer * (outward * qy + square * ry)
         mx, my = nearer * (rx + outward * state[3]), nearer * (ry + outward * state[4])  # before the tilt
-        turning = twist * (my * px - mx * py)
-        row[3] -= turning * py
-        row[4] += turning * px
-        row[7] = mx * px + my * py
-        row[5], row[6] = oblong * row[7] * px + across * mx, oblong * row[7] * py + across * my
+        turning, stretching = twist * (my * px - mx * py), mx * px + my * py
+        rows[3, i] = nearer * (outward * qx + square * rx) - turning * py
+        rows[4, i] = nearer * (outward * qy + square * ry) + turning * px
+        rows[5, i] = oblong * stretching * px + across * mx
+        rows[6, i] = oblong * stretching * py + across * my
+        rows[7, i] = stretching
         reach = width2 + plan.gate2 * variance
         kept = reach / (reach + d2)
         kept *= kept
-        weight = kept / variance
-        for a in range(STATE):
-            gradient[a] -= weight * row[a] * distance
-            for b in range(a + 1):
-                matrix[a, b] += weight * row[a] * row[b]
+        rows[_DISTANCE, i], rows[_WEIGHT, i] = distance, kept / variance
         if width_m > 0.0:  # on the way there nobody asks how likely it is
             continue
         z2 = d2 / variance
@@ -134,20 +148,54 @@ def _equations(points, covariances, table, state, mirror, plan, width_m, sums): 
         squares += kept * z2
         total += kept
         log_likelihood += math.log(plan.clutter_per_m + math.exp(-0.5 * z2) / math.sqrt(2.0 * math.pi * variance))
-    for a in range(STATE):
-        for b in range(a):
-            matrix[b, a] = matrix[a, b]
+    _add_up(sums)
     return explained / max(points.shape[0], 1), squares / max(total, 1e-9), log_likelihood
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _add_up(sums):  # type: ignore[no-untyped-def]
+    """Matrix and gradient of the rows; any order of adding up will do, that of SIMD instructions, too."""
+    matrix, gradient, rows = sums
+    both, count = rows[_BOTH], rows.shape[1]
+    for a in range(STATE):
+        for i in range(count):
+            both[i] = rows[_WEIGHT, i] * rows[a, i]
+        for b in range(a + 1):
+            total = 0.0
+            for i in range(count):
+                total += both[i] * rows[b, i]
+            matrix[a, b] = matrix[b, a] = total
+        total = 0.0
+        for i in range(count):
+            total -= both[i] * rows[_DISTANCE, i]
+        gradient[a] = total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _log_determinant(matrix):  # type: ignore[no-untyped-def]
+    """Logarithm of the determinant of a positive definite matrix, by elimination."""
+    left, log = matrix.copy(), 0.0
+    for k in range(len(left)):
+        log += math.log(abs(left[k, k]))
+        for i in range(k + 1, len(left)):
+            factor = left[i, k] / left[k, k]
+            for j in range(k + 1, len(left)):
+                left[i, j] -= factor * left[k, j]
+    return log
 
 
 @numba.njit(cache=True, error_model="numpy")
 def fit_state(points, covariances, table, start, prior, mirror, plan, repeated):  # type: ignore[no-untyped-def]
     """The `StateFit` that a plan's steps come to from a start (8,); so many points (repeated) tell as one."""
-    state = start.copy()
-    sums, pull = _Sums(np.zeros((STATE, STATE)), np.zeros(STATE)), np.empty(STATE)
-    matrix, gradient = sums
+    count, square = points.shape[0], mirror.height_m * mirror.height_m
+    shapes = np.empty((count, 3))
+    for i in range(count):
+        shapes[i, 0], shapes[i, 1], shapes[i, 2] = _shape(points[i, 0], points[i, 1], mirror)
+    seen, state = _Seen(points, covariances, shapes), start.copy()
+    sums = _Sums(np.empty((STATE, STATE)), np.empty(STATE), np.empty((STATE + 3, count)))
+    matrix, gradient, pull = sums.information, sums.gradient, np.empty(STATE)
     for k in range(plan.widths_m.shape[0]):
-        _equations(points, covariances, table, state, mirror, plan, plan.widths_m[k], sums)
+        _equations(seen, table, state, square, plan, plan.widths_m[k], sums)
         for a in range(STATE):
             pull[a] = gradient[a] / repeated
             for b in range(STATE):
@@ -156,5 +204,11 @@ def fit_state(points, covariances, table, start, prior, mirror, plan, repeated):
         for a in range(STATE):
             for b in range(STATE):
                 state[a] += back[a, b] * pull[b]
-    explained, noise, log_likelihood = _equations(points, covariances, table, state, mirror, plan, 0.0, sums)
-    return StateFit(state, matrix / repeated, gradient / repeated, explained, noise, log_likelihood)
+    explained, noise, log_likelihood = _equations(seen, table, state, square, plan, 0.0, sums)
+    information, strain2 = matrix / repeated, 0.0
+    for a in range(STATE):
+        for b in range(STATE):
+            strain2 += prior.information[a, b] * (state[a] - prior.mean[a]) * (state[b] - prior.mean[b])
+    narrowed = _log_determinant(prior.information + information) - _log_determinant(prior.information)
+    contradiction = 0.5 * (strain2 + narrowed)
+    return StateFit(state, information, gradient / repeated, explained, noise, log_likelihood, contradiction)

@@ -75,9 +75,14 @@ class Registration:
         self, positions_m: FloatArray, covariances_m2: FloatArray, start: FloatArray, plan: Plan = TRACKING
     ) -> Registered:
         """The pose that a plan's steps come to from a start (3,)."""
-        fit: Fit = register(positions_m, covariances_m2, self.table, start, plan)
+        fit = self.fit(positions_m, covariances_m2, start, plan)
         covariance = np.linalg.inv(fit.information + _UNKNOWN)
         return Registered(fit.pose, covariance, fit.explained, fit.noise / USUAL_NOISE, fit.log_likelihood)
+
+    def fit(self, positions_m: FloatArray, covariances_m2: FloatArray, start: FloatArray, plan: Plan = TRACKING) -> Fit:
+        """As `register`, for those who do not ask for the covariance."""
+        fit: Fit = register(positions_m, covariances_m2, self.table, start, plan)
+        return fit
 
     def register_all(self, positions_m: FloatArray, covariances_m2: FloatArray, starts: FloatArray, plan: Plan) -> Fits:
         """What a plan's steps come to from each of starts (K, 3)."""
