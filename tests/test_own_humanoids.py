@@ -72,4 +72,5 @@ def test_the_table_holds_both_systems(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
     assert float(result.rows[0][3]) < 5.0
     assert all(float(row[8]) == 0.0 for row in result.rows)
+    assert all(0.0 < float(row[9]) < 3.0 for row in result.rows)
     assert "0 of 1 never" in result.notes[1]

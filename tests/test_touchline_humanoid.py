@@ -17,9 +17,10 @@ from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.features import Features
-from touchline.localization.perspective.filter import PerspectiveFilter
-from touchline.localization.perspective.kernels import Known6
+from touchline.localization.perspective.filter import Fitted, PerspectiveFilter
+from touchline.localization.perspective.kernels import Known6, LeanFit
 from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
+from touchline.motion.odometry import Motion
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.simulation.observation.features import leaning
 from touchline.simulation.run import Simulation
@@ -215,6 +216,25 @@ def test_a_filter_keeps_what_it_knows_of_the_camera_at_another_place() -> None:
     assert wrap_angle(twin.pose.heading - 0.3 - math.pi) == pytest.approx(0.0)
     assert np.array_equal(twin.state[3:], one.state[3:])
     assert np.array_equal(twin.covariance_all, one.covariance_all)
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.5])
+def test_the_noise_of_steps_is_learned_and_the_covariance_honest(noise: float) -> None:
+    rng, true, information = np.random.default_rng(2), np.zeros(6), np.diag([1e4, 1e4, 1e5, 1e4, 1e4, 1e4])
+    one, squares = PerspectiveFilter(Pose(0.0, 0.0, 0.0), 1e-4 * np.eye(3)), []
+    stated = np.diag([0.005, 0.005, 0.003]) ** 2
+    for _ in range(300):
+        one.predict(Motion(Pose(0.0, 0.0, 0.0), stated, 0.0), 0.125)
+        true[:3] += noise * np.array([0.01, 0.01, 0.004]) * rng.standard_normal(3)
+        seen = true + rng.standard_normal(6) / np.sqrt(np.diag(information))
+        known = one.known
+        covariance = np.linalg.inv(known.information + information)
+        state = known.mean + covariance @ information @ (seen - known.mean)
+        one.take(Fitted(LeanFit(state, information, 1.0, 20.0, 0.01, 0.0), covariance, 0.0, 0.0, 0.0))
+        away = one.state[:2] - true[:2]
+        squares.append(away @ np.linalg.solve(one.covariance_all[:2, :2], away) / 2.0)
+    assert 0.7 < np.mean(squares[50:]) < 1.4
+    assert (one.step_noise[0] < 0.5) == (noise < 1.0)
 
 
 def test_features_without_points_are_a_perspective_camera_s_where_nobody_tells() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from touchline.experiments.schulz_runs import Walk
 from touchline.geometry import FloatArray
+from touchline.simulation.observation.features import turned
 from touchline.types import Frame, Observation, Samples
 
 FALL_S = 5.0  # on the ground and getting up: nothing is seen
@@ -23,6 +24,14 @@ _NS = 1e9
 def looking_lower(walked: Walk, pitch_rad: float, height_m: float) -> Walk:
     """The camera of a walk looks lower by an angle than it is thought to."""
     frames = (replace(f, observation=_tipped(f.observation, pitch_rad, height_m)) for f in walked.frames)
+    return replace(walked, frames=tuple(frames))
+
+
+def turned_aside(walked: Walk, angle_rad: float) -> Walk:
+    """The camera of a walk is turned aside by an angle, which nobody tells."""
+    frames = (
+        f if f.observation is None else replace(f, observation=turned(f.observation, angle_rad)) for f in walked.frames
+    )
     return replace(walked, frames=tuple(frames))
 
 

@@ -2,8 +2,8 @@
 
 States: x, y (m), heading (rad), field frame; roll and pitch (rad) that the camera has more than it is thought to have,
 and the relative error of its height, all three for good; drift of the odometry's heading (rad/s), as of a gyro's bias;
-relative errors of its travel forward and sideways. Roll and pitch err anew in every image besides, by an amount that is
-learned.
+relative errors of its travel forward and sideways. Roll and pitch err anew in every image besides, and so does every
+step of the odometry: both by amounts that are learned.
 """
 
 from __future__ import annotations
@@ -28,10 +28,13 @@ HEIGHT_DRIFT = 0.0001
 TURN_DRIFT_RAD_S_S = 0.0001
 TRAVEL_DRIFT = 0.002
 SLIP_RATIO, TURN_SLIP_RATIO, BEND_RAD_M = 0.1, 0.1, 0.05  # noise of steps beside the odometry's own
-AT_REST_M, AT_REST_RAD = 0.01, 0.003
+AT_REST_M, AT_REST_RAD = 0.007, 0.001
 LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD = 0.008, 0.002, 0.03  # error of roll and pitch in one image: at first, and limits
 LEAN_GAIN = 0.03  # share of an image in what is learned of that
-MIN_POSITION_M, MIN_HEADING_RAD = 0.01, 0.02  # what no image tells: how far a camera is mounted aside turns all
+STEP_GAIN = 0.1  # and in how noisy steps are
+MIN_STEP_NOISE, MAX_STEP_NOISE = 0.1, 6.0  # of their variance, as a multiple of the stated one
+MAX_RATIO = 5.0  # of one image in that: it may be a slip
+MIN_POSITION_M, MIN_HEADING_RAD = 0.005, 0.015  # what no image tells: how far a camera is turned aside turns all
 ALLOWED = 16.3  # squared deviations from the prediction: 99.9 % of right poses are within
 _STATES = 9
 _SEEN = 6  # the first of them are those that an image shows
@@ -55,7 +58,10 @@ class Fitted(NamedTuple):
 
 
 class PerspectiveFilter:
-    """`state` (9,), `covariance_all` (9, 9) of it, `lean_rad`: standard deviation of roll and pitch in one image."""
+    """`state` (9,), `covariance_all` (9, 9) of it, `lean_rad`: standard deviation of roll and pitch in one image.
+
+    `step_noise` (2,): how much larger the variance of the odometry's steps is than stated, of positions and headings.
+    """
 
     def __init__(self, pose: Pose, covariance: FloatArray, learns_camera: bool = True) -> None:
         """covariance (3, 3): of the pose in (m, m, rad), field frame. learns_camera: how it is mounted; else that is
@@ -71,6 +77,8 @@ class PerspectiveFilter:
         if not learns_camera:
             self.covariance_all[_CAMERA, _CAMERA] *= TINY
         self.lean_rad = LEAN_RAD
+        self.step_noise = np.ones(2)
+        self._since_image = np.zeros((3, 3))  # what steps have added to the covariance
 
     @property
     def pose(self) -> Pose:
@@ -87,7 +95,7 @@ class PerspectiveFilter:
     def placed(self, pose: Pose, covariance: FloatArray) -> PerspectiveFilter:
         """A filter that starts at another pose, and knows the camera and the odometry as this one does."""
         other = PerspectiveFilter(pose, covariance, self.learns_camera)
-        other.state[3:], other.lean_rad = self.state[3:], self.lean_rad
+        other.state[3:], other.lean_rad, other.step_noise = self.state[3:], self.lean_rad, self.step_noise
         other.covariance_all[3:, 3:] = self.covariance_all[3:, 3:]
         return other
 
@@ -132,7 +140,11 @@ class PerspectiveFilter:
         aside = (SLIP_RATIO * travel_m) ** 2 + AT_REST_M**2
         aslant = (TURN_SLIP_RATIO * move.heading) ** 2 + (BEND_RAD_M * travel_m) ** 2 + AT_REST_RAD**2
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        self.covariance_all[:3, :3] += turn @ (motion.covariance + np.diag([aside, aside, aslant])) @ turn.T
+        scale = np.sqrt(self.step_noise[[0, 0, 1]]) if motion.missing_s == 0.0 else np.ones(3)
+        noise = turn @ ((motion.covariance + np.diag([aside, aside, aslant])) * np.outer(scale, scale)) @ turn.T
+        self.covariance_all[:3, :3] += noise
+        if motion.missing_s == 0.0:
+            self._since_image = self._since_image + noise
         drifts = np.square(
             [MOUNT_DRIFT_RAD, MOUNT_DRIFT_RAD, HEIGHT_DRIFT, TURN_DRIFT_RAD_S_S, TRAVEL_DRIFT, TRAVEL_DRIFT]
         )
@@ -168,6 +180,7 @@ class PerspectiveFilter:
             self.covariance_all[:3, :3] += np.diag(shove**2)
         spread, step = self._seen_covariance(None), fitted.fit.state - self.state[:_SEEN]
         self._learn_lean(fitted)
+        self._learn_steps(fitted, spread)
         gain = np.linalg.solve(spread, self.covariance_all[:_SEEN]).T
         self.state = self.state + gain @ step
         self.state[2] = wrap_angle(float(self.state[2]))
@@ -193,3 +206,15 @@ class PerspectiveFilter:
             seen += 0.5 * (error**2 + self.lean_rad**2 * (1.0 - share) + share**2 * fitted.covariance[k, k])
         learned = (1.0 - LEAN_GAIN) * self.lean_rad**2 + LEAN_GAIN * seen
         self.lean_rad = min(max(math.sqrt(learned), MIN_LEAN_RAD), MAX_LEAN_RAD)
+
+    def _learn_steps(self, fitted: Fitted, spread: FloatArray) -> None:
+        """How noisy steps are: their squared errors since the last image, and what is unknown of those."""
+        noise, self._since_image = self._since_image, np.zeros((3, 3))
+        if not noise[2, 2]:
+            return
+        share = np.linalg.solve(spread, np.eye(_SEEN)[:, :3] @ noise)  # (6, 3) of the image's step in these errors
+        step = fitted.fit.state - self.state[:_SEEN]
+        squares = noise + share.T @ (np.outer(step, step) - spread + fitted.covariance) @ share
+        ratios = np.array([(squares[0, 0] + squares[1, 1]) / (noise[0, 0] + noise[1, 1]), squares[2, 2] / noise[2, 2]])
+        learned = self.step_noise * (1.0 + STEP_GAIN * (np.minimum(ratios, MAX_RATIO) - 1.0))
+        self.step_noise = np.clip(learned, MIN_STEP_NOISE, MAX_STEP_NOISE)
