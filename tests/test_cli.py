@@ -334,7 +334,7 @@ def test_evaluate_takes_a_trajectory_and_a_truth(tmp_path: Path, capsys: pytest.
 def test_systems_are_listed_with_the_default_marked(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["systems"]) == 0
     out, _ = told(capsys)
-    assert "nubot-mti (default)" in out
+    assert "touchline (default)" in out
     assert "a fake system" in out
 
 
@@ -355,16 +355,25 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
         (["run", "tiny", "--wings"], "--wings"),
         (["run", "tiny", "--system", "fak"], "did you mean 'fake'?"),
         (["run", "tiny", "--system", "fake", "--set", "noise=1"], "did you mean 'noise_m'?"),
-        (["run", "tiny", "--set", "motion"], "--set motion: expected KEY=VALUE, for example --set line_points."),
+        (["run", "tiny", "--set", "motion"], "--set motion: expected KEY=VALUE, for example --set min_points="),
         (["experiment", "xiong-samples", "--output", "tiny/images.csv"], "cannot be written"),
         (["run", "tiny", "--system", "fake", "--set", "sigma=1"], "unknown setting 'sigma': known: noise_m"),
-        (["run", "tiny", "--set", "fusion.beta=1"], "setting 'fusion.beta' belongs to iris-fusion, not to the chosen"),
+        (
+            ["run", "tiny", "--system", "nubot-mti", "--set", "fusion.beta=1"],
+            "setting 'fusion.beta' belongs to iris-fusion, not to the chosen",
+        ),
         (
             ["run", "tiny", "--set", "particles.motion=1"],
             "setting 'particles' belongs to nubot-mcl, nubot-mcl-alone, iris-fusion and nimbro-lines",
         ),
-        (["run", "tiny", "--set", "matching=1"], "'matching' is a group of settings, not a value: c_m, iterations"),
-        (["run", "tiny", "--set", "fusion.betas=1"], "unknown setting 'fusion.betas': known in fusion: "),
+        (
+            ["run", "tiny", "--system", "nubot-mti", "--set", "matching=1"],
+            "'matching' is a group of settings, not a value: c_m, iterations",
+        ),
+        (
+            ["run", "tiny", "--system", "nubot-mti", "--set", "fusion.betas=1"],
+            "unknown setting 'fusion.betas': known in fusion: ",
+        ),
         (["run", "tiny", "--system", "fake", "--set", "noise_m"], "expected KEY=VALUE"),
         (["run", "tiny", "--system", "fake", "--config", "none.yaml"], "none.yaml: cannot be read"),
         (["run", "tiny", "--start", "1,2"], "expected X,Y,HEADING"),

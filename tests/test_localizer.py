@@ -25,7 +25,7 @@ from touchline.localizer import Localizer
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
-from touchline.systems import SYSTEMS, RobotSetup, open_system
+from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, RobotSetup, open_system
 from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Samples, Status
 
 ROOT = Path(__file__).parents[1]
@@ -93,7 +93,7 @@ def test_estimates_are_those_of_the_system_fed_the_same_frames(system: str) -> N
 
 def test_images_give_what_the_recording_gives() -> None:
     source = open_source(EXAMPLE)
-    plain = open_system("nubot-mti", RobotSetup(source.field, source.camera))
+    plain = open_system(DEFAULT_SYSTEM, RobotSetup(source.field, source.camera))
     plain.reset()
     localizer = Localizer(field="msl-18x12", camera=EXAMPLE / "camera.yaml")
     for frame, _ in zip(source, range(8), strict=False):
@@ -409,9 +409,9 @@ def test_a_wrong_reset_is_told(arguments: dict[str, Any], said: str) -> None:
         ({"camera": "no.yaml"}, r"no\.yaml"),
         ({"wheels": (0.1,)}, "wheels: expected the two rolling directions"),
         ({"wheels": (0.1, NAN)}, "wheels: expected the two rolling directions"),
-        ({"settings": {"matching.c": 1.0}}, "unknown setting 'matching.c'"),
-        ({"settings": {"matching": {"c_m": -1.0}}}, "matching.c_m"),
-        ({"settings": SYSTEMS["iris-fusion"].settings()}, "takes NubotMtiSettings"),
+        ({"system": "nubot-mti", "settings": {"matching.c": 1.0}}, "unknown setting 'matching.c'"),
+        ({"system": "nubot-mti", "settings": {"matching": {"c_m": -1.0}}}, "matching.c_m"),
+        ({"settings": SYSTEMS["iris-fusion"].settings()}, "takes TouchlineSettings"),
     ],
 )
 def test_a_wrong_constructor_is_told_in_words(arguments: dict[str, Any], said: str) -> None:

@@ -14,6 +14,7 @@ from touchline.camera import GroundView, PinholeCamera
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.perception.feature_pictures import CROSSING_PAINT, LINE_PAINT, Canvas, draw_features
+from touchline.systems import DEFAULT_SYSTEM, SYSTEMS
 from touchline.types import (
     Crossings,
     Estimate,
@@ -26,7 +27,7 @@ from touchline.types import (
     no_lines,
 )
 from touchline.view.belief import GUESS_COLOR, belief_picture
-from touchline.view.look import look_at_recording, system_for
+from touchline.view.look import look_at_recording
 from touchline.view.overlay import LINE_COLOR
 
 ENDS = np.array([[[2.0, -1.2], [2.0, 1.2]]])
@@ -101,7 +102,7 @@ def test_nothing_seen_has_no_legend(view: GroundView) -> None:
 def test_a_humanoids_stages_end_with_the_belief(small_data: Path) -> None:
     recording = touchline.open_source(small_data / "humanoid_9x6_walk")
     assert recording.truth is not None
-    look = look_at_recording(small_data / "humanoid_9x6_walk", 2)
+    look = look_at_recording(small_data / "humanoid_9x6_walk", 2, "nimbro-lines")
     assert "line point" in look.words()
     assert " lines" in look.words()
     pictures = look.stages()
@@ -133,8 +134,8 @@ def test_a_guess_and_its_twin_are_drawn_pale_and_the_robot_is_not() -> None:
     assert colours(Status.SEARCHING, (twin,)) == [False, False, True, True]
 
 
-def test_the_first_system_that_sees_through_a_camera(view: GroundView) -> None:
-    assert system_for(view.camera) == "nimbro-lines"
+def test_the_default_system_sees_through_every_camera() -> None:
+    assert set(SYSTEMS[DEFAULT_SYSTEM].cameras) == {model for info in SYSTEMS.values() for model in info.cameras}
 
 
 def test_the_report_of_a_leaning_robot(small_data: Path, tmp_path: Path) -> None:

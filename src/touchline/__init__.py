@@ -1,7 +1,7 @@
 """Touchline tells a soccer robot where it stands, from the white lines of the field.
 
 >>> import touchline
->>> run = touchline.run("recording", system="nubot-mti")
+>>> run = touchline.run("recording")
 >>> print(run.errors)
 
 Everything here is imported when it is first used, so that `import touchline` costs nothing.

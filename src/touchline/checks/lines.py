@@ -18,9 +18,10 @@ from touchline.localization.matching.mirror_tilt import MirrorTilt
 from touchline.motion.delay import find_delay
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
-from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
+from touchline.systems import RobotSetup, open_system
 from touchline.types import Estimate, Samples, Status
 
+_SYSTEM = "nubot-mti"  # that leaves the camera as it is told: one that learns its errors would hide them
 _MOST_FRAMES = 100  # enough to tell a calibration, and a few tenths of a second
 _BLOCKS = 5  # of consecutive frames that these are in, spread over the recording: it may begin with a robot that stands
 _LEAST_FRAMES = 5
@@ -48,7 +49,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         field = recording.field
     except InputError:
         return  # the check of the field says so
-    system, tilt = open_system(DEFAULT_SYSTEM, RobotSetup(field, camera)), MirrorTilt(field)
+    system, tilt = open_system(_SYSTEM, RobotSetup(field, camera)), MirrorTilt(field)
     estimates, looked, odometry = [], 0, []
     chosen = chosen_frames(len(recording))
     for index, frame in enumerate(recording.again(chosen)):

@@ -40,7 +40,7 @@ def run(
         typer.Argument(metavar="RECORDING", help="A recording: a folder in Touchline's format.", show_default=False),
     ],
     system: Annotated[
-        str | None, typer.Option(help="The system to run (default: nubot-mti); see touchline systems.")
+        str | None, typer.Option(help="The system to run (default: touchline); see touchline systems.")
     ] = None,
     output: Annotated[
         Path | None,

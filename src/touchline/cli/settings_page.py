@@ -46,7 +46,7 @@ class Row(NamedTuple):
 def settings_page() -> str:
     """The page as Markdown."""
     from touchline.localization.one_shot.locate import LocateSettings
-    from touchline.systems import DEFAULT_SYSTEM, SYSTEMS
+    from touchline.systems import SYSTEMS
 
     owners: dict[Row, tuple[str, ...]] = {}  # of each row: the systems that have it
     for info in SYSTEMS.values():
@@ -63,9 +63,9 @@ def settings_page() -> str:
         table = f"\n{_table(own)}" if own else ""
         sections.append(f"## {info.name}\n\n{_sentence(info.description)}.\n{_count(info.settings)}\n{table}")
     own = [row for row in _rows(LocateSettings) if row not in owners]
-    about = f"""\
+    about = """\
 One observation without any history: `touchline locate` and `touchline.locate`. In Python `locate_points` takes them as
-`settings`. The groups `matching` and `weights` are those of {DEFAULT_SYSTEM}."""
+`settings`. The groups `matching` and `weights` are those of nubot-mti."""
     return "\n".join([*sections, f"## locate\n\n{about}\n\n{_table(own)}"])
 
 

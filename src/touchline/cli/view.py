@@ -35,9 +35,7 @@ def view(
     ] = None,
     system: Annotated[
         str | None,
-        typer.Option(
-            help="Whose stages to draw (default: nubot-mti, of a perspective camera nimbro-lines).", show_default=False
-        ),
+        typer.Option(help="Whose stages to draw (default: touchline).", show_default=False),
     ] = None,
     output: Annotated[
         Path | None,

@@ -69,10 +69,17 @@ class SystemInfo:
     cameras: tuple[str, ...] = ("omni",)
 
 
-DEFAULT_SYSTEM = "nubot-mti"
+DEFAULT_SYSTEM = "touchline"
 SYSTEMS = {
     info.name: info
     for info in (
+        SystemInfo(
+            "touchline",
+            "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
+            TouchlineSettings,
+            touchline_system,
+            cameras=("omni", "pinhole"),
+        ),
         SystemInfo(
             "nubot-mti",
             "compass heading, 315 grid samples, RPROP matching, Kalman fusion with odometry (Xiong et al.)",
@@ -109,13 +116,6 @@ SYSTEMS = {
             NimbroLinesSettings,
             NimbroLines,
             cameras=("pinhole",),
-        ),
-        SystemInfo(
-            "touchline",
-            "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
-            TouchlineSettings,
-            touchline_system,
-            cameras=("omni", "pinhole"),
         ),
     )
 }

@@ -21,7 +21,7 @@ from touchline.motion.attitude import view_at
 from touchline.opened_files import open_bytes
 from touchline.perception import Detector
 from touchline.sources import BagOptions, Recording, open_source
-from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, LocalizationSystem, RobotSetup, open_system, system_info
+from touchline.systems import DEFAULT_SYSTEM, LocalizationSystem, RobotSetup, open_system, system_info
 from touchline.types import Estimate, Frame, ImageArray, Observation, Status
 from touchline.view.belief import Belief, belief_of, belief_picture, particles_of
 from touchline.view.birds_eye import birds_eye_image
@@ -118,7 +118,7 @@ def look_at_recording(
     if index is not None:
         _readable(source, index)  # before the system goes a long way for nothing
     setup = robot_setup(source)
-    system = system or (DEFAULT_SYSTEM if setup.camera is None else system_for(setup.camera))
+    system = system or DEFAULT_SYSTEM
     unseen = setup.camera is not None and setup.camera.model not in system_info(system).cameras
     if unseen and source.camera_kind == "pinhole":
         return _look_with_truth(source, index or 0, system)
@@ -146,12 +146,6 @@ def look_at_recording(
         particles_of(running),
         estimate,
     )
-
-
-def system_for(camera: Camera) -> str:
-    """The default system, or the first that sees through a camera if that one doesn't."""
-    names = (DEFAULT_SYSTEM, *SYSTEMS)
-    return next((name for name in names if camera.model in SYSTEMS[name].cameras), DEFAULT_SYSTEM)
 
 
 def _look_with_truth(source: Recording, index: int, system: str) -> Look:
@@ -233,7 +227,7 @@ def observe_image(path: Path, camera: Camera, field: FieldModel, system: str | N
     seen; all name the file.
     """
     image: ImageArray = read_image(path)
-    detector = open_system(system or system_for(camera), RobotSetup(field, camera)).detector
+    detector = open_system(system or DEFAULT_SYSTEM, RobotSetup(field, camera)).detector
     try:
         assert detector is not None, "there is a camera"
         observation = detector.observe(Frame(0, image))
