@@ -20,7 +20,7 @@ _Address = Annotated[
 ]
 LiveTopics = Annotated[
     list[str] | None,
-    typer.Option("--topic", metavar="ROLE=/NAME", help="Of --dds: image, odometry, imu, compass, points; repeatable."),
+    typer.Option("--topic", metavar="ROLE=/NAME", help="Of --dds: image, odometry, detections, …; repeatable."),
 ]
 _EVERY_S = 1.0  # so often a line on the terminal
 

@@ -22,7 +22,7 @@ Topics = Annotated[
     typer.Option(
         "--topic",
         metavar="ROLE=/NAME",
-        help="Of a bag: image, camera_info, odometry, imu, compass, truth or points; may be repeated.",
+        help="Of a bag: image, odometry, detections, …, as docs/how-to-bags.md lists them; may be repeated.",
     ),
 ]
 BagField = Annotated[

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from touchline.camera import open_camera
 from touchline.errors import InputError
 from touchline.geometry import Pose3
 from touchline.messages import listed
 from touchline.sources.bags import roles
 from touchline.sources.bags.camera_file import camera_mapping
-from touchline.sources.bags.cdr_header import read_header
+from touchline.sources.bags.cdr_header import Header, read_header
 from touchline.sources.bags.extraction import ImagePlaces
 from touchline.sources.bags.foreign_rows import ForeignTables
 from touchline.sources.bags.layout import EPOCH_KEY
@@ -27,6 +28,7 @@ from touchline.sources.new_description import copy_camera, named_field, write_fi
 from touchline.sources.problems import ProblemKind, ProblemLog
 
 _SECOND_NS = 1_000_000_000
+_SAME_CLOCK_NS = 10 * _SECOND_NS
 _EARLIEST_EPOCH_S = 10_000_000  # clocks that show more did not start with the robot: times count from its first second
 
 
@@ -40,10 +42,10 @@ class Foreign:
         for role, topic in self._topics.items():
             self._roles.setdefault(topic.name, []).append(role)
         self._transforms = {each.name: each for each in bag.topics.values() if each.type in roles.TRANSFORM_TYPES}
-        if roles.IMAGE not in self._topics and roles.POINTS not in self._topics:
+        if not roles.has_features(self._topics) and not {roles.IMAGE, roles.POINTS} & set(self._topics):
             kinds = sorted({topic.type for topic in bag.topics.values()})
             raise InputError(
-                f"{path}: holds neither images nor line points, only {listed(kinds)[:300]}; "
+                f"{path}: holds neither images nor what a detector found, only {listed(kinds)[:300]}; "
                 f"--topic image=/NAME or --topic points=/NAME tells where they are"
             )
         self._field = named_field(path, options.field)
@@ -51,13 +53,15 @@ class Foreign:
         self._info: Any = None
         self._frame = ""  # of the image
         self._epoch_ns: int | None = None
+        self._bare_ns = 0  # from the clock that messages were received by to that of their stamps
         self._stamps, self._places, self._names = array("q"), array("q"), array("b")
 
     def extract(self, folder: Path) -> ImagePlaces:
         """Write the tables, in constant memory but for 40 bytes an image."""
         self._look_around()
-        with ForeignTables(folder, self._tree, self._options.base, self._problems) as tables:
+        with ForeignTables(folder, self._tree, self._options.base, self._problems, self._in_head()) as tables:
             tables.watch_camera(self._frame)
+            tables.expect(role for role in roles.FEATURES if role in self._topics)
             wanted = {*self._roles, *self._transforms} - {self._name(roles.CAMERA_INFO)}
             for message in self._bag.messages(wanted):
                 self._take(message, tables)
@@ -66,6 +70,12 @@ class Foreign:
         self._write_description(folder)
         places = np.array(self._places, dtype=np.int64).reshape(-1, 2)[order]
         return ImagePlaces(self._name(roles.IMAGE), places)
+
+    def _in_head(self) -> Pose3 | None:
+        """`head_from_camera`: what a camera.yaml says of a camera in a head whose own pose a topic tells."""
+        if not {roles.IMAGE, roles.HEAD} <= set(self._topics) or self._options.camera is None:
+            return None
+        return open_camera(self._options.camera).base_from_camera
 
     def _name(self, role: str) -> str:
         return self._topics[role].name if role in self._topics else ""
@@ -79,8 +89,9 @@ class Foreign:
                 if (transforms := self._decoded(topic, message)) is not None:
                     self._tree.update(transforms.transforms)
                 continue
-            header = read_header(message.data, topic.encoding)
+            header = None if topic.type in roles.UNSTAMPED else read_header(message.data, topic.encoding)
             if self._epoch_ns is None and header is not None:
+                self._compare_clocks(message.log_ns, header.stamp_ns)
                 second = (header.stamp_ns or message.log_ns) // _SECOND_NS
                 self._epoch_ns = second * _SECOND_NS if second >= _EARLIEST_EPOCH_S else 0
             if message.topic == self._name(roles.CAMERA_INFO) and self._info is None:
@@ -90,7 +101,18 @@ class Foreign:
             if self._knows_enough():
                 return
 
+    def _compare_clocks(self, log_ns: int, stamp_ns: int) -> None:
+        """What comes without a stamp is as old as its receipt; of another clock than the stamps', it is moved there."""
+        if stamp_ns and abs(log_ns - stamp_ns) > _SAME_CLOCK_NS:
+            self._bare_ns = stamp_ns - log_ns
+            if any(topic.type in roles.UNSTAMPED for topic in self._topics.values()):
+                what = f"was recorded by a clock that differs from its stamps' by {abs(self._bare_ns) / 1e9:.0f} s; "
+                what += "messages without a stamp are moved by as much"
+                self._problems.add(ProblemKind.TOPIC, self._path.name, what)
+
     def _knows_enough(self) -> bool:
+        if self._epoch_ns is None:
+            return False
         if roles.CAMERA_INFO in self._topics and self._info is None:
             return False
         if roles.IMAGE in self._topics and not self._frame:
@@ -116,11 +138,12 @@ class Foreign:
             if (transforms := self._decoded(topic, message)) is not None:
                 tables.place(transforms.transforms, self._epoch_ns or 0)
             return
-        header = read_header(message.data, topic.encoding)
+        bare = topic.type in roles.UNSTAMPED
+        header = Header(0, "", "") if bare else read_header(message.data, topic.encoding)
         if header is None:
             self._problems.add(ProblemKind.BAG, topic.name, "a message is too short; it is left out")
             return
-        stamp_ns = (header.stamp_ns or message.log_ns) - (self._epoch_ns or 0)
+        stamp_ns = (header.stamp_ns or message.log_ns + bare * self._bare_ns) - (self._epoch_ns or 0)
         taken = self._roles[message.topic]
         if roles.IMAGE in taken:
             self._stamps.append(stamp_ns)

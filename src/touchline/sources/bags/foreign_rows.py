@@ -12,13 +12,14 @@ import numpy as np
 
 from touchline.geometry import FloatArray, Pose3, tilt_rotation
 from touchline.sources.bags import roles
+from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.point_cloud import cloud_points
-from touchline.sources.bags.readings import attitude_of, place_and_turn, rates_of
+from touchline.sources.bags.readings import attitude_of, head_of, place_and_turn, planar_pose, rates_of
 from touchline.sources.bags.table_rows import decimal_seconds
+from touchline.sources.bags.team_features import feature_rows
 from touchline.sources.bags.transforms import FrameTree, camera_body, plain
 from touchline.sources.observations import HEADER
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.sources.truth import heading_of
 
 _HEADERS = {
     "odometry.csv": "t,x,y,theta",
@@ -27,12 +28,19 @@ _HEADERS = {
     "observations.csv": HEADER,
 }
 _GROUND_FRAME = "base_footprint"
+_COLUMNS = HEADER.split(",")[1:]
+_WAIT_NS = 500_000_000  # for the slower of two topics that tell of one image
 
 
 class ForeignTables:
-    """New tables in a folder, written row by row. base: the robot's frame on the ground, if the user has named it."""
+    """New tables in a folder, written row by row. base: the robot's frame on the ground, if the user has named it.
 
-    def __init__(self, folder: Path, tree: FrameTree, base: str | None, problems: ProblemLog) -> None:
+    mount: `head_from_camera`, of a head whose own pose a topic tells.
+    """
+
+    def __init__(
+        self, folder: Path, tree: FrameTree, base: str | None, problems: ProblemLog, mount: Pose3 | None = None
+    ) -> None:
         self._folder, self._tree, self._problems = folder, tree, problems
         self._base = tree.base(base)
         self._leans = base is None and self._base != _GROUND_FRAME
@@ -42,12 +50,19 @@ class ForeignTables:
         self._base_from: dict[str, Pose3] = {}
         self._open: dict[str, TextIO] = {}
         self._stack = ExitStack()
+        self._seen: Gathering[str] = Gathering(_WAIT_NS)
+        self._now_ns = -(2**63)
+        self._mount = mount
 
     def __enter__(self) -> ForeignTables:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._write_seen(self._seen.rest())
         self._stack.close()
+        if self._seen.late:
+            what = f"{self._seen.late} messages came after those of later images; they are left out"
+            self._problems.add(ProblemKind.BAG, "features", what)
 
     def watch_camera(self, frame: str) -> None:
         """Write where the camera is whenever it moves against the base."""
@@ -69,11 +84,15 @@ class ForeignTables:
             body = Pose3(self._lean, np.zeros(3)).compose(body)
         self._row("camera_pose.csv", max(stamps) - epoch_ns, [*body.translation_m.tolist(), *body.roll_pitch_yaw()])
 
+    def expect(self, parts: Iterable[str]) -> None:
+        """Roles that tell of the same images."""
+        for part in parts:
+            self._seen.expect(part)
+
     def add(self, role: str, stamp_ns: int, message: Any, together: bool = False) -> None:
         """Write a message's row. together: the IMU is the compass, too."""
         if role == roles.ODOMETRY:
-            place, turn = place_and_turn(message)
-            self._row("odometry.csv", stamp_ns, [place.x, place.y, heading_of(turn.x, turn.y, turn.z, turn.w)])
+            self._row("odometry.csv", stamp_ns, list(planar_pose(message)))
         elif role == roles.TRUTH:
             self._truth(stamp_ns, message)
         elif role == roles.IMU:
@@ -81,8 +100,13 @@ class ForeignTables:
         elif role == roles.COMPASS and not together:
             yaw = (self._attitude(message) or (None, None, None))[2]
             self._row("imu.csv", stamp_ns, [None, None, yaw, None, None, None])
+        elif role == roles.HEAD:
+            self._head(stamp_ns, message)
         elif role == roles.POINTS:
             self._points(stamp_ns, message)
+        elif role in roles.FEATURES:
+            rows = feature_rows(role, message, self._pose_of_frame(message))
+            self._found(role, stamp_ns, [",".join(row.get(name, "") for name in _COLUMNS) for row in rows])
 
     def _truth(self, stamp_ns: int, message: Any) -> None:
         place, turn = place_and_turn(message)
@@ -106,13 +130,29 @@ class ForeignTables:
             self._problems.add(ProblemKind.BAG, "points", f"a message {points}; it is left out")
             return
         base = self._pose_of_frame(message).transform(points)
-        time, file = decimal_seconds(stamp_ns), self._file("observations.csv")
-        rows = [f"{time},point,{x!r},{y!r}{',' * 11}" for x, y in base[:, :2].tolist()]
-        file.write("\n".join(rows or [f"{time},none{',' * 13}"]) + "\n")
+        self._found(roles.POINTS, stamp_ns, [f"point,{x!r},{y!r}{',' * 11}" for x, y in base[:, :2].tolist()])
+
+    def _head(self, stamp_ns: int, message: Any) -> None:
+        head = None if self._mount is None else head_of(message)
+        if head is not None and self._mount is not None:
+            body = head.compose(self._mount)
+            self._row("camera_pose.csv", stamp_ns, [*body.translation_m.tolist(), *body.roll_pitch_yaw()])
+
+    def _found(self, part: str, stamp_ns: int, rows: list[str]) -> None:
+        """Rows without their time that a topic has of an image."""
+        self._now_ns = max(self._now_ns, stamp_ns)
+        self._seen.add(part, stamp_ns, rows, self._now_ns)
+        self._write_seen(self._seen.ready(self._now_ns))
+
+    def _write_seen(self, found: Iterable[tuple[int, list[str]]]) -> None:
+        for stamp_ns, rows in found:
+            time = decimal_seconds(stamp_ns)
+            lines = [f"{time},{row}" for row in rows or [f"none{',' * 13}"]]
+            self._file("observations.csv").write("\n".join(lines) + "\n")
 
     def _pose_of_frame(self, message: Any) -> Pose3:
         """`base_from_sensor`; a sensor that no transform places is in the base."""
-        frame = plain(message.header.frame_id)
+        frame = plain(message.header.frame_id) if hasattr(message, "header") else ""
         if frame not in self._base_from:
             pose = None if self._base is None else self._tree.pose(self._base, frame)
             self._base_from[frame] = pose or Pose3.identity()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,9 @@ IMAGE, CAMERA_INFO, ODOMETRY, IMU, COMPASS, TRUTH, POINTS = (
     "truth",
     "points",
 )
+DETECTIONS, LINE_SEGMENTS, MARKINGS, GOALPOSTS, HEAD = "detections", "lines", "markings", "goalposts", "head"
+FEATURES = (DETECTIONS, LINE_SEGMENTS, MARKINGS, GOALPOSTS)
+"""Roles of which all that are there make up what the robot's own detector found in an image."""
 _POSES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseStamped",
@@ -32,14 +35,26 @@ RAW_IMAGE, COMPRESSED_IMAGE, POINT_CLOUD = (
     "sensor_msgs/msg/CompressedImage",
     "sensor_msgs/msg/PointCloud2",
 )
+IMU_TYPE, LOW_STATE, ODOMETER = (
+    "sensor_msgs/msg/Imu",
+    "booster_interface/msg/LowState",
+    "booster_interface/msg/Odometer",
+)
+UNSTAMPED = frozenset((LOW_STATE, ODOMETER, "geometry_msgs/msg/Pose"))
+"""Types without a header: their messages are taken for as old as they are when they come."""
 ROLES = {
     IMAGE: (RAW_IMAGE, COMPRESSED_IMAGE),
     CAMERA_INFO: ("sensor_msgs/msg/CameraInfo",),
-    ODOMETRY: _POSES,
-    IMU: ("sensor_msgs/msg/Imu",),
-    COMPASS: ("sensor_msgs/msg/Imu",),
+    ODOMETRY: (*_POSES, ODOMETER),
+    IMU: (IMU_TYPE, LOW_STATE),
+    COMPASS: (IMU_TYPE, LOW_STATE),
     TRUTH: _POSES,
     POINTS: (POINT_CLOUD,),
+    DETECTIONS: ("vision_interface/msg/Detections",),
+    LINE_SEGMENTS: ("vision_interface/msg/LineSegments",),
+    MARKINGS: ("soccer_vision_3d_msgs/msg/MarkingArray",),
+    GOALPOSTS: ("soccer_vision_3d_msgs/msg/GoalpostArray",),
+    HEAD: ("geometry_msgs/msg/Pose",),
 }
 """What a topic can be, and the types that can be it."""
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
@@ -88,8 +103,8 @@ def choose_topics(topics: Mapping[str, Topic], named: Mapping[str, str], problem
     Raises InputError for a role, topic or type that does not fit.
     """
     chosen: dict[str, Topic] = {role: _named(topics, role, name) for role, name in named.items()}
-    for role in (IMAGE, CAMERA_INFO, ODOMETRY, IMU, TRUTH, POINTS):
-        if role in chosen:
+    for role in (*FEATURES, IMAGE, CAMERA_INFO, ODOMETRY, IMU, TRUTH, POINTS, HEAD):
+        if role in chosen or (role in (IMAGE, CAMERA_INFO) and has_features(chosen) and IMAGE not in named):
             continue
         candidates = [topic for topic in topics.values() if topic.type in ROLES[role] and topic.messages]
         fitting = _fitting(role, candidates, chosen)
@@ -101,6 +116,11 @@ def choose_topics(topics: Mapping[str, Topic], named: Mapping[str, str], problem
             what = f"is read as {role}; there is also {others} (--topic {role}=/NAME chooses)"
             problems.add(ProblemKind.TOPIC, fitting[0].name, what)
     return chosen
+
+
+def has_features(chosen: Collection[str]) -> bool:
+    """Whether one of some roles is a detector's."""
+    return any(role in chosen for role in FEATURES)
 
 
 def _named(topics: Mapping[str, Topic], role: str, name: str) -> Topic:
@@ -128,10 +148,13 @@ def _fitting(role: str, candidates: Iterable[Topic], chosen: Mapping[str, Topic]
     if role == TRUTH:
         return [topic for topic in by_number if _TRUTH_NAME.search(topic.name.lower())]
     if role == ODOMETRY:
-        rest = [each for each in by_number if each.type == _POSES[0] and not _TRUTH_NAME.search(each.name.lower())]
+        kinds = (_POSES[0], ODOMETER)
+        rest = [each for each in by_number if each.type in kinds and not _TRUTH_NAME.search(each.name.lower())]
         return sorted(rest, key=lambda topic: "odom" not in topic.name.lower())
     if role == POINTS:
         return [each for each in by_number if _LINES_NAME.search(each.name.lower()) or IMAGE not in chosen]
+    if role == HEAD:
+        return [each for each in by_number if "head_pose" in each.name.lower()]
     return by_number
 
 

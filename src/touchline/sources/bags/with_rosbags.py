@@ -32,6 +32,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from touchline.opened_files import UnreadableError
 from touchline.sources.bags.layout import LATCHED_TOPICS
 from touchline.sources.bags.messages import Definition, Message, Place, Topic
+from touchline.sources.bags.team_messages import DEFINITIONS, EARLIER
 from touchline.sources.problems import ProblemKind, ProblemLog
 
 _IDL_LINE = "=" * 80 + "\n"
@@ -61,16 +62,28 @@ def _humble() -> Any:
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
+@cache
+def _known(earlier: bool = False) -> Any:
+    """The types of ROS 2 Humble and teams' own; earlier: as these were once."""
+    store: Any = get_typestore(Stores.ROS2_HUMBLE)
+    texts = {**DEFINITIONS, **(EARLIER if earlier else {})}
+    found: dict[str, Any] = {}
+    for name, text in texts.items():
+        found.update(get_types_from_msg(text, name))
+    store.register(found)
+    return store
+
+
 @lru_cache(maxsize=64)
 def _types_of(definition: Definition | None, kind: str) -> Any:
-    """Those that a definition tells; those of ROS 2 Humble where there is none, or none that can be read."""
+    """Those that a definition tells; those that are known where there is none, or none that can be read."""
     if definition is None:
-        return _humble()
+        return _known()
     try:
         store: Any = get_typestore(Stores.EMPTY)
         store.register(_parsed(definition, kind))
     except Exception:  # the code that rosbags makes of a definition may raise anything: NameError of a constant inf
-        return _humble()
+        return _known()
     unlike = [name for name in store.fielddefs if not _is_like_standard(store, name)]
     if unlike:
         raise BadMessageError(f"the bag's own definition of {unlike[0]:.80} lacks fields of ROS's own")
@@ -85,16 +98,16 @@ def _is_like_standard(types: Any, name: str) -> bool:
 
 
 def field_kinds(kind: str) -> Sequence[tuple[str, Any]]:
-    """Names of the fields of a type of ROS 2 Humble, and what each is, as rosbags has it. Raises KeyError."""
-    found: Sequence[tuple[str, Any]] = _humble().fielddefs[kind][1]
+    """Names of the fields of a type that is known, and what each is, as rosbags has it. Raises KeyError."""
+    found: Sequence[tuple[str, Any]] = _known().fielddefs[kind][1]
     return found
 
 
 class Codec:
-    """Messages to and from bytes. Definitions that stand in the bag come before those of ROS 2 Humble."""
+    """Messages to and from bytes. Definitions that stand in the bag come before those of ROS 2 Humble and of teams."""
 
     def __init__(self) -> None:
-        self.standard = _humble()
+        self.standard = _known()
         self._own: dict[str, Any] = {}
 
     def decode(self, topic: Topic, data: bytes | memoryview) -> Any:
@@ -102,6 +115,17 @@ class Codec:
         types = self._own.get(topic.name)
         if types is None:
             types = self._own[topic.name] = _types_of(topic.definition, topic.type)
+        try:
+            return self._decoded(types, topic, data)
+        except BadMessageError:
+            if types is not _known() or topic.type not in EARLIER:
+                raise
+            message = self._decoded(_known(earlier=True), topic, data)
+            self._own[topic.name] = _known(earlier=True)
+            return message
+
+    @staticmethod
+    def _decoded(types: Any, topic: Topic, data: bytes | memoryview) -> Any:
         try:
             if topic.encoding == "ros1":
                 return types.deserialize_ros1(data, topic.type)

@@ -1,0 +1,245 @@
+"""What teams' own detectors say on their own topics: Booster's robots, soccer_vision_3d_msgs; read from bags."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+
+from touchline.errors import InputError
+from touchline.experiments.schulz_runs import AS_BUILT, Walk, walk
+from touchline.geometry import Pose3
+from touchline.sources import Recording, open_source
+from touchline.sources.bags import roles
+from touchline.sources.bags.gathering import Gathering
+from touchline.sources.bags.mcap_writer import McapWriter
+from touchline.sources.bags.messages import Topic
+from touchline.sources.bags.readings import head_of
+from touchline.sources.bags.roles import BagOptions, choose_topics
+from touchline.sources.bags.standard import StandardMessages, quaternion_of
+from touchline.sources.bags.team_features import feature_rows
+from touchline.sources.bags.team_writing import BOOSTER_TYPES, SOCCER_VISION_TYPES, TeamMessages
+from touchline.sources.bags.with_rosbags import Codec, _known
+from touchline.sources.observations import observation_of
+from touchline.sources.problems import ProblemLog
+from touchline.types import Crossings, Landmarks, Lines, Observation, generic_covariances
+
+FIELD = "hsl-s-9x6"
+SECOND_NS = 1_000_000_000
+
+
+@cache
+def booster() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("booster", Path(__file__).parents[1] / "benchmarks/booster.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@cache
+def walked() -> Walk:
+    return walk(FIELD, AS_BUILT, 3, 8.0)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path: Path = tmp_path_factory.mktemp("booster") / "walk.mcap"
+    booster().write_bag(walked(), path, 3)
+    return path
+
+
+def read(path: Path, **options: Any) -> Recording:
+    recording = open_source(path, options=BagOptions(field=FIELD, **options))
+    assert isinstance(recording, Recording)
+    return recording
+
+
+def seen() -> Observation:
+    """Two crossings, of one the orientation is unknown, a mark, a circle, a post and a line."""
+    crossings, marks = np.array([[1.0, 2.0], [2.5, -1.0], [3.0, 0.5]]), np.array([[2.0, 0.0], [3.0, 1.0], [4.0, -1.5]])
+    ends = np.array([[[1.0, 1.0], [3.0, 1.5]]])
+    return Observation(
+        SECOND_NS,
+        lines=Lines(ends, generic_covariances(ends.reshape(-1, 2)).reshape(-1, 2, 2, 2), np.array([0.9]), ends * 0.0),
+        crossings=Crossings(
+            np.array(["L", "T", "X"]), crossings, np.array([0.7, -2.0, np.nan]), generic_covariances(crossings),
+            np.array([0.5, 0.75, 1.0]), crossings * np.nan,
+        ),
+        landmarks=Landmarks(
+            np.array(["penalty_mark", "circle", "post"]), marks, generic_covariances(marks), np.ones(3), ((), (), ()),
+            marks * np.nan,
+        ),
+    )  # fmt: skip
+
+
+def through(message: Any, kind: str, base_from_sensor: Pose3 | None = None) -> list[dict[str, str]]:
+    """Rows of a message that went over the wire."""
+    codec = Codec()
+    role = next(role for role in roles.FEATURES if kind in roles.ROLES[role])
+    back = codec.decode(Topic("/seen", kind, "cdr", None, 1), codec.encode(kind, message))
+    return feature_rows(role, back, base_from_sensor or Pose3.identity())
+
+
+def test_a_bag_of_a_booster_robot_is_the_walk_it_was_recorded_of(bag: Path) -> None:
+    recording = read(bag)
+    assert recording.sequence["topics"] == {
+        "detections": "/booster_soccer/detection",
+        "lines": "/booster_soccer/line_segments",
+        "odometry": "/odometer_state",
+        "imu": "/low_state",
+    }
+    told = walked()
+    assert len(recording) == len(told.frames)
+    for frame, known in zip(recording, told.frames, strict=True):
+        found, sent = frame.observation, known.observation
+        assert found is not None
+        assert sent is not None
+        assert frame.stamp_ns == known.stamp_ns
+        assert found.crossings.kinds.tolist() == sorted(sent.crossings.kinds, key="LTX".index)
+        assert sorted(found.crossings.positions_m.ravel()) == pytest.approx(
+            sorted(sent.crossings.positions_m.ravel()), abs=1e-5
+        )
+        assert found.lines.ends_m == pytest.approx(sent.lines.ends_m, abs=1e-5)
+        assert set(found.landmarks.kinds) == set(sent.landmarks.kinds) & {"post", "penalty_mark"}
+    odometry = np.concatenate([f.odometry.values for f in recording if f.odometry is not None])
+    sent_odometry = np.concatenate([f.odometry.values for f in told.frames if f.odometry is not None])
+    assert odometry[:100] == pytest.approx(sent_odometry[:100], abs=1e-5)
+
+
+def test_its_pose_is_right_more_often_than_that_of_a_search_for_markers_in_single_images(tmp_path: Path) -> None:
+    tracks = booster().tracks(walked(), tmp_path / "walk.mcap", 3)
+    share = {name: float(booster().right(track, walked()).mean()) for name, track in tracks.items()}
+    assert min(share["touchline"], share["nimbro-lines"]) == 1.0
+    assert 0.05 < share["marker search"] < 0.5
+
+
+def test_messages_of_the_first_robots_are_read_too() -> None:
+    codec, kind = Codec(), BOOSTER_TYPES["/booster_soccer/detection"]
+    earlier = _known(earlier=True)
+    place = np.array([2.0, 1.0, 0.0], dtype=np.float32)
+    one = earlier.types["vision_interface/msg/DetectedObject"](
+        label="TCross", confidence=80.0, xmin=0, ymin=0, xmax=1, ymax=1, received_pos=place, position=place,
+        position_projection=place,
+    )  # fmt: skip
+    header = StandardMessages(codec).header(5 * SECOND_NS, "")
+    topic = Topic("/booster_soccer/detection", kind, "cdr", None, 1)
+    for objects in ([], [one], [one, one]):
+        data = bytes(earlier.serialize_cdr(earlier.types[kind](header=header, detected_objects=objects), kind))
+        rows = feature_rows(roles.DETECTIONS, codec.decode(topic, data), Pose3.identity())
+        assert rows == len(objects) * [{"kind": "T", "x_m": "2.0", "y_m": "1.0", "confidence": "0.8"}]
+
+
+def test_soccer_vision_messages_hold_kinds_places_orientations_and_confidences() -> None:
+    markings, posts = TeamMessages(Codec()).soccer_vision(SECOND_NS, seen())
+    back = observation_of(SECOND_NS, [*through(markings.message, markings.kind), *through(posts.message, posts.kind)])
+    for kind in ("crossings", "landmarks"):
+        ours, sent = getattr(back, kind), getattr(seen(), kind)
+        assert sorted(ours.kinds) == sorted(sent.kinds)
+        assert ours.positions_m[np.argsort(ours.kinds)] == pytest.approx(sent.positions_m[np.argsort(sent.kinds)])
+    assert back.crossings.orientations_rad[:2] == pytest.approx([0.7, -2.0])
+    assert math.isnan(back.crossings.orientations_rad[2])
+    assert back.crossings.confidences == pytest.approx([0.5, 0.75, 1.0])
+    assert back.lines.ends_m == pytest.approx(seen().lines.ends_m)
+
+
+def test_a_confidence_that_is_unknown_is_sure_and_places_come_into_the_base_frame() -> None:
+    markings, _ = TeamMessages(Codec()).soccer_vision(SECOND_NS, seen())
+    for each in markings.message.intersections:
+        each.confidence.confidence = -1.0
+    turned = Pose3.from_roll_pitch_yaw(0.0, 0.0, 0.5 * math.pi, (0.5, 0.0, 0.0))
+    back = observation_of(SECOND_NS, through(markings.message, markings.kind, turned)).crossings
+    assert (back.confidences == 1.0).all()
+    assert back.positions_m[0] == pytest.approx([-1.5, 1.0])
+    assert back.orientations_rad[0] == pytest.approx(0.7 + 0.5 * math.pi)
+
+
+def test_what_has_no_place_on_the_ground_is_left_out() -> None:
+    codec = Codec()
+    detection, segments = TeamMessages(codec).booster(SECOND_NS, seen())
+    detection.message.detected_objects[0].position_projection = np.array([np.nan, 1.0], dtype=np.float32)
+    detection.message.detected_objects[1].position_projection = np.zeros(0, dtype=np.float32)
+    detection.message.detected_objects[2].label = "Ball"
+    segments.message.coordinates = np.array([1.0, 2.0, 3.0], dtype=np.float32)
+    assert len(through(detection.message, detection.kind)) == len(detection.message.detected_objects) - 3
+    assert through(segments.message, segments.kind) == []
+
+
+def test_features_are_taken_before_images_unless_these_are_named() -> None:
+    def topics(*kinds: str) -> dict[str, Topic]:
+        return {f"/{number}": Topic(f"/{number}", kind, "cdr", None, 5) for number, kind in enumerate(kinds)}
+
+    there = topics("sensor_msgs/msg/Image", SOCCER_VISION_TYPES["/soccer_vision/markings"], "sensor_msgs/msg/Imu")
+    assert set(choose_topics(there, {}, ProblemLog())) == {"markings", "imu"}
+    assert set(choose_topics(there, {"image": "/0"}, ProblemLog())) == {"image", "markings", "imu"}
+
+
+def test_a_bag_without_definitions_whose_clock_is_not_the_stamps_is_told_and_set_right(tmp_path: Path) -> None:
+    codec, kind = Codec(), "booster_interface/msg/Odometer"
+    make = TeamMessages(codec)
+    with Ros2Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        opened = {
+            name: writer.add_connection(name, each, typestore=codec.standard) for name, each in BOOSTER_TYPES.items()
+        }
+        for k in range(10):
+            log_ns = 1_763_780_000 * SECOND_NS + k * SECOND_NS // 10
+            for each in make.booster(20 * SECOND_NS + k * SECOND_NS // 10, seen()):
+                writer.write(opened[each.topic], log_ns, codec.encode(each.kind, each.message))
+            writer.write(
+                opened["/odometer_state"], log_ns, codec.encode(kind, make.odometer(0.1 * k, 0.0, 0.0).message)
+            )
+    recording = read(tmp_path / "bag")
+    frames = list(recording)
+    assert any("moved by as much" in each.message for each in recording.problems)
+    assert frames[-1].odometry is not None
+    assert abs(int(frames[-1].odometry.stamp_ns[-1]) - frames[-1].stamp_ns) < SECOND_NS // 5
+
+
+def test_a_pose_of_the_head_is_none_without_a_rotation() -> None:
+    codec = Codec()
+    turn = Pose3.from_roll_pitch_yaw(0.1, 0.2, 0.3, (0.1, 0.0, 1.1))
+    x, y, z, w = quaternion_of(turn.rotation)
+    at = codec.make("geometry_msgs/msg/Point", x=0.1, y=0.0, z=1.1)
+    quaternion = codec.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+    pose = codec.make("geometry_msgs/msg/Pose", position=at, orientation=quaternion)
+    head = head_of(pose)
+    assert head is not None
+    assert head.roll_pitch_yaw() == pytest.approx((0.1, 0.2, 0.3))
+    pose.orientation = codec.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0)
+    assert head_of(pose) is None
+
+
+def test_a_bag_with_neither_images_nor_features_is_refused(tmp_path: Path) -> None:
+    codec = Codec()
+    writer = McapWriter(tmp_path / "odometry.mcap", codec)
+    message = TeamMessages(codec).odometer(0.0, 0.0, 0.0)
+    writer.write(message.topic, message.kind, 0, codec.encode(message.kind, message.message))
+    writer.close()
+    with pytest.raises(InputError, match="neither images nor what a detector found"):
+        read(tmp_path / "odometry.mcap")
+
+
+def test_parts_of_an_image_are_gathered_in_the_order_of_time() -> None:
+    both: Gathering[str] = Gathering(100)
+    both.expect("lines")
+    both.add("crossings", 10, ["a"], 20)
+    assert list(both.ready(25)) == []
+    both.add("lines", 10, ["b"], 30)
+    both.add("crossings", 20, ["c"], 30)
+    assert list(both.ready(30)) == [(10, ["a", "b"])]
+    both.add("lines", 30, [], 40)  # the lines of the second image will not come any more
+    assert list(both.ready(40)) == [(20, ["c"])]
+    assert list(both.ready(139)) == []
+    assert list(both.ready(140)) == [(30, [])]
+    both.add("crossings", 20, ["late"], 150)
+    both.add("crossings", 40, ["d"], 150)
+    assert (list(both.rest()), both.late) == ([(40, ["d"])], 1)
