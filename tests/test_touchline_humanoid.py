@@ -103,7 +103,12 @@ def test_a_start_in_the_wrong_half_is_found_out_by_colours() -> None:
 
 
 def test_a_told_end_that_nothing_can_confirm_stays_in_doubt() -> None:
-    last = localized(WHITE, near_start(WHITE))[-1]
+    estimates = localized(WHITE, near_start(WHITE))
+    said = [e.stamp_ns for e in estimates for problem in e.problems if problem.startswith("undecided which end")]
+    assert said
+    assert said[0] - estimates[0].stamp_ns < 2e9
+    assert said[-1] - said[0] == pytest.approx(10e9 * (len(said) - 1), abs=1e9)
+    last = estimates[-1]
     assert last.probability is not None
     assert 0.9 < last.probability < 0.96
     assert last.hypotheses[0].pose.distance_to(last.pose.mirrored()) < 1e-9

@@ -267,7 +267,7 @@ def _sentence(field: str, found: Sequence[_Found]) -> str:
     half = f"the wrong half is found out after {half_s.max():.1f} s at most"
     if np.isinf(half_s).any():
         least = min(each.twin for each in found)
-        half = f"the wrong half can't be found out, and its twin is named with a probability of {least:.2f} to the end"
+        half = f"the wrong half can't be found out: every 10 s it is told as undecided, its twin with {least:.2f}"
     end = "" if np.isfinite(half_s).all() else ", at either end"
     return (
         f"{field}, touchline: put down elsewhere{end}, right after {np.median(carried_s):.2f} s of sight (median; "

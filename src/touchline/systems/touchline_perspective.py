@@ -42,6 +42,7 @@ MEMORY = 0.4  # share of an image in how much is explained of late
 USUAL = 0.85  # share of what an image shows that a right pose explains: other places are looked for where it is less
 FEWEST = 0.5  # features, or line points by their shares, without which an image tells nothing
 TOLD = 3.0  # log-odds of an end that a person tells, where nothing can confirm it: one start in twenty is told wrongly
+UNDECIDED_S = 10.0  # after which it is said again that nothing tells the ends apart
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
 
@@ -88,6 +89,7 @@ class TouchlinePerspective:
         self._tell_end(prior.pose is not None)
         self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
         self.images, self.since_search, self.last_ns, self.seen_ns, self.explained = 0, 0, 0, 0, 1.0
+        self.undecided_ns: int | None = None
         self.problems: tuple[str, ...] = ()
 
     def step(self, frame: Frame) -> Estimate:
@@ -109,6 +111,7 @@ class TouchlinePerspective:
             self.hypotheses.hear(frame.evidence, 1.0 / SAID_OFTEN)
             self._judge_end(frame, view, seconds)  # which end
         self._judge(seen, frame.stamp_ns)  # status
+        self._say_undecided(frame.stamp_ns)
         return self._report(observation, features.size + len(observation.points), clock)
 
     def _is_blind(self, stamp_ns: int) -> bool:
@@ -197,6 +200,19 @@ class TouchlinePerspective:
             self.status = Status.TRACKING
         else:
             self.status = Status.LOST if self.explained < 0.5 * self.settings.min_explained else Status.SEARCHING
+
+    def _say_undecided(self, stamp_ns: int) -> None:
+        """Name the twin now and then while nothing that was seen or heard tells it from the pose."""
+        decided = not self.symmetric or abs(self.end_log_odds) > TOLD
+        if decided or self.status is not Status.TRACKING:
+            return
+        if self.undecided_ns is None or 1e-9 * (stamp_ns - self.undecided_ns) >= UNDECIDED_S:
+            self.undecided_ns = stamp_ns
+            twin = 100.0 / (1.0 + math.exp(self.end_log_odds))
+            self.problems += (
+                f"undecided which end of the field it is: nothing seen tells, the other end has {twin:.0f} %, by the "
+                "start that was told, if any",
+            )
 
     def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PerspectiveFilter:
         s = self.settings
