@@ -27,11 +27,12 @@ loops: $(VENV)/installed
 tests: loops
 	$(PYTEST)
 
-# Also the documentation's site, and what needs a browser; without Chromium it says how to install one, and fails.
+# Also the documentation's site, and what needs a browser, the viewer and the tuner; without Chromium it says how to install
+# one, and fails.
 test-all: test docs browser
 
-browser: $(VENV)/installed
-	$(BIN)/pytest tests/browser_pages.py
+browser: $(VENV)/extras
+	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
 
 # The documentation as a site, build/docs/site: any warning and any link that leads nowhere is an error.
 docs: $(VENV)/installed
@@ -77,6 +78,11 @@ $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet --editable '.[dev]'
+	touch $@
+
+# The extras that are large: with them, `make test` tests more.
+$(VENV)/extras: $(VENV)/installed
+	$(BIN)/pip install --quiet --editable '.[view,tune]'
 	touch $@
 
 clean:

@@ -26,6 +26,7 @@ from touchline.cli import (
 )
 from touchline.cli.compile import compile_loops
 from touchline.cli.console import DEBUG_VARIABLE
+from touchline.cli.viewer import ViewCommand
 
 app = typer.Typer(
     help="Tells a soccer robot where it stands on the field, from the white lines it sees.",
@@ -35,7 +36,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("demo")(run.demo)
-app.command("run")(run.run)
+app.command("run", cls=ViewCommand)(run.run)
 app.command("locate")(locate.locate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("compare")(compare.compare)

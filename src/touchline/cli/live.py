@@ -70,7 +70,8 @@ def live(
 
     from touchline.api import checked_prior
     from touchline.cli.console import errors_console, told_of_compiling
-    from touchline.cli.run import interruptible, parse_pose
+    from touchline.cli.interrupts import interruptible
+    from touchline.cli.run import parse_pose
     from touchline.config import load_settings
     from touchline.live.loop import LiveLoop
     from touchline.localizer import Localizer
@@ -148,7 +149,7 @@ def play(
 ) -> None:
     """Send a recording to `touchline live` as a robot would, in real time."""
     from touchline.cli.console import errors_console, output
-    from touchline.cli.run import interruptible
+    from touchline.cli.interrupts import interruptible
     from touchline.live.playing import play as play_recording
     from touchline.messages import counted
     from touchline.sources import open_source

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import os
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,7 +12,9 @@ import typer
 from touchline.cli import INTERRUPTED
 from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors, told_of_compiling
 from touchline.cli.console import output as output_console
+from touchline.cli.interrupts import interruptible
 from touchline.cli.options import BagBase, BagCamera, BagField, FollowLinks, Topics, bag_options
+from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError, TouchlineError
 
 if TYPE_CHECKING:
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
     from touchline.api import PreparedRun
     from touchline.evaluation import Run
+    from touchline.evaluation.runner import OnFrame
     from touchline.geometry import Pose
 
 EXAMPLE = "omni_msl_track_short"
@@ -64,6 +64,8 @@ def run(
     field: BagField = None,
     camera: BagCamera = None,
     base: BagBase = None,
+    view: ShowIn = None,
+    rrd: KeepIn = None,
 ) -> None:
     """Localise a recording: trajectory, estimates, summary and report in a new folder."""
     if start is not None and own_half:
@@ -78,7 +80,8 @@ def run(
     system_info(name)  # an unknown name is told before the recording is read
     source = open_source(recording, follow_links, bag_options(topics, field, camera, base))
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
-    execute(prepared, output)
+    with shown_in(view, rrd) as show:
+        execute(prepared, output, on_frame=show(prepared.source, prepared.system, name))
 
 
 def demo(
@@ -114,8 +117,13 @@ def parse_pose(text: str) -> Pose:
     return Pose(x, y, heading)
 
 
-def execute(prepared: PreparedRun, output: Path | None, name: str | None = None) -> None:
-    """Run with a progress bar and print what came out. Raises what ended the run, after its folder is finished."""
+def execute(
+    prepared: PreparedRun, output: Path | None, name: str | None = None, on_frame: Sequence[OnFrame] = ()
+) -> None:
+    """Run with a progress bar and print what came out. Raises what ended the run, after its folder is finished.
+
+    on_frame: called with every frame and its estimate.
+    """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from touchline.evaluation.run_folder import new_folder
@@ -146,7 +154,7 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
             speed = progress.tasks[0].speed
             progress.update(task, advance=1, rate="" if speed is None else f"{speed:.0f} frames/s")
 
-        finished, failure = prepared.execute(folder, on_frame=[advance], stop=stop)
+        finished, failure = prepared.execute(folder, on_frame=[advance, *on_frame], stop=stop)
     print_run(finished)
     if failure is not None:
         if isinstance(failure, TouchlineError) or os.environ.get(DEBUG_VARIABLE):
@@ -161,27 +169,6 @@ def execute(prepared: PreparedRun, output: Path | None, name: str | None = None)
     if not finished.summary["status"]["tracking"]:
         why = finished.summary["why_not_localised"] or f"`touchline check {prepared.source.path}` may tell why"
         raise TouchlineError(f"none of {counted(frames, 'image')} was localised: {why}")
-
-
-@contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
-    """Turns the first Ctrl-C or SIGTERM into a wish to stop after the frame at hand; a second interrupts at once."""
-    asked = False
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
-        restore()
-
-    def restore() -> None:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
-
-    before = {kind: signal.signal(kind, ask) for kind in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: asked
-    finally:
-        restore()
 
 
 def print_run(finished: Run) -> None:

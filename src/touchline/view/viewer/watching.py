@@ -1,0 +1,68 @@
+"""A run of a recording as the viewer shows it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from touchline.evaluation.metrics import associate
+from touchline.geometry import FloatArray, Pose
+from touchline.sources import Recording
+from touchline.sources.description import NO_CAMERA
+from touchline.systems import LocalizationSystem
+from touchline.systems.iris_fusion import IrisFusion
+from touchline.systems.nimbro_lines import NimbroLines
+from touchline.systems.nubot_mcl import NubotMcl
+from touchline.systems.nubot_mcl_alone import NubotMclAlone
+from touchline.types import Estimate, Status
+from touchline.view.viewer.run_view import RunView, TrueAt
+
+_WITH_PARTICLES = NimbroLines | IrisFusion | NubotMcl | NubotMclAlone
+_COLOURS = """\
+**Image**: blue points lie on a line of the field, orange ones do not; magenta are the field's lines at the pose found.
+
+**Field**: path and robot in the colour of the status (blue tracking, orange searching, vermillion lost), with the 2σ
+ellipse; black is the truth; purple are other hypotheses, green the particles.
+
+**Errors** are shown where the robot is tracked; grey is ± 2σ as the system states it."""
+
+
+def watch(stream: Any, source: Recording, system: LocalizationSystem, name: str) -> RunView:
+    """What shows a system's run over a recording on a Rerun stream. name: the system's."""
+    description = str(source.sequence.get("description", ""))
+    about = [f"# {source.name}", description, f"System **{name}**, field {source.field.name}.", _COLOURS]
+    camera = None if source.camera_kind == NO_CAMERA else source.camera
+    return RunView(
+        stream,
+        source.field,
+        camera,
+        true_at=_truth_of(source),
+        particles=lambda estimate: particles_now(system, estimate),
+        about="\n\n".join(about),
+    )
+
+
+def particles_now(system: LocalizationSystem, estimate: Estimate) -> FloatArray | None:
+    """(N, 4) a system's particles: x, y (m), heading (rad), weight; None where it has none, or follows without them."""
+    if not isinstance(system, _WITH_PARTICLES):
+        return None
+    if isinstance(system, NubotMcl) and estimate.status is Status.TRACKING:
+        return None
+    particles = system.particles.particles
+    return np.column_stack((particles.poses, particles.weights))
+
+
+def _truth_of(source: Recording) -> TrueAt | None:
+    """The true pose at the stamps of the images that have one."""
+    truth = source.truth
+    if truth is None:
+        return None
+    stamps = source.image_stamps
+    known = dict(zip(stamps.tolist(), associate(stamps, truth.stamp_ns).tolist(), strict=True))
+
+    def true_at(stamp_ns: int) -> Pose | None:
+        index = known.get(stamp_ns, -1)
+        return truth[index] if index >= 0 else None
+
+    return true_at
