@@ -255,4 +255,4 @@ def test_observations_beside_images_of_a_perspective_camera_are_all_that_a_run_n
     assert ("camera", "ok") in {(finding.check, finding.severity.value) for finding in check_recording(folder)}
     (folder / "observations.csv").unlink()
     with pytest.raises(InputError, match="omnidirectional"):
-        prepare(folder)
+        prepare(folder, "nubot-mti")

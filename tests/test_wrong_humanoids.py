@@ -83,8 +83,8 @@ def wrong(small_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("run unknown --system nimbro-lines", 1, UNKNOWN),
         ("check unknown", 1, UNKNOWN),
         ("view unknown", 2, "has no images to draw on"),
-        ("run mirror --system nimbro-lines", 2, "this camera is an omni: take --system nubot-mti"),
-        ("view mirror --system nimbro-lines", 2, "this camera is an omni: take --system nubot-mti"),
+        ("run mirror --system nimbro-lines", 2, "this camera is an omni: take --system touchline"),
+        ("view mirror --system nimbro-lines", 2, "this camera is an omni: take --system touchline"),
         ("calibrate imu mirror --output out.yaml", 2, "its camera looks at a mirror"),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ def write_report(
     summary: dict[str, Any],
     data: RunData,
     errors: ErrorTable | None,
-    pictures: Sequence[Picture] = (),
+    pictures: Iterable[Picture] = (),
     thumbnails: Sequence[Thumbnail] = (),
 ) -> Path:
     """Write report.html into the folder of a run; summary is what summary.json holds. Returns its path.
@@ -233,9 +233,7 @@ def _of_the_start(left_out: int, learns_colours: bool) -> str:
     return f"The first images take longest: {why}."
 
 
-def _gallery(pictures: Sequence[Picture]) -> str:
-    if not pictures:
-        return ""
+def _gallery(pictures: Iterable[Picture]) -> str:
     items = []
     for picture in pictures:
         done, code = cv2.imencode(".jpg", picture.image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
@@ -247,7 +245,7 @@ def _gallery(pictures: Sequence[Picture]) -> str:
             f"<figcaption><strong>{html.escape(picture.title)}</strong> {html.escape(picture.caption)}</figcaption>"
             "</figure>"
         )
-    return f"<section><h2>Images</h2><div class='gallery'>{''.join(items)}</div></section>"
+    return f"<section><h2>Images</h2><div class='gallery'>{''.join(items)}</div></section>" if items else ""
 
 
 def _problems(summary: dict[str, Any]) -> str:

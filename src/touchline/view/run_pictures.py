@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from touchline.evaluation.report import Picture
 from touchline.evaluation.runner import KeptFrame, RunTally
@@ -16,13 +17,12 @@ from touchline.view.belief import belief_of, belief_picture
 from touchline.view.overlay import overlay_image
 
 
-def run_pictures(source: Recording, tally: RunTally, system: LocalizationSystem) -> list[Picture]:
-    """Two of each frame that was kept where the system has particles weighed by features, else one."""
-    pictures: list[Picture] = []
+def run_pictures(source: Recording, tally: RunTally, system: LocalizationSystem) -> Iterator[Picture]:
+    """Two of each frame that was kept where the system has particles weighed by features, else one; drawn as they are
+    taken, since all of them at once are 30 MB."""
     for kept in [] if tally.pictures is None else tally.pictures.kept():
         if kept.frame.image is not None:
-            pictures += _of_frame(source, kept, kept.frame.image, system)
-    return pictures
+            yield from _of_frame(source, kept, kept.frame.image, system)
 
 
 def _of_frame(source: Recording, kept: KeptFrame, image: ImageArray, system: LocalizationSystem) -> list[Picture]:
