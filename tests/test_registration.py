@@ -156,6 +156,15 @@ def test_a_far_start_is_searched_around(point_set: PointSet) -> None:
         assert best.pose.distance_to(Pose(*truth)) < 0.2
 
 
+def test_a_search_shared_out_among_images_finds_the_same(point_set: PointSet) -> None:
+    search = PoseSearch(point_set.field, Registration(point_set.field.distance_map()))
+    for k in range(20):
+        points, truth = point_set.points[k], Pose(*point_set.truth[k])
+        parts = (search.everywhere(points.positions_m, points.covariances_m2, (), (part, 3)) for part in range(3))
+        best = max((mode for modes in parts for mode in modes), key=lambda mode: mode.log_likelihood)
+        assert min(best.pose.distance_to(truth), best.pose.mirrored().distance_to(truth)) < 0.2
+
+
 def test_every_mode_has_its_probability(point_set: PointSet) -> None:
     search = PoseSearch(point_set.field, Registration(point_set.field.distance_map()))
     points, truth = point_set.points[3], Pose(*point_set.truth[3])

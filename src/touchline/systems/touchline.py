@@ -33,6 +33,8 @@ from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Sta
 WIDE = 0.6  # standard deviation (m, rad) of a told pose from which it is a zone: registration reaches no farther
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
 SAID_OFTEN = 10.0  # images over which what others say repeats itself
+WATCHED_PARTS = 3  # of the headings: a third of them, in a third of the images, delays none by a whole search
+HOPELESS = 40.0  # logarithm of odds of the points against the pose that is followed from which another is not tried
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
 
@@ -54,7 +56,10 @@ class TouchlineSettings(Settings):
         2, ge=1, le=1_000, description="images in a row without points after which the pose is in doubt"
     )
     search_every: int = Field(
-        15, ge=1, le=1_000, description="images after which the whole field is searched though nothing is wrong"
+        15,
+        ge=1,
+        le=1_000,
+        description="images in which the whole field is searched once, in parts, though nothing is wrong",
     )
     compass_sigma_rad: float = Field(
         0.15, gt=0, description="standard deviation of a compass heading (rad), drift and magnetic fields included"
@@ -121,7 +126,7 @@ class Touchline:
         elif prior.pose is not None:
             self.hypotheses.members = [Member(self._filter_at(prior.pose, prior.covariance), 0.0)]
         self.status = Status.TRACKING if placed else Status.SEARCHING
-        self.blind, self.since_search, self.last_ns = 0, 0, 0
+        self.blind, self.since_search, self.watched, self.last_ns = 0, 0, 0, 0
         self.problems: tuple[str, ...] = ()
 
     def step(self, frame: Frame) -> Estimate:
@@ -134,8 +139,9 @@ class Touchline:
         if len(observation.points) >= self.settings.min_points:
             self.hypotheses.update(observation.points)  # register, fuse, weigh
             self.hypotheses.hear(frame.evidence, 1.0 / SAID_OFTEN)
-            if self._is_in_doubt():
-                self._search(observation, compass_rad)  # search: every pose that explains the points
+            part = self._searched_now()
+            if part is not None:
+                self._search(observation, compass_rad, part)  # search: every pose that explains the points
         self._judge(frame, observation, compass_rad)  # judge: status, and which end
         self._watch_delay(frame)
         return self._report(observation, clock)
@@ -148,19 +154,27 @@ class Touchline:
             late = self.delay.see(frame.stamp_ns, best.by_lines)
             self.problems += () if late is None else (late,)
 
-    def _is_in_doubt(self) -> bool:
-        """Whether the whole field is searched in this frame."""
+    def _searched_now(self) -> tuple[int, int] | None:
+        """Which of so many parts of the headings is searched in this frame: in doubt all of them, else each in turn."""
         best = self.hypotheses.best
         self.since_search += 1
         doubted = self.status is not Status.TRACKING or self.blind >= self.settings.blind_frames
-        poor = best is None or best.explained < self.settings.min_explained
-        return doubted or poor or self.since_search >= self.settings.search_every
+        if doubted or best is None or best.explained < self.settings.min_explained:
+            return 0, 1
+        parts = min(WATCHED_PARTS, self.settings.search_every)
+        if self.since_search * parts < self.settings.search_every:
+            return None
+        self.watched = (self.watched + 1) % parts
+        return self.watched, parts
 
-    def _search(self, observation: Observation, compass_rad: float | None) -> None:
+    def _search(self, observation: Observation, compass_rad: float | None, part: tuple[int, int]) -> None:
         self.since_search = 0
         points, before = observation.points, self.hypotheses.best
         upright = self.hypotheses.upright(points)
-        modes = self.search.everywhere(upright, points.covariances_m2, self._known(compass_rad))
+        modes = self.search.everywhere(upright, points.covariances_m2, self._known(compass_rad), part)
+        if part != (0, 1) and before is not None and before.fit is not None:
+            least = before.fit.log_likelihood - HOPELESS
+            modes = tuple(mode for mode in modes if mode.log_likelihood > least)
         if self.own_half and before is None:
             modes = tuple(mode for mode in modes if mode.pose.x <= 0.0)
         if self.end.symmetric:

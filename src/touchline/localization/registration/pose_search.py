@@ -76,14 +76,23 @@ class PoseSearch:
         self._coarse = CoarseSearch(field.distance_map(), self._grid, WIDTH_M)
 
     def everywhere(
-        self, positions_m: FloatArray, covariances_m2: FloatArray, known: Sequence[Known] = ()
+        self,
+        positions_m: FloatArray,
+        covariances_m2: FloatArray,
+        known: Sequence[Known] = (),
+        part: tuple[int, int] = (0, 1),
     ) -> tuple[Mode, ...]:
-        """Modes on the whole field, the likeliest first; () without points."""
+        """Modes on the whole field, the likeliest first; () without points.
+
+        part: which of so many parts of the headings, so that a search can be shared out among images.
+        """
+        (index, parts), headings = part, self._grid.headings
+        headings = headings[index * len(headings) // parts : (index + 1) * len(headings) // parts]
         rows, columns = self._grid.shape
         # on a symmetric field one half shows all, and a pose of the other is one's twin
         first = rows // 2 if self.symmetric else 0
-        window = Window(first, rows - first, 0, columns, self._grid.headings)
-        return self._modes(positions_m, covariances_m2, window, STARTS, known, self.symmetric)
+        window, most = Window(first, rows - first, 0, columns, headings), (STARTS // parts, FINISHED // parts)
+        return self._modes(positions_m, covariances_m2, window, most, known, self.symmetric)
 
     def facing(
         self, positions_m: FloatArray, covariances_m2: FloatArray, heading_rad: float, sigma_rad: float
@@ -92,7 +101,7 @@ class PoseSearch:
         headings = _around(heading_rad, 3.0 * sigma_rad + SPACING_RAD)
         window = Window(0, self._grid.shape[0], 0, self._grid.shape[1], headings)
         known = Known(np.array([0.0, 0.0, heading_rad]), np.diag([0.0, 0.0, 1.0 / sigma_rad**2]))
-        return self._modes(positions_m, covariances_m2, window, STARTS, (known,))
+        return self._modes(positions_m, covariances_m2, window, (STARTS, FINISHED), (known,))
 
     def near(
         self, positions_m: FloatArray, covariances_m2: FloatArray, start: FloatArray, reach_m: float, reach_rad: float
@@ -105,14 +114,14 @@ class PoseSearch:
         low, high = np.clip(low, 0, last), np.clip(high, 0, last)
         rows, columns = (int(size) for size in high - low + 1)
         window = Window(int(low[0]), rows, int(low[1]), columns, _around(float(start[2]), reach_rad))
-        return self._modes(positions_m, covariances_m2, window, NEAR_STARTS)
+        return self._modes(positions_m, covariances_m2, window, (NEAR_STARTS, FINISHED))
 
     def _modes(
         self,
         points: FloatArray,
         covariances: FloatArray,
         window: Window,
-        most_starts: int,
+        most: tuple[int, int],
         known: Sequence[Known] = (),
         twins: bool = False,
     ) -> tuple[Mode, ...]:
@@ -120,12 +129,13 @@ class PoseSearch:
             return ()
         view: View = view_of(points)
         share = max(float(view.looked.mean()), NARROWEST)
-        starts = self._starts(points, window, round(most_starts / share))
+        most_starts, most_finished = (round(count / share) for count in most)
+        starts = self._starts(points, window, most_starts)
         few = max(round(SEARCH_POINTS * share), FEWEST_POINTS)
         some, spreads = _some(points, few), _some(covariances, few)
         first = self.registration.register_all(some, spreads, starts, SEARCHING)
         first = self._likely(first, view, len(some) / len(points))
-        kept = distinct(first.poses, first.information, SAME, twins, round(FINISHED / share))
+        kept = distinct(first.poses, first.information, SAME, twins, most_finished)
         fits = self.registration.register_all(points, covariances, first.poses[kept], FINISHING)
         fits = self._likely(fits, view, 1.0)
         kept = distinct(fits.poses, fits.information, SAME, twins, len(fits.poses))
