@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import socket
 import threading
@@ -34,7 +35,7 @@ from touchline.live.playing import play
 from touchline.live.udp import UdpLink, UdpRobot
 from touchline.localizer import Localizer
 from touchline.sources import open_source
-from touchline.types import Estimate, Observation, Status
+from touchline.types import Estimate, Evidence, Observation, Status
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
 SHORT = Path(__file__).parent / "data"
@@ -140,15 +141,27 @@ def test_mutated_messages_do_no_harm() -> None:
         reading_datagram(Reading("odometry", 1, (1.0, 2.0, 3.0))),
         seen_datagram(Observation(5, points=np.array([[1.0, 2.0], [3.0, -1.0]]))),
         b'{"kind": "start", "pose": [1, 2, 0.5], "covariance": [1,0,0,0,1,0,0,0,1]}',
+        b'{"kind": "evidence", "source": "mate", "probability": 0.8, "place_m": [1, 2], "spread_m": 0.3}',
         *image_datagrams(9, bytes(200)),
     ]
     datagrams = Datagrams()
-    for _ in range(5_000):
+    for _ in range(int(os.environ.get("TOUCHLINE_MUTATED", "5000"))):
         message = bytearray(chance.choice(good))
         for _ in range(chance.randint(1, 6)):
             message[chance.randrange(len(message))] = chance.choice(b'0123456789{}[]",:eE-. \n\x00\xff')
         datagrams.read(bytes(message[: chance.randint(0, len(message))]))
     assert sum(datagrams.refused.values()) > 1_000
+
+
+def test_evidence_comes_as_it_was_said_and_what_is_none_is_counted() -> None:
+    said = b'{"kind": "evidence", "source": "mate", "probability": 0.8, "place_m": [1, 2], "spread_m": 0.3}'
+    assert only(Datagrams(), said) == Evidence("mate", 0.8, place_m=(1.0, 2.0), spread_m=0.3)
+    assert only(Datagrams(), b'{"kind": "evidence", "source": "ball", "own_half": false}').own_half is False
+    none = (b'"own_half": 1.5', b'"probability": 2, "own_half": true', b'"place_m": [1]', b'"half": true', b'"x": 1')
+    for wrong in none:
+        datagrams = Datagrams()
+        assert datagrams.read(b'{"kind": "evidence", "source": "mate", ' + wrong + b"}") is None
+        assert sum(datagrams.refused.values()) == 1
 
 
 def test_an_estimate_is_told_with_where_the_odometry_began() -> None:
@@ -317,6 +330,13 @@ def test_a_camera_s_images_come_beside_what_the_link_brings() -> None:
     assert camera.closed
 
 
+def test_images_of_a_camera_that_nobody_had_time_for_are_counted() -> None:
+    link = WithCamera(Script([]), Grabbed())
+    time.sleep(0.2)
+    assert link.refused == {"an image of the camera that nobody had time for": 2}
+    link.close()
+
+
 def test_a_device_where_a_file_is_meant_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["live", "--field", "msl-18x12", "--camera", "/dev/video0"]) != 0
     assert "--device /dev/video0 reads it" in capsys.readouterr().err
@@ -414,6 +434,27 @@ def test_live_ends_after_its_seconds_and_play_sends_to_nobody(capsys: pytest.Cap
     assert "0 of 0 images localised" in capsys.readouterr().out
     assert main(["play", str(EXAMPLE), "--udp", "28499", "--speed", "100"]) == 0
     assert "60 images sent" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--to", "nosuchhost.invalid:5000"], "nosuchhost.invalid"),
+        (["--topic", "image=/front"], "--topic: counts only with --dds"),
+        (["--network"], "--network: counts only with --dds"),
+        (["--dds", "--to", "5000"], "--to: counts only without --dds"),
+    ],
+)
+def test_options_that_would_be_left_aside_and_hosts_that_nobody_knows_are_told(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    assert main(["live", "--field", "msl-18x12", "--seconds", "0", *arguments]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_play_to_a_host_that_nobody_knows_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", str(EXAMPLE), "--udp", "nosuchhost.invalid:5000"]) == 2
+    assert "nosuchhost.invalid:5000" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

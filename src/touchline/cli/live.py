@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,12 +12,16 @@ from touchline.cli.options import BagBase, FollowLinks, bag_options, turn_in_rad
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
+    from touchline.geometry import Pose3
     from touchline.live.heard import Link, Robot, Told
     from touchline.live.loop import LiveLoop
 
 _PORT = 28400
 _Address = Annotated[
-    str, typer.Option("--udp", metavar="[HOST:]PORT", help="Where Touchline hears the robot; HOST: loopback.")
+    str | None,
+    typer.Option(
+        "--udp", metavar="[HOST:]PORT", help=f"Where Touchline hears the robot (default: {_PORT} of loopback)."
+    ),
 ]
 LiveTopics = Annotated[
     list[str] | None,
@@ -42,8 +47,11 @@ def live(
     network: Annotated[
         bool, typer.Option("--network", help="Of --dds: beyond this machine, as CYCLONEDDS_URI says.")
     ] = False,
-    udp: _Address = str(_PORT),
-    to: Annotated[str, typer.Option("--to", metavar="[HOST:]PORT", help="Where the poses go.")] = str(_PORT + 1),
+    udp: _Address = None,
+    to: Annotated[
+        str | None,
+        typer.Option("--to", metavar="[HOST:]PORT", help=f"Where the poses go (default: {_PORT + 1} of loopback)."),
+    ] = None,
     device: Annotated[
         str | None,
         typer.Option(metavar="/dev/videoN", help="Images of this camera, sensors by the link.", show_default=False),
@@ -78,6 +86,12 @@ def live(
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
     from touchline.types import Prior
 
+    _refuse_of_other_link(
+        dds,
+        {"--udp": udp, "--to": to},
+        {"--topic": topics, "--base": base, "--namespace": namespace, "--network": network},
+    )
+    udp, to = udp or str(_PORT), to or str(_PORT + 1)
     if camera is not None and str(camera).startswith("/dev/"):
         raise InputError(f"--camera {camera}: is a device: --device {camera} reads it, --camera names its camera.yaml")
     name = system or DEFAULT_SYSTEM
@@ -87,7 +101,8 @@ def live(
     if start is not None or own_half:
         pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
         localizer.reset(pose, own_half=own_half)
-    link: Link = _dds_link(topics, base, namespace, network) if dds else _udp_link(udp, to)
+    mount = None if localizer.camera is None else localizer.camera.base_from_camera
+    link: Link = _dds_link(topics, base, namespace, network, mount) if dds else _udp_link(udp, to)
     if device is not None:
         link = _with_camera(link, device)
     shown = _Shown()
@@ -117,11 +132,21 @@ def _udp_link(udp: str, to: str) -> Link:
     return UdpLink(address(udp, "--udp"), address(to, "--to"))
 
 
-def _dds_link(topics: list[str] | None, base: str | None, namespace: str, network: bool) -> Link:
+def _refuse_of_other_link(dds: bool, of_udp: Mapping[str, object], of_dds: Mapping[str, object]) -> None:
+    """Raises InputError for an option that would be left aside."""
+    wrong = [option for option, value in (of_udp if dds else of_dds).items() if value]
+    if wrong:
+        where = "without --dds" if dds else "with --dds"
+        raise InputError(f"{wrong[0]}: counts only {where}")
+
+
+def _dds_link(
+    topics: list[str] | None, base: str | None, namespace: str, network: bool, mount: Pose3 | None = None
+) -> Link:
     _require_dds()
     from touchline.live.dds import DdsLink
 
-    return DdsLink(bag_options(topics, None, None, None).topics, base, namespace, network)
+    return DdsLink(bag_options(topics, None, None, None).topics, base, namespace, network, mount)
 
 
 def _require_dds() -> None:
@@ -139,7 +164,7 @@ def play(
     network: Annotated[
         bool, typer.Option("--network", help="Of --dds: beyond this machine, as CYCLONEDDS_URI says.")
     ] = False,
-    udp: Annotated[str, typer.Option("--udp", metavar="[HOST:]PORT", help="Where Touchline hears.")] = str(_PORT),
+    udp: _Address = None,
     speed: Annotated[float, typer.Option(min=0.01, max=100.0, help="As fast as it was recorded, times this.")] = 1.0,
     delay: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="Images come so much later than they were taken (s).")
@@ -154,6 +179,8 @@ def play(
     from touchline.messages import counted
     from touchline.sources import open_source
 
+    _refuse_of_other_link(dds, {"--udp": udp}, {"--network": network})
+    udp = udp or str(_PORT)
     source = open_source(recording, follow_links)
     robot = _dds_robot(network) if dds else _udp_robot(udp)
     where = "topics of ROS 2" if dds else f"udp {udp}"

@@ -28,7 +28,7 @@ class Grabber(Protocol):
 class WithCamera:
     """A link and a camera as one link. Images are stamped by time.time_ns at their arrival, as ROS stamps messages.
 
-    The newest image waits to be heard; those before it, that nobody had time for, are gone.
+    The newest image waits to be heard; those before it, that nobody had time for, are gone, and counted.
     """
 
     def __init__(self, link: Link, camera: Grabber) -> None:
@@ -36,7 +36,7 @@ class WithCamera:
         self._newest: Sight | None = None
         self._failure: TouchlineError | None = None
         self._lock = threading.Lock()
-        self._ended = False
+        self._ended, self._overwritten = False, 0
         self._thread = threading.Thread(target=self._grab_all, name="camera", daemon=True)
         self._thread.start()
 
@@ -48,6 +48,7 @@ class WithCamera:
                 self._failure = error
                 return
             with self._lock:
+                self._overwritten += self._newest is not None
                 self._newest = Sight(time.time_ns(), time.monotonic(), image)
 
     def hear(self, timeout_s: float) -> list[Heard]:
@@ -65,8 +66,9 @@ class WithCamera:
 
     @property
     def refused(self) -> dict[str, int]:
-        """As the link has it."""
-        return self._link.refused
+        """As the link has it, and the camera's images that were not asked for before the next one came."""
+        gone = self._overwritten
+        return {**self._link.refused, **({"an image of the camera that nobody had time for": gone} if gone else {})}
 
     def close(self) -> None:
         """Let go of both."""

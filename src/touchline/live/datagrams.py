@@ -8,6 +8,8 @@ To Touchline (stamps in ns of the robot's clock; m, rad; the robot's or the fiel
     {"kind": "points", "stamp_ns": 1, "points": [[x, y], ...]}        line points, robot frame
     {"kind": "seen", "stamp_ns": 1, "rows": [{"kind": "L", "x_m": 1, ...}, ...]}   as the rows of observations.csv
     {"kind": "start", "pose": [x, y, theta], "covariance": [9 numbers]}   or "own_half": true, or nothing
+    {"kind": "evidence", "source": "mate", "probability": 0.9, "place_m": [x, y], "seen_m": [x, y], "spread_m": 0.5}
+                                                                      or "own_half": true or false instead of places
 
 From Touchline:
 
@@ -33,7 +35,7 @@ from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
 from touchline.live.heard import SENSORS, Heard, Reading, Sight, Start, Told
 from touchline.sources.observations import HEADER, observation_of, observation_rows
-from touchline.types import LARGEST, MAX_OBSERVED_POINTS, Observation, points_at
+from touchline.types import LARGEST, MAX_OBSERVED_POINTS, Evidence, Observation, points_at
 
 PART_BYTES = 48_000  # behind the line of one datagram, which holds 65,507 at most
 MOST_PARTS = 200
@@ -78,6 +80,8 @@ class Datagrams:
             return _sight(said, observation=observation_of(_stamp(said), rows[:MAX_OBSERVED_POINTS]))
         if kind == "start":
             return _start(said)
+        if kind == "evidence":
+            return _evidence(said)
         raise InputError("of no kind that is known")
 
     def _image(self, said: Mapping[str, Any], behind: bytes) -> Heard | None:
@@ -107,7 +111,7 @@ def image_datagrams(stamp_ns: int, data: bytes, camera: Pose3 | None = None) -> 
         yield _line(said) + piece
 
 
-def seen_datagram(observation: Observation, camera: Pose3 | None = None) -> bytes:
+def seen_datagram(observation: Observation, camera: Pose3 | None = None, most_bytes: int = MOST_BYTES) -> bytes:
     """The datagram of what a detector found. Of what does not fit every other row is left out."""
     columns = HEADER.split(",")[1:]
     rows = [dict(zip(columns, row.split(",")[1:], strict=True)) for row in observation_rows(observation)]
@@ -116,7 +120,7 @@ def seen_datagram(observation: Observation, camera: Pose3 | None = None) -> byte
     if camera is not None:
         said["camera"] = [*camera.translation_m.tolist(), *camera.roll_pitch_yaw()]
     line = _line({**said, "rows": kept})
-    while len(line) > MOST_BYTES:
+    while len(line) > most_bytes:
         kept = kept[::2]
         line = _line({**said, "rows": kept})
     return line
@@ -174,6 +178,18 @@ def _start(said: Mapping[str, Any]) -> Start:
         None if covariance is None else np.reshape(_numbers(covariance, 9), (3, 3)),
         said.get("own_half") is True,
     )
+
+
+def _evidence(said: Mapping[str, Any]) -> Evidence:
+    unknown = set(said) - {"kind", "source", "probability", "own_half", "place_m", "seen_m", "spread_m", "stamp_ns"}
+    if unknown or not isinstance(said["source"], str):
+        raise InputError("evidence that says something else, or not by whom")
+    places = {key: _numbers(said[key], 2) for key in ("place_m", "seen_m") if said.get(key) is not None}
+    numbers = {key: _numbers([said[key]], 1)[0] for key in ("probability", "spread_m") if said.get(key) is not None}
+    own_half = said.get("own_half")
+    if own_half not in (None, True, False):
+        raise InputError("evidence whose own_half is neither true nor false")
+    return Evidence(said["source"][:100], own_half=own_half, **places, **numbers)  # type: ignore[arg-type]
 
 
 def _stamp(said: Mapping[str, Any]) -> int:

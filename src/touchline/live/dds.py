@@ -25,14 +25,20 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic as DdsTopic
 
 from touchline.errors import InputError
+from touchline.geometry import Pose3
 from touchline.live.dds_types import ros_name, sample, sample_type
 from touchline.live.heard import Heard, Picture, Reading, Told
-from touchline.live.ros import FIXED_TOPICS, FIXED_TYPES, PLAYED, Outgoing, RosReader, RosWriter
+from touchline.live.ros import RosReader
+from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYPES, PLAYED, Outgoing
+from touchline.live.ros_writer import RosWriter
 from touchline.sources.bags.messages import Topic
-from touchline.sources.bags.roles import COMPASS, IMU, ROLES, choose_topics
+from touchline.sources.bags.roles import COMPASS, DETECTIONS, IMU, ROLES, choose_topics
+from touchline.sources.bags.team_writing import DETECTION_TOPIC
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.problems import ProblemLog
 
+UNUSABLE = (BadMessageError, InputError, ValueError, TypeError, OverflowError, AttributeError, IndexError)
+"""What a message that is none may raise where it is read."""
 SETTLE_S = 1.0  # after a publisher has appeared, until topics are chosen: others may still come
 _POLL_S = 0.0005
 _MOST_AT_ONCE = 100
@@ -125,14 +131,17 @@ class DdsLink:
         base: str | None = None,
         namespace: str = "",
         network: bool = False,
+        mount: Pose3 | None = None,
     ) -> None:
-        """topics: role -> topic, where it isn't found by its type. Raises InputError."""
+        """topics: role -> topic, where it isn't found by its type. mount: `head_from_camera`, of a head whose own pose
+        a topic tells. Raises InputError.
+        """
         self._named = dict(topics or {})
         for role in self._named:
             if role not in ROLES:
                 raise InputError(f"--topic {role}: is not known; one of {', '.join(ROLES)}")
         self._node = DdsNode(_NODE, namespace, network)
-        self._reader, self._writer = RosReader(base), RosWriter(self._node.codec, namespace)
+        self._reader, self._writer = RosReader(base, mount), RosWriter(self._node.codec, namespace)
         self._publishers = BuiltinDataReader(self._node.participant, BuiltinTopicDcpsPublication)
         self._seen: dict[str, tuple[Topic, Qos]] = {}
         self._news_s = 0.0
@@ -147,6 +156,7 @@ class DdsLink:
             # where the camera is comes before what it saw
             names = sorted(self._chosen, key=lambda name: name not in FIXED_TOPICS)
             found = [heard for name in names for heard in self._take(name)]
+            found += self._reader.due()
             if found or time.monotonic() >= ends_s:
                 return found
             time.sleep(_POLL_S)
@@ -213,6 +223,10 @@ class DdsLink:
             _RELIABLE if offered[Policy.Reliability].__class__ is type(_RELIABLE) else Policy.Reliability.BestEffort
         )
         durable = Policy.Durability.TransientLocal if topic.name == "/tf_static" else Policy.Durability.Volatile
+        self._reader.expect(role)
+        if role == DETECTIONS and topic.name.startswith(DETECTION_TOPIC):
+            own = self._writer.as_booster(topic.name.removeprefix(DETECTION_TOPIC))
+            self._node.announce(own, BOOSTER_POSE_TYPE)
         reader = self._node.reader(topic.name, topic.type, Qos(reliable, durable, Policy.History.KeepLast(100), _PLAIN))
         self._chosen[topic.name] = ({role}, topic, reader)
 
@@ -225,7 +239,7 @@ class DdsLink:
                 message = self._node.codec.decode(topic, each)
                 for role in roles - ({COMPASS} if IMU in roles else set()):
                     yield from self._reader.read(role, message, with_compass=COMPASS in roles)
-            except (BadMessageError, ValueError, TypeError, OverflowError, AttributeError, IndexError) as error:
+            except UNUSABLE as error:
                 self.refused_messages[f"a message of {name} that can't be used ({str(error)[:80]})"] += 1
 
 
@@ -246,7 +260,9 @@ class DdsRobot:
             self._node.write(out)
 
     def close(self) -> None:
-        """Leave the network."""
+        """Send what is left, and leave the network."""
+        for out in self._writer.rest():
+            self._node.write(out)
         self._node.close()
 
 

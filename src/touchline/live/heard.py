@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeAlias
 
 from touchline.geometry import FloatArray, Pose, Pose3
-from touchline.types import Estimate, ImageArray, Observation
+from touchline.types import Estimate, Evidence, ImageArray, Observation
 
 SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}  # and how many numbers each gives
 
@@ -43,7 +43,7 @@ class Start:
     own_half: bool = False
 
 
-Heard: TypeAlias = Reading | Sight | Start
+Heard: TypeAlias = Reading | Sight | Start | Evidence
 
 
 @dataclass(frozen=True, eq=False, slots=True)

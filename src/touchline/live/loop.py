@@ -22,7 +22,7 @@ from touchline.geometry import Pose, wrap_angle
 from touchline.image_files import decode
 from touchline.live.heard import Heard, Link, Reading, Sight, Start, Told
 from touchline.localizer import Localizer
-from touchline.types import Estimate, ImageArray
+from touchline.types import Estimate, Evidence, ImageArray
 
 HEARING_S = 0.1  # how long the loop may wait before it looks whether it shall end
 _MOST_ODOMETRY = 2_000
@@ -78,6 +78,9 @@ class LiveLoop:
                 self._carry_on(heard)
         elif isinstance(heard, Start):
             self._begin(heard)
+        elif isinstance(heard, Evidence):
+            said = {name: getattr(heard, name) for name in ("own_half", "place_m", "seen_m", "spread_m")}
+            self._localizer.add_evidence(heard.source, heard.probability, **said)
         else:
             with self._changed:
                 self.counts["images"] += 1

@@ -24,7 +24,7 @@ class UdpLink:
         self, here: tuple[str, int] = (LOOPBACK, PORT), there: tuple[str, int] = (LOOPBACK, ANSWERS_PORT)
     ) -> None:
         self._datagrams = Datagrams()
-        self._there = there
+        self._there = resolved(there)
         self._in, self._out = bound(here), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.unheard = 0  # estimates that could not be sent
 
@@ -53,7 +53,8 @@ class UdpLink:
     @property
     def refused(self) -> dict[str, int]:
         """What was left out so far, and how often."""
-        return dict(self._datagrams.refused)
+        unheard = {"an estimate that could not be sent": self.unheard} if self.unheard else {}
+        return {**self._datagrams.refused, **unheard}
 
     def close(self) -> None:
         """Let go of both sockets."""
@@ -65,13 +66,14 @@ class UdpRobot:
     """The robot's side: sends what a recording holds."""
 
     def __init__(self, there: tuple[str, int] = (LOOPBACK, PORT)) -> None:
-        self._there = there
+        """Raises InputError for an address that is none."""
+        self._there = resolved(there)
         self._out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def send(self, event: Reading | Picture) -> None:
         """Send a sample or an image; nobody listening does no harm."""
         for datagram in _datagrams_of(event):
-            with suppress(ConnectionError):
+            with suppress(OSError):
                 self._out.sendto(datagram, self._there)
 
     def close(self) -> None:
@@ -88,13 +90,23 @@ def _datagrams_of(event: Reading | Picture) -> Iterator[bytes]:
         yield from image_datagrams(event.stamp_ns, event.data, event.base_from_camera)
 
 
+def resolved(there: tuple[str, int]) -> tuple[str, int]:
+    """An address with its host as a number, asked for once. Raises InputError for a host that nobody knows."""
+    try:
+        found = socket.getaddrinfo(*there, family=socket.AF_INET, type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"udp {there[0]}:{there[1]}: {getattr(error, 'strerror', None) or error}") from None
+    host, port = found[0][4][:2]
+    return str(host), int(port)
+
+
 def bound(here: tuple[str, int]) -> socket.socket:
     """A socket that hears on an address. Raises InputError for one that is taken, or not of this machine."""
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         opened.bind(here)
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, UnicodeError) as error:
         opened.close()
         raise InputError(f"udp {here[0]}:{here[1]}: {getattr(error, 'strerror', None) or error}") from None
     return opened

@@ -103,8 +103,9 @@ def choose_topics(topics: Mapping[str, Topic], named: Mapping[str, str], problem
     Raises InputError for a role, topic or type that does not fit.
     """
     chosen: dict[str, Topic] = {role: _named(topics, role, name) for role, name in named.items()}
+    beside = (IMAGE, CAMERA_INFO, POINTS)  # what a detector has seen already
     for role in (*FEATURES, IMAGE, CAMERA_INFO, ODOMETRY, IMU, TRUTH, POINTS, HEAD):
-        if role in chosen or (role in (IMAGE, CAMERA_INFO) and has_features(chosen) and IMAGE not in named):
+        if role in chosen or (role in beside and IMAGE not in named and has_features(chosen)):
             continue
         candidates = [topic for topic in topics.values() if topic.type in ROLES[role] and topic.messages]
         fitting = _fitting(role, candidates, chosen)

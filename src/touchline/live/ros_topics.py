@@ -1,0 +1,50 @@
+"""Names and types of the topics that ROS's links read and publish."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from touchline.sources.bags import roles
+
+TRANSFORMS, FIRST_POSE, SAID, CLOCK = "tf", "initialpose", "said", "clock"  # roles beside those of bags
+EVIDENCE_TOPIC, WHEELS_TOPIC, SEEN_TOPIC = "/touchline/evidence", "/touchline/wheels", "/touchline/seen"
+FIXED_TOPICS = {
+    "/tf": TRANSFORMS,
+    "/tf_static": TRANSFORMS,
+    "/initialpose": FIRST_POSE,
+    EVIDENCE_TOPIC: SAID,
+    WHEELS_TOPIC: SAID,
+    SEEN_TOPIC: SAID,
+}
+FIXED_TYPES = {
+    TRANSFORMS: "tf2_msgs/msg/TFMessage",
+    FIRST_POSE: "geometry_msgs/msg/PoseWithCovarianceStamped",
+    SAID: "std_msgs/msg/String",
+}
+IMAGE_TOPIC, ODOMETRY_TOPIC, IMU_TOPIC = "/image/compressed", "/odom", "/imu/data"
+PLAYED = {
+    IMAGE_TOPIC: roles.COMPRESSED_IMAGE,
+    ODOMETRY_TOPIC: "nav_msgs/msg/Odometry",
+    IMU_TOPIC: "sensor_msgs/msg/Imu",
+    "/tf": FIXED_TYPES[TRANSFORMS],
+    WHEELS_TOPIC: FIXED_TYPES[SAID],
+    SEEN_TOPIC: FIXED_TYPES[SAID],
+}
+POSE, DIAGNOSTICS, BOOSTER_POSE = "/touchline/pose", "/diagnostics", "/booster_soccer/robot_pose"
+POSE_TYPE, TF_TYPE, DIAGNOSTICS_TYPE, BOOSTER_POSE_TYPE = (
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "tf2_msgs/msg/TFMessage",
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "geometry_msgs/msg/Pose2D",
+)
+PLANE = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw of a covariance (6, 6)
+
+
+class Outgoing(NamedTuple):
+    """A message on its way: topic, type, and the message itself."""
+
+    topic: str
+    kind: str
+    message: Any

@@ -1,0 +1,142 @@
+"""Estimates, and what a recording holds, as messages of ROS.
+
+What goes is a pose with covariance on NAMESPACE/touchline/pose, map → odom (or map → base_footprint without odometry)
+on /tf, and the reasons on /diagnostics (REP 103, REP 105); of Booster's robots /booster_soccer/robot_pose, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from touchline.geometry import Pose3
+from touchline.live.datagrams import reading_datagram, seen_datagram
+from touchline.live.heard import Picture, Reading, Told
+from touchline.live.ros_topics import (
+    BOOSTER_POSE,
+    BOOSTER_POSE_TYPE,
+    DIAGNOSTICS,
+    DIAGNOSTICS_TYPE,
+    IMAGE_TOPIC,
+    IMU_TOPIC,
+    ODOMETRY_TOPIC,
+    PLANE,
+    PLAYED,
+    POSE,
+    POSE_TYPE,
+    SEEN_TOPIC,
+    TF_TYPE,
+    WHEELS_TOPIC,
+    Outgoing,
+)
+from touchline.sources.bags import roles
+from touchline.sources.bags.standard import BASE, BODY_FROM_OPTICAL, MAP, ODOM, OPTICAL, StandardMessages
+from touchline.sources.bags.with_rosbags import Codec
+from touchline.types import Status
+
+_INERTIAL = ("gyro", "compass", "attitude")
+_MOST_BYTES = 8_000_000  # of what a detector found
+_LEVELS = {Status.TRACKING: 0, Status.SEARCHING: 1, Status.LOST: 2}
+
+
+class RosWriter:
+    """Estimates, and what a recording holds, to messages. namespace: before the names of Touchline's own topics."""
+
+    def __init__(self, codec: Codec, namespace: str = "") -> None:
+        self._make = StandardMessages(codec)
+        self._codec = codec
+        self._namespace = namespace
+        self._inertial: dict[str, tuple[float, ...]] = {}
+        self._inertial_ns = 0
+        self._booster: str | None = None
+
+    def as_booster(self, name: str) -> str:
+        """Tell the pose on the topic of Booster's robots, too. name: what stands behind it. Returns the topic."""
+        self._booster = BOOSTER_POSE + name
+        return self._booster
+
+    def told(self, told: Told) -> Iterator[Outgoing]:
+        """An estimate: pose and transform; of an image the diagnostics, too."""
+        e = told.estimate
+        stamp_ns = max(e.stamp_ns, 0)
+        full = np.zeros((6, 6))
+        full[PLANE] = e.covariance
+        pose = self._make.pose(stamp_ns, *e.pose, covariance=full.ravel())
+        yield Outgoing(self._namespace + POSE, POSE_TYPE, pose)
+        if e.status is Status.TRACKING:
+            if self._booster is not None:
+                flat = dict(zip(("x", "y", "theta"), map(float, e.pose), strict=True))
+                yield Outgoing(self._booster, BOOSTER_POSE_TYPE, self._codec.make(BOOSTER_POSE_TYPE, **flat))
+            child = BASE if told.map_from_odom is None else ODOM
+            placed = told.map_from_odom or e.pose
+            moved = Pose3.from_roll_pitch_yaw(0.0, 0.0, placed.heading, (placed.x, placed.y, 0.0))
+            yield Outgoing("/tf", TF_TYPE, self._make.transform(stamp_ns, MAP, child, moved))
+        if told.image:
+            values = _reasons(told)
+            message = "; ".join([str(e.status), *e.problems])
+            diagnostics = self._make.diagnostics(stamp_ns, _LEVELS[e.status], message, values)
+            yield Outgoing(DIAGNOSTICS, DIAGNOSTICS_TYPE, diagnostics)
+
+    def played(self, event: Reading | Picture) -> Iterator[Outgoing]:
+        """What a recording holds, as a robot's messages; samples of one IMU at one time are one message."""
+        inertial = isinstance(event, Reading) and event.sensor in _INERTIAL
+        if not (inertial and event.stamp_ns == self._inertial_ns):
+            yield from self.rest()
+        if isinstance(event, Picture):
+            stamp_ns = max(event.stamp_ns, 0)
+            if event.observation is not None:
+                found = replace(event.observation, stamp_ns=event.stamp_ns)
+                yield self._said(SEEN_TOPIC, seen_datagram(found, event.base_from_camera, _MOST_BYTES))
+            elif event.data is not None:
+                if event.base_from_camera is not None:
+                    optical = event.base_from_camera.compose(BODY_FROM_OPTICAL)
+                    yield Outgoing("/tf", TF_TYPE, self._make.transform(stamp_ns, BASE, OPTICAL, optical))
+                yield Outgoing(IMAGE_TOPIC, PLAYED[IMAGE_TOPIC], self._compressed(stamp_ns, event.data))
+        elif inertial:
+            self._inertial_ns = event.stamp_ns
+            self._inertial[event.sensor] = event.values
+        elif event.sensor == "odometry":
+            message = self._make.odometry(max(event.stamp_ns, 0), *event.values[:3])
+            yield Outgoing(ODOMETRY_TOPIC, PLAYED[ODOMETRY_TOPIC], message)
+        else:
+            yield self._said(WHEELS_TOPIC, reading_datagram(event))
+
+    def rest(self) -> Iterator[Outgoing]:
+        """What was gathered of an IMU, at the end."""
+        if self._inertial:
+            yield self._imu()
+
+    def _said(self, topic: str, line: bytes) -> Outgoing:
+        return Outgoing(topic, PLAYED[topic], self._codec.make(PLAYED[topic], data=line.decode().rstrip()))
+
+    def _imu(self) -> Outgoing:
+        """The message of what was gathered of an IMU."""
+        roll, pitch = self._inertial.get("attitude", (math.nan, math.nan))
+        (yaw,) = self._inertial.get("compass", (math.nan,))
+        rates = self._inertial.get("gyro", (math.nan,) * 3)
+        self._inertial = {}
+        message = self._make.imu(max(self._inertial_ns, 0), (roll, pitch, yaw), rates)
+        return Outgoing(IMU_TOPIC, PLAYED[IMU_TOPIC], message)
+
+    def _compressed(self, stamp_ns: int, data: bytes) -> Any:
+        kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
+        header = self._make.header(stamp_ns, OPTICAL)
+        pixels = np.frombuffer(data, dtype=np.uint8)
+        return self._codec.make(roles.COMPRESSED_IMAGE, header=header, format=kind, data=pixels)
+
+
+def _reasons(told: Told) -> dict[str, str]:
+    e = told.estimate
+    values = {
+        "residual_m": e.residual_m,
+        "points": e.points,
+        "probability": e.probability,
+        "mode": e.mode,
+        "dropped images": told.dropped,
+        "after_s": round(told.after_s, 4),
+    }
+    return {key: str(value) for key, value in values.items() if value is not None}
