@@ -6,7 +6,7 @@ LOWEST := .venv-lowest
 WHEEL := .venv-wheel
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops tests browser docs coverage fuzz mutants test-lowest package benchmark clean
+.PHONY: demo test test-all style loops tests browser docs mutated coverage fuzz mutants test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -29,7 +29,7 @@ tests: loops
 
 # Also the documentation's site, and what needs a browser, the viewer and the tuner; without Chromium it says how to install
 # one, and fails.
-test-all: test docs browser
+test-all: test docs browser mutated
 
 browser: $(VENV)/extras
 	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
