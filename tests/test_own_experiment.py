@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from touchline.experiments import own_drives, own_play, own_points
-from touchline.experiments.faults import Drive
+from touchline.experiments import own_ablations, own_drives, own_play, own_points
+from touchline.experiments.faults import Drive, unseen
 from touchline.experiments.own_drives import Errors
+from touchline.experiments.own_points import VIEWS
 from touchline.experiments.own_table import COLUMNS, SYSTEMS, row
 from touchline.experiments.reliability_runs import Outcome
 from touchline.field import open_field
@@ -17,6 +18,7 @@ from touchline.field.distances import distances_to_lines
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.registration.pose_search import Mode
 from touchline.systems import RobotSetup
+from touchline.types import Status
 
 FIELD = open_field("msl-18x12")
 
@@ -57,13 +59,24 @@ def test_of_sure_modes_those_that_are_right_are_counted(monkeypatch: pytest.Monk
             self.frame += 1
             found = Pose(0.0, 0.0, 0.0) if self.frame == 0 else right[self.frame]
             return tuple(
-                Mode(pose, np.eye(3), share, 0.0, 1.0, 1.0)
+                Mode(pose, 1e-4 * np.eye(3), share, 0.0, 1.0, 1.0)
                 for pose, share in ((found, 0.45), (found.mirrored(), 0.45), (Pose(1.0, 1.0, 1.0), 0.1))
             )
 
     monkeypatch.setattr(own_points, "_search", lambda field: Search())
     found = own_points.kept_modes(drawn)
-    assert (found.first, found.among, found.sure, found.sure_right) == (0.75, 0.75, 8, 6)
+    assert (found.first, found.among, found.near) == (0.75, 0.75, 0.75)
+    np.testing.assert_allclose(found.told, [0.9, 0.1] * 4)  # of each place once
+    assert found.is_right.tolist() == [False, False] + [True, False] * 3
+
+
+def test_a_mode_of_a_lone_line_stands_for_every_place_along_it_and_for_their_twins() -> None:
+    mode = Mode(Pose(1.0, 2.0, 0.1), np.diag([9.0, 1e-4, 1e-4]), 0.5, 0.0, 1.0, 1.0)
+    along, aside = Pose(4.0, 2.0, 0.1), Pose(1.0, 2.3, 0.1)
+    assert own_points._stands_for(mode, along)
+    assert own_points._stands_for(mode, along.mirrored())
+    assert not own_points._stands_for(mode, aside)
+    assert not own_points._is_near(mode.pose, along)
 
 
 @pytest.fixture
@@ -92,11 +105,50 @@ def test_a_flip_counts_while_it_is_called_tracking(
     assert found.error_m == pytest.approx((10 * 0.1 + 20 * 8.0) / 30)
 
 
+def test_the_papers_experiments_are_counted_where_we_are_better_than_every_other_system() -> None:
+    def runs(ours: float) -> list[dict[str, Errors]]:
+        others = {system: Errors(2.0, 3.0, 0.1, 100.0, 0) for system in SYSTEMS}
+        return [{**others, own_drives.OWN: Errors(ours + 0.1 * n, 3.0, 0.1, 100.0, 0)} for n in range(3)]
+
+    rows = own_drives._paper_rows([("a", runs(1.0)), ("b", runs(1.9))])
+    assert [each[3] for each in rows] == ["1 of 2; not: b", "2 of 2"]
+
+
+def test_a_drive_under_a_condition_has_its_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(own_drives, "SECONDS", 4.0)
+    drive, _ = own_drives.robot_of(own_drives.Condition("", faults=(own_drives.Fault("", 1.0, 2.0, unseen),)), 0)
+    seen = np.array([0 if frame.observation is None else len(frame.observation.points) for frame in drive.frames])
+    hidden = (drive.times_s >= 1.0) & (drive.times_s < 2.0)
+    assert (seen[hidden] == 0).all()
+    assert np.median(seen[~hidden]) > 50
+
+
+def test_pictures_are_drawn_of_few_runs() -> None:
+    errors = {system: Errors(1.0, 2.0, 0.1, 100.0, 0) for system in SYSTEMS}
+    own_drives.picture({condition.name: [errors] for condition in own_drives.CONDITIONS})
+    told = np.linspace(0.0, 1.0, 200)
+    kept = own_points.Kept(1.0, 1.0, 1.0, told, told > 0.5, 1.0)
+    own_points.picture(
+        own_points.PointRuns({system: [] for system in own_points.SYSTEMS}, [], {v.name: [kept] for v in VIEWS})
+    )
+
+
+def test_a_system_is_followed_without_each_part() -> None:
+    drive, setup, _ = own_drives.driven("straight-tracks", 0, 4.0)
+    for part in own_ablations.PARTS:
+        system = own_ablations.without(part, setup, drive, 0)
+        away = system.step(drive.frames[0]).pose.distance_to(Pose(*drive.truth[0].tolist()))
+        assert away < 0.2
+    without = own_ablations.without(own_ablations.PARTS[1], setup, drive, 0)
+    without.reset()
+    assert all(without.step(frame).status is Status.SEARCHING for frame in drive.frames[:5])
+
+
 def test_ours_stands_beside_the_best_other_robot_by_robot() -> None:
     runs = [{system: Errors(1.0 + k + n, 2.0, 0.1, 100.0, n) for k, system in enumerate(SYSTEMS)} for n in range(3)]
     rows = own_drives._rows(own_drives.CONDITIONS[0], runs)
     assert all(len(each) == len(COLUMNS) for each in rows)
-    assert rows[0][:4] == (own_drives.CONDITIONS[0].name, "mean (cm)", "–", "2.00 [1.00, 3.00]")
+    assert rows[0][:4] == (own_drives.CONDITIONS[0].title, "mean (cm)", "–", "2.00 [1.00, 3.00]")
     assert rows[0][-1] == "-1.00 [-1.00, -1.00]"
     assert rows[4][3] == "2"
 

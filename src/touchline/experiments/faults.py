@@ -59,6 +59,11 @@ def seeing(frame: Frame, points_m: FloatArray) -> Frame:
     return replace(frame, observation=Observation(frame.stamp_ns, points_at(np.asarray(points_m, dtype=np.float64))))
 
 
+def unseen(drive: Drive, index: int, rng: np.random.Generator) -> Frame:
+    """A covered camera: nothing is seen."""
+    return replace(drive.frames[index], observation=Observation(drive.frames[index].stamp_ns))
+
+
 def uniform_points(drive: Drive, index: int, rng: np.random.Generator) -> Frame:
     """Points anywhere within 6 m."""
     return seeing(drive.frames[index], rng.uniform(-6.0, 6.0, (GARBAGE_POINTS, 2)))

@@ -27,7 +27,7 @@ FAULT_S = 10.0  # one in each run
 FLIP_S, LOSS_S = 2.0, 1.0
 KIDNAP_RUNS, KIDNAP_SECONDS = 4, 63.0
 _COMPASS = ("sensors.imu.compass_drift_deg=10", "disturbances.covered_images=0")
-_KIDNAPS = (f"disturbances.kidnap_every_s={KIDNAP_EVERY_S:g}", "disturbances.covered_images=0")
+KIDNAPS = (f"disturbances.kidnap_every_s={KIDNAP_EVERY_S:g}", "disturbances.covered_images=0")
 
 
 class Played(NamedTuple):
@@ -54,7 +54,7 @@ def play_rows(seeds: int) -> list[tuple[str, ...]]:
     ]
     kidnaps: dict[str, list[Kidnapped]] = {system: [] for system in SYSTEMS}
     for run in follow(list(range(KIDNAP_RUNS * seeds)), "runs with kidnaps"):
-        drive, setup, times_s = driven("match", run, KIDNAP_SECONDS, *_KIDNAPS)
+        drive, setup, times_s = driven("match", run, KIDNAP_SECONDS, *KIDNAPS)
         for system in SYSTEMS:
             kidnaps[system] += kidnaps_of(drive, times_s, followed(system, setup, drive, run))
     right = {system: rate(sum(one.right for one in each), len(each)) for system, each in kidnaps.items()}

@@ -9,18 +9,21 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 
+from touchline import palette
 from touchline.evaluation.points.bench import RIGHT_M, RIGHT_RAD, PointBench, bench_points
 from touchline.evaluation.points.localizers import point_localizer
 from touchline.evaluation.points.point_set import USUAL_NOISE, PointSet, polar_covariances
 from touchline.experiments.own_table import OWN, row
 from touchline.experiments.progress import follow, tell
 from touchline.experiments.result import interval, rate
-from touchline.experiments.scenes import FIELD, random_place
+from touchline.experiments.scenes import FIELD, INK, new_figure, random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.registration.pose_search import Mode, PoseSearch
@@ -58,45 +61,63 @@ VIEWS = (
     View("half of the view", angle_rad=math.pi),
     View("a sector of 120°", angle_rad=math.radians(120.0)),
 )
+WAYS = {"init": "from a pose near by", "compass": "from a compass alone", "none": "from nothing"}
+WITHIN2 = 11.34  # squared Mahalanobis distance within which 99 % of a normal distribution of three dimensions lie
 SURE = (0.85, 0.95)  # probability of the modes that are looked at
 
 
 class Kept(NamedTuple):
     """Of a search from nothing in every frame: share of the likeliest modes that are right, or right at the other end,
-    and of the frames with a right one among all modes; how many modes were as probable as SURE says, and how many of
-    these were right; median time (ms).
+    and of the frames with a right one among all modes, and with one that is near; told (M,): probability of each place
+    that modes stand for, and is_right (M,) whether it was; median time (ms).
     """
 
     first: float
     among: float
-    sure: int
-    sure_right: int
+    near: float
+    told: FloatArray
+    is_right: npt.NDArray[np.bool_]
     median_ms: float
 
 
-def point_rows(seeds: int) -> list[tuple[str, ...]]:
+class PointRuns(NamedTuple):
+    """benches: of each system and seed. far: share found and median time (ms) of each seed. kept: of each view."""
+
+    benches: dict[str, list[PointBench]]
+    far: list[tuple[float, float]]
+    kept: dict[str, list[Kept]]
+
+
+def point_runs(seeds: int) -> PointRuns:
     """Errors beside the bound, capture from afar, and the modes of the search."""
     sets = [drawn_set(FULL, FRAMES, np.random.default_rng([seed, 15])) for seed in range(seeds)]
-    found = {}
+    benches = {}
     for system in follow(SYSTEMS, "point sets"):
-        found[system] = [bench_points(points, point_localizer(system, points.field)) for points in sets]
-    rows = [each for way in ("init", "compass", "none") for each in _way_rows(way, found)]
+        benches[system] = [bench_points(points, point_localizer(system, points.field)) for points in sets]
     tell("searches from afar")
     far = [from_far(points, np.random.default_rng([seed, 16])) for seed, points in enumerate(sets)]
-    rows.append(row("points, from 1 m and 45° off", "found (%)", "≥ 99.9", {OWN: interval([100 * x for x, _ in far])}))
-    rows.append(row("", "time (ms)", "≤ 1", {OWN: interval([ms for _, ms in far])}))
+    kept = {}
     for view in follow(VIEWS, "searches of the field"):
-        rows += _search_rows(view, seeds)
-    return rows
+        drawn = (drawn_set(view, FRAMES, np.random.default_rng([seed, 17])) for seed in range(seeds))
+        kept[view.name] = [kept_modes(points) for points in drawn]
+    return PointRuns(benches, far, kept)
+
+
+def point_rows(runs: PointRuns) -> list[tuple[str, ...]]:
+    """The rows of all of that."""
+    rows = [each for way in WAYS for each in _way_rows(way, runs.benches)]
+    found, times_ms = zip(*runs.far, strict=True)
+    rows.append(row("points, from 1 m and 45° off", "found (%)", "≥ 99.9", {OWN: interval(100.0 * np.array(found))}))
+    rows.append(row("", "time (ms)", "≤ 1", {OWN: interval(times_ms)}))
+    return [*rows, *(each for view in VIEWS for each in _search_rows(view, runs.kept[view.name]))]
 
 
 def _way_rows(way: str, found: dict[str, list[PointBench]]) -> list[tuple[str, ...]]:
     told = {system: [getattr(bench, way) for bench in benches] for system, benches in found.items()}
-    name = {"init": "from a pose near by", "compass": "from a compass alone", "none": "from nothing"}[way]
     tracks = way == "init"
     return [
         row(
-            f"points, {name}",
+            f"points, {WAYS[way]}",
             "error over the bound",
             "≤ 1.13" if tracks else "–",
             {system: interval([one.times_bound for one in each], 3) for system, each in told.items()},
@@ -111,17 +132,50 @@ def _way_rows(way: str, found: dict[str, list[PointBench]]) -> list[tuple[str, .
     ]
 
 
-def _search_rows(view: View, seeds: int) -> list[tuple[str, ...]]:
-    kept = [kept_modes(drawn_set(view, FRAMES, np.random.default_rng([seed, 17]))) for seed in range(seeds)]
-    sure, right = sum(one.sure for one in kept), sum(one.sure_right for one in kept)
-    first, among = ([100.0 * getattr(one, name) for one in kept] for name in ("first", "among"))
+def _search_rows(view: View, kept: Sequence[Kept]) -> list[tuple[str, ...]]:
+    sure, right = _of_those_given(*SURE, kept)
+    first, among, near = ([100.0 * getattr(one, name) for one in kept] for name in ("first", "among", "near"))
     low, high = (f"{100 * share:.0f}" for share in SURE)
     return [
         row(f"points, {view.name}, from nothing", "likeliest right (%)", view.first, {OWN: interval(first)}),
         row("", "right among the modes (%)", view.among, {OWN: interval(among)}),
+        row("", "near among the modes (%)", "–", {OWN: interval(near)}),
         row("", f"right of the modes given {low} to {high} %", f"{low}-{high} %", {OWN: rate(right, sure)}),
         row("", "time (ms)", "≤ 3", {OWN: interval([one.median_ms for one in kept])}),
     ]
+
+
+def _of_those_given(low: float, high: float, kept: Sequence[Kept]) -> tuple[int, int]:
+    """How many modes were given a probability from low to below high, and how many of them were right."""
+    rights = [one.is_right[(one.told >= low) & (one.told < high)] for one in kept]
+    return sum(len(right) for right in rights), sum(int(right.sum()) for right in rights)
+
+
+def picture(runs: PointRuns) -> Figure:
+    """Errors over the bound by where a search begins, and how often modes are right by what they are given."""
+    figure, (left, right) = new_figure(1, 2, 10.0, 4.2)
+    for n, (system, tint) in enumerate(zip(SYSTEMS, (INK, palette.BLUE), strict=True)):
+        for k, way in enumerate(WAYS):
+            values = [getattr(bench, way).times_bound for bench in runs.benches[system]]
+            at = k + 0.2 * (n - 0.5)
+            left.plot([at] * len(values), values, "o", color=tint, markersize=4, label=None if k else system)
+    left.axhline(1.0, color=palette.VERMILLION, linewidth=1.0, label="Cramér-Rao bound")
+    left.set_yscale("log")
+    left.set_xticks(range(len(WAYS)), list(WAYS.values()))
+    left.set_ylabel("error over the bound")
+    left.legend(frameon=False, fontsize=8)
+    edges = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 1.01])
+    for view, tint in zip(VIEWS, palette.SERIES, strict=False):
+        kept = runs.kept[view.name]
+        told = np.concatenate([one.told for one in kept])
+        bins = [(low, high, _of_those_given(low, high, kept)) for low, high in pairwise(edges)]
+        points = [(told[(told >= low) & (told < high)].mean(), ok / n) for low, high, (n, ok) in bins if n >= 20]
+        right.plot(*np.array(points).reshape(-1, 2).T, "o-", color=tint, linewidth=1.0, markersize=4, label=view.name)
+    right.plot([0, 1], [0, 1], color=INK, linewidth=0.8, linestyle="--")
+    right.set_xlabel("probability that modes are given")
+    right.set_ylabel("share of them that is right")
+    right.legend(frameon=False, fontsize=8)
+    return figure
 
 
 def drawn_set(view: View, frames: int, rng: np.random.Generator) -> PointSet:
@@ -153,46 +207,61 @@ def from_far(points: PointSet, rng: np.random.Generator) -> tuple[float, float]:
         begun_s = time.perf_counter()
         modes = search.near(frame.positions_m, frame.covariances_m2, points.truth[k] + off, 1.2 * FAR_M, 1.2 * FAR_RAD)
         times_s.append(time.perf_counter() - begun_s)
-        found.append(bool(modes) and _is_right(modes[0].pose, points.truth[k], twins=False))
+        found.append(bool(modes) and _is_near(modes[0].pose, Pose(*points.truth[k].tolist()), twins=False))
     return float(np.mean(found)), 1e3 * float(np.median(times_s))
 
 
 def kept_modes(points: PointSet) -> Kept:
     """Our own search from nothing: are the right poses kept, and are the modes as probable as they say?"""
-    search, right, told, times_s = _search(points.field), [], [], []
+    search, right, near, told, times_s = _search(points.field), [], [], [], []
     for k, frame in enumerate(points.points):
+        truth = Pose(*points.truth[k].tolist())
         begun_s = time.perf_counter()
         modes = search.everywhere(frame.positions_m, frame.covariances_m2)
         times_s.append(time.perf_counter() - begun_s)
-        right.append([_is_right(mode.pose, points.truth[k]) for mode in modes])
-        told.append(_shares(modes))
-    sure = [
-        is_right
-        for each, shares in zip(right, told, strict=True)
-        for is_right, share in zip(each, shares, strict=True)
-        if SURE[0] <= share < SURE[1]
-    ]
+        right.append([_stands_for(mode, truth) for mode in modes])
+        near.append(any(_is_near(mode.pose, truth) for mode in modes))
+        told += [(share, _stands_for(mode, truth)) for mode, share in _places(modes)]
+    given = np.array(told)
     return Kept(
         float(np.mean([bool(each) and each[0] for each in right])),
         float(np.mean([any(each) for each in right])),
-        len(sure),
-        sum(sure),
+        float(np.mean(near)),
+        given[:, 0],
+        given[:, 1] > 0.0,
         1e3 * float(np.median(times_s)),
     )
 
 
-def _shares(modes: Sequence[Mode]) -> list[float]:
-    """Each mode's probability together with its twin's."""
-    return [sum(other.probability for other in modes if _is_right(other.pose, mode.pose.as_array())) for mode in modes]
+def _places(modes: Sequence[Mode]) -> list[tuple[Mode, float]]:
+    """The places that modes stand for: the likeliest of each, with the probabilities of all that it stands for."""
+    left, found = list(modes), []
+    while left:
+        one = left[0]
+        same = [_stands_for(one, other.pose) for other in left]
+        found.append((one, sum(other.probability for other, is_same in zip(left, same, strict=True) if is_same)))
+        left = [other for other, is_same in zip(left, same, strict=True) if not is_same]
+    return found
 
 
 def _search(field: FieldModel) -> PoseSearch:
     return PoseSearch(field, Registration(field.distance_map()))
 
 
-def _is_right(pose: Pose, truth: FloatArray, twins: bool = True) -> bool:
+def _stands_for(mode: Mode, pose: Pose) -> bool:
+    """Whether a mode is near a pose or its twin, or has it within what it says it does not know: 99 % of its normal
+    distribution. A lone line tells no place along it, and one mode stands for all.
+    """
+    for end in (pose, pose.mirrored()):
+        away = end.as_array() - mode.pose.as_array()
+        away[2] = wrap_angle(float(away[2]))
+        if float(away @ np.linalg.solve(mode.covariance, away)) < WITHIN2:
+            return True
+    return _is_near(mode.pose, pose)
+
+
+def _is_near(pose: Pose, place: Pose, twins: bool = True) -> bool:
     ends = (pose, pose.mirrored()) if twins else (pose,)
-    place = Pose(*truth.tolist())
     return any(
         end.distance_to(place) < RIGHT_M and abs(wrap_angle(end.heading - place.heading)) < RIGHT_RAD for end in ends
     )

@@ -60,12 +60,18 @@ def percent(values: Sequence[float] | FloatArray) -> str:
 
 def interval(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:
     """Mean over robots and, in brackets, where it lies with 95 %: by bootstrap, robots drawn anew with replacement."""
+    if len(values) < 2:
+        return spread(values, decimals)
+    mean, low, high = mean_interval(values)
+    return f"{mean:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
+
+
+def mean_interval(values: Sequence[float] | FloatArray) -> tuple[float, float, float]:
+    """Mean of one value or more, and where it lies with 95 %, by bootstrap."""
     numbers = np.asarray(values, dtype=np.float64)
-    if len(numbers) < 2:
-        return spread(numbers, decimals)
     drawn = np.random.default_rng(0).choice(numbers, (_DRAWS, len(numbers))).mean(axis=1)
-    low, high = np.quantile(drawn, (0.025, 0.975))
-    return f"{numbers.mean():.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
+    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    return float(numbers.mean()), low, high
 
 
 def rate(successes: int, tries: int) -> str:

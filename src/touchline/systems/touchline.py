@@ -7,8 +7,8 @@ image ─▶ line points ─▶ registration from every hypothesis ─▶ filter
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -78,6 +78,14 @@ class TouchlineSettings(Settings):
     compass_track: CompassTrackSettings = CompassTrackSettings()
 
 
+class FieldSearch(Protocol):
+    """What a search of the whole field is asked; as `PoseSearch`."""
+
+    def everywhere(
+        self, positions_m: FloatArray, covariances_m2: FloatArray, known: Sequence[Known], part: tuple[int, int]
+    ) -> tuple[Mode, ...]: ...
+
+
 class Touchline:
     """The system as sources and sinks know it: `reset` and `step`."""
 
@@ -98,7 +106,7 @@ class Touchline:
         self.history = MotionHistory(s.odometry.model_copy(update=free), s.compass_track)
         self._distance_map = field.distance_map()
         registration = Registration(self._distance_map)
-        self.search = PoseSearch(field, registration)
+        self.search: FieldSearch = PoseSearch(field, registration)
         head = MirrorHead(camera)
         scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
         self.unknown = Unknown(scales, head.unknown, s.self_calibration)

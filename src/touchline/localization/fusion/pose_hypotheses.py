@@ -58,13 +58,15 @@ class Member:
 class PoseHypotheses:
     """`members`, the likeliest first. start: a filter without a pose, from which those of new members are made.
 
-    gate: squared Mahalanobis distance of a registration from the prediction beyond which the robot was shoved.
+    gate: squared Mahalanobis distance of a registration from the prediction beyond which the robot was shoved. most:
+    members, at most. sees_shoves: whether a robot may have been shoved at all.
     """
 
     def __init__(self, registration: Registration, start: JointFilter, head: MirrorHead, gate: float) -> None:
         self.registration = registration
         self.start, self.head = start, head
         self.gate = gate
+        self.most, self.sees_shoves = MOST, True
         self.members: list[Member] = []
 
     @property
@@ -135,7 +137,7 @@ class PoseHypotheses:
         one.by_lines = Pose(*found.pose.tolist())
         away, distance2 = one.filter.innovation(one.fit, swing)
         gained = (found.log_likelihood - one.fit.log_likelihood) / REPEATED
-        if distance2 > self.gate or gained > -SHOVE:
+        if self.sees_shoves and (distance2 > self.gate or gained > -SHOVE):
             jump = found.pose - predicted if gained > 0.0 else away
             self._shove(one, points, jump, predicted + jump)
         one.log_odds += one.told
@@ -164,7 +166,7 @@ class PoseHypotheses:
     def _settle(self) -> None:
         """Sort, drop the unlikely, take those that have come together for one."""
         self.members = settled(
-            self.members, MOST, UNLIKELY, lambda one, other: _same(one.filter.pose, other.filter.pose)
+            self.members, self.most, UNLIKELY, lambda one, other: _same(one.filter.pose, other.filter.pose)
         )
 
 
