@@ -34,6 +34,10 @@ test-all: test docs browser mutated
 browser: $(VENV)/extras
 	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
 
+# Ten thousand mutated messages by every link.
+mutated: $(VENV)/installed
+	TOUCHLINE_MUTATED=10000 $(BIN)/pytest tests/test_live.py tests/test_live_dds.py -k mutated
+
 # The documentation as a site, build/docs/site: any warning and any link that leads nowhere is an error.
 docs: $(VENV)/installed
 	$(BIN)/pip install --quiet --editable '.[docs]'

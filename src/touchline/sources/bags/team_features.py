@@ -91,15 +91,19 @@ def _row(
 
 
 def _placed(base_from_sensor: Pose3, point: Any) -> FloatArray:
-    placed: FloatArray = base_from_sensor.transform(np.array([[point.x, point.y, point.z]], dtype=np.float64))[0, :2]
+    place = np.array([[point.x, point.y, point.z]], dtype=np.float64)
+    if not (np.abs(place) < LARGEST).all():  # False for NaN
+        return np.full(2, math.nan)
+    placed: FloatArray = base_from_sensor.transform(place)[0, :2]
     return placed
 
 
 def _turned(base_from_sensor: Pose3, ray: Any) -> FloatArray:
     """A direction on the ground, of length 1; NaN for none."""
-    turned = (base_from_sensor.rotation @ np.array([ray.x, ray.y, ray.z], dtype=np.float64))[:2]
+    way = np.array([ray.x, ray.y, ray.z], dtype=np.float64)
+    turned = (base_from_sensor.rotation @ way)[:2] if (np.abs(way) < LARGEST).all() else np.zeros(2)
     length = math.hypot(*turned)
-    unit: FloatArray = turned / length if 0.0 < length < LARGEST else np.full(2, math.nan)
+    unit: FloatArray = turned / length if length > 0.0 else np.full(2, math.nan)
     return unit
 
 
