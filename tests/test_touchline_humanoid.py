@@ -18,7 +18,7 @@ from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.features import Features
 from touchline.localization.perspective.filter import Fitted, PerspectiveFilter
-from touchline.localization.perspective.kernels import Known6, LeanFit
+from touchline.localization.perspective.kernels import Known, LeanFit
 from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
 from touchline.motion.odometry import Motion
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
@@ -171,24 +171,28 @@ def test_images_of_a_walking_robot(small_data: Path) -> None:
     assert errors_m(poses[:12], estimates).max() < 0.06
 
 
-def test_registration_finds_pose_lean_and_height_of_exact_points() -> None:
+AXIS = np.array([math.cos(0.42), 0.0, -math.sin(0.42)])
+
+
+def test_registration_finds_pose_lean_height_and_focal_length_of_exact_points() -> None:
     field = open_field(WHITE)
     places = FieldAssociations(field)
     eye = np.array([0.05, 0.0, 1.1])
     registration = PerspectiveRegistration(field, places.tables, eye)
-    true = np.array([1.0, 0.5, 0.3, 0.01, -0.015, 0.005])
+    true = np.array([1.0, 0.5, 0.3, 0.01, -0.015, 0.005, 0.03])
     seen = exact_view(true, eye)
-    view = seen_points(seen, Features(places, None, 1.1).of(seen).points)
-    start = np.array([1.15, 0.4, 0.4, 0.0, 0.0, 0.0])
-    known = Known6(start, np.diag(np.array([1.0, 1.0, 0.5, 0.03, 0.03, 0.02]) ** -2.0))
+    view = seen_points(seen, Features(places, None, 1.1).of(seen).points, AXIS)
+    start = np.array([1.15, 0.4, 0.4, 0.0, 0.0, 0.0, 0.0])
+    known = Known(start, np.diag(np.array([1.0, 1.0, 0.5, 0.3, 0.3, 0.2, 0.3]) ** -2.0))
     fit = registration.register(view, start, known)
     assert fit.state[:3] == pytest.approx(true[:3], abs=0.003)
     assert fit.state[3:5] == pytest.approx(true[3:5], abs=0.001)
+    assert fit.state[6] == pytest.approx(true[6], abs=0.002)
     assert fit.explained > 0.99
 
 
 def exact_view(state: FloatArray, eye: FloatArray) -> Observation:
-    """All parts of the field's lines ahead, as a camera sees them that errs by a state (6,)."""
+    """All parts of the field's lines ahead, as a camera sees them that errs by a state (7,)."""
     field, pose = open_field(WHITE), Pose(*state[:3].tolist())
     ends = []
     for segment in field.segments:
@@ -203,19 +207,21 @@ def exact_view(state: FloatArray, eye: FloatArray) -> Observation:
 
 
 def as_seen(ground: FloatArray, state: FloatArray, eye: FloatArray) -> FloatArray:
-    """Ground points (N, 2) as a camera has them that is rolled, pitched and higher by a state than it is thought to."""
+    """Ground points (N, 2) as a camera has them that errs by a state (7,) from what it is thought to be."""
     rays = np.column_stack((ground - eye[:2], np.full(len(ground), -eye[2] * (1.0 + state[5]))))
     c, s = math.cos(state[3]), math.sin(state[3])
     rays = rays @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]).T
     c, s = math.cos(state[4]), math.sin(state[4])
     rays = rays @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]).T
+    along = (rays @ AXIS)[:, np.newaxis] * AXIS
+    rays = along + (rays - along) / (1.0 + state[6])
     seen: FloatArray = eye[:2] + rays[:, :2] * (eye[2] / -rays[:, 2:])
     return seen
 
 
 def test_a_filter_keeps_what_it_knows_of_the_camera_at_another_place() -> None:
     one = PerspectiveFilter(Pose(1.0, 2.0, 0.3), np.diag([0.1, 0.2, 0.3]))
-    one.state[3:] = np.arange(6.0)
+    one.state[3:] = np.arange(7.0)
     twin = one.mirrored()
     assert twin.pose.distance_to(Pose(-1.0, -2.0, 0.0)) < 1e-12
     assert wrap_angle(twin.pose.heading - 0.3 - math.pi) == pytest.approx(0.0)
@@ -225,13 +231,13 @@ def test_a_filter_keeps_what_it_knows_of_the_camera_at_another_place() -> None:
 
 @pytest.mark.parametrize("noise", [0.3, 1.5])
 def test_the_noise_of_steps_is_learned_and_the_covariance_honest(noise: float) -> None:
-    rng, true, information = np.random.default_rng(2), np.zeros(6), np.diag([1e4, 1e4, 1e5, 1e4, 1e4, 1e4])
+    rng, true, information = np.random.default_rng(2), np.zeros(7), np.diag([1e4, 1e4, 1e5, 1e4, 1e4, 1e4, 1e4])
     one, squares = PerspectiveFilter(Pose(0.0, 0.0, 0.0), 1e-4 * np.eye(3)), []
     stated = np.diag([0.005, 0.005, 0.003]) ** 2
     for _ in range(300):
         one.predict(Motion(Pose(0.0, 0.0, 0.0), stated, 0.0), 0.125)
         true[:3] += noise * np.array([0.01, 0.01, 0.004]) * rng.standard_normal(3)
-        seen = true + rng.standard_normal(6) / np.sqrt(np.diag(information))
+        seen = true + rng.standard_normal(7) / np.sqrt(np.diag(information))
         known = one.known
         covariance = np.linalg.inv(known.information + information)
         state = known.mean + covariance @ information @ (seen - known.mean)

@@ -72,7 +72,7 @@ class TouchlineSettings(Settings):
     self_calibration: bool = Field(
         True,
         description="learn from the lines what a camera differs by from its camera.yaml: a mirror's tilt, centre and "
-        "ranges, a perspective camera's roll, pitch and height",
+        "ranges, a perspective camera's roll, pitch, height and focal length",
     )
     odometry: OdometrySettings = OdometrySettings()
     compass_track: CompassTrackSettings = CompassTrackSettings()

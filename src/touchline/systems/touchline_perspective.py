@@ -12,7 +12,8 @@ from typing import cast
 
 import numpy as np
 
-from touchline.camera import PinholeCamera
+from touchline.camera import PinholeCamera, ground_view
+from touchline.errors import InputError
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
 from touchline.localization.fusion.feature_belief import is_narrow
@@ -24,8 +25,8 @@ from touchline.localization.particles.features import Features
 from touchline.localization.particles.random_particles import BEYOND_M
 from touchline.localization.perspective.filter import PerspectiveFilter
 from touchline.localization.perspective.hypotheses import CARRIED_AWAY, FALLEN, PerspectiveHypotheses
-from touchline.localization.perspective.kernels import LeanFit, SeenPoints
-from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
+from touchline.localization.perspective.kernels import STATES, LeanFit, SeenPoints
+from touchline.localization.perspective.registration import NO_AXIS, PerspectiveRegistration, seen_points
 from touchline.localization.perspective.search import PerspectiveSearch
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
@@ -102,7 +103,7 @@ class TouchlinePerspective:
         # observe: lines, crossings, landmarks
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)
         features = self.features.of(observation)
-        seen = seen_points(observation, features.points)
+        seen = seen_points(observation, features.points, self._axis(frame))
         if _count(seen) >= FEWEST:
             blind = self._is_blind(frame.stamp_ns)
             view = self.features.of(observation, self.known.state[3:5])
@@ -113,6 +114,18 @@ class TouchlinePerspective:
         self._judge(seen, frame.stamp_ns)  # status
         self._say_undecided(frame.stamp_ns)
         return self._report(observation, features.size + len(observation.points), clock)
+
+    def _axis(self, frame: Frame) -> FloatArray:
+        """The optical axis at an image, robot frame; zeros where nothing tells."""
+        camera = self.setup.camera
+        if not isinstance(camera, PinholeCamera):
+            return NO_AXIS
+        lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
+        try:
+            axis: FloatArray = ground_view(camera, frame.base_from_camera, *lean).pose.rotation[:, 0]
+        except InputError:
+            return NO_AXIS
+        return axis
 
     def _is_blind(self, stamp_ns: int) -> bool:
         """Whether nothing that the pose explains was seen for some time."""
@@ -308,7 +321,7 @@ def _at_end(fit: LeanFit, as_found: bool) -> LeanFit:
     """A pose, or its twin."""
     if as_found:
         return fit
-    turn = np.array([-1.0, -1.0, *np.ones(4)])
+    turn = np.array([-1.0, -1.0, *np.ones(STATES - 2)])
     state = turn * fit.state
     state[2] += np.pi
     return fit._replace(state=state, information=fit.information * np.outer(turn, turn))

@@ -1,7 +1,8 @@
 """The pose of a walking robot with what its camera and its odometry err by: an error-state Kalman filter.
 
 States: x, y (m), heading (rad), field frame; roll and pitch (rad) that the camera has more than it is thought to have,
-and the relative error of its height, all three for good; drift of the odometry's heading (rad/s), as of a gyro's bias;
+and the relative errors of its height and of the tangents that it sees (one over its focal length), all four for good;
+drift of the odometry's heading (rad/s), as of a gyro's bias;
 relative errors of its travel forward and sideways. Roll and pitch err anew in every image besides, and so does every
 step of the odometry: both by amounts that are learned.
 """
@@ -15,16 +16,16 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.perspective.kernels import Known6, LeanFit, SeenPoints
+from touchline.localization.perspective.kernels import Known, LeanFit, SeenPoints
 from touchline.localization.perspective.registration import PerspectiveRegistration
 from touchline.motion.odometry import Motion
 
 MOUNT_RAD = 0.02  # how far a camera is mounted askew, in roll and in pitch: two degrees happen
-HEIGHT_RATIO = 0.01  # how far its height is off
+HEIGHT_RATIO, FOCAL_RATIO = 0.02, 0.02  # how far its height and its focal length are off
 TURN_DRIFT_RAD_S = 0.003  # of the heading: ten degrees a minute
 TRAVEL_SCALE = 0.05  # of steps
 MOUNT_DRIFT_RAD = 0.0003  # how much of it changes in the root of a second, and so on
-HEIGHT_DRIFT = 0.0001
+HEIGHT_DRIFT, FOCAL_DRIFT = 0.0001, 0.00003
 TURN_DRIFT_RAD_S_S = 0.0001
 TRAVEL_DRIFT = 0.002
 SLIP_RATIO, TURN_SLIP_RATIO, BEND_RAD_M = 0.1, 0.1, 0.05  # noise of steps beside the odometry's own
@@ -36,15 +37,20 @@ MIN_STEP_NOISE, MAX_STEP_NOISE = 0.1, 6.0  # of their variance, as a multiple of
 MAX_RATIO = 5.0  # of one image in that: it may be a slip
 MIN_POSITION_M, MIN_HEADING_RAD = 0.005, 0.015  # what no image tells: how far a camera is turned aside turns all
 ALLOWED = 16.3  # squared deviations from the prediction: 99.9 % of right poses are within
-_STATES = 9
-_SEEN = 6  # the first of them are those that an image shows
+_STATES = 10
+_SEEN = 7  # the first of them are those that an image shows
 _LEANS = (3, 4)
-_CAMERA = np.arange(3, 6)
+_CAMERA = np.arange(3, 7)
+_TURN, _AHEAD, _LEFT = 7, 8, 9  # of the odometry
+_PRIOR = np.array([MOUNT_RAD, MOUNT_RAD, HEIGHT_RATIO, FOCAL_RATIO, TURN_DRIFT_RAD_S, TRAVEL_SCALE, TRAVEL_SCALE])
+_DRIFT = np.array(
+    [MOUNT_DRIFT_RAD, MOUNT_DRIFT_RAD, HEIGHT_DRIFT, FOCAL_DRIFT, TURN_DRIFT_RAD_S_S, TRAVEL_DRIFT, TRAVEL_DRIFT]
+)
 TINY = 1e-6  # of the variances of what is not learned
 
 
 class Fitted(NamedTuple):
-    """An image fitted to a filter's prediction; covariance (6, 6) of the fit's state.
+    """An image fitted to a filter's prediction; covariance (7, 7) of the fit's state.
 
     contradiction: squared distance of that state from the prediction, in the prediction's standard deviations;
     distance2: the same of the pose alone. narrowed: logarithm of how much smaller the state's spread has become.
@@ -58,7 +64,7 @@ class Fitted(NamedTuple):
 
 
 class PerspectiveFilter:
-    """`state` (9,), `covariance_all` (9, 9) of it, `lean_rad`: standard deviation of roll and pitch in one image.
+    """`state` (10,), `covariance_all` (10, 10) of it, `lean_rad`: standard deviation of roll and pitch in one image.
 
     `step_noise` (2,): how much larger the variance of the odometry's steps is than stated, of positions and headings.
     """
@@ -70,9 +76,7 @@ class PerspectiveFilter:
         self.learns_camera = learns_camera
         self.state = np.zeros(_STATES)
         self.state[:3] = pose
-        self.covariance_all = np.diag(
-            np.square([0.0, 0.0, 0.0, MOUNT_RAD, MOUNT_RAD, HEIGHT_RATIO, TURN_DRIFT_RAD_S, TRAVEL_SCALE, TRAVEL_SCALE])
-        )
+        self.covariance_all = np.diag(np.concatenate((np.zeros(3), _PRIOR**2)))
         self.covariance_all[:3, :3] = covariance
         if not learns_camera:
             self.covariance_all[_CAMERA, _CAMERA] *= TINY
@@ -120,20 +124,20 @@ class PerspectiveFilter:
         return float(away @ np.linalg.solve(self._seen_covariance(None)[:3, :3], away)) < ALLOWED
 
     @property
-    def known(self) -> Known6:
+    def known(self) -> Known:
         """What an image shows, before it is seen."""
-        return Known6(self.state[:_SEEN].copy(), np.linalg.inv(self._seen_covariance(None)))
+        return Known(self.state[:_SEEN].copy(), np.linalg.inv(self._seen_covariance(None)))
 
     def predict(self, motion: Motion, seconds: float) -> None:
         """Move by the odometry over so many seconds."""
         move, heading = motion.pose, self.pose.heading
-        ahead, left = move.x * (1.0 + self.state[7]), move.y * (1.0 + self.state[8])
-        turned = move.heading + self.state[6] * seconds
+        ahead, left = move.x * (1.0 + self.state[_AHEAD]), move.y * (1.0 + self.state[_LEFT])
+        turned = move.heading + self.state[_TURN] * seconds
         c, s = math.cos(heading), math.sin(heading)
         by_state = np.eye(_STATES)
         by_state[0, 2], by_state[1, 2] = -s * ahead - c * left, c * ahead - s * left
-        by_state[0, 7:], by_state[1, 7:] = (c * move.x, -s * move.y), (s * move.x, c * move.y)
-        by_state[2, 6] = seconds
+        by_state[0, _AHEAD:], by_state[1, _AHEAD:] = (c * move.x, -s * move.y), (s * move.x, c * move.y)
+        by_state[2, _TURN] = seconds
         self.state[:3] = self.pose.compose(Pose(float(ahead), float(left), float(turned)))
         self.covariance_all = by_state @ self.covariance_all @ by_state.T
         travel_m = math.hypot(move.x, move.y)
@@ -145,10 +149,8 @@ class PerspectiveFilter:
         self.covariance_all[:3, :3] += noise
         if motion.missing_s == 0.0:
             self._since_image = self._since_image + noise
-        drifts = np.square(
-            [MOUNT_DRIFT_RAD, MOUNT_DRIFT_RAD, HEIGHT_DRIFT, TURN_DRIFT_RAD_S_S, TRAVEL_DRIFT, TRAVEL_DRIFT]
-        )
-        drifts[:3] *= 1.0 if self.learns_camera else TINY
+        drifts = _DRIFT**2
+        drifts[: len(_CAMERA)] *= 1.0 if self.learns_camera else TINY
         self.covariance_all[3:, 3:] += np.diag(seconds * drifts)
 
     def fitted(
@@ -167,7 +169,7 @@ class PerspectiveFilter:
         begin = mean.copy()
         if start is not None:
             begin[:3] = start.x, start.y, mean[2] + wrap_angle(start.heading - float(mean[2]))
-        fit = registration.register(seen, begin, Known6(mean, information))
+        fit = registration.register(seen, begin, Known(mean, information))
         covariance = np.linalg.inv(information + fit.information)
         step = fit.state - mean
         distance2 = float(step[:3] @ np.linalg.solve(spread[:3, :3], step[:3]))
@@ -188,7 +190,7 @@ class PerspectiveFilter:
         self.covariance_all = 0.5 * (after + after.T)
 
     def _seen_covariance(self, shove: FloatArray | None) -> FloatArray:
-        """(6, 6) of what an image shows before it is seen: its own lean error included."""
+        """(7, 7) of what an image shows before it is seen: its own lean error included."""
         spread = self.covariance_all[:_SEEN, :_SEEN].copy()
         for k in _LEANS:
             spread[k, k] += self.lean_rad**2
@@ -212,7 +214,7 @@ class PerspectiveFilter:
         noise, self._since_image = self._since_image, np.zeros((3, 3))
         if not noise[2, 2]:
             return
-        share = np.linalg.solve(spread, np.eye(_SEEN)[:, :3] @ noise)  # (6, 3) of the image's step in these errors
+        share = np.linalg.solve(spread, np.eye(_SEEN)[:, :3] @ noise)  # (7, 3) of the image's step in these errors
         step = fitted.fit.state - self.state[:_SEEN]
         squares = noise + share.T @ (np.outer(step, step) - spread + fitted.covariance) @ share
         ratios = np.array([(squares[0, 0] + squares[1, 1]) / (noise[0, 0] + noise[1, 1]), squares[2, 2] / noise[2, 2]])

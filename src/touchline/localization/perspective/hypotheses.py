@@ -34,6 +34,7 @@ CONFIRMING = 1  # images beside the one that a pose was found in, until it is be
 CONTESTED = 0.15  # share by which another pose explains more of an image from which the likeliest one is in doubt
 UNLIKELY = 12.0  # logarithm of odds against the best from which a hypothesis is dropped
 MOST = 10  # hypotheses
+ANYWHERE = np.diag([0.1, 0.1, 0.3, 50.0, 50.0, 50.0, 50.0]) ** 2  # information of a pose that is not known, camera too
 SAME_M, SAME_RAD = 0.25, 0.15  # hypotheses nearer than this are one
 
 
@@ -110,7 +111,7 @@ class PerspectiveHypotheses:
             pose = _pose(fit)
             if any(self._is_known(pose, one.filter.pose) for one in self.members):
                 continue
-            covariance = np.linalg.inv(fit.information + np.diag([0.01, 0.01, 0.1, 2500.0, 2500.0, 10000.0]))[:3, :3]
+            covariance = np.linalg.inv(fit.information + ANYWHERE)[:3, :3]
             self.members.append(PerspectiveHypothesis(known.placed(pose, covariance), before + moved, fit))
             # the image that it was found in was fitted best of all places: that tells nothing against the others
             told.append(min(fit.log_likelihood, followed))

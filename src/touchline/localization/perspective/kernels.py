@@ -1,8 +1,9 @@
 """Numba loops of registration for a perspective camera: line points and point features, with the camera's lean.
 
-A state (6,) is x, y (m), heading (rad), field frame; by how much roll and pitch of the camera are more than they are
-thought to be (rad); the relative error of its height. What the camera sees is taken as that of a level camera at the
-height that it has: a ray is turned back and meets the ground again (exactly: at 6 m and 2° the first order is 1 m off).
+A state (7,) is x, y (m), heading (rad), field frame; by how much roll and pitch of the camera are more than they are
+thought to be (rad); the relative errors of its height and of the angles' tangents that it sees, one over its focal
+length. What the camera sees is taken as that of a level camera at the height that it has: a ray is bent to the optical
+axis, turned back and meets the ground again (exactly: at 6 m and 2° the first order is 1 m off).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from touchline.field.offset_map import OffsetTable, look_up_offset
 from touchline.geometry import FloatArray
 from touchline.localization.particles.feature_model import PointFeatures, best_place
 
-STATES = 6
+STATES = 7
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
 _TINY2_M2 = 1e-12
 _MOST_STEP = 0.5  # of a state in one Gauss-Newton step
@@ -28,7 +29,7 @@ class SeenPoints(NamedTuple):
     """Line points, robot frame: positions_m (N, 2), covariances_m2 (N, 2, 2), shares (N,): how much each counts.
 
     features: crossings and landmarks; their `positions_m` are overwritten by every registration. raw_m (M, 2): those
-    as seen.
+    as seen. axis (3,): the optical axis, a unit vector; zeros where it is not known.
     """
 
     positions_m: FloatArray
@@ -36,6 +37,7 @@ class SeenPoints(NamedTuple):
     shares: FloatArray
     features: PointFeatures
     raw_m: FloatArray
+    axis: FloatArray
 
 
 class Ground(NamedTuple):
@@ -58,15 +60,15 @@ class LeanPlan(NamedTuple):
     feature_share: float
 
 
-class Known6(NamedTuple):
-    """What is known of a state beforehand: mean (6,), information (6, 6), its inverse covariance."""
+class Known(NamedTuple):
+    """What is known of a state beforehand: mean (7,), information (7, 7), its inverse covariance."""
 
     mean: FloatArray
     information: FloatArray
 
 
 class LeanFit(NamedTuple):
-    """state (6,), heading not wrapped; information (6, 6) by what is seen alone.
+    """state (7,), heading not wrapped; information (7, 7) by what is seen alone.
 
     explained: share of it that lies where it should; of: how much there is of it. residual_m: mean distance of what is
     explained. log_likelihood: of all that is seen, without what was known.
@@ -81,9 +83,15 @@ class LeanFit(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def _levelled(x, y, state, eye):  # type: ignore[no-untyped-def]
+def _levelled(x, y, state, eye, axis):  # type: ignore[no-untyped-def]
     """A ground point as a camera without a state's errors sees it, from the camera's foot (m)."""
     x, y = x - eye[0], y - eye[1]
+    along = x * axis[0] + y * axis[1] - eye[2] * axis[2]
+    if along > 0.0:
+        wide = 1.0 + state[6]
+        bent = along * state[6]
+        down = (eye[2] * wide + axis[2] * bent) / eye[2]
+        x, y = (x * wide - axis[0] * bent) / down, (y * wide - axis[1] * bent) / down
     c, s = math.cos(state[4]), math.sin(state[4])
     depth = eye[2] * c + x * s
     x, y = (x * c - eye[2] * s) * eye[2] / depth, y * eye[2] / depth
@@ -94,8 +102,8 @@ def _levelled(x, y, state, eye):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _row_of(row, nx, ny, x, y, state, eye):  # type: ignore[no-untyped-def]
-    """Derivative (6,) of where a point lies along a normal, robot frame, by the state, into `row`.
+def _row_of(row, nx, ny, x, y, eye, axis):  # type: ignore[no-untyped-def]
+    """Derivative (7,) of where a point lies along a normal, robot frame, by the state, into `row`.
 
     x, y: the levelled point, from the camera's foot. The first two are along the robot's axes.
     """
@@ -105,6 +113,8 @@ def _row_of(row, nx, ny, x, y, state, eye):  # type: ignore[no-untyped-def]
     row[3] = (nx * x * y + ny * (h * h + y * y)) / h
     row[4] = -(nx * (h * h + x * x) + ny * x * y) / h
     row[5] = nx * x + ny * y
+    along = max(x * axis[0] + y * axis[1] - h * axis[2], 0.0)
+    row[6] = -along * (nx * (axis[0] + x * axis[2] / h) + ny * (axis[1] + y * axis[2] / h))
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
@@ -125,7 +135,7 @@ def _add_lines(seen, ground, state, plan, width_m, normal, right, judged):  # ty
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     eye, c = ground.eye, seen.covariances_m2
     for i in range(seen.positions_m.shape[0]):
-        x, y = _levelled(seen.positions_m[i, 0], seen.positions_m[i, 1], state, eye)
+        x, y = _levelled(seen.positions_m[i, 0], seen.positions_m[i, 1], state, eye, seen.axis)
         px, py = x + eye[0], y + eye[1]
         ox, oy = look_up_offset(ground.lines, state[0] + cosine * px - sine * py, state[1] + sine * px + cosine * py)
         d2 = ox * ox + oy * oy + _TINY2_M2
@@ -135,7 +145,7 @@ def _add_lines(seen, ground, state, plan, width_m, normal, right, judged):  # ty
         gate = width_m * width_m + plan.gate2 * variance
         kept = gate / (gate + d2)
         weight = seen.shares[i] * kept * kept / variance
-        _row_of(row, nx, ny, x, y, state, eye)
+        _row_of(row, nx, ny, x, y, eye, seen.axis)
         _add(row, d, weight, normal, right)
         z2 = d2 / variance
         density = math.exp(-0.5 * z2) / math.sqrt(2.0 * math.pi * variance)
@@ -155,7 +165,7 @@ def _add_features(seen, ground, state, plan, width_m, normal, right, judged):  #
     points, eye, places = seen.features, ground.eye, ground.places.places_m
     pose = (state[0], state[1], state[2], cosine, sine)
     for i in range(seen.raw_m.shape[0]):
-        x, y = _levelled(seen.raw_m[i, 0], seen.raw_m[i, 1], state, eye)
+        x, y = _levelled(seen.raw_m[i, 0], seen.raw_m[i, 1], state, eye, seen.axis)
         px, py = x + eye[0], y + eye[1]
         points.positions_m[i, 0], points.positions_m[i, 1] = px, py
         place, least, total = best_place(points, i, ground.places, False, pose)
@@ -171,9 +181,9 @@ def _add_features(seen, ground, state, plan, width_m, normal, right, judged):  #
             l00 = math.sqrt(w[0, 0])  # Cholesky's factors whiten both errors
             l10 = w[0, 1] / l00
             l11 = math.sqrt(max(w[1, 1] - l10 * l10, 0.0))
-            _row_of(row, l00, l10, x, y, state, eye)
+            _row_of(row, l00, l10, x, y, eye, seen.axis)
             _add(row, l00 * off_x + l10 * off_y, weight, normal, right)
-            _row_of(row, 0.0, l11, x, y, state, eye)
+            _row_of(row, 0.0, l11, x, y, eye, seen.axis)
             _add(row, l11 * off_y, weight, normal, right)
             right_one = points.trust[i] * likely / (likely + points.floors[i])
             judged[0] += right_one
@@ -185,7 +195,7 @@ def _add_features(seen, ground, state, plan, width_m, normal, right, judged):  #
 
 @numba.njit(cache=True, error_model="numpy")
 def _equations(seen, ground, state, plan, width_m, judged):  # type: ignore[no-untyped-def]
-    """Normal equations (6, 6), (6,) in the field frame; fills `judged`."""
+    """Normal equations (7, 7), (7,) in the field frame; fills `judged`."""
     normal, right = np.zeros((STATES, STATES)), np.zeros(STATES)
     judged[:] = 0.0
     _add_lines(seen, ground, state, plan, width_m, normal, right, judged)
@@ -204,7 +214,7 @@ def _equations(seen, ground, state, plan, width_m, judged):  # type: ignore[no-u
 
 @numba.njit(cache=True, error_model="numpy")
 def _solve(matrix, right):  # type: ignore[no-untyped-def]
-    """Solve a positive definite matrix (6, 6) by Cholesky's factors, in place: right (6,) becomes the solution."""
+    """Solve a positive definite matrix (7, 7) by Cholesky's factors, in place: right (7,) becomes the solution."""
     for a in range(STATES):
         for b in range(a + 1):
             total = matrix[a, b]
@@ -223,7 +233,7 @@ def _solve(matrix, right):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy")
 def register_leaning(seen, ground, start, known, plan):  # type: ignore[no-untyped-def]
-    """The `LeanFit` that a plan's steps come to from a start (6,), beside what is `Known6`."""
+    """The `LeanFit` that a plan's steps come to from a start (7,), beside what is `Known`."""
     state, judged = start.copy(), np.zeros(5)
     for k in range(plan.widths_m.shape[0]):
         normal, right = _equations(seen, ground, state, plan, plan.widths_m[k], judged)

@@ -17,7 +17,7 @@ from touchline.geometry import FloatArray
 from touchline.localization.particles.feature_model import PointFeatures
 from touchline.localization.perspective.kernels import (
     Ground,
-    Known6,
+    Known,
     LeanFit,
     LeanPlan,
     SeenPoints,
@@ -30,6 +30,7 @@ FLOOR_M = 0.01  # standard deviation that no point falls below: carpet, paint, l
 POINT_SHARE = 0.3  # so much counts a point: neighbours on a line err together
 LINE_SHARE = 2.0  # so much count both ends of a line of which only these are known
 FEATURE_SHARE = 1.0  # so much a crossing or a landmark
+NO_AXIS = np.zeros(3)
 SPACING_M = 0.25  # between points that are laid on such a line
 
 
@@ -49,14 +50,14 @@ class PerspectiveRegistration:
     def __init__(self, field: FieldModel, places: AssociationTables, eye: FloatArray) -> None:
         self.ground = Ground(offset_table(field.distance_map()), places, np.asarray(eye, dtype=np.float64))
 
-    def register(self, seen: SeenPoints, start: FloatArray, known: Known6, plan: LeanPlan = TRACKING) -> LeanFit:
-        """The state that a plan's steps come to from a start (6,), beside what is known."""
+    def register(self, seen: SeenPoints, start: FloatArray, known: Known, plan: LeanPlan = TRACKING) -> LeanFit:
+        """The state that a plan's steps come to from a start (7,), beside what is known."""
         fit: LeanFit = register_leaning(seen, self.ground, start, known, plan)
         return fit
 
 
-def seen_points(seen: Observation, features: PointFeatures) -> SeenPoints:
-    """What counts of an observation; features: its crossings and landmarks."""
+def seen_points(seen: Observation, features: PointFeatures, axis: FloatArray = NO_AXIS) -> SeenPoints:
+    """What counts of an observation; features: its crossings and landmarks; axis (3,): the camera's, robot frame."""
     if len(seen.points):
         points = seen.points
         shares = POINT_SHARE * np.clip(points.confidences, 0.1, 1.0)
@@ -68,6 +69,7 @@ def seen_points(seen: Observation, features: PointFeatures) -> SeenPoints:
         shares,
         features._replace(positions_m=features.positions_m.copy()),
         features.positions_m,
+        np.ascontiguousarray(axis),
     )
 
 

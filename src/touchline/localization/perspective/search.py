@@ -7,7 +7,7 @@ import numpy as np
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.localization.particles.feature_model import FeatureView
 from touchline.localization.particles.feature_poses import PoseProposals
-from touchline.localization.perspective.kernels import Known6, LeanFit, SeenPoints
+from touchline.localization.perspective.kernels import Known, LeanFit, SeenPoints
 from touchline.localization.perspective.registration import PerspectiveRegistration
 
 STARTS = 24  # proposed poses that are registered
@@ -24,7 +24,7 @@ class PerspectiveSearch:
     def __init__(self, proposals: PoseProposals, registration: PerspectiveRegistration) -> None:
         self.proposals, self.registration = proposals, registration
 
-    def everywhere(self, seen: SeenPoints, view: FeatureView, lean: Known6) -> list[LeanFit]:
+    def everywhere(self, seen: SeenPoints, view: FeatureView, lean: Known) -> list[LeanFit]:
         """The registered poses, the likeliest first; none of an image that tells no position.
 
         view: the same as `seen`, less the lean that is known. lean: what is known of the camera; its pose is not used.
@@ -38,7 +38,7 @@ class PerspectiveSearch:
         for index in distinct(proposed.poses[order], STARTS, START_M, START_RAD):
             start = lean.mean.copy()
             start[:3] = proposed.poses[order[index]]
-            found.append(self.registration.register(seen, start, Known6(start, information)))
+            found.append(self.registration.register(seen, start, Known(start, information)))
         found.sort(key=lambda fit: -fit.log_likelihood)
         states = np.array([fit.state[:3] for fit in found]).reshape(-1, 3)
         kept = [found[k] for k in distinct(states, STARTS, SAME_M, SAME_RAD)]
