@@ -6,7 +6,7 @@ LOWEST := .venv-lowest
 WHEEL := .venv-wheel
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops tests browser docs mutated coverage fuzz mutants test-lowest package benchmark clean
+.PHONY: demo test test-all style loops tests browser docs tutorials mutated coverage fuzz mutants test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -27,9 +27,9 @@ loops: $(VENV)/installed
 tests: loops
 	$(PYTEST)
 
-# Also the documentation's site, and what needs a browser, the viewer and the tuner; without Chromium it says how to install
-# one, and fails.
-test-all: test docs browser mutated
+# Also the documentation's site, its tutorials word by word, and what needs a browser, the viewer and the tuner; without Chromium
+# it says how to install one, and fails.
+test-all: test docs tutorials browser mutated
 
 browser: $(VENV)/extras
 	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
@@ -42,6 +42,10 @@ mutated: $(VENV)/installed
 docs: $(VENV)/installed
 	$(BIN)/pip install --quiet --editable '.[docs]'
 	$(BIN)/python docs/site/build.py
+
+# Every command of the tutorials, with images and calibration.
+tutorials: $(VENV)/installed
+	$(BIN)/pytest tests/whole_tutorials.py
 
 # Which lines the tests reach: they take a sixth longer.
 coverage: $(VENV)/installed
