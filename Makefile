@@ -6,7 +6,7 @@ LOWEST := .venv-lowest
 WHEEL := .venv-wheel
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops tests browser docs tutorials mutated coverage fuzz mutants test-lowest package benchmark clean
+.PHONY: demo test test-all style loops tests browser cluster docs tutorials mutated coverage fuzz mutants test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -29,7 +29,7 @@ tests: loops
 
 # Also the documentation's site, its tutorials word by word, and what needs a browser, the viewer and the tuner; without Chromium
 # it says how to install one, and fails.
-test-all: test docs tutorials browser mutated
+test-all: test docs tutorials browser cluster mutated
 
 browser: $(VENV)/extras
 	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
@@ -37,6 +37,10 @@ browser: $(VENV)/extras
 # Ten thousand mutated messages by every link.
 mutated: $(VENV)/installed
 	TOUCHLINE_MUTATED=10000 $(BIN)/pytest tests/test_live.py tests/test_live_dds.py -k mutated
+
+# The same numbers on one core, on two and on a cluster.
+cluster: $(VENV)/installed
+	$(BIN)/pytest tests/cluster_workers.py
 
 # The documentation as a site, build/docs/site: any warning and any link that leads nowhere is an error.
 docs: $(VENV)/installed
@@ -88,9 +92,9 @@ $(VENV)/installed: pyproject.toml
 	$(BIN)/pip install --quiet --editable '.[dev]'
 	touch $@
 
-# The extras that are large: with them, `make test` tests more.
+# The extra that is large: with it, `make test` tests more.
 $(VENV)/extras: $(VENV)/installed
-	$(BIN)/pip install --quiet --editable '.[view,tune]'
+	$(BIN)/pip install --quiet --editable '.[view]'
 	touch $@
 
 clean:

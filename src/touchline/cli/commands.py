@@ -22,6 +22,7 @@ from touchline.cli import (
     run,
     simulate,
     systems,
+    tune,
     view,
 )
 from touchline.cli.compile import compile_loops
@@ -48,6 +49,7 @@ app.command("convert")(convert.convert)
 app.command("live")(live.live)
 app.command("play")(live.play)
 app.command("experiment")(experiment.experiment)
+app.command("tune")(tune.tune)
 app.command("systems")(systems.systems)
 app.command("compile")(compile_loops)
 app.add_typer(bench.bench_app, name="bench")

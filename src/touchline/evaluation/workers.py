@@ -1,0 +1,94 @@
+"""Tasks on one core, on many, or on a cluster: the same results in the same order wherever they are computed.
+
+A task holds all that its result depends on, its seed among it, so that no worker needs to know of another.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any, Protocol, TypeVar
+
+from touchline.errors import InputError, TouchlineError
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+_MOST = 1024
+
+
+class Workers(Protocol):
+    """Whoever computes tasks."""
+
+    def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        """The results in the order of the tasks. function: of a module, not made on the way."""
+        ...
+
+
+class Here:
+    """This process alone."""
+
+    def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        """One after the other."""
+        return map(function, tasks)
+
+
+class _Pool:
+    def __init__(self, executor: ProcessPoolExecutor) -> None:
+        self._executor = executor
+
+    def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        try:
+            yield from self._executor.map(function, tasks)
+        except BrokenProcessPool:
+            raise TouchlineError("a worker was ended from outside (is there too little memory?); take fewer") from None
+
+
+class _Cluster:
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        for future in self._client.map(function, tasks, pure=False):
+            yield future.result()
+
+
+@contextmanager
+def open_workers(count: int = 1, dask: str | None = None) -> Iterator[Workers]:
+    """Workers for as long as the block lasts: this process, so many processes, or the cluster whose scheduler is at
+    `dask` (tcp://HOST:PORT), on whose machines Touchline and the files that tasks name are found under the same paths.
+
+    Raises InputError for a number of workers that is none, where Dask is not installed, and where no scheduler answers.
+    """
+    if not 1 <= count <= _MOST:
+        raise InputError(f"{count} workers: expected 1 to {_MOST}")
+    if dask is not None:
+        with _client(dask) as client:
+            yield _Cluster(client)
+    elif count == 1:
+        yield Here()
+    else:
+        executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_leave_interrupts)
+        try:
+            yield _Pool(executor)
+        finally:
+            executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _leave_interrupts() -> None:
+    """A Ctrl-C is for the process that hands out the tasks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _client(address: str) -> Any:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--dask needs Dask, which is not installed: pip install 'touchline[tune]'") from None
+    try:
+        return Client(address, timeout=5.0, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--dask {address}: no scheduler answers there ({error}); expected tcp://HOST:PORT") from None
