@@ -11,7 +11,13 @@ from touchline.geometry import Pose, wrap_angle
 from touchline.localization.fusion import field_side, restart
 from touchline.localization.fusion import modes as limits
 from touchline.localization.fusion.field_side import FieldSide
-from touchline.localization.fusion.modes import SensorFusion, SensorFusionPaper, SensorFusionSettings, blended
+from touchline.localization.fusion.modes import (
+    ImageDoubt,
+    SensorFusion,
+    SensorFusionPaper,
+    SensorFusionSettings,
+    blended,
+)
 from touchline.localization.fusion.restart import RestartRule
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.motion.dead_reckoning import without_bias
@@ -181,13 +187,26 @@ def test_a_moving_robot_is_found_by_more_images_that_fit_less_well_and_one_bad_i
     assert found == [False] * 5 + [True]
 
 
+def test_along_a_lone_line_the_particles_err_as_the_odometry_does() -> None:
+    odometry, spread = np.diag([0.02, 0.03, 0.01]) ** 2, np.diag([0.1, 0.1, 0.05]) ** 2
+    lines = np.diag([0.0, 0.005**-2, 0.002**-2])  # x is open
+    doubt = ImageDoubt(np.diag([0.2, 0.01, 0.01]) ** 2, lines, np.diag([0.004, 0.004, 0.0]) ** 2)
+    deviations = np.sqrt(np.diag(doubt.after(odometry, spread)))
+    assert deviations == pytest.approx([math.hypot(0.02, 0.004), math.hypot(0.005, 0.004), 0.002], rel=0.02)
+    fusion = placed()
+    for _ in range(20):
+        fusion.update(HERE, Motion(Pose(0, 0, 0), STEP.covariance, 0.0), seen(HERE), 0.1, image=doubt)
+    assert math.sqrt(fusion.covariance[0, 0]) == pytest.approx(0.025, abs=0.005)  # not the 0.2 of the image alone
+
+
 def test_an_image_of_a_lone_line_contradicts_nothing() -> None:
     for along_m, mode in ((0.2, Mode.ODOMETRY), (0.05, Mode.OMNIVISION)):
         fusion = placed()
         covariance = np.diag([along_m, 0.01, 0.01]) ** 2
+        doubt = ImageDoubt(covariance, np.linalg.inv(covariance), np.zeros((3, 3)))
         for _ in range(limits.FRAMES):
             still = Motion(Pose(0, 0, 0), STEP.covariance, 0.0)
-            told = fusion.update(HERE, still, seen(at(-2.0)), 0.1, image_covariance=covariance)
+            told = fusion.update(HERE, still, seen(at(-2.0)), 0.1, image=doubt)
         assert told is mode
 
 

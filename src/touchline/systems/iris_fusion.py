@@ -23,7 +23,14 @@ from touchline.config import Settings, added, constants_now
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.fusion.camera_errors import HEIGHT_M, CameraErrors, CameraFit
 from touchline.localization.fusion.field_side import FieldSide
-from touchline.localization.fusion.modes import MIN_POINTS, SensorFusion, SensorFusionSettings, difference, shared_out
+from touchline.localization.fusion.modes import (
+    MIN_POINTS,
+    ImageDoubt,
+    SensorFusion,
+    SensorFusionSettings,
+    difference,
+    shared_out,
+)
 from touchline.localization.fusion.restart import RestartRule, RestartSettings
 from touchline.localization.matching.covariance import is_one_line
 from touchline.localization.matching.global_search import OWN_HALF
@@ -174,7 +181,7 @@ class IrisFusion:
         compass_rad = self.history.at(frame.stamp_ns).heading_rad
         vision, residual_m = self._particle_filter(observation.points, motion, compass_rad)  # figure 8, (7) to (14)
         self.fusion.update(  # fuse: figure 11, (15) to (19)
-            self.odometry.pose, motion, vision, duration_s, motion.by_gyro, self._image_covariance(vision)
+            self.odometry.pose, motion, vision, duration_s, motion.by_gyro, self._image_doubt(vision)
         )
         self._correct(compass_rad)  # figure 1: the odometry's offset
         return self._report(observation, residual_m, clock)
@@ -250,9 +257,13 @@ class IrisFusion:
         most = len(points) if self.settings.paper.all_points else self.settings.max_points
         chosen = points_chosen(points, most)
         positions_m = np.ascontiguousarray(self.camera_errors.corrected(chosen.positions_m))
+        pose = self.odometry.pose
         for _ in range(count - 1):
-            self._cycle(positions_m)
+            pose = self._cycle(positions_m).pose
             self._move(_STILL)
+        if not self.searching:
+            errors = self.camera_errors.of_image(chosen, pose)
+            positions_m = np.ascontiguousarray(self.camera_errors.corrected(chosen.positions_m, errors))
         found = self._cycle(positions_m)
         self.fit = self.camera_errors.fit(chosen, found.pose)
         near = self.fit is not None and self.fit.pose.distance_to(found.pose) <= NEAR_M
@@ -278,13 +289,13 @@ class IrisFusion:
         self.restart.count_cycle()
         return self.particles.update(positions_m)
 
-    def _image_covariance(self, vision: ParticleEstimate | None) -> FloatArray | None:
-        """(3, 3) of the pose that the particles say: what points and camera leave open, and how far off them it is."""
+    def _image_doubt(self, vision: ParticleEstimate | None) -> ImageDoubt | None:
+        """Of the pose that the particles say: what points and camera leave open, and how far off them it is."""
         if vision is None or self.fit is None:
             return None
-        aside = difference(vision.pose, self.fit.pose)
-        covariance: FloatArray = self.fit.covariance[:3, :3] + shared_out(aside)
-        return covariance
+        aside = shared_out(difference(vision.pose, self.fit.pose))
+        covariance: FloatArray = self.fit.covariance[:3, :3] + aside
+        return ImageDoubt(covariance, self.fit.of_pose, self.fit.unshown + aside)
 
     def _start(self, compass_rad: float | None) -> None:
         """Spread the particles over the field, or the start region; the compass helps with the first headings alone."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -144,6 +144,27 @@ class SensorFusionSettings(Settings):
     paper: SensorFusionPaper = SensorFusionPaper()
 
 
+class ImageDoubt(NamedTuple):
+    """How unsure the pose is that the particles say of an image.
+
+    covariance (3, 3): of it, in (m, m, rad), where no pose was known before. information (3, 3): what the image's lines
+    alone say of it. beside (3, 3): covariance of what no line shows.
+    """
+
+    covariance: FloatArray
+    information: FloatArray
+    beside: FloatArray
+
+    def after(self, covariance: FloatArray, spread: FloatArray) -> FloatArray:
+        """Covariance (3, 3) where the odometry's pose has a covariance (3, 3) and the particles a spread (3, 3).
+
+        What lines leave open, particles have from the odometry: along a lone line they err as it does.
+        """
+        weighed = np.linalg.inv(np.eye(3) + spread @ self.information)  # share of the odometry
+        left: FloatArray = weighed @ (covariance + spread @ self.information @ spread) @ weighed.T + self.beside
+        return left
+
+
 class SensorFusion:
     """`pose` [x_R y_R θ_R] and its `covariance` (3, 3) in (m, m, rad), field frame; `mode`.
 
@@ -199,12 +220,12 @@ class SensorFusion:
         vision: ParticleEstimate | None,
         duration_s: float,
         by_gyro: bool = True,
-        image_covariance: FloatArray | None = None,
+        image: ImageDoubt | None = None,
     ) -> Mode:
         """Fuse one frame. odometry: [x_o y_o θ_o], corrected after the last frame; motion: since then, in duration_s.
 
-        vision: None without usable points. by_gyro: whether the turn is the gyro's, all of it. image_covariance (3, 3):
-        of the pose that the particles say, camera included; none: as wide as the particles are spread.
+        vision: None without usable points. by_gyro: whether the turn is the gyro's, all of it. image: how unsure the
+        pose is that the particles say, camera included; none: as wide as the particles are spread.
         """
         self._spread_by(motion)
         self.dispute = np.zeros(3)
@@ -217,11 +238,11 @@ class SensorFusion:
                 self._seen = self._seen.compose(motion.pose)
             self.mode, self.pose = Mode.ODOMETRY, odometry
             return self.mode
-        fixed = image_covariance is None or widest_m(image_covariance) < NARROW_M
+        fixed = image is None or widest_m(image.covariance) < NARROW_M
         self._compare(odometry, motion, vision, fixed)
         self.mode = self._next_mode(trusted=motion.missing_s == 0.0)
         self._unused = self._unused + 1 if self.mode is Mode.ODOMETRY else 0
-        self._take(odometry, vision, vision.covariance if image_covariance is None else image_covariance)
+        self._take(odometry, vision, image)
         return self.mode
 
     def _pass_over(self, motion: Motion, vision: ParticleEstimate) -> None:
@@ -313,7 +334,7 @@ class SensorFusion:
             return Mode.OMNIVISION
         return Mode.BOTH
 
-    def _take(self, odometry: Pose, vision: ParticleEstimate, image_covariance: FloatArray) -> None:
+    def _take(self, odometry: Pose, vision: ParticleEstimate, image: ImageDoubt | None) -> None:
         """Equations (15) to (19), or one of the two alone."""
         self.dispute = difference(vision.pose, odometry)
         if self.mode is Mode.ODOMETRY:
@@ -327,8 +348,11 @@ class SensorFusion:
         if s.paper.beta_period_s is not None:
             beta **= max(self._uncorrected_s / s.paper.beta_period_s, 1.0)
         self.pose = blended(odometry, vision.pose, beta)
+        said = vision.covariance if image is None else image.covariance
+        if image is not None and self.mode is Mode.BOTH:
+            said = image.after(self.covariance, self.bound)
         self.bound = beta * self.bound + (1.0 - beta) * vision.covariance
-        self.covariance = beta * self.covariance + (1.0 - beta) * image_covariance
+        self.covariance = beta * self.covariance + (1.0 - beta) * said
         self.dispute *= math.sqrt(beta * (1.0 - beta))
         self._uncorrected_s, self._turned_by_gyro = 0.0, True
 

@@ -189,9 +189,7 @@ class MirrorTilt:
         """What a frame has told of the head's errors, of its shaking and of the points' noise."""
         self.noise += NOISE_GAIN * (min(max(fit.noise, MIN_NOISE), MAX_NOISE) - self.noise)
         deviation = fit.errors[:2] - self.believed[:2]
-        seen = 0.5 * (float(deviation @ deviation) + fit.image[0, 0] + fit.image[1, 1])
-        variance = self.vibration_per_m**2 + VIBRATION_GAIN * (seen - self.vibration_per_m**2)
-        self.vibration_per_m = min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M)
+        self.vibration_per_m = vibration_after(self.vibration_per_m, deviation, fit.image)
         drift: FloatArray = np.diag(np.square(DRIFT * self._unknown))
         self.mean, self.covariance, self.fit = fit.mean, (fit.covariance + drift) * self._open, fit
         self.believed = self._ratio_wrong() * self.mean
@@ -222,11 +220,29 @@ class MirrorTilt:
 
     @property
     def _swing(self) -> FloatArray:
-        axis = np.zeros((ERRORS, 2))
-        axis[0, 0] = axis[1, 1] = self.vibration_per_m
-        axis[2, 0] = axis[3, 1] = self._apex_px_m * self.vibration_per_m
-        swing: FloatArray = axis @ axis.T
-        return swing
+        return swing_of(self.vibration_per_m, self._apex_px_m)
+
+
+def swing_of(vibration_per_m: float, apex_px_m: float) -> FloatArray:
+    """Covariance (5, 5) of what a head that shakes about its apex adds to the errors in each image.
+
+    vibration_per_m: standard deviation of g per axis. apex_px_m: by how much 1/m of it displaces the mirror's image.
+    """
+    axis = np.zeros((ERRORS, 2))
+    axis[0, 0] = axis[1, 1] = vibration_per_m
+    axis[2, 0] = axis[3, 1] = apex_px_m * vibration_per_m
+    swing: FloatArray = axis @ axis.T
+    return swing
+
+
+def vibration_after(vibration_per_m: float, deviation: FloatArray, image: FloatArray) -> float:
+    """Standard deviation of g per axis (1/m) once an image has shown how far g (2,) is off its mean.
+
+    image (5, 5): covariance of what the image leaves open of it.
+    """
+    seen = 0.5 * (float(deviation @ deviation) + image[0, 0] + image[1, 1])
+    variance = vibration_per_m**2 + VIBRATION_GAIN * (seen - vibration_per_m**2)
+    return min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M)
 
 
 def ground_scales(camera: OmniCamera) -> FloatArray:

@@ -116,7 +116,7 @@ def camera_fit(field: FieldModel, points: FloatArray, pose: Pose, spread: Spread
     seen = LinePoints(few, noise, np.ones(len(few)), np.full_like(few, np.nan))
     errors = CameraErrors(field)
     deviations = [spread.bend_per_m, spread.bend_per_m, EXACT, EXACT, spread.scale]
-    errors.covariance = np.diag(deviations) ** 2
+    errors.covariance, errors.vibration_per_m = np.diag(deviations) ** 2, 0.0  # one image: its shaking is in the spread
     fit = errors.fit(seen, pose)
     for _ in range(FITS - 1):
         fit = fit and errors.fit(seen, fit.pose)
