@@ -11,6 +11,7 @@ from types import ModuleType
 import pytest
 
 import touchline
+from touchline.systems import SYSTEMS
 
 ROOT = Path(__file__).parents[1]
 
@@ -57,3 +58,17 @@ def test_all_that_is_public_stands_in_the_reference() -> None:
     listed = {name.rpartition(".")[2] for name in re.findall(r"^::: (\S+)", page, re.MULTILINE)}
     flowing = {name for name in touchline.__all__ if getattr(touchline, name).__module__ == "touchline.types"}
     assert listed | flowing >= set(touchline.__all__)
+
+
+@pytest.mark.parametrize("name", [name for name in SYSTEMS if name not in ("touchline", "nubot-mcl-alone")])
+def test_every_published_system_has_a_page_whose_equations_lead_to_the_code(name: str) -> None:
+    """Whatever a row names behind a file is defined in that file."""
+    page = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    named = re.findall(r"\[\w+\.py\]\(\.\./([\w/]+\.py)\) `(\w+)`", page)
+    assert len(named) > 7
+    wrong = [
+        (path, what)
+        for path, what in named
+        if not re.search(rf"^\s*(?:def|class) {what}\b", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    assert wrong == []
