@@ -46,7 +46,8 @@ _NODE = "touchline"
 _DISCOVERY, _DISCOVERY_KIND = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _LOOPBACK = """<CycloneDDS><Domain id="any"><General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
-<MaxAutoParticipantIndex>60</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+<MaxAutoParticipantIndex>60</MaxAutoParticipantIndex><SPDPInterval>1s</SPDPInterval>
+<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
 _PLAIN = Policy.DataRepresentation(use_cdrv0_representation=True)
 _RELIABLE = Policy.Reliability.Reliable(100_000_000)
