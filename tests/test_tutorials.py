@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from tutorials import DOCS, PAGES, blocks, commands, do
+from tutorials import DOCS, PAGES, blocks, booster_bag, commands, do
 
 
 def without_images(page: str) -> list[str]:
@@ -42,3 +42,13 @@ def test_a_source_of_one_s_own_is_localised(capsys: pytest.CaptureFixture[str]) 
     program = text.partition("```python\n")[2].partition("```")[0]
     exec(compile(program, "how-to-extend.md", "exec"), {})
     assert "other places" in capsys.readouterr().out
+
+
+def test_a_booster_robot_s_bag_is_localised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    booster_bag(tmp_path / "WALK.mcap", 4.0)
+    printed = do(commands("tutorial-booster"), tmp_path, capsys)
+    assert "tracking 3" in printed  # thirty and some of 32 images
+    assert (tmp_path / "poses.mcap").is_file()

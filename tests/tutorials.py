@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shlex
 import shutil
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from touchline.cli import main
+from touchline.experiments.schulz_runs import AS_BUILT, walk
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = ("tutorial-mirror", "tutorial-humanoid", "tutorial-own-detector")
@@ -41,6 +43,16 @@ def do(lines: Iterable[str], folder: Path, capsys: pytest.CaptureFixture[str]) -
         assert status == 0, f"{line}\n{told.out}\n{told.err}"
         printed += told.out
     return printed
+
+
+def booster_bag(path: Path, seconds: float) -> None:
+    """A walk in the messages of Booster's robots."""
+    spec = importlib.util.spec_from_file_location("booster", DOCS.parent / "benchmarks" / "booster.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.write_bag(walk("hsl-s-9x6", AS_BUILT, 3, seconds), path, 3)
 
 
 def _names(word: str, folder: Path) -> list[str]:
