@@ -16,8 +16,11 @@ from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.field_end import FieldEnd
 from touchline.localization.fusion.game_states import game_prior
+from touchline.localization.fusion.joint_filter import JointFilter
+from touchline.localization.fusion.pose_hypotheses import Member
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
+from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import Estimate, Evidence, Frame, LinePoints, Observation, Prior, Samples, Status
 
 FIELD = open_field("msl-18x12")
@@ -100,6 +103,22 @@ def test_a_robot_that_is_moved_unfelt_is_found_in_the_same_image() -> None:
     assert sum(one.probability or 0.0 for one in estimate.hypotheses) + (estimate.probability or 0.0) == pytest.approx(
         1
     )
+
+
+def test_lines_that_are_not_seen_speak_against_a_pose() -> None:
+    """A lone line 2 m ahead fits a side line as well as a goal line, before which the goal area's would be seen."""
+    system = Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0))
+    across = np.linspace(-2.0, 2.0, 60)
+    lone = np.column_stack((2.0 + 0.01 * np.random.default_rng(0).normal(size=60), across))
+    points = LinePoints(lone, polar_covariances(lone, (0.02, 0.01, 0.0087)), np.ones(60), np.full((60, 2), np.nan))
+    side, goal = Pose(3.5, 4.0, 0.5 * math.pi), Pose(7.0, 0.0, 0.0)
+    known = np.diag([0.01, 0.01, 0.001])
+    members = [Member(JointFilter(pose, known, system.unknown), 0.0) for pose in (goal, side)]
+    system.hypotheses.members = members
+    system.hypotheses.update(points)
+    assert all(member.explained > 0.9 for member in members)
+    assert system.hypotheses.best is members[1]
+    assert system.hypotheses.probability > 0.9
 
 
 def test_a_lone_line_is_no_pose() -> None:

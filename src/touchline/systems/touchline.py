@@ -111,7 +111,7 @@ class Touchline:
         scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
         self.unknown = Unknown(scales, head.unknown, s.self_calibration)
         start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
-        self.hypotheses = PoseHypotheses(registration, start, head, s.gate)
+        self.hypotheses = PoseHypotheses(registration, field.line_tables, start, head, s.gate)
         self.delay = DelayWatch()
         self.end = FieldEnd(field.is_symmetric)
         self.reset()

@@ -1,7 +1,8 @@
 """The poses that a robot may have, each followed by its own filter and weighed by what it explains.
 
 A Gaussian sum filter (Alspach and Sorenson 1972) whose members register the points each from its own prediction. The
-weights are log-odds: a member that explains the points of a frame better than another gains on it. New members come
+weights are log-odds: a member that explains the points of a frame better than another gains on it, one that predicts
+lines where none was seen loses. New members come
 from a search with the odds of a robot that was carried away; so a wrong pose is left as soon as another place explains
 clearly more, and a right one stays.
 """
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from touchline.field.distances import LineTables
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.fusion.mirror_head import MirrorHead
@@ -21,6 +23,7 @@ from touchline.localization.registration.mirror_kernels import StateFit
 from touchline.localization.registration.pose_search import Mode
 from touchline.localization.registration.registration import SETTLED, UNSETTLED, Registration
 from touchline.localization.registration.settling import settled
+from touchline.localization.registration.unseen import UNSEEN, unseen, view_of
 from touchline.motion import Motion
 from touchline.types import Evidence, LinePoints
 
@@ -56,14 +59,16 @@ class Member:
 
 
 class PoseHypotheses:
-    """`members`, the likeliest first. start: a filter without a pose, from which those of new members are made.
+    """`members`, the likeliest first. lines: of the field. start: a filter without a pose, to make new ones from.
 
     gate: squared Mahalanobis distance of a registration from the prediction beyond which the robot was shoved. most:
     members, at most. sees_shoves: whether a robot may have been shoved at all.
     """
 
-    def __init__(self, registration: Registration, start: JointFilter, head: MirrorHead, gate: float) -> None:
-        self.registration = registration
+    def __init__(
+        self, registration: Registration, lines: LineTables, start: JointFilter, head: MirrorHead, gate: float
+    ) -> None:
+        self.registration, self._lines = registration, lines
         self.start, self.head = start, head
         self.gate = gate
         self.most, self.sees_shoves = MOST, True
@@ -92,6 +97,8 @@ class PoseHypotheses:
         """Fit the points from every member, correct it by that and weigh it."""
         for one in self.members:
             self._correct(one, points)
+        if len(self.members) > 1:  # only differences count
+            self._tell_unseen(self.members, points)
         self._settle()
         best = self.best
         if best is not None and best.fit is not None and best.explained >= MIN_EXPLAINED:
@@ -103,6 +110,7 @@ class PoseHypotheses:
         Modes that are members already are left out; the others are as likely as that the robot was carried away.
         """
         before = max((one.log_odds - one.told for one in self.members), default=-CARRIED_AWAY)
+        weighed = len(self.members) if len(self.members) > 1 else 0  # by what was not seen
         known = self.members[0].filter if self.members else self.start  # of the odometry's scales, and the mirror
         for mode in modes:
             if any(_same(mode.pose, one.filter.pose) for one in self.members):
@@ -111,7 +119,17 @@ class PoseHypotheses:
             fit, told = self._fitted(new, points, mode.pose.as_array())
             new.correct(fit, self.head.swing)
             self.members.append(Member(new, before + CARRIED_AWAY + told, fit, told))
+        if len(self.members) > max(weighed, 1):
+            self._tell_unseen(self.members[weighed:], points)
         self._settle()
+
+    def _tell_unseen(self, members: Sequence[Member], points: LinePoints) -> None:
+        """What was not seen of the lines that members predict in view speaks against them."""
+        poses = np.array([one.filter.pose for one in members])
+        counts = unseen(self._lines, view_of(self.upright(points)), poses)
+        for one, count in zip(members, counts.tolist(), strict=True):
+            one.told -= UNSEEN * count / REPEATED
+            one.log_odds -= UNSEEN * count / REPEATED
 
     def hear(self, evidence: Sequence[Evidence], share: float) -> None:
         """What others say weighs the members, a pose and its twin alike; share: of it that is new."""
