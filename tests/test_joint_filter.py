@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from touchline.experiments.nees import Condition, honesty
+from touchline.experiments.nees import CONDITIONS, Condition, honesty
 from touchline.experiments.reliability_runs import driven
 from touchline.field import open_field
 from touchline.geometry import Pose
@@ -31,12 +31,17 @@ def head() -> MirrorHead:
 def askew(head: MirrorHead, errors: np.ndarray) -> LinePoints:
     """Points of lines about the true pose as a mirror with these errors sees them, without noise."""
     exact = TRUTH.inverse().transform(np.vstack(FIELD.polylines(0.2)))
-    exact = exact[np.hypot(*exact.T) < 5.0]
-    found = exact.copy()
-    for _ in range(60):  # the inverse of `upright_points`
-        found += 0.7 * (exact - upright_points(found, errors, head.mirror))
+    found = as_seen(exact[np.hypot(*exact.T) < 5.0], errors, head)
     n = len(found)
     return LinePoints(found, np.tile(1e-4 * np.eye(2), (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
+
+
+def as_seen(exact: np.ndarray, errors: np.ndarray, head: MirrorHead) -> np.ndarray:
+    """The inverse of `upright_points`."""
+    found = exact.copy()
+    for _ in range(60):
+        found += 0.7 * (exact - upright_points(found, errors, head.mirror))
+    return found
 
 
 def test_one_image_of_a_mirror_askew_tells_pose_and_errors(head: MirrorHead) -> None:
@@ -77,6 +82,31 @@ def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(head: MirrorHea
     np.testing.assert_allclose(kept.error_covariance, UNKNOWN.errors, atol=1e-12)
     assert np.trace(told.error_covariance) < 0.5 * np.trace(kept.error_covariance)
     assert np.trace(told.covariance[:2, :2]) <= 1.01 * np.trace(kept.covariance[:2, :2])
+
+
+def test_shaking_is_learned_from_a_lone_line_too() -> None:
+    head, rng, per_m = (
+        MirrorHead(driven("straight-tracks", 3, 8.0, *AS_BUILT)[1].camera),
+        np.random.default_rng(1),
+        0.006,
+    )
+    exact = TRUTH.inverse().transform(np.column_stack((np.linspace(0.0, 5.0, 60), np.full(60, 5.9375))))
+    registration, n = Registration(FIELD.distance_map()), len(exact)
+    known = Unknown(Scales(0.0, 0.0, 0.0), np.zeros((5, 5)), True)
+    for _ in range(200):
+        errors = np.concatenate((per_m * rng.standard_normal(2), np.zeros(3)))
+        errors[2:4] = head.swing[2, 0] / head.swing[0, 0] * errors[:2]
+        seen = as_seen(exact, errors, head) + 0.01 * rng.standard_normal((n, 2))
+        points = LinePoints(seen, np.tile(1e-4 * np.eye(2), (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
+        prior = JointFilter(TRUTH, np.diag([0.05, 0.05, 0.02]) ** 2, known).prior(head.swing)
+        fit = registration.fit_state(points, prior.mean, prior, SETTLED, head.seeing(n))
+        head.learn(fit, prior, n)
+    assert head.vibration_per_m == pytest.approx(per_m, rel=0.35)
+
+
+def test_the_covariance_beside_a_lone_line_is_honest() -> None:
+    told = [honesty(CONDITIONS[2], "touchline", robot) for robot in (0, 3)]
+    assert np.mean([one.nees for one in told]) < 1.5
 
 
 def test_a_robot_as_built_is_followed_within_centimetres_once_its_mirror_is_learned() -> None:

@@ -15,7 +15,7 @@ from touchline.geometry import FloatArray
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.matching.mirror_fit import ERRORS, Mirror
 from touchline.localization.matching.mirror_tilt import ground_scales
-from touchline.localization.registration.mirror_kernels import StateFit, upright_points
+from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, upright_points
 from touchline.localization.registration.registration import USUAL_NOISE, Head
 
 HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
@@ -27,7 +27,7 @@ GAIN = 0.05  # share of a new image in what is learned
 MISFIT_M2, MISFIT_M_PER_PX = 0.2, 0.0015
 SETTLED_PER_M = 0.007  # standard deviation of g from which on the tilt is known: 0.15 degrees
 LEAST_NOISE, MOST_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
-REPEATED = 3.4  # so many points err together: neighbours on a line, and the same place in the next image
+REPEATED = 2.6  # so many points err together: neighbours on a line, and the same place in the next image
 FEW = 20  # of so few points twice as many: the ends of a lone line tell most, and may be none
 
 
@@ -67,7 +67,7 @@ class MirrorHead:
 
     def seeing(self, count: int) -> Head:
         """What fits of so many points are told of it."""
-        return Head(self.mirror, REPEATED * self.noise * (1.0 + FEW / max(count, 1)))
+        return Head(self.mirror, self.noise * self._repeated(count))
 
     def is_settled(self, one: JointFilter) -> bool:
         """Whether a hypothesis knows its tilt so well that lines far off lie near their places."""
@@ -84,16 +84,27 @@ class MirrorHead:
         shift2 += MISFIT_M_PER_PX**2 * float(one.errors[2:4] @ one.errors[2:4])
         return np.diag([0.5 * shift2, 0.5 * shift2, 0.0])
 
-    def learn(self, fit: StateFit, one: JointFilter) -> None:
-        """What an image has told of the head's shaking and of the points' noise."""
-        noise = min(max(fit.noise / USUAL_NOISE, LEAST_NOISE), MOST_NOISE)
+    def learn(self, fit: StateFit, expected: StatePrior, count: int) -> None:
+        """What an image of so many points has told of the head's shaking and of the points' noise.
+
+        expected: what the fit was given. Expectation maximisation: what this image's own lean is, and how unsure it
+        still is, where the lines say little of it.
+        """
+        after = np.linalg.inv(expected.information + fit.information)
+        free = max(count / self._repeated(count), 1.0)
+        free /= max(free - float(np.trace(fit.information @ after)), 0.25 * free)
+        noise = min(max(free * fit.noise / USUAL_NOISE, LEAST_NOISE), MOST_NOISE)
         self.noise += GAIN * (noise - self.noise)
         if not self.has_mirror:
             return
-        (ahead, both), (_, aside) = fit.information[3:5, 3:5].tolist()
-        before2 = self.vibration_per_m**2
-        ahead, aside = ahead + 1.0 / before2, aside + 1.0 / before2
-        unsure2 = (ahead + aside) / (ahead * aside - both * both)  # trace of the inverse
-        deviation = fit.state[3:5] - one.errors[:2]
-        variance = before2 + GAIN * (0.5 * (float(deviation @ deviation) + unsure2) - before2)
+        by_all = self.swing[:2] @ expected.information[3:]  # (2, 8): of this image's lean by what it differs by
+        lean = by_all @ (fit.state - expected.mean)
+        left = self.swing[:2, :2] - self.swing[:2] @ by_all[:, 3:].T + by_all @ after @ by_all.T
+        seen = 0.5 * (float(lean @ lean) + float(np.trace(left)))
+        variance = self.vibration_per_m**2 + GAIN * (seen - self.vibration_per_m**2)
         self._shake(min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M))
+
+    @staticmethod
+    def _repeated(count: int) -> float:
+        """Of so many points one counts, where they err as they say."""
+        return REPEATED * (1.0 + FEW / max(count, 1))

@@ -19,7 +19,7 @@ from touchline.field.distances import LineTables
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.fusion.mirror_head import MirrorHead
-from touchline.localization.registration.mirror_kernels import StateFit
+from touchline.localization.registration.mirror_kernels import StateFit, StatePrior
 from touchline.localization.registration.pose_search import Mode
 from touchline.localization.registration.registration import SETTLED, UNSETTLED, Registration
 from touchline.localization.registration.settling import settled
@@ -30,11 +30,13 @@ from touchline.types import Evidence, LinePoints
 REPEATED = 4.0  # so many points err together, neighbours on a line: a frame tells so much less
 CARRIED_AWAY = -6.0  # logarithm of the odds that the robot was moved unfelt, in a frame that makes one search
 SHOVE = -5.0  # and that it was shoved since the last frame, against the odometry being right: every twenty seconds
+SHOVE_ON = -1.0  # the same in the image after one: a shove lasts longer than a tenth of a second
 SHOVE_M, SHOVE_RAD = 0.6, 0.8  # how far a shove moves and turns the robot at most
 SHOVED = np.diag(np.square([0.15, 0.15, 0.12]))  # covariance of what one does
 UNLIKELY = 9.0  # logarithm of odds against the best from which a member is dropped
 MOST = 12  # members
 SAME_M, SAME_RAD = 0.25, 0.1  # members nearer than this are one
+FEW = 5.0  # points that alone show a direction, of which half is believed
 MIN_EXPLAINED = 0.4  # share of the points that a pose has to explain to be corrected by them
 ANYWHERE = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose of which nothing is known
 
@@ -43,7 +45,8 @@ ANYWHERE = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose of whic
 class Member:
     """A pose hypothesis: its filter, log-odds, the last fit of points from it (None before the first), and what that
 
-    fit has told for it: the logarithm of the points' evidence. by_lines: its pose by the last points alone.
+    fit has told for it: the logarithm of the points' evidence. by_lines: its pose by the last points alone. expected:
+    what that fit was given. shoved: whether the robot was, as far as it knows, since the image before.
     """
 
     filter: JointFilter
@@ -51,6 +54,8 @@ class Member:
     fit: StateFit | None = None
     told: float = 0.0
     by_lines: Pose | None = None
+    expected: StatePrior | None = None
+    shoved: bool = False
 
     @property
     def explained(self) -> float:
@@ -101,8 +106,8 @@ class PoseHypotheses:
             self._tell_unseen(self.members, points)
         self._settle()
         best = self.best
-        if best is not None and best.fit is not None and best.explained >= MIN_EXPLAINED:
-            self.head.learn(best.fit, best.filter)
+        if best is not None and best.fit is not None and best.expected is not None and best.explained >= MIN_EXPLAINED:
+            self.head.learn(best.fit, best.expected, len(points))
 
     def add(self, modes: Sequence[Mode], points: LinePoints) -> None:
         """Members for the modes that a search has found in the points that `update` has just taken.
@@ -116,7 +121,7 @@ class PoseHypotheses:
             if any(_same(mode.pose, one.filter.pose) for one in self.members):
                 continue
             new = known.placed(mode.pose, ANYWHERE)
-            fit, told = self._fitted(new, points, mode.pose.as_array())
+            fit, told = self._fitted(new, new.prior(self.head.swing), points, mode.pose.as_array())
             new.correct(fit, self.head.swing)
             self.members.append(Member(new, before + CARRIED_AWAY + told, fit, told))
         if len(self.members) > max(weighed, 1):
@@ -151,41 +156,69 @@ class PoseHypotheses:
         swing, predicted = self.head.swing, one.filter.pose.as_array()
         upright = self.head.upright(points.positions_m, one.filter)
         found = self.registration.fit(upright, points.covariances_m2, predicted)
-        one.fit, one.told = self._fitted(one.filter, points, predicted)
+        one.expected = one.filter.prior(swing)
+        one.fit, one.told = self._fitted(one.filter, one.expected, points, predicted)
         one.by_lines = Pose(*found.pose.tolist())
         away, distance2 = one.filter.innovation(one.fit, swing)
         gained = (found.log_likelihood - one.fit.log_likelihood) / REPEATED
-        if self.sees_shoves and (distance2 > self.gate or gained > -SHOVE):
+        odds = SHOVE_ON if one.shoved else SHOVE
+        one.shoved = False
+        if self.sees_shoves and (distance2 > self.gate or gained > -odds):
             jump = found.pose - predicted if gained > 0.0 else away
-            self._shove(one, points, jump, predicted + jump)
+            self._shove(one, points, jump, odds)
         one.log_odds += one.told
         if one.explained >= MIN_EXPLAINED:
             one.filter.correct(one.fit, swing)
 
-    def _shove(self, one: Member, points: LinePoints, jump: FloatArray, start: FloatArray) -> None:
+    def _shove(self, one: Member, points: LinePoints, jump: FloatArray, odds: float) -> None:
         """Let a member have been shoved by a jump (3,), if the points are explained better so."""
-        far_m, turned = math.hypot(jump[0], jump[1]), abs(wrap_angle(float(jump[2])))
-        if far_m > SHOVE_M or turned > SHOVE_RAD:
+        predicted, loose = one.filter.pose.as_array(), one.filter.loosened(SHOVED)
+        expected = loose.prior(self.head.swing)
+        tried = [self._fitted(loose, expected, points, start) for start in (predicted + jump, predicted)]
+        near = [found for found in tried if _is_shove(found[0].state[:3] - predicted)]
+        if not near:
             return
-        loose = one.filter.loosened(SHOVED)
-        fit, told = self._fitted(loose, points, start)
-        if told + SHOVE > one.told:
-            one.filter, one.fit, one.told = loose, fit, told + SHOVE
+        fit, told = max(near, key=lambda found: found[1])
+        if told + odds > one.told:
+            one.filter, one.expected, one.fit, one.told, one.shoved = loose, expected, fit, told + odds, True
 
-    def _fitted(self, one: JointFilter, points: LinePoints, pose: FloatArray) -> tuple[StateFit, float]:
+    def _fitted(
+        self, one: JointFilter, prior: StatePrior, points: LinePoints, pose: FloatArray
+    ) -> tuple[StateFit, float]:
         """Pose and mirror errors by the points and what a filter expects, from a pose (3,), and the log-evidence."""
-        prior = one.prior(self.head.swing)
         start = np.array([*pose, *one.errors])
         start[2] = prior.mean[2] + wrap_angle(float(start[2] - prior.mean[2]))
         plan = SETTLED if self.head.is_settled(one) else UNSETTLED
         fit = self.registration.fit_state(points, start, prior, plan, self.head.seeing(len(points)))
-        return fit, fit.log_likelihood / REPEATED - fit.contradiction
+        return _doubted(fit, len(points)), fit.log_likelihood / REPEATED - fit.contradiction
 
     def _settle(self) -> None:
         """Sort, drop the unlikely, take those that have come together for one."""
         self.members = settled(
             self.members, self.most, UNLIKELY, lambda one, other: _same(one.filter.pose, other.filter.pose)
         )
+
+
+def _is_shove(jump: FloatArray) -> bool:
+    """Whether a robot may have been shoved so (3,): points may slide farther along a lone line."""
+    return math.hypot(jump[0], jump[1]) < SHOVE_M and abs(wrap_angle(float(jump[2]))) < SHOVE_RAD
+
+
+def _doubted(fit: StateFit, count: int) -> StateFit:
+    """A fit of so many points that says less along the direction that only few of them show: those may be none of the
+    line's, and of the next image's, too. Everything else is said as before.
+    """
+    told = fit.information
+    (xx, xy), (_, yy) = told[:2, :2].tolist()
+    middle, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    few = count * fit.explained * max(middle - half, 0.0) / max(middle + half, 1e-9)  # if all show the other direction
+    if few > 10.0 * FEW or middle - half < 1e-9:
+        return fit
+    turned = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    measured = told[:, 1] * math.cos(turned) - told[:, 0] * math.sin(turned)
+    less = FEW**2 / (few**2 + FEW**2) / (middle - half) * measured
+    said = float(fit.gradient[1]) * math.cos(turned) - float(fit.gradient[0]) * math.sin(turned)
+    return fit._replace(information=told - np.outer(less, measured), gradient=fit.gradient - less * said)
 
 
 def _same(one: Pose, other: Pose) -> bool:
