@@ -106,12 +106,12 @@ def test_a_robot_that_is_moved_unfelt_is_found_in_the_same_image() -> None:
 
 
 def test_lines_that_are_not_seen_speak_against_a_pose() -> None:
-    """A lone line 2 m ahead fits a side line as well as a goal line, before which the goal area's would be seen."""
+    """A lone line 1 m ahead fits a side line as well as the goal area's, behind which the goal line would be seen."""
     system = Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0))
-    across = np.linspace(-2.0, 2.0, 60)
-    lone = np.column_stack((2.0 + 0.01 * np.random.default_rng(0).normal(size=60), across))
+    across = np.linspace(-1.6, 1.6, 60)
+    lone = np.column_stack((1.0 + 0.01 * np.random.default_rng(0).normal(size=60), across))
     points = LinePoints(lone, polar_covariances(lone, (0.02, 0.01, 0.0087)), np.ones(60), np.full((60, 2), np.nan))
-    side, goal = Pose(3.5, 4.0, 0.5 * math.pi), Pose(7.0, 0.0, 0.0)
+    side, goal = Pose(3.5, 4.94, 0.5 * math.pi), Pose(7.31, 0.0, 0.0)
     known = np.diag([0.01, 0.01, 0.001])
     members = [Member(JointFilter(pose, known, system.unknown), 0.0) for pose in (goal, side)]
     system.hypotheses.members = members
