@@ -48,7 +48,8 @@ RUNS, HSV, METRICS = "perception/ray_runs.py", "perception/hsv_lines.py", "evalu
 COMPASS, WEIGHTS = "localization/fusion/compass_correction.py", "localization/matching/weights.py"
 COVARIANCE = "localization/matching/covariance.py"
 STEPS, BOUND = "localization/registration/kernels.py", "localization/registration/bound.py"
-JOINT, T_JOINT = "localization/fusion/joint_filter.py", "test_joint_filter.py"
+JOINT, T_JOINT = "localization/fusion/joint_kernels.py", "test_joint_filter.py"
+MIRROR_HEAD = "localization/fusion/mirror_head.py"
 HYPOTHESES, END = "localization/fusion/pose_hypotheses.py", "localization/fusion/field_end.py"
 COMPASS_WITNESS = "localization/fusion/compass_witness.py"
 T_STEPS, T_OWN = "test_registration.py", "test_touchline_system.py"
@@ -96,9 +97,10 @@ FAULTS = (
     Fault(STEPS, "a12 += weight * oy * turn", "a12 -= weight * oy * turn", T_STEPS, "plain_numpy"),
     Fault(STEPS, "reach * reach / (every * every * spread)", "reach / (every * spread)", T_STEPS, "plain_numpy"),
     Fault(BOUND, "lever[:, 0] - normals[:, 0]", "lever[:, 0] + normals[:, 0]", T_STEPS, "bound_of_a_cross"),
-    Fault(JOINT, "gain[_ERRORS] = 0.0", "pass", T_JOINT, "stay_as_unknown"),
-    Fault(JOINT, "- shared - shared.T", "- shared", T_JOINT, "inverse_information"),
-    Fault(HYPOTHESES, "REPEATED - contradiction", "REPEATED", T_JOINT, "lone"),
+    Fault(JOINT, "gain[a, b] *= moving[a]", "pass", T_JOINT, "stay_as_unknown"),
+    Fault(JOINT, " - crossed[a, k] * shared[b, k]", "", T_JOINT, "inverse_information"),
+    Fault(HYPOTHESES, "REPEATED - fit.contradiction", "REPEATED", T_JOINT, "lone"),
+    Fault(MIRROR_HEAD, " + by_all @ after @ by_all.T", "", T_JOINT, "shaking"),
     Fault(HYPOTHESES, "before + CARRIED_AWAY +", "before - 500.0 +", T_OWN, "moved_unfelt"),
     Fault(COMPASS_WITNESS, "-1 if error > FAR_RAD", "0 if error > FAR_RAD", T_OWN, "turns_the_pose"),
     Fault(COMPASS_WITNESS, "_both_ends(self._failed)", "_both_ends(COMPASS_FALSE)", T_OWN, "lost_robot"),
