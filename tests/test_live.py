@@ -440,8 +440,8 @@ def test_live_ends_after_its_seconds_and_play_sends_to_nobody(capsys: pytest.Cap
     ("arguments", "words"),
     [
         (["--to", "nosuchhost.invalid:5000"], "nosuchhost.invalid"),
-        (["--topic", "image=/front"], "--topic: counts only with --dds"),
-        (["--network"], "--network: counts only with --dds"),
+        (["--topic", "image=/front"], "--topic: counts only with --dds or --rclpy"),
+        (["--network"], "--network: counts only with --dds or --rclpy"),
         (["--dds", "--to", "5000"], "--to: counts only without --dds"),
     ],
 )

@@ -16,14 +16,16 @@ import pytest
 pytest.importorskip("cyclonedds", reason="no wheel of Cyclone DDS for this machine")
 
 from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
 
 from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
-from touchline.live import dds
-from touchline.live.dds import UNUSABLE, DdsLink, DdsNode, DdsRobot
+from touchline.live import ros_end
+from touchline.live.dds import DdsLink, DdsNode, DdsRobot
 from touchline.live.dds_types import Cdr, dds_name, ros_name, sample, sample_type
 from touchline.live.heard import Heard, Picture, Reading, Sight, Start, Told
 from touchline.live.ros import RosReader
+from touchline.live.ros_end import UNUSABLE
 from touchline.live.ros_topics import FIXED_TOPICS, Outgoing
 from touchline.live.ros_writer import RosWriter
 from touchline.sources import open_source
@@ -53,7 +55,7 @@ def alone(monkeypatch: pytest.MonkeyPatch, worker_id: str) -> None:
     monkeypatch.setenv(
         "ROS_DOMAIN_ID", str(100 + int(worker_id.removeprefix("gw") or 0) if worker_id != "master" else 99)
     )
-    monkeypatch.setattr(dds, "SETTLE_S", 0.3)
+    monkeypatch.setattr(ros_end, "SETTLE_S", 0.3)
 
 
 def waited(look: Callable[[], Any]) -> Any:
@@ -155,7 +157,7 @@ def test_a_node_is_seen_by_ros() -> None:
         Policy.DataRepresentation(use_cdrv0_representation=True),
     )
     kind = "rmw_dds_common/msg/ParticipantEntitiesInfo"
-    reader = dds.DataReader(other.participant, other._topic("ros_discovery_info", kind), qos=kept)
+    reader = DataReader(other.participant, other._topic("ros_discovery_info", kind), qos=kept)
     nodes: set[tuple[str, str]] = set()
 
     def found() -> bool:
@@ -330,6 +332,15 @@ def test_a_domain_that_is_none_is_told(monkeypatch: pytest.MonkeyPatch, text: st
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     with pytest.raises(InputError, match="ROS_DOMAIN_ID"):
         DdsNode("x")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "localhost")]
+)
+def test_what_ros_says_of_how_far_it_reaches_counts(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
+    monkeypatch.setenv(name, value)
+    with pytest.raises(InputError, match=name):
+        DdsNode("x", network=True)
 
 
 def test_the_example_s_images_are_played_as_they_are() -> None:

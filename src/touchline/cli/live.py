@@ -25,7 +25,9 @@ _Address = Annotated[
 ]
 LiveTopics = Annotated[
     list[str] | None,
-    typer.Option("--topic", metavar="ROLE=/NAME", help="Of --dds: image, odometry, detections, …; repeatable."),
+    typer.Option(
+        "--topic", metavar="ROLE=/NAME", help="Of --dds, --rclpy: image, odometry, detections, …; repeatable."
+    ),
 ]
 _EVERY_S = 1.0  # so often a line on the terminal
 
@@ -39,10 +41,13 @@ def live(
         str | None, typer.Option(help="The system to run; see touchline systems.", show_default=False)
     ] = None,
     dds: Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")] = False,
+    rclpy: Annotated[
+        bool, typer.Option("--rclpy", help="By ROS 2's topics as a node of ROS, in an environment that has it.")
+    ] = False,
     topics: LiveTopics = None,
     base: BagBase = None,
     namespace: Annotated[
-        str, typer.Option(metavar="/NAME", help="Before the names of what is published by --dds.")
+        str, typer.Option(metavar="/NAME", help="Of this robot by --dds, --rclpy: its topics come first.")
     ] = "",
     network: Annotated[
         bool, typer.Option("--network", help="Of --dds: beyond this machine, as CYCLONEDDS_URI says.")
@@ -86,11 +91,12 @@ def live(
     from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, system_info
     from touchline.types import Prior
 
-    _refuse_of_other_link(
-        dds,
-        {"--udp": udp, "--to": to},
-        {"--topic": topics, "--base": base, "--namespace": namespace, "--network": network},
-    )
+    ros = dds or rclpy
+    of_ros = {"--topic": topics, "--base": base, "--namespace": namespace, "--network": network and not rclpy}
+    _refuse_of_other_link(ros, {"--udp": udp, "--to": to}, of_ros)
+    if (dds or network) and rclpy:
+        raise InputError(f"{'--dds' if dds else '--network'} --rclpy: ROS itself carries the messages then")
+    namespace = _as_namespace(namespace)
     udp, to = udp or str(_PORT), to or str(_PORT + 1)
     if camera is not None and str(camera).startswith("/dev/"):
         raise InputError(f"--camera {camera}: is a device: --device {camera} reads it, --camera names its camera.yaml")
@@ -102,14 +108,18 @@ def live(
         pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
         localizer.reset(pose, own_half=own_half)
     mount = None if localizer.camera is None else localizer.camera.base_from_camera
-    link: Link = _dds_link(topics, base, namespace, network, mount) if dds else _udp_link(udp, to)
+    link: Link
+    if rclpy:
+        link = _rclpy_link(topics, base, namespace, mount)
+    else:
+        link = _dds_link(topics, base, namespace, network, mount) if dds else _udp_link(udp, to)
     if device is not None:
         link = _with_camera(link, device)
     shown = _Shown()
     loop = LiveLoop(link, localizer, shown.take)
     console = errors_console()
     where = (
-        f"reads topics of ROS 2, publishes {namespace}/touchline/pose" if dds else f"hears udp {udp}, tells udp {to}"
+        f"reads topics of ROS 2, publishes {namespace}/touchline/pose" if ros else f"hears udp {udp}, tells udp {to}"
     )
     console.print(f"{name}: {where}; Ctrl-C ends it", markup=False)
     ends_s = None if seconds is None else time.monotonic() + seconds
@@ -136,7 +146,7 @@ def _refuse_of_other_link(dds: bool, of_udp: Mapping[str, object], of_dds: Mappi
     """Raises InputError for an option that would be left aside."""
     wrong = [option for option, value in (of_udp if dds else of_dds).items() if value]
     if wrong:
-        where = "without --dds" if dds else "with --dds"
+        where = "without --dds" if dds else "with --dds or --rclpy"
         raise InputError(f"{wrong[0]}: counts only {where}")
 
 
@@ -147,6 +157,21 @@ def _dds_link(
     from touchline.live.dds import DdsLink
 
     return DdsLink(bag_options(topics, None, None, None).topics, base, namespace, network, mount)
+
+
+def _rclpy_link(topics: list[str] | None, base: str | None, namespace: str, mount: Pose3 | None) -> Link:
+    from touchline.live.rclpy_link import RclpyLink, require_rclpy
+
+    require_rclpy()
+    return RclpyLink(bag_options(topics, None, None, None).topics, base, namespace, mount)
+
+
+def _as_namespace(text: str) -> str:
+    """/robot1 of /robot1, robot1 and /robot1/. Raises InputError for what ROS takes for none."""
+    name = text.strip("/")
+    if name and not all(part.isidentifier() and part.isascii() for part in name.split("/")):
+        raise InputError(f"--namespace {text}: letters, digits and _ between slashes, for example /robot1")
+    return f"/{name}" if name else ""
 
 
 def _require_dds() -> None:

@@ -7,9 +7,9 @@ this machine alone unless told otherwise.
 from __future__ import annotations
 
 import os
+import re
 import time
 import uuid
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any
@@ -26,20 +26,15 @@ from cyclonedds.topic import Topic as DdsTopic
 
 from touchline.errors import InputError
 from touchline.geometry import Pose3
+from touchline.live import ros_end
 from touchline.live.dds_types import ros_name, sample, sample_type
 from touchline.live.heard import Heard, Picture, Reading, Told
-from touchline.live.ros import RosReader
-from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYPES, PLAYED, Outgoing
+from touchline.live.ros_end import RosEnd
+from touchline.live.ros_topics import PLAYED, Outgoing
 from touchline.live.ros_writer import RosWriter
 from touchline.sources.bags.messages import Topic
-from touchline.sources.bags.roles import COMPASS, DETECTIONS, IMU, ROLES, choose_topics
-from touchline.sources.bags.team_writing import DETECTION_TOPIC
-from touchline.sources.bags.with_rosbags import BadMessageError, Codec
-from touchline.sources.problems import ProblemLog
+from touchline.sources.bags.with_rosbags import Codec
 
-UNUSABLE = (BadMessageError, InputError, ValueError, TypeError, OverflowError, AttributeError, IndexError)
-"""What a message that is none may raise where it is read."""
-SETTLE_S = 1.0  # after a publisher has appeared, until topics are chosen: others may still come
 _POLL_S = 0.0005
 _MOST_AT_ONCE = 100
 _NODE = "touchline"
@@ -49,6 +44,7 @@ _LOOPBACK = """<CycloneDDS><Domain id="any"><General><Interfaces><NetworkInterfa
 <MaxAutoParticipantIndex>60</MaxAutoParticipantIndex><SPDPInterval>1s</SPDPInterval>
 <InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
+_PEERS = "<CycloneDDS><Domain id='any'><Discovery><Peers>{}</Peers></Discovery></Domain></CycloneDDS>"
 _PLAIN = Policy.DataRepresentation(use_cdrv0_representation=True)
 _RELIABLE = Policy.Reliability.Reliable(100_000_000)
 _KEPT = Qos(_RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1), _PLAIN)
@@ -57,14 +53,16 @@ _KEPT = Qos(_RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast
 class DdsNode:
     """A participant that ROS 2 sees as a node: readers and writers by ROS's names."""
 
-    def __init__(self, name: str, namespace: str = "", network: bool = False) -> None:
-        """network: beyond this machine, where CYCLONEDDS_URI says or everywhere. Raises InputError."""
-        self.codec = Codec()
+    def __init__(self, name: str, namespace: str = "", network: bool = False, codec: Codec | None = None) -> None:
+        """network: beyond this machine, as CYCLONEDDS_URI or ROS_STATIC_PEERS say, or everywhere. Raises InputError."""
+        self.codec = codec or Codec()
         self._name, self._namespace = name, namespace
         domain = _domain_id()
         try:
             if not network:
-                _on_this_machine(domain)
+                _set_up(domain, _LOOPBACK)
+            elif peers := _peers():
+                _set_up(domain, _PEERS.format("".join(f'<Peer address="{peer}"/>' for peer in peers)))
             self.participant = DomainParticipant(domain, qos=Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
             raise InputError(f"DDS: no participant in domain {domain}: {error}") from None
@@ -134,52 +132,43 @@ class DdsLink:
         network: bool = False,
         mount: Pose3 | None = None,
     ) -> None:
-        """topics: role -> topic, where it isn't found by its type. mount: `head_from_camera`, of a head whose own pose
-        a topic tells. Raises InputError.
-        """
-        self._named = dict(topics or {})
-        for role in self._named:
-            if role not in ROLES:
-                raise InputError(f"--topic {role}: is not known; one of {', '.join(ROLES)}")
-        self._node = DdsNode(_NODE, namespace, network)
-        self._reader, self._writer = RosReader(base, mount), RosWriter(self._node.codec, namespace)
+        """As `RosEnd` has them; network: beyond this machine. Raises InputError."""
+        codec = Codec()
+        self._end = RosEnd(codec, topics, base, namespace, mount)
+        self._node = DdsNode(_NODE, namespace, network, codec)
         self._publishers = BuiltinDataReader(self._node.participant, BuiltinTopicDcpsPublication)
-        self._seen: dict[str, tuple[Topic, Qos]] = {}
-        self._news_s = 0.0
-        self._chosen: dict[str, tuple[set[str], Topic, Any]] = {}  # by topic
-        self.refused_messages: Counter[str] = Counter()
+        self._offered: dict[str, Qos] = {}
+        self._readers: dict[str, Any] = {}
 
     def hear(self, timeout_s: float) -> list[Heard]:
         """What has come; the first message is waited for."""
         ends_s = time.monotonic() + timeout_s
         while True:
             self._discover()
-            # where the camera is comes before what it saw
-            names = sorted(self._chosen, key=lambda name: name not in FIXED_TOPICS)
-            found = [heard for name in names for heard in self._take(name)]
-            found += self._reader.due()
+            found = [heard for name in self._end.in_order() for heard in self._take(name)]
+            found += self._end.due()
             if found or time.monotonic() >= ends_s:
                 return found
             time.sleep(_POLL_S)
 
     def tell(self, told: Told) -> None:
         """Publish an estimate."""
-        for out in self._writer.told(told):
+        for out in self._end.told(told):
             self._node.write(out)
 
     @property
     def topics(self) -> dict[str, str]:
         """What is read: role -> topic."""
-        return {role: name for name, (roles, _, _) in self._chosen.items() for role in roles}
+        return self._end.topics
 
     @property
     def refused(self) -> dict[str, int]:
         """What was left out so far, and how often."""
-        return dict(self.refused_messages + self._reader.refused)
+        return self._end.refused
 
     def close(self) -> None:
         """Leave the network."""
-        self._chosen.clear()
+        self._readers.clear()
         del self._publishers
         self._node.close()
 
@@ -187,61 +176,28 @@ class DdsLink:
         for end in self._publishers.take(_MOST_AT_ONCE):
             if isinstance(end, InvalidSample) or not (end.type_name and end.topic_name.startswith("rt/")):
                 continue
-            kind = ros_name(end.type_name)
-            if kind is None:
-                continue
-            name = end.topic_name[2:]
-            if name not in self._seen:
-                self._seen[name] = (Topic(name, kind, "cdr", None, 1), end.qos)
-                self._news_s = time.monotonic()
-                if FIXED_TYPES.get(FIXED_TOPICS.get(name, "")) == kind:
-                    self._read(FIXED_TOPICS[name], self._seen[name][0])
-        if self._news_s and time.monotonic() > self._news_s + SETTLE_S:
-            self._news_s = 0.0
-            self._choose()
+            kind, name = ros_name(end.type_name), end.topic_name[2:]
+            if kind is not None and name not in self._offered:
+                self._offered[name] = end.qos
+                self._end.appeared(name, kind)
+        for topic in self._end.to_read():
+            self._read(topic)
+        for name, kind in self._end.answers():
+            self._node.announce(name, kind)
 
-    def _choose(self) -> None:
-        """Read what was found for each role that is still free."""
-        named = {role: name for role, name in self._named.items() if name in self._seen}
-        free = {name: topic for name, (topic, _) in self._seen.items() if name not in FIXED_TOPICS}
-        waits = {role for role in self._named if role not in named}
-        taken = set(self.topics)
-        try:
-            found = choose_topics(free, named, ProblemLog())
-        except InputError as error:
-            self.refused_messages[str(error)] += 1
-            return
-        for role, topic in found.items():
-            if role not in taken and role not in waits:
-                self._read(role, topic)
-
-    def _read(self, role: str, topic: Topic) -> None:
-        if topic.name in self._chosen:
-            self._chosen[topic.name][0].add(role)
-            return
-        offered = self._seen[topic.name][1]
+    def _read(self, topic: Topic) -> None:
+        offered = self._offered[topic.name]
         reliable = (
             _RELIABLE if offered[Policy.Reliability].__class__ is type(_RELIABLE) else Policy.Reliability.BestEffort
         )
-        durable = Policy.Durability.TransientLocal if topic.name == "/tf_static" else Policy.Durability.Volatile
-        self._reader.expect(role)
-        if role == DETECTIONS and topic.name.startswith(DETECTION_TOPIC):
-            own = self._writer.as_booster(topic.name.removeprefix(DETECTION_TOPIC))
-            self._node.announce(own, BOOSTER_POSE_TYPE)
-        reader = self._node.reader(topic.name, topic.type, Qos(reliable, durable, Policy.History.KeepLast(100), _PLAIN))
-        self._chosen[topic.name] = ({role}, topic, reader)
+        durable = Policy.Durability.TransientLocal if topic.name.endswith("/tf_static") else Policy.Durability.Volatile
+        qos = Qos(reliable, durable, Policy.History.KeepLast(100), _PLAIN)
+        self._readers[topic.name] = self._node.reader(topic.name, topic.type, qos)
 
     def _take(self, name: str) -> Iterator[Heard]:
-        roles, topic, reader = self._chosen[name]
-        for each in reader.take(_MOST_AT_ONCE):
-            if isinstance(each, InvalidSample):
-                continue
-            try:
-                message = self._node.codec.decode(topic, each)
-                for role in roles - ({COMPASS} if IMU in roles else set()):
-                    yield from self._reader.read(role, message, with_compass=COMPASS in roles)
-            except UNUSABLE as error:
-                self.refused_messages[f"a message of {name} that can't be used ({str(error)[:80]})"] += 1
+        for each in self._readers[name].take(_MOST_AT_ONCE):
+            if not isinstance(each, InvalidSample):
+                yield from self._end.heard(name, each)
 
 
 class DdsRobot:
@@ -253,7 +209,7 @@ class DdsRobot:
         self._writer = RosWriter(self._node.codec)
         for topic, kind in PLAYED.items():
             self._node.announce(topic, kind)
-        time.sleep(2.0 * SETTLE_S)
+        time.sleep(2.0 * ros_end.SETTLE_S)
 
     def send(self, event: Reading | Picture) -> None:
         """Publish a sample or an image."""
@@ -268,9 +224,22 @@ class DdsRobot:
 
 
 @cache
-def _on_this_machine(domain: int) -> Any:
-    """The domain, bound to loopback: a process can set one up only once."""
-    return Domain(domain, _LOOPBACK)
+def _set_up(domain: int, how: str) -> Any:
+    """The domain: a process can set one up only once."""
+    return Domain(domain, how)
+
+
+def _peers() -> list[str]:
+    """ROS_STATIC_PEERS, unless CYCLONEDDS_URI says all. Raises InputError where ROS is to stay on this machine."""
+    reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").strip().upper()
+    if os.environ.get("ROS_LOCALHOST_ONLY", "").strip() == "1" or reach in ("LOCALHOST", "OFF"):
+        said = f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach}" if reach in ("LOCALHOST", "OFF") else "ROS_LOCALHOST_ONLY=1"
+        raise InputError(f"--network: {said} says that ROS stays on this machine; unset it, or leave out --network")
+    if os.environ.get("CYCLONEDDS_URI"):
+        return []
+    return [
+        peer for peer in re.split(r"[;\s]+", os.environ.get("ROS_STATIC_PEERS", "")) if re.fullmatch(r"[\w.:-]+", peer)
+    ]
 
 
 def _domain_id() -> int:

@@ -17,7 +17,7 @@ import numpy as np
 from touchline.geometry import Pose, Pose3
 from touchline.live.datagrams import Datagrams
 from touchline.live.heard import Heard, Reading, Sight, Start
-from touchline.live.ros_topics import FIRST_POSE, PLANE, SAID, TRANSFORMS
+from touchline.live.ros_topics import CLOCK, FIRST_POSE, PLANE, SAID, TRANSFORMS
 from touchline.sources.bags import roles
 from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.pixels import image_pixels
@@ -46,6 +46,7 @@ class RosReader:
         self._tree = FrameTree()
         self._camera_frame = ""
         self._camera_poses: deque[tuple[int, Pose3]] = deque(maxlen=_CAMERA_POSES)
+        self._clock_ns: int | None = None  # of a simulator or a bag that is played
         self._datagrams = Datagrams()
         self._seen: Gathering[FeatureRow] = Gathering(_WAIT_NS)
         self._arrived: dict[int, float] = {}
@@ -75,13 +76,15 @@ class RosReader:
             pose = self._newest_camera_pose()
             if placed and pose is not None:
                 self._camera_poses.append((max(stamp_ns for _, stamp_ns in placed), pose))
+        elif role == CLOCK:
+            self._clock_ns = int(message.clock.sec) * _SECOND_NS + int(message.clock.nanosec)
         elif role == FIRST_POSE:
             place, turn = place_and_turn(message)
             covariance = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)[PLANE]
             heading = heading_of(turn.x, turn.y, turn.z, turn.w)
             yield Start(Pose(place.x, place.y, heading), covariance if covariance.any() else None)
         elif role == roles.ODOMETRY:
-            yield Reading("odometry", stamp_of(message), planar_pose(message))
+            yield Reading("odometry", self._stamp(message), planar_pose(message))
         elif role in (roles.IMU, roles.COMPASS):
             yield from self._inertial(message, role == roles.IMU, with_compass or role == roles.COMPASS)
         elif role == roles.IMAGE:
@@ -89,7 +92,7 @@ class RosReader:
         elif role == roles.POINTS:
             yield from self._points(message)
         elif role in roles.FEATURES:
-            stamp_ns, now_ns = stamp_of(message), time.monotonic_ns()
+            stamp_ns, now_ns = self._stamp(message), time.monotonic_ns()
             rows = feature_rows(role, message, self._base_from(message))[:MAX_OBSERVED_POINTS]
             self._arrived.setdefault(stamp_ns, now_ns / 1e9)
             self._seen.add(role, stamp_ns, rows, now_ns)
@@ -101,14 +104,21 @@ class RosReader:
             if heard is not None:
                 yield heard
 
+    def _stamp(self, message: Any) -> int:
+        """The stamp of a message's header (ns); of one without, the time now by /clock, else by this machine."""
+        if not hasattr(message, "header"):
+            return time.time_ns() if self._clock_ns is None else self._clock_ns
+        stamp = message.header.stamp
+        return int(stamp.sec) * _SECOND_NS + int(stamp.nanosec)
+
     def _head(self, message: Any) -> None:
         head = None if self._mount is None else head_of(message)
         if head is not None and self._mount is not None:
             self._head_tells = True
-            self._camera_poses.append((stamp_of(message), head.compose(self._mount)))
+            self._camera_poses.append((self._stamp(message), head.compose(self._mount)))
 
     def _inertial(self, message: Any, rates_too: bool, with_compass: bool) -> Iterator[Heard]:
-        stamp_ns, sensor = stamp_of(message), self._base_from(message)
+        stamp_ns, sensor = self._stamp(message), self._base_from(message)
         rates, attitude = rates_of(message, sensor), attitude_of(message, sensor)
         if rates_too and rates is not None:
             yield Reading("gyro", stamp_ns, rates)
@@ -119,16 +129,16 @@ class RosReader:
                 yield Reading("compass", stamp_ns, attitude[2:])
 
     def _image(self, message: Any) -> Iterator[Heard]:
-        camera = self._camera_pose(plain(message.header.frame_id), stamp_of(message))
+        camera = self._camera_pose(plain(message.header.frame_id), self._stamp(message))
         if hasattr(message, "encoding"):
             pixels = image_pixels(message)
             if isinstance(pixels, str):
                 self.counted[f"an image {pixels}"] += 1
             else:
-                yield Sight(stamp_of(message), time.monotonic(), pixels, base_from_camera=camera)
+                yield Sight(self._stamp(message), time.monotonic(), pixels, base_from_camera=camera)
         else:
             data = np.asarray(message.data, dtype=np.uint8).tobytes()
-            yield Sight(stamp_of(message), time.monotonic(), data, base_from_camera=camera)
+            yield Sight(self._stamp(message), time.monotonic(), data, base_from_camera=camera)
 
     def _points(self, message: Any) -> Iterator[Heard]:
         points = cloud_points(message)
@@ -136,7 +146,7 @@ class RosReader:
             self.counted[f"a cloud of points {points}"] += 1
             return
         seen = points_at(np.ascontiguousarray(self._base_from(message).transform(points)[:, :2]))
-        stamp_ns = stamp_of(message)
+        stamp_ns = self._stamp(message)
         yield Sight(stamp_ns, time.monotonic(), observation=Observation(stamp_ns, seen))
 
     def _base_from(self, message: Any) -> Pose3:
@@ -160,11 +170,3 @@ class RosReader:
             return None
         found = self._tree.pose(base, self._camera_frame)
         return None if found is None else camera_body(found, self._camera_frame)
-
-
-def stamp_of(message: Any) -> int:
-    """The stamp of a message's header (ns); of one without, the time now: its receipt's."""
-    if not hasattr(message, "header"):
-        return time.time_ns()
-    stamp = message.header.stamp
-    return int(stamp.sec) * _SECOND_NS + int(stamp.nanosec)

@@ -14,6 +14,7 @@ FIXED_TOPICS = {
     "/tf": TRANSFORMS,
     "/tf_static": TRANSFORMS,
     "/initialpose": FIRST_POSE,
+    "/clock": CLOCK,
     EVIDENCE_TOPIC: SAID,
     WHEELS_TOPIC: SAID,
     SEEN_TOPIC: SAID,
@@ -21,6 +22,7 @@ FIXED_TOPICS = {
 FIXED_TYPES = {
     TRANSFORMS: "tf2_msgs/msg/TFMessage",
     FIRST_POSE: "geometry_msgs/msg/PoseWithCovarianceStamped",
+    CLOCK: "rosgraph_msgs/msg/Clock",
     SAID: "std_msgs/msg/String",
 }
 IMAGE_TOPIC, ODOMETRY_TOPIC, IMU_TOPIC = "/image/compressed", "/odom", "/imu/data"

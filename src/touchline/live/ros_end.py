@@ -1,0 +1,127 @@
+"""Our end of ROS's topics, whoever carries them: which are read, what their messages say, and what is published."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+
+from touchline.errors import InputError
+from touchline.geometry import Pose3
+from touchline.live.heard import Heard, Told
+from touchline.live.ros import RosReader
+from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYPES, Outgoing
+from touchline.live.ros_writer import RosWriter
+from touchline.sources.bags.messages import Topic
+from touchline.sources.bags.roles import COMPASS, DETECTIONS, IMU, ROLES, choose_topics
+from touchline.sources.bags.team_writing import DETECTION_TOPIC
+from touchline.sources.bags.with_rosbags import BadMessageError, Codec
+from touchline.sources.problems import ProblemLog
+
+SETTLE_S = 1.0  # after a publisher has appeared, until topics are chosen: others may still come
+UNUSABLE = (BadMessageError, InputError, ValueError, TypeError, OverflowError, AttributeError, IndexError)
+"""What a message that is none may raise where it is read."""
+
+
+class RosEnd:
+    """Topics are found by their types as publishers appear, or named."""
+
+    def __init__(
+        self,
+        codec: Codec,
+        topics: Mapping[str, str] | None = None,
+        base: str | None = None,
+        namespace: str = "",
+        mount: Pose3 | None = None,
+    ) -> None:
+        """topics: role -> topic, where it isn't found by its type. namespace: of this robot, whose topics come first.
+        mount: `head_from_camera`, of a head whose own pose a topic tells. Raises InputError.
+        """
+        self._named = dict(topics or {})
+        for role in self._named:
+            if role not in ROLES:
+                raise InputError(f"--topic {role}: is not known; one of {', '.join(ROLES)}")
+        self._codec, self._namespace = codec, namespace
+        self._reader, self._writer = RosReader(base, mount), RosWriter(codec, namespace)
+        self._seen: dict[str, Topic] = {}
+        self._news_s = 0.0
+        self._chosen: dict[str, set[str]] = {}  # roles by topic
+        self._refused: Counter[str] = Counter()
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """What is read: role -> topic."""
+        return {role: name for name, roles in self._chosen.items() for role in roles}
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """What was left out so far, and how often."""
+        return dict(self._refused + self._reader.refused)
+
+    def appeared(self, name: str, kind: str) -> None:
+        """Somebody publishes a topic of a type of ROS 2, sensor_msgs/msg/Image."""
+        if name not in self._seen:
+            self._seen[name] = Topic(name, kind, "cdr", None, 1)
+            self._news_s = time.monotonic()
+
+    def to_read(self) -> list[Topic]:
+        """Topics that are to be read from now on: fixed ones at once, others once nothing new appears."""
+        found = [(self._fixed(name), topic) for name, topic in self._seen.items() if name not in self._chosen]
+        new = [(role, topic) for role, topic in found if role and FIXED_TYPES[role] == topic.type]
+        if self._news_s and time.monotonic() > self._news_s + SETTLE_S:
+            self._news_s = 0.0
+            new += self._choose()
+        opened = {topic.name: topic for _, topic in new if topic.name not in self._chosen}
+        for role, topic in new:
+            self._chosen.setdefault(topic.name, set()).add(role)
+            self._reader.expect(role)
+        return list(opened.values())
+
+    def answers(self) -> list[tuple[str, str]]:
+        """Topics and types that are published because of what is read."""
+        detections = self.topics.get(DETECTIONS, "")
+        if not detections.startswith(DETECTION_TOPIC):
+            return []
+        return [(self._writer.as_booster(detections.removeprefix(DETECTION_TOPIC)), BOOSTER_POSE_TYPE)]
+
+    def in_order(self) -> list[str]:
+        """The topics that are read; where the camera is comes before what it saw."""
+        return sorted(self._chosen, key=lambda name: not self._fixed(name))
+
+    def heard(self, name: str, data: bytes) -> Iterator[Heard]:
+        """What a message says; what can't be used is counted."""
+        roles, topic = self._chosen[name], self._seen[name]
+        try:
+            message = self._codec.decode(topic, data)
+            for role in roles - ({COMPASS} if IMU in roles else set()):
+                yield from self._reader.read(role, message, with_compass=COMPASS in roles)
+        except UNUSABLE as error:
+            self._refused[f"a message of {name} that can't be used ({str(error)[:80]})"] += 1
+
+    def due(self) -> Iterator[Heard]:
+        """What was waited for long enough."""
+        return self._reader.due()
+
+    def told(self, told: Told) -> Iterator[Outgoing]:
+        """An estimate as messages."""
+        return self._writer.told(told)
+
+    def _fixed(self, name: str) -> str | None:
+        """The role of a topic that is known by its name, with or without the namespace."""
+        return FIXED_TOPICS.get(name) or (FIXED_TOPICS.get(name.removeprefix(self._namespace)))
+
+    def _choose(self) -> list[tuple[str, Topic]]:
+        """What was found for each role that is still free."""
+        named = {role: name for role, name in self._named.items() if name in self._seen}
+        free = {name: topic for name, topic in self._seen.items() if not self._fixed(name)}
+        own = {name: topic for name, topic in free.items() if name.startswith(f"{self._namespace}/")}
+        own |= {name: free[name] for name in named.values() if name in free}
+        waits = {role for role in self._named if role not in named}
+        taken = set(self.topics)
+        try:
+            found = choose_topics(own, named, ProblemLog()) if self._namespace else {}
+            found = found or choose_topics(free, named, ProblemLog())
+        except InputError as error:
+            self._refused[str(error)] += 1
+            return []
+        return [(role, topic) for role, topic in found.items() if role not in taken and role not in waits]
