@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from touchline.experiments import own_humanoids
-from touchline.experiments.own_walks import FALL_S, carried, drifting, fallen, looking_lower
+from touchline.experiments.own_walks import FALL_S, carried, drifting, fallen, looking_lower, misjudged
 from touchline.experiments.schulz_runs import AS_SIMULATED, Walk, dead_reckoned, walk
 from touchline.geometry import wrap_angle
+from touchline.simulation.cameras.pinhole import humanoid_camera
 from touchline.simulation.observation.features import leaning
+from touchline.systems import RobotSetup
 
 FIELD, SECONDS = "indoor-9x6", 12.0
 
@@ -56,6 +59,17 @@ def test_a_lower_camera_moves_near_ground_as_to_first_order() -> None:
     assert original is not None
     expected = leaning(original.usable(), 0.0, 1e-3, 1.1)
     assert frame.observation.lines.ends_m == pytest.approx(expected.lines.ends_m, abs=2e-3)
+
+
+def test_a_misjudged_camera_shows_what_the_true_one_does_elsewhere() -> None:
+    camera = replace(humanoid_camera(), distortion=np.zeros(5), use_attitude=False)
+    told = misjudged(replace(walked(), setup=RobotSetup(walked().field, camera)), 0.03, 0.02)
+    original, moved = walked().frames[0].observation, told.frames[0].observation
+    assert original is not None
+    assert moved is not None
+    assert told.setup.camera is not None
+    pixels = camera.image_from_ground(original.crossings.positions_m)
+    assert moved.crossings.positions_m == pytest.approx(told.setup.camera.ground_from_image(pixels), abs=1e-6)
 
 
 def test_the_table_holds_both_systems(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments.own_walks import carried, drifting, fallen, looking_lower, turned_aside
+from touchline.experiments.own_walks import carried, drifting, fallen, looking_lower, misjudged, turned_aside
 from touchline.experiments.progress import follow
 from touchline.experiments.result import ExperimentResult, Headline, interval
 from touchline.experiments.scenes import BLUE, RED, new_figure
@@ -32,6 +32,7 @@ from touchline.experiments.schulz_runs import (
     with_false_crossings,
 )
 from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.simulation.cameras.pinhole import humanoid_camera
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Prior, Status
@@ -42,6 +43,7 @@ SECONDS, SECONDS_FROM_NOWHERE = 100.0, 20.0
 FALLS_S = (25.0, 60.0)
 STARTS_FROM_NOWHERE = 4  # per seed
 PITCH_RAD, PITCH_FROM_S = math.radians(2.0), 10.0
+LONGER, HIGHER_M = 0.03, 0.03
 ASIDE_RAD = math.radians(0.7)
 DRIFT_RAD_S = math.radians(6.0) / 60.0
 COLUMNS = (
@@ -76,6 +78,20 @@ def _lower(walked: Walk, seed: int) -> Walk:
     return looking_lower(walked, PITCH_RAD, PINHOLE_FEATURES.height_m)
 
 
+def _with_camera(walked: Walk) -> Walk:
+    """A simulated walk that tells of its camera, which does not lean."""
+    camera = replace(humanoid_camera(), use_attitude=False)
+    return replace(walked, setup=RobotSetup(walked.field, camera))
+
+
+def _longer(walked: Walk, seed: int) -> Walk:
+    return misjudged(_with_camera(walked), LONGER, 0.0)
+
+
+def _higher(walked: Walk, seed: int) -> Walk:
+    return misjudged(_with_camera(walked), 0.0, HIGHER_M)
+
+
 def _aside(walked: Walk, seed: int) -> Walk:
     return turned_aside(walked, ASIDE_RAD * float(np.random.default_rng([seed, 32]).standard_normal()))
 
@@ -98,6 +114,8 @@ def _false(share: float) -> Case:
 CASES = (
     Case("as built", _as_it_is, systems=(*SYSTEMS, WITHOUT)),
     Case("camera 2° lower, from 10 s on", _lower, PITCH_FROM_S, (*SYSTEMS, WITHOUT)),
+    Case("focal length told 3 % longer, from 10 s on", _longer, PITCH_FROM_S, (*SYSTEMS, WITHOUT)),
+    Case("camera told 3 cm higher, from 10 s on", _higher, PITCH_FROM_S, (*SYSTEMS, WITHOUT)),
     Case("camera turned aside by 0.7°, too", _aside),
     Case("gyro drifts 6° a minute", _drifting),
     Case("two falls", _fallen),
@@ -189,7 +207,7 @@ def _sees(seen: object) -> bool:
 
 def _told(walked: Walk, start: Pose) -> tuple[Track, float]:
     """A track from a start that is told, and the probability that its twin has at the end, 0 where nothing is left."""
-    system = open_system(SYSTEMS[0], _setup(walked))
+    system = open_system(SYSTEMS[0], walked.setup)
     system.reset(Prior(start))
     estimates = [system.step(frame) for frame in walked.frames]
     poses = np.array([estimate.pose for estimate in estimates])
@@ -201,7 +219,7 @@ def _told(walked: Walk, start: Pose) -> tuple[Track, float]:
 def _tracked(walked: Walk, name: str, seed: int, prior: Prior | None = None) -> _Followed:
     rng = np.random.default_rng([seed, 22])
     without = {"self_calibration": False} if name == WITHOUT else None
-    system = open_system(SYSTEMS[0] if without else name, _setup(walked), without, rng)
+    system = open_system(SYSTEMS[0] if without else name, walked.setup, without, rng)
     system.reset(Prior(start_about(Pose(*walked.truth[0].tolist()), seed)) if prior is None else prior)
     estimates = [system.step(frame) for frame in walked.frames]
     poses = np.array([estimate.pose for estimate in estimates])
@@ -211,12 +229,6 @@ def _tracked(walked: Walk, name: str, seed: int, prior: Prior | None = None) -> 
     errors[:, 2] = wrap_angles(errors[:, 2])
     squares = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
     return _Followed(Track(walked.times_s, poses, walked.truth, tracking), squares)
-
-
-def _setup(walked: Walk) -> RobotSetup:
-    camera = walked.setup.camera
-    height_m = walked.setup.height_m if camera is None else float(camera.base_from_camera.translation_m[2])
-    return RobotSetup(walked.field, height_m=height_m)
 
 
 def _after(followed: _Followed, from_s: float) -> _Followed:
@@ -247,12 +259,14 @@ def _recorded_rows(seeds: int) -> list[Row]:
         walked = recorded_walk(name)
         if walked is None:
             continue
-        height_m = _setup(walked).height_m
-        assert height_m is not None
+        assert walked.setup.camera is not None
+        height_m = float(walked.setup.camera.base_from_camera.translation_m[2])
         lower = looking_lower(walked, PITCH_RAD, height_m)
         for what, seen, from_s in (
             ("images", walked, 0.0),
             ("images, camera 2° lower, from 10 s on", lower, PITCH_FROM_S),
+            ("images, focal length told 3 % longer, from 10 s on", misjudged(walked, LONGER, 0.0), PITCH_FROM_S),
+            ("images, camera told 3 cm higher, from 10 s on", misjudged(walked, 0.0, HIGHER_M), PITCH_FROM_S),
         ):
             for system in SYSTEMS:
                 tracks = [_after(_tracked(seen, system, seed), from_s) for seed in range(seeds)]

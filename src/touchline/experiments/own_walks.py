@@ -8,12 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from touchline.calibration.self_perspective import levelled
+from touchline.camera import PinholeCamera
 from touchline.experiments.schulz_runs import Walk
-from touchline.geometry import FloatArray
+from touchline.geometry import FloatArray, Pose3
 from touchline.simulation.observation.features import turned
+from touchline.systems.touchline_perspective import optical_axis
 from touchline.types import Frame, Observation, Samples
 
 FALL_S = 5.0  # on the ground and getting up: nothing is seen
@@ -25,6 +29,27 @@ def looking_lower(walked: Walk, pitch_rad: float, height_m: float) -> Walk:
     """The camera of a walk looks lower by an angle than it is thought to."""
     frames = (replace(f, observation=_tipped(f.observation, pitch_rad, height_m)) for f in walked.frames)
     return replace(walked, frames=tuple(frames))
+
+
+def misjudged(walked: Walk, longer: float, higher_m: float) -> Walk:
+    """A walk whose camera, a perspective one, is told with a focal length by so much longer, and so much higher, than
+    it has. Its lens bends nothing.
+    """
+    camera = walked.setup.camera
+    assert isinstance(camera, PinholeCamera)
+    mount, eye = camera.base_from_camera, camera.base_from_camera.translation_m
+    shared = np.array([0.0, 0.0, higher_m / eye[2], 1.0 / (1.0 + longer) - 1.0])
+    told = replace(
+        camera,
+        fx=(1.0 + longer) * camera.fx,
+        fy=(1.0 + longer) * camera.fy,
+        base_from_camera=Pose3(mount.rotation, eye + np.array([0.0, 0.0, higher_m])),
+    )
+    frames = []
+    for frame in walked.frames:
+        moved = partial(levelled, shared=shared, eye=eye, axis=optical_axis(camera, frame))
+        frames.append(replace(frame, observation=_on_ground(frame.observation, moved)))
+    return replace(walked, frames=tuple(frames), setup=replace(walked.setup, camera=told, height_m=None))
 
 
 def turned_aside(walked: Walk, angle_rad: float) -> Walk:
@@ -108,8 +133,6 @@ def _with_steps(walked: Walk, changed: Callable[[FloatArray, FloatArray], FloatA
 
 def _tipped(seen: Observation | None, pitch_rad: float, height_m: float) -> Observation | None:
     """What a camera sees that looks lower than it is thought to; what seems to hang in the air is left out."""
-    if seen is None:
-        return None
     c, s = math.cos(pitch_rad), math.sin(pitch_rad)
 
     def farther(ground: FloatArray) -> FloatArray:
@@ -118,11 +141,18 @@ def _tipped(seen: Observation | None, pitch_rad: float, height_m: float) -> Obse
         depth = np.where(depth > 0.0, depth, math.nan)
         return np.stack(((x * c + height_m * s) * height_m / depth, y * height_m / depth), axis=-1)
 
-    moved = replace(
+    return _on_ground(seen, farther)
+
+
+def _on_ground(seen: Observation | None, moved: Callable[[FloatArray], FloatArray]) -> Observation | None:
+    """What is seen with its ground points (N, 2) moved; what is nowhere then is left out."""
+    if seen is None:
+        return None
+    points, lines, crossings, landmarks = seen.points, seen.lines, seen.crossings, seen.landmarks
+    return replace(
         seen,
-        points=replace(seen.points, positions_m=farther(seen.points.positions_m)),
-        lines=replace(seen.lines, ends_m=farther(seen.lines.ends_m)),
-        crossings=replace(seen.crossings, positions_m=farther(seen.crossings.positions_m)),
-        landmarks=replace(seen.landmarks, positions_m=farther(seen.landmarks.positions_m)),
-    )
-    return moved.usable()
+        points=replace(points, positions_m=moved(points.positions_m)),
+        lines=replace(lines, ends_m=moved(lines.ends_m.reshape(-1, 2)).reshape(-1, 2, 2)),
+        crossings=replace(crossings, positions_m=moved(crossings.positions_m)),
+        landmarks=replace(landmarks, positions_m=moved(landmarks.positions_m)),
+    ).usable()

@@ -12,7 +12,7 @@ from typing import cast
 
 import numpy as np
 
-from touchline.camera import PinholeCamera, ground_view
+from touchline.camera import Camera, PinholeCamera, ground_view
 from touchline.errors import InputError
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
@@ -103,7 +103,7 @@ class TouchlinePerspective:
         # observe: lines, crossings, landmarks
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)
         features = self.features.of(observation)
-        seen = seen_points(observation, features.points, self._axis(frame))
+        seen = seen_points(observation, features.points, optical_axis(self.setup.camera, frame))
         if _count(seen) >= FEWEST:
             blind = self._is_blind(frame.stamp_ns)
             view = self.features.of(observation, self.known.state[3:5])
@@ -114,18 +114,6 @@ class TouchlinePerspective:
         self._judge(seen, frame.stamp_ns)  # status
         self._say_undecided(frame.stamp_ns)
         return self._report(observation, features.size + len(observation.points), clock)
-
-    def _axis(self, frame: Frame) -> FloatArray:
-        """The optical axis at an image, robot frame; zeros where nothing tells."""
-        camera = self.setup.camera
-        if not isinstance(camera, PinholeCamera):
-            return NO_AXIS
-        lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
-        try:
-            axis: FloatArray = ground_view(camera, frame.base_from_camera, *lean).pose.rotation[:, 0]
-        except InputError:
-            return NO_AXIS
-        return axis
 
     def _is_blind(self, stamp_ns: int) -> bool:
         """Whether nothing that the pose explains was seen for some time."""
@@ -294,6 +282,18 @@ class TouchlineByObservation:
             self.system = self._perspective
             self.system.reset(self._prior)
         return self.system.step(frame)
+
+
+def optical_axis(camera: Camera | None, frame: Frame) -> FloatArray:
+    """The optical axis (3,) of a perspective camera at a frame, robot frame; zeros where nothing tells."""
+    if not isinstance(camera, PinholeCamera):
+        return NO_AXIS
+    lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
+    try:
+        axis: FloatArray = ground_view(camera, frame.base_from_camera, *lean).pose.rotation[:, 0]
+    except InputError:
+        return NO_AXIS
+    return axis
 
 
 def touchline_system(

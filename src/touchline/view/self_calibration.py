@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
 from touchline.calibration.self_calibration import SelfCalibration
+from touchline.calibration.self_perspective import PerspectiveSelfCalibration
 from touchline.field import FieldModel
 from touchline.field.drawing import draw_field, field_view
 from touchline.geometry import FloatArray, Pose
@@ -26,7 +29,16 @@ def self_picture(found: SelfCalibration, field: FieldModel) -> ImageArray:
     ))  # fmt: skip
 
 
-def _panel(points: list[FloatArray], poses: FloatArray, field: FieldModel, title: str) -> ImageArray:
+def perspective_self_picture(found: PerspectiveSelfCalibration, field: FieldModel) -> ImageArray:
+    """What a perspective camera saw, likewise: line points, crossings and landmarks."""
+    (before, after), (starts, poses) = found.points_m, found.poses
+    return np.vstack((
+        _panel(before, starts, field, f"before: {100 * found.before[0]:.0f} % in place"),
+        _panel(after, poses, field, f"after: {100 * found.after[0]:.0f} %"),
+    ))  # fmt: skip
+
+
+def _panel(points: Sequence[FloatArray], poses: FloatArray, field: FieldModel, title: str) -> ImageArray:
     canvas, view = draw_field(field), field_view(field)
     for seen, pose in zip(points, poses, strict=True):
         placed = Pose(*pose.tolist()).transform(seen[np.isfinite(seen).all(axis=1)])

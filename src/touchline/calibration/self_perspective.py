@@ -1,0 +1,246 @@
+"""`touchline calibrate self` of a perspective camera: roll, pitch, height and focal length from the lines seen in play.
+
+Bundle adjustment: the pose and the lean of every image and the four numbers that all images share. Each image is
+registered (`localization/perspective/registration.py`), which tells its normal equations; pose and lean are eliminated
+from those (Schur's complement), what remains of all images is added up and solved, and all is done again from there.
+The poses of a run of the system are where it begins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.calibration.self_calibration import LEAST_IMAGES, MIN_ON_LINES
+from touchline.camera import PinholeCamera
+from touchline.errors import NoFitError
+from touchline.geometry import FloatArray, Pose3
+from touchline.localization.perspective.kernels import STATES, Known, LeanFit, SeenPoints
+from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
+from touchline.localization.perspective.search import distinct
+from touchline.systems.touchline_perspective import TouchlinePerspective, optical_axis
+from touchline.types import Frame, Status
+
+SHARED = ("roll", "pitch", "height", "focal length")
+PRIOR = np.array([0.05, 0.05, 0.05, 0.05])  # standard deviations before: rad, rad, ratios
+LEAN_RAD, MIN_LEAN_RAD = 0.008, 0.002  # standard deviation of an image's own lean: at first, and at least
+POSE = np.array([0.3, 0.3, 0.2])  # how far a run's poses are off at most (m, m, rad)
+ROUNDS = 8
+MOST_IMAGES, LEAST_SEEN = 300, 4.0  # images that are fitted; how much one of them must show, in line points' shares
+REPEATED = 3.0  # so many images err together at least, and all those of one place
+PLACE_M, PLACE_RAD = 0.3, 0.2  # nearer images are of one place
+FIXED = 1e-6  # standard deviation of what is not fitted
+MAX_DEVIATIONS = np.array([math.radians(0.3), math.radians(0.3), 0.01, 0.01])  # of what is written
+MOST = np.array([0.15, 0.15, 0.15, 0.15])  # by which a camera is off at most; more is another camera
+
+
+class PerspectiveView(NamedTuple):
+    """One image: what it shows of the field, and the pose (3,) that a system has found."""
+
+    seen: SeenPoints
+    pose: FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PerspectiveSelfCalibration:
+    """camera: corrected. shared (4,): roll and pitch (rad) by which the old one leans more than it says, relative
+    errors of its height and of the tangents that it sees; covariance (4, 4).
+
+    points_m, poses: of the views (N, 2), (V, 3), before and after, robot and field frame; of line points and features.
+    before, after: share of what is seen that lies where it should, and its mean distance from there (m). lean_rad: by
+    which roll and pitch err in one image.
+    """
+
+    camera: PinholeCamera
+    shared: FloatArray
+    covariance: FloatArray
+    lean_rad: float
+    points_m: tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]
+    poses: tuple[FloatArray, FloatArray]
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+    @property
+    def deviations(self) -> FloatArray:
+        """(4,) standard deviations of `shared`."""
+        deviations: FloatArray = np.sqrt(np.diag(self.covariance))
+        return deviations
+
+
+def perspective_views(system: TouchlinePerspective, frames: Iterable[Frame]) -> tuple[PerspectiveView, ...]:
+    """The images of a run of the system whose pose is known, evenly over time."""
+    views = []
+    for frame in frames:
+        estimate = system.step(frame)
+        if estimate.status is Status.TRACKING and estimate.observation is not None:
+            features = system.features.of(estimate.observation).points
+            seen = seen_points(estimate.observation, features, optical_axis(system.setup.camera, frame))
+            if seen.shares.sum() >= LEAST_SEEN:
+                views.append(PerspectiveView(seen, estimate.pose.as_array()))
+    chosen = np.unique(np.linspace(0, len(views) - 1, min(MOST_IMAGES, len(views))).astype(int))
+    return tuple(views[k] for k in chosen)
+
+
+def calibrate_self_perspective(
+    views: Sequence[PerspectiveView], camera: PinholeCamera, registration: PerspectiveRegistration
+) -> PerspectiveSelfCalibration:
+    """The camera that puts what all views show where it is on the field. Raises NoFitError with the reason."""
+    if len(views) < LEAST_IMAGES:
+        raise NoFitError(
+            f"{len(views)} images with a known pose that lie apart are too few, {LEAST_IMAGES} are needed: the robot "
+            "must walk about and see lines"
+        )
+    starts = np.array([one.pose for one in views])
+    shared: FloatArray = np.zeros(len(SHARED))
+    poses, lean_rad = starts, LEAN_RAD
+    for _ in range(ROUNDS):
+        shared, covariance, poses, lean_rad = _round(views, registration, shared, poses, lean_rad)
+    as_told = [
+        _placed(one, registration, np.zeros(len(SHARED)), start) for one, start in zip(views, starts, strict=True)
+    ]
+    placed = [_placed(one, registration, shared, pose) for one, pose in zip(views, poses, strict=True)]
+    eye, seen = registration.ground.eye, tuple(_points(one) for one in views)
+    right = tuple(levelled(each, shared, eye, one.seen.axis) for each, one in zip(seen, views, strict=True))
+    tangents = np.concatenate([_tangents(each, eye, one.seen.axis) for each, one in zip(seen, views, strict=True)])
+    found = PerspectiveSelfCalibration(
+        corrected_camera(camera, shared, tangents), shared, covariance, lean_rad, (seen, right),
+        (np.array([fit.state[:3] for fit in as_told]), np.array([fit.state[:3] for fit in placed])),
+        _quality(as_told), _quality(placed),
+    )  # fmt: skip
+    _check(found)
+    return found
+
+
+def corrected_camera(camera: PinholeCamera, shared: FloatArray, tangents: FloatArray) -> PinholeCamera:
+    """The camera without errors (4,). tangents (N,): of the angles to the optical axis at which it saw something; a
+    lens with distortion widens them by more than its focal length shrinks.
+    """
+    roll, pitch, height, wide = shared.tolist()
+    pose = camera.base_from_camera
+    place = pose.translation_m * np.array([1.0, 1.0, 1.0 + height])
+    mount = Pose3(_turn(roll, pitch) @ pose.rotation, place)
+    plane = np.column_stack((tangents, np.zeros(len(tangents)))) * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    pixels = camera.distorted(plane) - (camera.cx, camera.cy)
+    shorter = np.linspace(1.0 - 1.2 * abs(wide), 1.0 + 1.2 * abs(wide), 25)
+    wider = [_widened(camera, pixels * ratio + (camera.cx, camera.cy), tangents) for ratio in shorter]
+    ratio = float(np.interp(1.0 + wide, wider, shorter))
+    return replace(camera, fx=camera.fx / ratio, fy=camera.fy / ratio, base_from_camera=mount)
+
+
+def _widened(camera: PinholeCamera, pixels: FloatArray, tangents: FloatArray) -> float:
+    """By what factor pixels (N, 2) are farther out than tangents (N,), by least squares."""
+    out = (camera.undistorted(pixels)[:, 0] - camera.cx) / camera.fx
+    known = np.isfinite(out)
+    return float(out[known] @ tangents[known] / (tangents[known] @ tangents[known]))
+
+
+def _tangents(ground: FloatArray, eye: FloatArray, axis: FloatArray) -> FloatArray:
+    """(N,) of the angles between rays to ground points (N, 2) and the optical axis."""
+    rays = np.column_stack((ground - eye[:2], np.full(len(ground), -eye[2])))
+    along = rays @ axis
+    ahead = along > 0.0
+    tangents: FloatArray = np.linalg.norm(np.cross(rays, axis), axis=1)[ahead] / along[ahead]
+    return tangents
+
+
+def levelled(ground: FloatArray, shared: FloatArray, eye: FloatArray, axis: FloatArray) -> FloatArray:
+    """Ground points (N, 2) as a camera at an eye (3,), with an optical axis (3,), has them without errors (4,); robot
+    frame (m), NaN where no ray falls. The same as the kernels of `localization/perspective/kernels.py`.
+    """
+    rays = np.column_stack((ground - eye[:2], np.full(len(ground), -eye[2])))
+    along = (rays @ axis)[:, np.newaxis] * axis
+    rays = (along + (rays - along) * (1.0 + shared[3])) @ _turn(float(shared[0]), float(shared[1])).T
+    down = np.where(rays[:, 2] < 0.0, -rays[:, 2], np.nan)[:, np.newaxis]
+    points: FloatArray = eye[:2] + rays[:, :2] * ((1.0 + shared[2]) * eye[2] / down)
+    return points
+
+
+def _turn(roll: float, pitch: float) -> FloatArray:
+    """Rx(roll) Ry(pitch), (3, 3)."""
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    x_turn = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    turn: FloatArray = x_turn @ np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    return turn
+
+
+def _points(view: PerspectiveView) -> FloatArray:
+    return np.concatenate((view.seen.positions_m, view.seen.raw_m))
+
+
+def _round(
+    views: Sequence[PerspectiveView],
+    registration: PerspectiveRegistration,
+    shared: FloatArray,
+    poses: FloatArray,
+    lean_rad: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Register every view from here and solve: what is shared (4,), its covariance, the poses, the images' lean."""
+    deviations = np.concatenate((POSE, [lean_rad, lean_rad, FIXED, FIXED]))
+    known = np.diag(deviations**-2.0)
+    matrix, vector = np.diag(PRIOR**-2.0), np.zeros(len(SHARED))
+    repeated = max(REPEATED, len(views) / len(distinct(poses, len(views), PLACE_M, PLACE_RAD)))
+    after, squares = [], []
+    for view, pose in zip(views, poses, strict=True):
+        mean = np.concatenate((pose, shared))
+        fit = registration.register(view.seen, mean, Known(mean, known))
+        after.append(fit.state[:3])
+        information, right = _without_pose(fit, known, mean)
+        own = np.linalg.inv(information[:2, :2] + np.eye(2) / lean_rad**2)
+        squares.append(np.square(fit.state[3:5] - mean[3:5]) + np.diag(own))
+        matrix += (information - information[:, :2] @ own @ information[:2]) / repeated
+        vector += (right - information[:, :2] @ own @ right[:2]) / repeated
+    covariance = np.linalg.inv(matrix)
+    found = np.clip(covariance @ vector, -MOST, MOST)
+    return found, covariance, np.array(after), max(math.sqrt(float(np.mean(squares))), MIN_LEAN_RAD)
+
+
+def _without_pose(fit: LeanFit, known: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Information (4, 4) and its product with the best values (4,) of an image's camera, the pose eliminated.
+
+    Where a registration ends, what is seen pulls as hard as what was known (7, 7) pulls back to its mean (7,).
+    """
+    right = fit.information @ fit.state + known @ (fit.state - mean)
+    own = np.linalg.inv(fit.information[:3, :3] + np.diag(POSE**-2.0))
+    right[:3] += POSE**-2.0 * mean[:3]
+    crossed = fit.information[3:, :3]
+    information: FloatArray = fit.information[3:, 3:] - crossed @ own @ crossed.T
+    return information, right[3:] - crossed @ own @ right[:3]
+
+
+def _placed(
+    view: PerspectiveView, registration: PerspectiveRegistration, shared: FloatArray, pose: FloatArray
+) -> LeanFit:
+    """A view registered with a camera that is taken for true."""
+    mean = np.concatenate((pose, shared))
+    deviations = np.concatenate((POSE, np.full(STATES - len(POSE), FIXED)))
+    return registration.register(view.seen, mean, Known(mean, np.diag(deviations**-2.0)))
+
+
+def _quality(fits: Sequence[LeanFit]) -> tuple[float, float]:
+    of = np.array([fit.of for fit in fits])
+    explained = np.array([fit.explained for fit in fits])
+    residuals = np.nan_to_num([fit.residual_m for fit in fits])
+    return float(of @ explained / of.sum()), float((of * explained) @ residuals / max(float(of @ explained), 1e-9))
+
+
+def _check(found: PerspectiveSelfCalibration) -> None:
+    """Raises NoFitError with the reason where a calibration is none."""
+    if found.after[0] < MIN_ON_LINES:
+        raise NoFitError(
+            f"only {100 * found.after[0]:.0f} % of what was seen lies on the field with the best camera, "
+            f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field, and a camera.yaml that is about right? "
+            "touchline calibrate camera needs none"
+        )
+    units = ((180.0 / math.pi, "°"), (180.0 / math.pi, "°"), (100.0, " %"), (100.0, " %"))
+    rows = zip(SHARED, found.deviations, MAX_DEVIATIONS, units, strict=True)
+    for what, deviation, limit, (scale, unit) in rows:
+        if deviation > limit:
+            raise NoFitError(
+                f"the recording leaves the camera's {what} uncertain by ± {scale * deviation:.1f}{unit}, "
+                f"{scale * limit:.1f}{unit} are needed: the robot must see more lines, near ones and far ones, "
+                "from more places and with more headings"
+            )

@@ -1,0 +1,108 @@
+"""calibrate self: a perspective camera askew, too high and with a wrong focal length is found from a walk."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from touchline.calibration import self_perspective
+from touchline.calibration.self_perspective import (
+    PerspectiveView,
+    calibrate_self_perspective,
+    corrected_camera,
+    levelled,
+    perspective_views,
+)
+from touchline.camera import PinholeCamera, open_camera
+from touchline.cli.commands import app
+from touchline.errors import NoFitError
+from touchline.experiments.schulz_runs import AS_SIMULATED, Walk, walk
+from touchline.geometry import FloatArray, Pose, Pose3
+from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
+from touchline.systems import RobotSetup, open_system
+from touchline.systems.touchline_perspective import TouchlinePerspective
+from touchline.types import Frame, Prior
+
+ASKEW = np.array([0.01, -0.02, 0.025, 0.03])
+MOUNT = Pose3.from_roll_pitch_yaw(0.0, 0.42, 0.0, (0.0, 0.0, PINHOLE_FEATURES.height_m))
+CAMERA = PinholeCamera(752, 480, 493.0, 493.0, 376.0, 240.0, np.array([-0.25, 0.06, 0.0, 0.0, 0.0]), MOUNT, False)
+
+
+def askew(frame: Frame) -> Frame:
+    """What a camera sees that errs by the negative of ASKEW."""
+    seen = frame.observation
+    assert seen is not None
+
+    def moved(ground: FloatArray) -> FloatArray:
+        flat = levelled(ground.reshape(-1, 2), -ASKEW, MOUNT.translation_m, MOUNT.rotation[:, 0])
+        return flat.reshape(ground.shape)
+
+    return replace(
+        frame,
+        observation=replace(
+            seen,
+            lines=replace(seen.lines, ends_m=moved(seen.lines.ends_m)),
+            crossings=replace(seen.crossings, positions_m=moved(seen.crossings.positions_m)),
+            landmarks=replace(seen.landmarks, positions_m=moved(seen.landmarks.positions_m)),
+        ).usable(),
+    )
+
+
+@cache
+def seen() -> tuple[TouchlinePerspective, tuple[PerspectiveView, ...]]:
+    walked: Walk = walk("indoor-9x6", AS_SIMULATED, 3, 12.0)
+    system = open_system("touchline", RobotSetup(walked.field, CAMERA))
+    assert isinstance(system, TouchlinePerspective)
+    system.reset(Prior(Pose(*walked.truth[0].tolist())))
+    return system, perspective_views(system, [askew(frame) for frame in walked.frames])
+
+
+def test_roll_pitch_height_and_focal_length_are_found() -> None:
+    system, views = seen()
+    found = calibrate_self_perspective(views, CAMERA, system.hypotheses.registration)
+    assert found.shared[:2] == pytest.approx(ASKEW[:2], abs=0.004)
+    assert found.shared[2:] == pytest.approx(ASKEW[2:], abs=0.008)
+    assert found.after[0] > 0.95 > found.before[0]
+    assert (found.deviations < 0.01).all()
+    assert 0.15 < math.degrees(found.lean_rad) < 0.4
+
+
+def test_what_tells_too_little_is_refused() -> None:
+    system, views = seen()
+    with pytest.raises(NoFitError, match="3 images with a known pose that lie apart are too few"):
+        calibrate_self_perspective(views[:3], CAMERA, system.hypotheses.registration)
+    with pytest.raises(NoFitError, match=r"leaves the camera's .* uncertain by"):
+        calibrate_self_perspective(views[:1] * 12, CAMERA, system.hypotheses.registration)
+    away = [one._replace(pose=one.pose + np.array([2.0, 1.4, 0.8])) for one in views]
+    with pytest.raises(NoFitError, match="of what was seen lies on the field"):
+        calibrate_self_perspective(away, CAMERA, system.hypotheses.registration)
+
+
+def test_the_corrected_camera_sees_the_ground_as_the_errors_say() -> None:
+    pixels = np.array([(200.0, 200.0), (376.0, 300.0), (600.0, 400.0)])
+    for told in (replace(CAMERA, distortion=np.zeros(5)), CAMERA):
+        ground = told.ground_from_image(pixels)
+        rays = told.camera_rays(pixels)
+        tangents = np.hypot(rays[:, 1], rays[:, 2]) / rays[:, 0]
+        corrected = corrected_camera(told, ASKEW, tangents).ground_from_image(pixels)
+        right = levelled(ground, ASKEW, MOUNT.translation_m, MOUNT.rotation[:, 0])
+        assert corrected == pytest.approx(right, rel=1e-9 if told is not CAMERA else 0.02)
+
+
+def test_the_command_writes_a_camera_and_a_picture(
+    small_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "camera.yaml"
+    monkeypatch.setattr(self_perspective, "MAX_DEVIATIONS", 3.0 * self_perspective.MAX_DEVIATIONS)  # of 1.6 s
+    result = CliRunner().invoke(app, ["calibrate", "self", str(small_data / "humanoid_9x6_walk"), "-o", str(target)])
+    assert result.exit_code == 0, result.output
+    assert re.search(r"focal length 49\d\.\d px", result.output.replace("\n", " "))
+    assert isinstance(open_camera(target), PinholeCamera)
+    assert (tmp_path / "camera.png").exists()
