@@ -96,6 +96,8 @@ class LinePoints:
 
     def usable(self, max_range_m: float = math.inf) -> LinePoints:
         """Those that are measurements: finite, no negative confidence or variance, within max_range_m."""
+        if _all_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m):
+            return self
         kept = _measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m)
         if kept.all():
             return self
@@ -115,6 +117,20 @@ def _measured(
         with np.errstate(over="ignore"):
             kept &= np.hypot(positions_m[:, 0], positions_m[:, 1]) <= max_range_m
     return np.asarray(kept)
+
+
+def _all_measured(
+    positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
+) -> bool:
+    """Whether all places are measurements; quick, and False where that is not plain: far off, or a sum too large."""
+    if len(positions_m) == 0:
+        return False
+    total = np.add.reduce(positions_m, axis=None) + np.add.reduce(covariances_m2, axis=None)
+    if not math.isfinite(total + np.add.reduce(confidences)):
+        return False
+    least_m2 = min(np.minimum.reduce(covariances_m2[:, 0, 0]), np.minimum.reduce(covariances_m2[:, 1, 1]))
+    far_m = max(np.maximum.reduce(positions_m, axis=None), -np.minimum.reduce(positions_m, axis=None))
+    return bool(min(least_m2, np.minimum.reduce(confidences)) >= 0.0 and 1.5 * far_m <= max_range_m)
 
 
 def check_point_count(count: int) -> int:
@@ -349,9 +365,12 @@ class Observation:
 
     def usable(self, max_range_m: float = math.inf) -> Observation:
         """Without points, lines, crossings and landmarks that are no measurements, or farther away than max_range_m."""
+        points = self.points.usable(max_range_m)
+        if points is self.points and not (len(self.lines) or len(self.crossings) or len(self.landmarks)):
+            return self  # as of nearly every image of a mirror
         return replace(
             self,
-            points=self.points.usable(max_range_m),
+            points=points,
             lines=self.lines.usable(max_range_m) if len(self.lines) else self.lines,
             crossings=self.crossings.usable(max_range_m) if len(self.crossings) else self.crossings,
             landmarks=self.landmarks.usable(max_range_m) if len(self.landmarks) else self.landmarks,

@@ -106,8 +106,9 @@ class Odometry:
 
     def _travel(self, start_ns: int, end_ns: int, pose: Pose) -> tuple[float, float]:
         """Length of the way (m) and sum of the turns (rad): at least those of the motion as a whole."""
-        steps = np.diff(self.samples.between(start_ns, end_ns), axis=0)
-        way_m, turn_rad = float(np.sum(np.hypot(steps[:, 0], steps[:, 1]))), float(np.sum(np.abs(steps[:, 2])))
+        seen = self.samples.between(start_ns, end_ns)
+        x, y, turns = (seen[1:] - seen[:-1]).T
+        way_m, turn_rad = float(np.add.reduce(np.hypot(x, y))), float(np.add.reduce(np.abs(turns)))
         return max(way_m, math.hypot(pose.x, pose.y)), max(turn_rad, abs(pose.heading))
 
     def _covariance(
@@ -117,10 +118,8 @@ class Odometry:
         position = TRAVEL_NOISE_M**2 * travel_m + DRIFT_M**2 * duration_s + (UNKNOWN_SPEED_M_S * missing_s) ** 2
         heading = TRAVEL_NOISE_RAD**2 * travel_m + TURN_NOISE_RAD**2 * turn_rad + DRIFT_RAD**2 * duration_s
         heading += (UNKNOWN_TURN_RAD_S * missing_s) ** 2
-        return np.diag(
-            [
-                (s.forward_scale * pose.x) ** 2 + position,
-                (s.sideways_scale * pose.y) ** 2 + position,
-                (s.turn_scale * turn_rad) ** 2 + heading,
-            ]
-        )
+        covariance = np.zeros((3, 3))
+        covariance[0, 0] = (s.forward_scale * pose.x) ** 2 + position
+        covariance[1, 1] = (s.sideways_scale * pose.y) ** 2 + position
+        covariance[2, 2] = (s.turn_scale * turn_rad) ** 2 + heading
+        return covariance

@@ -104,8 +104,9 @@ class Touchline:
         self.max_range_m = setup.max_range_m
         free = {"forward_scale": 0.0, "sideways_scale": 0.0, "turn_scale": 0.0}  # which the filters find out
         self.history = MotionHistory(s.odometry.model_copy(update=free), s.compass_track)
-        self._distance_map = field.distance_map()
-        registration = Registration(self._distance_map)
+        distance_map = field.distance_map()
+        self._lines = distance_map.table
+        registration = Registration(distance_map)
         self.search: FieldSearch = PoseSearch(field, registration)
         head = MirrorHead(camera)
         scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
@@ -259,7 +260,7 @@ class Touchline:
     def _report(self, observation: Observation, clock: Stopwatch) -> Estimate:
         best, end = self.hypotheses.best, self.end.probability
         count = len(observation.points)
-        residuals_m = [self._residual_m(observation, one.filter.pose) for one in self.hypotheses.members]
+        residuals_m = self.hypotheses.mean_distances_m(observation.points, self._lines)
         if best is None:
             pose, covariance, residual_m, probability = Pose(0.0, 0.0, 0.0), UNKNOWN, float("nan"), None
         else:
@@ -289,13 +290,6 @@ class Touchline:
             observation,
             problems=self.problems,
         )
-
-    def _residual_m(self, observation: Observation, pose: Pose) -> float:
-        """Mean distance of the points from the lines (m); NaN without points."""
-        if len(observation.points) == 0:
-            return float("nan")
-        distances, _ = self._distance_map.look_up(pose.transform(self.hypotheses.upright(observation.points)))
-        return float(distances.mean())
 
 
 def _is_wide(covariance: FloatArray) -> bool:

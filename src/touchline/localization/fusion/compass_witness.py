@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from touchline.geometry import FloatArray, wrap_angle
+from touchline.geometry import wrap_angle
 from touchline.localization.fusion.field_side import COMPASS_FALSE
 
 FAULT_EVERY_S, FAULT_S = 600.0, 10.0  # mean times until a fault begins, and until it ends
@@ -22,18 +20,20 @@ LONGEST_S = 0.2  # between two images, as far as it counts: what a compass said 
 MOST = 10.0  # log-odds that a minute of agreement comes to
 SUSPECT = 0.2  # probability of a failed compass from which it is not asked where a lost robot is
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
-# of each word (for the pose's end, for neither, against it) how likely it is: rows right and wrong end, columns a
-# working and a failed compass, which may say anything
-_LIKELY = {
-    1: np.array([[1.0, 1.0], [UNLIKELY, 1.0]]),
-    0: np.array([[UNLIKELY, 1.0], [UNLIKELY, 1.0]]),
-    -1: np.array([[UNLIKELY, 1.0], [1.0, 1.0]]),
+# rows right and wrong end, columns a working and a failed compass: of four numbers NumPy takes several times as long
+_States = tuple[tuple[float, float], tuple[float, float]]
+
+# of each word (for the pose's end, for neither, against it) how likely it is; a failed compass may say anything
+_LIKELY: dict[int, _States] = {
+    1: ((1.0, 1.0), (UNLIKELY, 1.0)),
+    0: ((UNLIKELY, 1.0), (UNLIKELY, 1.0)),
+    -1: ((UNLIKELY, 1.0), (1.0, 1.0)),
 }
 
 # the word with which a pose was found: a failed compass has led the search to the other end, or happens to be right
-_FIRST_WORD = {
-    1: np.array([[1.0, 0.25], [1e-6, 1.0]]),
-    -1: np.array([[1e-6, 1.0], [1.0, 0.25]]),
+_FIRST_WORD: dict[int, _States] = {
+    1: ((1.0, 0.25), (1e-6, 1.0)),
+    -1: ((1e-6, 1.0), (1.0, 0.25)),
 }
 
 
@@ -50,8 +50,8 @@ class CompassWitness:
     @property
     def log_odds(self) -> float:
         """Of the pose's end, against the other."""
-        right, wrong = self._states.sum(axis=1)
-        return math.log(right / wrong)
+        right, wrong = self._states
+        return math.log(sum(right) / sum(wrong))
 
     @property
     def is_suspect(self) -> bool:
@@ -60,14 +60,15 @@ class CompassWitness:
 
     @property
     def _failed(self) -> float:
-        return float(self._states[:, 1].sum() / self._states.sum())
+        right, wrong = self._states
+        return (right[1] + wrong[1]) / (sum(right) + sum(wrong))
 
     def begin(self, error_rad: float | None) -> None:
         """A pose was found anew that a compass differs from: of its end nothing else is known."""
         self._states = _both_ends(self._failed)
         speaks = _speaks(error_rad)
         if speaks:
-            self._states = self._states * _FIRST_WORD[speaks]
+            self._states = _weighed(self._states, _FIRST_WORD[speaks])
 
     def hear(self, error_rad: float | None, seconds: float) -> None:
         """What it says of the pose now; None: nothing. seconds: since it was heard last."""
@@ -76,29 +77,42 @@ class CompassWitness:
             return
         elapsed_s = min(max(seconds, 0.0), LONGEST_S)
         failing, ending = elapsed_s / FAULT_EVERY_S, elapsed_s / FAULT_S
-        change = np.array([[1.0 - failing, failing], [ending, 1.0 - ending]])
-        states = (self._states @ change) * _LIKELY[speaks]
-        if (
-            speaks != 0
-        ):  # a failed compass that agrees with an end does so by chance, as long as the robot does not turn
-            states[:, 1] *= math.exp(-elapsed_s / FAULT_S)
-        self._states = _bounded(states / states.sum())
+        # a failed compass that agrees with an end does so by chance, as long as the robot does not turn
+        lasting = math.exp(-elapsed_s / FAULT_S) if speaks else 1.0
+        right, wrong = (
+            (works * (1.0 - failing) + failed * ending, (works * failing + failed * (1.0 - ending)) * lasting)
+            for works, failed in self._states
+        )
+        self._states = _bounded(_weighed((right, wrong), _LIKELY[speaks]))
 
     def turn(self) -> None:
         """The twin is the pose from now on."""
-        self._states = self._states[::-1].copy()
+        right, wrong = self._states
+        self._states = wrong, right
 
 
-def _both_ends(failed: float) -> FloatArray:
-    """States (2, 2) of which nothing but the probability of a failed compass is known."""
-    return np.array([[0.5 * (1.0 - failed), 0.5 * failed]] * 2)
+def _both_ends(failed: float) -> _States:
+    """States of which nothing but the probability of a failed compass is known."""
+    each = 0.5 * (1.0 - failed), 0.5 * failed
+    return each, each
 
 
-def _bounded(states: FloatArray) -> FloatArray:
-    """The same with no more odds between the ends than MOST, so that nothing is certain for ever."""
-    ends = states.sum(axis=1)
-    least = math.exp(-MOST) * ends.max()
-    return np.asarray(states * (np.maximum(ends, least) / ends)[:, np.newaxis])
+def _weighed(states: _States, likely: _States) -> _States:
+    """Each state times how likely it is."""
+    (a, b), (c, d) = states
+    (e, f), (g, h) = likely
+    return (a * e, b * f), (c * g, d * h)
+
+
+def _bounded(states: _States) -> _States:
+    """States that sum to one, with no more odds between the ends than MOST, so that nothing is certain for ever."""
+    ends = [sum(end) for end in states]
+    least, total = math.exp(-MOST) * max(ends), sum(ends)
+    right, wrong = (
+        (works * max(end, least) / (end * total), failed * max(end, least) / (end * total))
+        for (works, failed), end in zip(states, ends, strict=True)
+    )
+    return right, wrong
 
 
 def _speaks(error_rad: float | None) -> int | None:

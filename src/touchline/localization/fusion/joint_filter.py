@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.fusion.joint_kernels import correction_of, expected_information, innovation_of
+from touchline.localization.fusion.joint_kernels import carried, correction_of, expected_information, innovation_of
 from touchline.localization.fusion.pose_filter import SCALE_DRIFT, Scales, driven
 from touchline.localization.matching.mirror_fit import ERRORS
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior
@@ -23,7 +23,6 @@ _STATES = 6 + ERRORS
 _SCALES = np.arange(3, 6)
 _ERRORS = np.arange(6, _STATES)
 _SEEN = np.array([0, 1, 2, *_ERRORS])  # the states that a fit measures
-_DIAGONAL = np.diag_indices(_STATES)
 
 
 class Unknown(NamedTuple):
@@ -91,11 +90,8 @@ class JointFilter:
         """Move by the odometry: motion is `before_from_after`, its covariance (3, 3) in the robot frame before it."""
         step = driven(self.pose, self.scales, motion)
         self.pose = step.pose
-        by_state = np.eye(_STATES)
-        by_state[:6, :6] = step.by_state
-        self._joint = by_state @ self._joint @ by_state.T
-        self._joint[:3, :3] += step.by_motion @ motion_covariance @ step.by_motion.T
-        self._joint[_DIAGONAL] += self._drift
+        more = step.by_motion @ motion_covariance @ step.by_motion.T
+        self._joint = carried(self._joint, step.by_state, more, self._drift)
 
     def prior(self, swing: FloatArray) -> StatePrior:
         """What it expects of an image's pose and errors; swing (5, 5): covariance of what shaking adds."""

@@ -41,6 +41,26 @@ def _spread(joint, seen, swing):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def carried(joint, by_state, more, drift):  # type: ignore[no-untyped-def]
+    """Covariance (N, N) after a motion: by_state (M, M), derivative of the first M states after it by those before;
+    more (3, 3): what the motion adds to that of the pose; drift (N,): to every variance.
+    """
+    out, moved = joint.copy(), len(by_state)
+    block = _times(by_state, joint[:moved])
+    for a in range(moved):
+        for b in range(moved):
+            out[a, b] = 0.0
+            for k in range(moved):
+                out[a, b] += block[a, k] * by_state[b, k]
+        for b in range(moved, len(joint)):
+            out[a, b] = out[b, a] = block[a, b]
+    for a in range(len(joint)):
+        out[a, a] += drift[a]
+    out[:3, :3] += more
+    return out
+
+
+@njit(cache=True)
 def expected_information(joint, seen, swing):  # type: ignore[no-untyped-def]
     """Inverse covariance (S, S) of what an image will show."""
     spread = _spread(joint, seen, swing)

@@ -11,11 +11,12 @@ import numpy as np
 
 from touchline.camera import Camera, OmniCamera
 from touchline.camera.uncertainty import CameraUncertainty
-from touchline.geometry import FloatArray
+from touchline.field.distance_map import MapTable
+from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.matching.mirror_fit import ERRORS, Mirror
 from touchline.localization.matching.mirror_tilt import ground_scales
-from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, upright_points
+from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, mean_distance, upright_points
 from touchline.localization.registration.registration import USUAL_NOISE, Head
 
 HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
@@ -78,11 +79,17 @@ class MirrorHead:
         points: FloatArray = upright_points(np.ascontiguousarray(positions_m), one.errors, self.mirror)
         return points
 
+    def mean_distance_m(self, positions_m: FloatArray, one: JointFilter, lines: MapTable, pose: Pose) -> float:
+        """Of points (N, 2) from the lines at a pose (m), without the errors that a hypothesis has found."""
+        return float(mean_distance(np.ascontiguousarray(positions_m), one.errors, self.mirror, lines, pose))
+
     def unseen(self, one: JointFilter) -> FloatArray:
         """Covariance (3, 3) of what a mirror does to every pose alike beyond these errors, in (m, m, rad)."""
-        shift2 = MISFIT_M2**2 * float(one.errors[:2] @ one.errors[:2])
-        shift2 += MISFIT_M_PER_PX**2 * float(one.errors[2:4] @ one.errors[2:4])
-        return np.diag([0.5 * shift2, 0.5 * shift2, 0.0])
+        lean_x, lean_y, aside_u, aside_v, _ = one.errors.tolist()
+        shift2 = MISFIT_M2**2 * (lean_x**2 + lean_y**2) + MISFIT_M_PER_PX**2 * (aside_u**2 + aside_v**2)
+        covariance = np.zeros((3, 3))
+        covariance[0, 0] = covariance[1, 1] = 0.5 * shift2
+        return covariance
 
     def learn(self, fit: StateFit, expected: StatePrior, count: int) -> None:
         """What an image of so many points has told of the head's shaking and of the points' noise.

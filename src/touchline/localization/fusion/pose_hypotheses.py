@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from touchline.field.distance_map import MapTable
 from touchline.field.distances import LineTables
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.joint_filter import JointFilter
@@ -97,6 +98,11 @@ class PoseHypotheses:
     def upright(self, points: LinePoints) -> FloatArray:
         """Points (N, 2) without the errors of the mirror that are known (robot frame, m)."""
         return self.head.upright(points.positions_m, self.members[0].filter if self.members else self.start)
+
+    def mean_distances_m(self, points: LinePoints, lines: MapTable) -> list[float]:
+        """Of the points from the lines at each member (m), without the mirror's errors that the likeliest has found."""
+        head, members = self.head, self.members
+        return [head.mean_distance_m(points.positions_m, members[0].filter, lines, one.filter.pose) for one in members]
 
     def update(self, points: LinePoints) -> None:
         """Fit the points from every member, correct it by that and weigh it."""

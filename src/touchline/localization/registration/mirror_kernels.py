@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from touchline.field.distance_map import lookup
 from touchline.field.offset_map import look_up_offset
 from touchline.geometry import FloatArray
 from touchline.localization.matching.mirror_fit import MIN_DEPTH, STATE, inverse, scales_at
@@ -104,6 +105,20 @@ def upright_points(points, errors, mirror):  # type: ignore[no-untyped-def]
         place, _, _, _ = _upright(px, py, state, _shape(px, py, mirror), square)
         out[i, 0], out[i, 1] = place
     return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def mean_distance(points, errors, mirror, lines, pose):  # type: ignore[no-untyped-def]
+    """Of the points without errors (5,), seen from a pose (x, y, heading), from the lines (m); lines: MapTable."""
+    state, square, total = np.zeros(STATE), mirror.height_m * mirror.height_m, 0.0
+    state[3:] = errors
+    x, y, cosine, sine = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
+    for i in range(points.shape[0]):
+        px, py = points[i, 0], points[i, 1]
+        (bx, by), _, _, _ = _upright(px, py, state, _shape(px, py, mirror), square)
+        distance, _, _ = lookup(lines, x + cosine * bx - sine * by, y + sine * bx + cosine * by)
+        total += distance
+    return total / points.shape[0]
 
 
 @numba.njit(cache=True, error_model="numpy")
