@@ -100,7 +100,7 @@ FAULTS = (
     Fault(JOINT, "gain[a, b] *= moving[a]", "pass", T_JOINT, "stay_as_unknown"),
     Fault(JOINT, " - crossed[a, k] * shared[b, k]", "", T_JOINT, "inverse_information"),
     Fault(HYPOTHESES, "REPEATED - fit.contradiction", "REPEATED", T_JOINT, "lone"),
-    Fault(MIRROR_HEAD, " + by_all @ after @ by_all.T", "", T_JOINT, "shaking"),
+    Fault(MIRROR_HEAD, " - self.swing[:2] @ by_all[:, 3:].T", "", T_JOINT, "shaking"),
     Fault(HYPOTHESES, "before + CARRIED_AWAY +", "before - 500.0 +", T_OWN, "moved_unfelt"),
     Fault(COMPASS_WITNESS, "-1 if error > FAR_RAD", "0 if error > FAR_RAD", T_OWN, "turns_the_pose"),
     Fault(COMPASS_WITNESS, "_both_ends(self._failed)", "_both_ends(COMPASS_FALSE)", T_OWN, "lost_robot"),

@@ -124,7 +124,7 @@ class Touchline:
             self.detector.reset()
         self.history.clear()
         self.delay.reset()
-        self.hypotheses.members = []
+        self.hypotheses.members, self.hypotheses.confirmed = [], False
         self.hypotheses.head.reset()
         self.own_half = prior.own_half
         self.zone: Known | None = None
@@ -240,6 +240,7 @@ class Touchline:
             explained = explained or best.explained >= 0.5 * self.settings.min_explained
         if decided and explained and observed and self.blind < self.settings.blind_frames:
             self.status = Status.TRACKING
+            self.hypotheses.confirmed = True
         else:
             self.status = Status.SEARCHING if self.status is not Status.TRACKING or decided else Status.LOST
 

@@ -79,6 +79,7 @@ class PoseHypotheses:
         self.gate = gate
         self.most, self.sees_shoves = MOST, True
         self.members: list[Member] = []
+        self.confirmed = False
 
     @property
     def best(self) -> Member | None:
@@ -97,7 +98,12 @@ class PoseHypotheses:
 
     def upright(self, points: LinePoints) -> FloatArray:
         """Points (N, 2) without the errors of the mirror that are known (robot frame, m)."""
-        return self.head.upright(points.positions_m, self.members[0].filter if self.members else self.start)
+        return self.head.upright(points.positions_m, self._knowing)
+
+    @property
+    def _knowing(self) -> JointFilter:
+        """What knows the mirror and the odometry's scales: who was never right has learned them wrong."""
+        return self.members[0].filter if self.members and self.confirmed else self.start
 
     def mean_distances_m(self, points: LinePoints, lines: MapTable) -> list[float]:
         """Of the points from the lines at each member (m), without the mirror's errors that the likeliest has found."""
@@ -122,7 +128,7 @@ class PoseHypotheses:
         """
         before = max((one.log_odds - one.told for one in self.members), default=-CARRIED_AWAY)
         weighed = len(self.members) if len(self.members) > 1 else 0  # by what was not seen
-        known = self.members[0].filter if self.members else self.start  # of the odometry's scales, and the mirror
+        known = self._knowing
         for mode in modes:
             if any(_same(mode.pose, one.filter.pose) for one in self.members):
                 continue
