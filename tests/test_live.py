@@ -436,6 +436,11 @@ def test_live_ends_after_its_seconds_and_play_sends_to_nobody(capsys: pytest.Cap
     assert "60 images sent" in capsys.readouterr().out
 
 
+def test_live_takes_a_camera_with_a_mirror(capsys: pytest.CaptureFixture[str]) -> None:
+    camera = str(EXAMPLE / "camera.yaml")
+    assert main(["live", "--field", "msl-18x12", "--camera", camera, "--udp", "28497", "--seconds", "0"]) == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -82,6 +82,7 @@ def live(
     import time
 
     from touchline.api import checked_prior
+    from touchline.camera import PinholeCamera
     from touchline.cli.console import errors_console, told_of_compiling
     from touchline.cli.interrupts import interruptible
     from touchline.cli.run import parse_pose
@@ -107,7 +108,8 @@ def live(
     if start is not None or own_half:
         pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
         localizer.reset(pose, own_half=own_half)
-    mount = None if localizer.camera is None else localizer.camera.base_from_camera
+    seeing = localizer.camera
+    mount = seeing.base_from_camera if isinstance(seeing, PinholeCamera) else None
     link: Link
     if rclpy:
         link = _rclpy_link(topics, base, namespace, mount)

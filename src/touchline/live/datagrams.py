@@ -15,7 +15,8 @@ From Touchline:
 
     {"kind": "pose", "stamp_ns": 1, "x": 0, "y": 0, "theta": 0, "covariance": [9 numbers], "status": "tracking",
      "image": true, "map_from_odom": [x, y, theta] or null, "probability": 1 or null, "residual_m": 0.01 or null,
-     "points": 100, "mode": "" , "problems": [], "dropped": 0, "after_s": 0.003}
+     "points": 100, "mode": "" , "problems": [], "dropped": 0, "after_s": 0.003,
+     "perception_ms": 2.1, "localization_ms": 0.5}
 
 An image of more than PART_BYTES comes in parts, numbered from 0, in any order.
 """
@@ -150,6 +151,8 @@ def told_datagram(told: Told) -> bytes:
         "problems": list(e.problems),
         "dropped": told.dropped,
         "after_s": round(told.after_s, 6),
+        "perception_ms": e.perception_ms,
+        "localization_ms": e.localization_ms,
     }
     return _line(
         {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in said.items()}
