@@ -194,6 +194,27 @@ def test_a_stuck_compass_tells_nothing_of_the_end_while_the_robot_turns() -> Non
         assert heard(end, error_rad, 1.5).probability > 0.9
 
 
+def test_a_pose_in_doubt_says_nothing_of_the_compass() -> None:
+    """Of a robot that was carried away, before it is found again."""
+    system, rng, place = (
+        Touchline(RobotSetup(FIELD), TouchlineSettings(), np.random.default_rng(0)),
+        np.random.default_rng(5),
+        Pose(2.0, 1.0, 0.3),
+    )
+    for k in range(10):
+        system.step(frame(k, seen(place, k), place.heading))
+    before = system.end.compass.log_odds
+    assert before > 1.0
+    for k in range(10, 20):
+        scatter = rng.uniform(-5.0, 5.0, (80, 2))
+        points = LinePoints(
+            scatter, polar_covariances(scatter, (0.02, 0.01, 0.0087)), np.ones(80), np.full((80, 2), np.nan)
+        )
+        system.step(frame(k, points, place.heading + math.pi))
+    assert system.end.compass.log_odds == before
+    assert not system.end.compass.is_suspect
+
+
 def test_a_pause_of_the_images_is_no_contradiction() -> None:
     end = FieldEnd(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)

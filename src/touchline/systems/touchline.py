@@ -228,16 +228,17 @@ class Touchline:
         best = self.hypotheses.best
         if best is None:
             return
-        self.end.update(self._compass_error(best.filter.pose, compass_rad), seconds)
+        decided = self.hypotheses.probability >= self.settings.min_probability
+        observed = is_observed(best.filter.covariance)
+        explained = best.explained >= self.settings.min_explained
+        if decided and observed and explained and self.blind == 0:  # a pose in doubt says nothing of a compass
+            self.end.update(self._compass_error(best.filter.pose, compass_rad), seconds)
         self.end.hear(frame.evidence, best.filter.pose, seconds)
         if self.end.is_refuted:
             self.problems = (f"{' and '.join(self.end.against)}: the robot is at the other end of the field",)
             self._turn()
-        decided = self.hypotheses.probability >= self.settings.min_probability
-        explained = self.blind > 0 or best.explained >= self.settings.min_explained
-        observed = is_observed(best.filter.covariance)
-        if self.status is Status.TRACKING:
-            explained = explained or best.explained >= 0.5 * self.settings.min_explained
+        least = 0.5 if self.status is Status.TRACKING else 1.0  # of what else would be doubted
+        explained = self.blind > 0 or best.explained >= least * self.settings.min_explained
         if decided and explained and observed and self.blind < self.settings.blind_frames:
             self.status = Status.TRACKING
             self.hypotheses.confirmed = True
