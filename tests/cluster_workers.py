@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 from distributed import LocalCluster
 
 from touchline.cli import main
+from touchline.evaluation.workers import Here, Workers, open_workers
+from touchline.experiments.nees import CONDITIONS, Honesty, honesty
+from touchline.experiments.progress import computed, told_to
 
+ROOT = Path(__file__).parents[1]
 SEARCH = ("--system", "nubot-mti", "--search", "matching.c_m=0.05:0.6:log", "--search", "matching.iterations=2:30")
 
 
@@ -29,3 +35,30 @@ def test_a_search_is_the_same_on_one_core_on_many_and_on_a_cluster(tmp_path: Pat
     alone = journal(tmp_path / "alone")
     assert journal(tmp_path / "many", "--workers", "2") == alone
     assert journal(tmp_path / "cluster", "--dask", scheduler) == alone
+
+
+def table(capsys: pytest.CaptureFixture[str], *more: str) -> list[dict[str, float]]:
+    """What bench says of two recordings, without the times."""
+    recordings = [str(ROOT / "tests" / "data" / name) for name in ("omni_msl_track", "omni_msl_kidnap")]
+    assert main(["bench", *recordings, "--system", "nubot-mti", "--json", *more]) == 0
+    rows = json.loads(capsys.readouterr().out)["recordings"]
+    return [{key: value for key, value in row.items() if key != "ms_per_image"} for row in rows]
+
+
+def test_the_figures_of_recordings_are(capsys: pytest.CaptureFixture[str], scheduler: str) -> None:
+    alone = table(capsys)
+    assert table(capsys, "--workers", "2") == alone
+    assert table(capsys, "--dask", scheduler) == alone
+
+
+def robots(workers: Workers) -> list[Honesty]:
+    """Three runs of an experiment."""
+    with told_to(None, workers):
+        return list(computed(partial(honesty, CONDITIONS[0], "nubot-mti"), range(3), "robots"))
+
+
+def test_the_runs_of_an_experiment_are(scheduler: str) -> None:
+    alone = robots(Here())
+    for where in ((2, None), (1, scheduler)):
+        with open_workers(*where) as workers:
+            assert robots(workers) == alone

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+from touchline.cli.workers import DaskAddress, WorkerCount
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,15 +82,21 @@ def recordings(
     folders: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings that hold the truth.")],
     system: Annotated[str | None, typer.Option(help="The system to run; see touchline systems.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    workers: WorkerCount = 1,
+    dask: DaskAddress = None,
 ) -> None:
-    """Run a system on recordings from nothing, and compare its poses with the truth."""
+    """Run a system on recordings from nothing, and compare its poses with the truth.
+
+    Times per image are those of a busy machine where many workers share one.
+    """
     from touchline.cli.console import errors_console, output, told_of_compiling
     from touchline.evaluation.recordings_bench import bench_recording
+    from touchline.evaluation.workers import open_workers
     from touchline.systems import DEFAULT_SYSTEM, system_info
 
     name = system_info(system or DEFAULT_SYSTEM).name
-    with told_of_compiling(errors_console().print):
-        scores = [bench_recording(folder, name) for folder in folders]
+    with told_of_compiling(errors_console().print), open_workers(workers, dask) as hands:
+        scores = list(hands.map(partial(bench_recording, system=name), [folder.resolve() for folder in folders]))
     if json:
         typer.echo(_as_json({"system": name, "recordings": [score.to_dict() for score in scores]}))
     else:

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from touchline.cli.workers import DaskAddress, WorkerCount
+
 _WIDTH = 200  # where it is no terminal: pages of results are read from files, too
 _LINE_EVERY_S = 10.0
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from touchline.evaluation.workers import Workers
     from touchline.experiments import Experiment, ExperimentResult
 
 
@@ -25,6 +28,8 @@ def experiment(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Where pages and pictures go.")] = Path(
         "results"
     ),
+    workers: WorkerCount = 1,
+    dask: DaskAddress = None,
     listing: Annotated[bool, typer.Option("--list", help="List the experiments and stop.")] = False,
 ) -> None:
     """Rerun an experiment of the papers: our figures beside theirs, the picture, a row in DIR/results.md.
@@ -34,6 +39,7 @@ def experiment(
     from rich.console import Console
 
     from touchline.cli.console import output as console
+    from touchline.evaluation.workers import open_workers
     from touchline.experiments import EXPERIMENTS, chosen_experiments
     from touchline.experiments.writing import check_writable, write_result
 
@@ -44,19 +50,20 @@ def experiment(
         return
     experiments = chosen_experiments(name)
     check_writable(output)
-    for chosen in experiments:
-        result = _run(chosen, seeds)
-        files = write_result(result, output, list(EXPERIMENTS))
-        console().print(f"{result.name}: {result.title}; {result.seeds} seeds", style="bold")
-        terminal = console()
-        wide = terminal if terminal.is_terminal else Console(highlight=False, width=_WIDTH)
-        wide.print(_table(result), soft_wrap=False)
-        for note in result.notes:
-            console().print(note, style="dim", markup=False)
-        console().print(f"written: {', '.join(str(path) for path in files)}\n", markup=False)
+    with open_workers(workers, dask) as hands:
+        for chosen in experiments:
+            result = _run(chosen, seeds, hands)
+            files = write_result(result, output, list(EXPERIMENTS))
+            console().print(f"{result.name}: {result.title}; {result.seeds} seeds", style="bold")
+            terminal = console()
+            wide = terminal if terminal.is_terminal else Console(highlight=False, width=_WIDTH)
+            wide.print(_table(result), soft_wrap=False)
+            for note in result.notes:
+                console().print(note, style="dim", markup=False)
+            console().print(f"written: {', '.join(str(path) for path in files)}\n", markup=False)
 
 
-def _run(chosen: Experiment, seeds: int) -> ExperimentResult:
+def _run(chosen: Experiment, seeds: int, workers: Workers) -> ExperimentResult:
     """Run one; a terminal shows how far it has come, anything else gets a line every ten seconds."""
     from touchline.cli.console import errors_console
 
@@ -72,7 +79,7 @@ def _run(chosen: Experiment, seeds: int) -> ExperimentResult:
                 said_s = time.monotonic()
                 console.print(f"{chosen.name}: {progress}")
 
-        return chosen.run(seeds, tell)
+        return chosen.run(seeds, tell, workers)
 
 
 def _table(result: ExperimentResult) -> Table:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from touchline.errors import InputError
+from touchline.evaluation.workers import Workers
 from touchline.experiments.progress import Listener, told_to
 from touchline.experiments.result import ExperimentResult
 from touchline.messages import did_you_mean
@@ -23,11 +24,13 @@ class Experiment:
     module: str
     function: str
 
-    def run(self, seeds: int = DEFAULT_SEEDS, listener: Listener | None = None) -> ExperimentResult:
-        """Run it; seeds >= 1. listener: told, in a few words, how far it has come."""
+    def run(
+        self, seeds: int = DEFAULT_SEEDS, listener: Listener | None = None, workers: Workers | None = None
+    ) -> ExperimentResult:
+        """Run it; seeds >= 1. listener: told, in a few words, how far it has come. workers: who computes its runs."""
         module = importlib.import_module(f"touchline.experiments.{self.module}")
         function: Callable[[int], ExperimentResult] = getattr(module, self.function)
-        with told_to(listener):
+        with told_to(listener, workers):
             return function(seeds)
 
 

@@ -23,7 +23,7 @@ from touchline.experiments.kidnap_play import (
     play_rate,
     play_row,
 )
-from touchline.experiments.progress import follow
+from touchline.experiments.progress import computed, follow
 from touchline.experiments.result import ExperimentResult, Headline, rate, spread
 from touchline.experiments.scenes import (
     BLUE,
@@ -176,9 +176,10 @@ def _all_runs(system: str, conditions: Sequence[Condition], seeds: int) -> tuple
     """Of each condition and seed the random kidnaps of a lone robot as designed; their rows."""
     ours: Runs = {condition: [] for condition in conditions}
     paper: Runs = {condition: [] for condition in conditions}
-    for condition, seed in follow([(c, seed) for c in conditions for seed in range(seeds)], "runs of kidnaps"):
-        ours[condition].append(random_kidnaps(system, seed, *condition))
-        paper[condition].append(random_kidnaps(system, seed, *condition, paper=True))
+    tasks = [(system, seed, condition) for condition in conditions for seed in range(seeds)]
+    for (_, _, condition), found in zip(tasks, computed(_random, tasks, "runs of kidnaps"), strict=True):
+        ours[condition].append(found[0])
+        paper[condition].append(found[1])
     return ours, [
         _summary(f"alone, as designed, compass off by {error:g}°, {_covering(covered)}", ours[error, covered],
                  paper[error, covered])
@@ -186,18 +187,27 @@ def _all_runs(system: str, conditions: Sequence[Condition], seeds: int) -> tuple
     ]  # fmt: skip
 
 
+def _random(task: tuple[str, int, Condition]) -> tuple[list[Kidnap], list[Kidnap]]:
+    """Ours, and the paper's form."""
+    system, seed, condition = task
+    return random_kidnaps(system, seed, *condition), random_kidnaps(system, seed, *condition, paper=True)
+
+
 def _in_play(system: str, seeds: int) -> tuple[dict[int, list[PlayKidnap]], list[Row]]:
     """By covered images the kidnaps in matches of robots as built; their rows."""
     found, rows = {}, []
     for covered in (COVERED, 0):
-        ours, paper, ideal = [], [], []
-        for seed in follow(range(seeds), f"matches with kidnaps {_covering(covered)}"):
-            ours += kidnaps_in_play(system, seed, covered)
-            paper += kidnaps_in_play(system, seed, covered, paper=True)
-            ideal += kidnaps_in_play(system, seed, covered, ideal=True)
+        tasks = [(system, seed, covered) for seed in range(seeds)]
+        matches = list(computed(_match, tasks, f"matches with kidnaps {_covering(covered)}"))
+        ours, paper, ideal = ([one for match in matches for one in match[form]] for form in range(3))
         found[covered] = ours
         rows.append(play_row(f"in play, {_covering(covered)}", ours, paper, ideal))
     return found, rows
+
+
+def _match(task: tuple[str, int, int]) -> tuple[list[PlayKidnap], list[PlayKidnap], list[PlayKidnap]]:
+    """Ours, the paper's form, the ideal robot."""
+    return kidnaps_in_play(*task), kidnaps_in_play(*task, paper=True), kidnaps_in_play(*task, ideal=True)
 
 
 def lu2013_kidnap(seeds: int) -> ExperimentResult:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from touchline.camera import OmniCamera
 from touchline.camera.uncertainty import CameraUncertainty
 from touchline.experiments.faults import Drive, Fault, one_line
-from touchline.experiments.progress import follow
+from touchline.experiments.progress import computed
 from touchline.experiments.reliability_runs import driven
 from touchline.experiments.result import ExperimentResult, Headline, interval
 from touchline.experiments.scenes import BLUE, new_figure
@@ -76,11 +76,15 @@ Found: TypeAlias = dict[tuple[str, str], list[Honesty]]
 def nees(seeds: int) -> ExperimentResult:
     """Every condition for every system, ten robots per seed."""
     found: Found = {key: [] for key in keys()}
-    for seed in follow(list(range(ROBOTS * seeds)), "robots"):
-        for c in CONDITIONS:
-            for system in SYSTEMS:
-                found[c.name, system].append(honesty(c, system, seed))
+    for told in computed(_robot, range(ROBOTS * seeds), "robots"):
+        for key, one in zip(keys(), told, strict=True):
+            found[key].append(one)
     return told_of(found, seeds)
+
+
+def _robot(seed: int) -> list[Honesty]:
+    """Every condition with every system, as `keys`."""
+    return [honesty(c, system, seed) for c in CONDITIONS for system in SYSTEMS]
 
 
 def keys() -> list[tuple[str, str]]:

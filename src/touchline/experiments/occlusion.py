@@ -19,7 +19,7 @@ from touchline.experiments.nubot_figures import (
     distances_figure,
     rendered_image,
 )
-from touchline.experiments.progress import follow
+from touchline.experiments.progress import computed, follow
 from touchline.experiments.result import ExperimentResult, Headline, interval, percent, spread
 from touchline.experiments.scenes import RED, field_axes, new_figure, public_recording
 from touchline.field import FieldModel
@@ -176,12 +176,19 @@ def _all_drives(every: Sequence[Condition], shown: Sequence[Condition], seeds: i
     ours: Drives = {c.name: [] for c in every}
     paper: Drives = {c.name: [] for c in every}
     ideal: Drives = {c.name: [] for c in every}
-    for c, seed in follow([(c, seed) for c in every for seed in range(seeds)], "drives"):
-        ours[c.name].append(drive(c, seed))
-        if c in shown:
-            paper[c.name].append(drive(c, seed, paper=True))
-            ideal[c.name].append(drive(c, seed, ideal=True))
+    tasks = [(c, seed, c in shown) for c in every for seed in range(seeds)]
+    for (c, *_), (first, *others) in zip(tasks, computed(_drives_of, tasks, "drives"), strict=True):
+        ours[c.name].append(first)
+        for beside, one in zip((paper, ideal), others, strict=False):
+            beside[c.name].append(one)
     return ours, paper, ideal
+
+
+def _drives_of(task: tuple[Condition, int, bool]) -> list[Drive]:
+    """Ours, and where it is shown beside it the paper's form and the ideal robot."""
+    condition, seed, shown = task
+    beside = [drive(condition, seed, paper=True), drive(condition, seed, ideal=True)] if shown else []
+    return [drive(condition, seed), *beside]
 
 
 def _range_of(drives: Drives) -> str:

@@ -17,7 +17,7 @@ from touchline import palette
 from touchline.experiments import lighting_runs
 from touchline.experiments.faults import Drive, Fault, unseen
 from touchline.experiments.own_table import NONE, OTHERS, OWN, SYSTEMS, row
-from touchline.experiments.progress import follow
+from touchline.experiments.progress import computed
 from touchline.experiments.reliability_runs import driven, longest, outcome
 from touchline.experiments.result import interval, mean_interval
 from touchline.experiments.scenes import INK, new_figure
@@ -149,11 +149,16 @@ Runs = dict[str, list[dict[str, Errors]]]  # by condition, of every robot, by sy
 
 def drive_runs(seeds: int) -> Runs:
     """Every condition, with a robot for each seed."""
-    tasks = [(condition, seed) for condition in CONDITIONS for seed in range(seeds)]
+    tasks = [(place, seed) for place in range(len(CONDITIONS)) for seed in range(seeds)]
     runs: Runs = {}
-    for condition, seed in follow(tasks, "drives"):
-        runs.setdefault(condition.name, []).append(runs_of(condition, seed))
+    for (place, _), found in zip(tasks, computed(_runs_at, tasks, "drives"), strict=True):
+        runs.setdefault(CONDITIONS[place].name, []).append(found)
     return runs
+
+
+def _runs_at(task: tuple[int, int]) -> dict[str, Errors]:
+    place, seed = task
+    return runs_of(CONDITIONS[place], seed)
 
 
 def drive_rows(runs: Runs) -> list[tuple[str, ...]]:

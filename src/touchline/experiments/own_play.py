@@ -8,7 +8,7 @@ import numpy as np
 
 from touchline.experiments.faults import Drive, Fault, stuck_compass, turned_compass
 from touchline.experiments.own_table import OWN, SYSTEMS, row
-from touchline.experiments.progress import follow
+from touchline.experiments.progress import computed
 from touchline.experiments.reliability_runs import (
     FOOLED_FRAMES,
     KIDNAP_EVERY_S,
@@ -43,7 +43,7 @@ class Played(NamedTuple):
 
 def play_rows(seeds: int) -> list[tuple[str, ...]]:
     """Hours of play, and kidnaps in play."""
-    played = [_played(run) for run in follow(list(range(RUNS * seeds)), "runs of play")]
+    played = list(computed(_played, range(RUNS * seeds), "runs of play"))
     hours = f"{RUNS * seeds * MINUTES / 60.0:g} h of match, a fault of the compass every {MINUTES:g} min"
     flips, losses = sum(one.flip_s > FLIP_S for one in played), sum(one.loss_s > LOSS_S for one in played)
     rows = [
@@ -53,10 +53,9 @@ def play_rows(seeds: int) -> list[tuple[str, ...]]:
         row("", "mean (cm)", "–", {OWN: interval([100.0 * one.error_m for one in played])}),
     ]
     kidnaps: dict[str, list[Kidnapped]] = {system: [] for system in SYSTEMS}
-    for run in follow(list(range(KIDNAP_RUNS * seeds)), "runs with kidnaps"):
-        drive, setup, times_s = driven("match", run, KIDNAP_SECONDS, *KIDNAPS)
+    for found in computed(_kidnapped, range(KIDNAP_RUNS * seeds), "runs with kidnaps"):
         for system in SYSTEMS:
-            kidnaps[system] += kidnaps_of(drive, times_s, followed(system, setup, drive, run))
+            kidnaps[system] += found[system]
     right = {system: rate(sum(one.right for one in each), len(each)) for system, each in kidnaps.items()}
     rest = {system: [one for one in each if not one.right] for system, each in kidnaps.items()}
     searching = {system: f"{sum(one.searching for one in each)} of {len(each)}" for system, each in rest.items()}
@@ -67,6 +66,12 @@ def play_rows(seeds: int) -> list[tuple[str, ...]]:
         row("", "of the rest searching", "all", searching),
         row("", f"wrong, called tracking, for more than {FOOLED_FRAMES} frames", "0", wrong),
     ]
+
+
+def _kidnapped(run: int) -> dict[str, list[Kidnapped]]:
+    """The kidnaps of one match, by system."""
+    drive, setup, times_s = driven("match", run, KIDNAP_SECONDS, *KIDNAPS)
+    return {system: kidnaps_of(drive, times_s, followed(system, setup, drive, run)) for system in SYSTEMS}
 
 
 def _played(run: int) -> Played:

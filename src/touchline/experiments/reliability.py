@@ -24,7 +24,7 @@ from touchline.experiments.faults import (
     turned_compass,
     uniform_points,
 )
-from touchline.experiments.progress import follow
+from touchline.experiments.progress import computed
 from touchline.experiments.reliability_runs import (
     FOOLED_FRAMES,
     KIDNAP_EVERY_S,
@@ -112,16 +112,31 @@ def measure(seeds: int) -> Results:
     in_play = [
         ("match", COMPASS_RUNS * seed + k, COMPASS_SECONDS) for seed in range(seeds) for k in range(COMPASS_RUNS)
     ]
-    tasks = [(("straight-tracks", seed, SECONDS), FAULTS) for seed in range(seeds)]
-    tasks += [(drive, COMPASS if drive[1] % AMID_EVERY else (*COMPASS, *AMID)) for drive in in_play]
-    tasks += [(("match", seed, KIDNAP_SECONDS), ()) for seed in range(KIDNAP_RUNS * seeds)]
+    tasks: list[_Task] = [("faults", ("straight-tracks", seed, SECONDS)) for seed in range(seeds)]
+    tasks += [("compass" if drive[1] % AMID_EVERY else "amid", drive) for drive in in_play]
+    tasks += [("kidnaps", ("match", seed, KIDNAP_SECONDS)) for seed in range(KIDNAP_RUNS * seeds)]
     results = Results({}, {system: [] for system in SYSTEMS})
-    for drive, faults in follow(tasks, "drives"):
-        if faults:
-            _add_faults(results.runs, drive, faults)
-        else:
-            _add_kidnaps(results.kidnaps, drive)
+    for found in computed(_measured, tasks, "drives"):
+        for key, runs in found.runs.items():
+            results.runs.setdefault(key, []).extend(runs)
+        for system in SYSTEMS:
+            results.kidnaps[system] += found.kidnaps[system]
     return results
+
+
+_Task = tuple[str, tuple[str, int, float]]  # which faults, or kidnaps; the drive
+
+
+def _measured(task: _Task) -> Results:
+    """One drive."""
+    kind, drive = task
+    found = Results({}, {system: [] for system in SYSTEMS})
+    if kind == "kidnaps":
+        _add_kidnaps(found.kidnaps, drive)
+    else:
+        faults = {"faults": FAULTS, "compass": COMPASS, "amid": (*COMPASS, *AMID)}[kind]
+        _add_faults(found.runs, drive, faults)
+    return found
 
 
 def _add_faults(
