@@ -76,6 +76,22 @@ def test_a_mirror_is_found_from_nothing_with_15_percent_of_clutter(field: FieldM
     assert np.hypot(abs(pose.x) - 3.0, abs(pose.y) - 1.5) < 0.03
 
 
+@pytest.mark.parametrize("apart_px", [0.0, 6.0])
+def test_images_of_two_robots_are_refused(field: FieldModel, apart_px: float) -> None:
+    """Together they seemed to show one mirror, with its centre in between."""
+    rng, poses = np.random.default_rng(5), (Pose(3.0, -1.5, 0.7), Pose(-2.5, 1.0, -1.6))
+    pixels = [seen_pixels(field, pose, rng, reach_m=6.0) for pose in poses]
+    pixels[1] = pixels[1] + np.array([0.0, apart_px])
+    start = Candidate(np.array([*CENTER, np.log(SCALE_M), PER_PX, 0.0, 0.0]), np.array(poses), 0.0)
+    found = refined(start, 1.0, [Seen(one, 1.0, 5.0) for one in pixels], np.array([240.0, 240.0]), 220.0, field)
+    if apart_px == 0.0:
+        check(found)
+    else:
+        assert found.on_lines > 0.9
+        with pytest.raises(NoFitError, match=r"image 1 .* px .*one robot"):
+            check(found)
+
+
 def test_few_points_in_each_of_four_images_tell_together_what_none_tells_alone(field: FieldModel) -> None:
     rng = np.random.default_rng(1)
     images = [seen_pixels(field, Pose(2.0, 1.0, h), rng)[rng.permutation(200)[:30]] for h in (0.0, 1.5, 3.0, 4.5)]

@@ -13,6 +13,7 @@ from touchline.calibration.lines.certainty import Certainty, certainty_of
 from touchline.calibration.lines.equations import Lines, Seen
 from touchline.calibration.lines.joint import JointFit, expected_mirror, fit_in_steps, linearise, starting
 from touchline.calibration.lines.mirror_shape import MirrorShape
+from touchline.calibration.lines.one_robot import Alone, each_alone
 from touchline.calibration.lines.range_curve import KNOTS, fit_curve, held_upright
 from touchline.calibration.lines.search import CENTER_PX, WIDTHS
 from touchline.errors import NoFitError
@@ -32,6 +33,7 @@ _GAP_M, _GAP_RATIO = 0.15, 0.1  # between points along a line that is seen: rays
 _SPOT_M = 0.02  # poses of a robot that turned on the spot agree to this
 _FARTHEST_ORIGIN_M = 0.15
 _MAP_M, _BEYOND_M = 0.05, 3.0
+_ONE_ROBOT = "Are all images of one robot, its mirror not touched meanwhile? Calibrate each robot by its own images"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +43,8 @@ class LineCalibration:
     first_px, last_px: radii between which points lie on lines; lead: by how much the next different mirror is worse.
     on_lines: share of the points on the field that lie on lines; lines_seen: share of the lines between the first and
     the last range along which points were seen from any place.
-    spot_m: how far the poses differ from a turn on the spot, or None. tangent: the fit before the spline.
+    spot_m: how far the poses differ from a turn on the spot, or None. alone: what each of several images alone would
+    have otherwise. tangent: the fit before the spline.
     """
 
     shape: MirrorShape
@@ -54,6 +57,7 @@ class LineCalibration:
     on_lines: float
     lines_seen: float
     spot_m: float | None
+    alone: tuple[Alone, ...]
     tangent: JointFit
 
     @property
@@ -130,8 +134,9 @@ def refined(
     inside = np.all(np.abs(np.concatenate(on_field)) < 0.5 * np.array([field.length, field.width]) + _BESIDE_M, axis=1)
     on_lines = float(np.mean((good & ~moved)[inside])) if inside.any() else 0.0
     lines_seen = _lines_seen(on_field, good, poses, reach_m, field)
+    alone = each_alone(found, seen, lines)
     return LineCalibration(
-        shape, certainty, poses, pixels, float(first), float(last), lead, on_lines, lines_seen, spot_m, tangent
+        shape, certainty, poses, pixels, float(first), float(last), lead, on_lines, lines_seen, spot_m, alone, tangent
     )
 
 
@@ -151,7 +156,11 @@ def check(calibration: LineCalibration, whole_view: bool = False) -> None:
         raise NoFitError(
             f"no mirror puts the points on this field's lines: {100 * on_lines:.0f} % of those on it lie on them, "
             f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field? Are most of the points line points?"
+            f"{' Are all images of one robot?' if calibration.alone else ''}"
         )
+    for number, (one, points) in enumerate(zip(calibration.alone, calibration.pixels, strict=False), start=1):
+        if one.is_another:
+            raise NoFitError(f"image {number} ({len(points)} points) {one}. {_ONE_ROBOT}")
     if whole_view and calibration.lines_seen < MIN_LINES_SEEN:
         raise NoFitError(
             f"only {100 * calibration.lines_seen:.0f} % of the lines that should be in view are seen with the best "
