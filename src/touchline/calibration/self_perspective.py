@@ -77,7 +77,7 @@ def perspective_views(system: TouchlinePerspective, frames: Iterable[Frame]) -> 
     for frame in frames:
         estimate = system.step(frame)
         if estimate.status is Status.TRACKING and estimate.observation is not None:
-            features = system.features.of(estimate.observation).points
+            features = system.features.points_of(estimate.observation)
             seen = seen_points(estimate.observation, features, optical_axis(system.setup.camera, frame))
             if seen.shares.sum() >= LEAST_SEEN:
                 views.append(PerspectiveView(seen, estimate.pose.as_array()))

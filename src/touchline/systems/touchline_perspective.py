@@ -102,18 +102,22 @@ class TouchlinePerspective:
         frame = self.leaning.carried(frame)  # roll and pitch at the image
         # observe: lines, crossings, landmarks
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)
-        features = self.features.of(observation)
-        seen = seen_points(observation, features.points, optical_axis(self.setup.camera, frame))
+        points = self.features.points_of(observation)
+        seen = seen_points(observation, points, optical_axis(self.setup.camera, frame))
         if _count(seen) >= FEWEST:
             blind = self._is_blind(frame.stamp_ns)
-            view = self.features.of(observation, self.known.state[3:5])
-            found = self._search(seen, view) if self._is_in_doubt() else []  # search: every pose that explains them
+            doubt = self._is_in_doubt()
+            view = self.features.of(observation, self.known.state[3:5]) if doubt or self.tells_ends else None
+            found = (
+                self._search(seen, view) if doubt and view is not None else []
+            )  # search: every pose that explains them
             self.hypotheses.update(seen, found, self.known, FALLEN if blind else CARRIED_AWAY)  # register, fuse, weigh
             self.hypotheses.hear(frame.evidence, 1.0 / SAID_OFTEN)
             self._judge_end(frame, view, seconds)  # which end
         self._judge(seen, frame.stamp_ns)  # status
         self._say_undecided(frame.stamp_ns)
-        return self._report(observation, features.size + len(observation.points), clock)
+        count = len(points.positions_m) + len(observation.lines) + len(observation.points)
+        return self._report(observation, count, clock)
 
     def _is_blind(self, stamp_ns: int) -> bool:
         """Whether nothing that the pose explains was seen for some time."""
@@ -146,7 +150,7 @@ class TouchlinePerspective:
         heading = best.filter.pose.heading
         return [_at_end(fit, bool(np.cos(fit.state[2] - heading) >= 0.0)) for fit in found]
 
-    def _judge_end(self, frame: Frame, view: FeatureView, seconds: float) -> None:
+    def _judge_end(self, frame: Frame, view: FeatureView | None, seconds: float) -> None:
         """Which of the pose and its twin is right, by the colours of goals and poles and by what others say."""
         best = self.hypotheses.best
         if best is None:
@@ -157,7 +161,7 @@ class TouchlinePerspective:
         self.known = best.filter
         if not self.symmetric:
             return
-        if self.tells_ends:
+        if self.tells_ends and view is not None:
             self.twin.update(view, best.filter.pose)
         self.end.hear(frame.evidence, best.filter.pose, seconds)
         if self.end_log_odds <= -SURE:

@@ -106,6 +106,11 @@ class Features:
             self._points(seen.crossings, seen.landmarks, positions), self._lines(replace(seen.lines, ends_m=lines))
         )
 
+    def points_of(self, seen: Observation) -> PointFeatures:
+        """The crossings and landmarks of it alone."""
+        positions = np.concatenate((seen.crossings.positions_m, seen.landmarks.positions_m))
+        return self._points(seen.crossings, seen.landmarks, positions)
+
     @property
     def tell_ends_apart(self) -> bool:
         """Whether colours that count tell the two ends of the field apart."""
