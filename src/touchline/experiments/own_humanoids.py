@@ -128,16 +128,10 @@ def own_humanoids(seeds: int) -> ExperimentResult:
     tracks: dict[tuple[str, str, str], list[_Followed]] = {}
     found: dict[str, list[_Found]] = {field: [] for field in FIELDS}
     for field, seed in follow([(field, seed) for field in FIELDS for seed in range(seeds)], "walks"):
-        walked = walk(field, AS_BUILT, seed, SECONDS)
-        for case in CASES:
-            changed = case.change(walked, seed)
-            for system in case.systems:
-                track = _after(_tracked(changed, system, seed), case.from_s)
-                tracks.setdefault((case.name, field, system), []).append(track)
-        ideal = walk(field, IDEAL, seed, SECONDS)
-        for system in SYSTEMS:
-            tracks.setdefault(("ideal", field, system), []).append(_tracked(ideal, system, seed))
-        found[field].append(_found(walked, seed))
+        of_walk, wait = _of_walk(field, seed)
+        for (case, system), track in of_walk.items():
+            tracks.setdefault((case, field, system), []).append(track)
+        found[field].append(wait)
     rows = [(*key, *_cells(each)) for key, each in tracks.items()]
     recorded = _recorded_rows(seeds)
     built = [tracks["as built", field, system] for system in SYSTEMS for field in FIELDS]
@@ -155,6 +149,20 @@ def own_humanoids(seeds: int) -> ExperimentResult:
         (_NOTES, *(_sentence(field, each) for field, each in found.items())),
         (("errors", _picture(tracks)),),
     )
+
+
+def _of_walk(field: str, seed: int) -> tuple[dict[tuple[str, str], _Followed], _Found]:
+    """Tracks by case and system of one robot, as built and ideal, and what it takes to be found."""
+    tracks = {}
+    walked = walk(field, AS_BUILT, seed, SECONDS)
+    for case in CASES:
+        changed = case.change(walked, seed)
+        for system in case.systems:
+            tracks[case.name, system] = _after(_tracked(changed, system, seed), case.from_s)
+    ideal = walk(field, IDEAL, seed, SECONDS)
+    for system in SYSTEMS:
+        tracks["ideal", system] = _tracked(ideal, system, seed)
+    return tracks, _found(walked, seed)
 
 
 _NOTES = (
