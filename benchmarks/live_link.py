@@ -30,6 +30,7 @@ from touchline.live.udp import UdpRobot
 from touchline.sources import Recording, open_source
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
+_FIRST_NS = 1_000_000_000  # behind the images that were sent until one was answered
 STARTS_S = 60.0  # a process may take to begin, with nothing compiled
 
 
@@ -100,7 +101,7 @@ def play(seconds: float, rate_hz: float, system: str, kill_at_s: float | None = 
             if kill_at_s is not None and killed_s is None and k / rate_hz >= kill_at_s:
                 live.kill()
                 killed_s, live = time.monotonic(), Live(system, port, answers.getsockname()[1])
-            _send(robot, there_and_back[k % len(there_and_back)], (k + 1) * round(1e9 / rate_hz), played)
+            _send(robot, there_and_back[k % len(there_and_back)], _FIRST_NS + k * round(1e9 / rate_hz), played)
         time.sleep(1.0)
     finally:
         ended.set()
@@ -108,7 +109,8 @@ def play(seconds: float, rate_hz: float, system: str, kill_at_s: float | None = 
         robot.close()
         listener.join()
         answers.close()
-    return played._replace(killed_s=killed_s)
+    asked = {stamp: told for stamp, told in played.answers.items() if stamp in played.sent_s}
+    return played._replace(answers=asked, killed_s=killed_s)
 
 
 def _wait_for_first(robot: UdpRobot, moment: Moment, played: Played) -> float:
