@@ -6,7 +6,7 @@ LOWEST := .venv-lowest
 WHEEL := .venv-wheel
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-all style loops tests browser cluster docs tutorials mutated fastdds coverage fuzz mutants test-lowest package benchmark clean
+.PHONY: demo test test-all style loops tests browser cluster docs tutorials mutated fastdds processes coverage fuzz mutants test-lowest package benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/touchline demo
@@ -29,7 +29,7 @@ tests: loops
 
 # Also the documentation's site, its tutorials word by word, and what needs a browser, the viewer and the tuner; without Chromium
 # it says how to install one, and fails.
-test-all: test docs tutorials browser cluster mutated fastdds
+test-all: test docs tutorials browser cluster mutated fastdds processes
 
 browser: $(VENV)/extras
 	$(BIN)/pytest tests/browser_pages.py tests/browser_viewer.py
@@ -37,6 +37,10 @@ browser: $(VENV)/extras
 # Every message between our DDS and the one that ROS 2 speaks by default; without its library it says how to install it.
 fastdds: $(VENV)/installed
 	$(BIN)/pytest tests/fastdds_peer.py
+
+# The command for a running robot in a process of its own, killed in the middle.
+processes: $(VENV)/installed
+	$(BIN)/pytest tests/live_processes.py
 
 # Ten thousand mutated messages by every link.
 mutated: $(VENV)/installed

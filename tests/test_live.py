@@ -9,7 +9,6 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -379,31 +378,53 @@ def sockets() -> Iterator[tuple[UdpLink, UdpRobot, socket.socket]]:
 def test_a_recording_played_over_udp_is_localised_as_a_run_of_it_is(
     sockets: tuple[UdpLink, UdpRobot, socket.socket],
 ) -> None:
-    link, robot, answers = sockets
+    told, counts = played(sockets, range(8))
+    assert told["status"] == "tracking"
+    assert off_m(told, 7) < 0.05
+    assert counts["dropped"] == 0
+
+
+def test_restarted_in_the_middle_it_relocalises_and_goes_on(sockets: tuple[UdpLink, UdpRobot, socket.socket]) -> None:
+    """Killed it is in tests/live_processes.py; here nothing of the first loop is there for the second."""
+    played(sockets, range(3))
+    told, _ = played(sockets, range(4, 9))
+    assert told["status"] == "tracking"
+    assert off_m(told, 8) < 0.05
+
+
+def played(ends: tuple[UdpLink, UdpRobot, socket.socket], indices: range) -> tuple[dict[str, Any], dict[str, int]]:
+    """Frames of the example sent to a new loop, each when the one before is answered: the last answer, and counts."""
+    link, robot, answers = ends
     source = open_source(EXAMPLE)
-    localizer = Localizer(source.field, source.camera)
-    loop = LiveLoop(link, localizer)
+    loop = LiveLoop(link, Localizer(source.field, source.camera))
     done = threading.Event()
     thread = threading.Thread(target=loop.run, args=(done.is_set,))
     thread.start()
+    told: dict[str, Any] = {}
     try:
         robot.send(Reading("odometry", -1, (0.0, 0.0, 0.0)))
-        frames = [replace(frame, image=None) for frame in source]
-        for frame, data in zip(frames[:8], (source.image_bytes(k) for k in range(8)), strict=True):
+        for index, frame in enumerate(source.again(())):
+            if index not in indices:
+                continue
             for name, sensor in (("odometry", "odometry"), ("compass", "compass"), ("gyro", "gyro")):
                 samples = getattr(frame, name)
                 for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
                     robot.send(Reading(sensor, stamp_ns, tuple(values)))
-            robot.send(Picture(frame.stamp_ns, data, None, None))
+            robot.send(Picture(frame.stamp_ns, source.image_bytes(index), None, None))
             told = image_answer(answers)
             assert told["stamp_ns"] == frame.stamp_ns
+            if index == indices[-1]:
+                break
     finally:
         done.set()
         thread.join()
-    truth = np.loadtxt(EXAMPLE / "ground_truth.tum")[7, 1:3]
-    assert told["status"] == "tracking"
-    assert np.hypot(told["x"] - truth[0], told["y"] - truth[1]) < 0.05
-    assert loop.counts["dropped"] == 0
+    return told, dict(loop.counts)
+
+
+def off_m(told: dict[str, Any], index: int) -> float:
+    """How far an answer is from the truth of a frame of the example."""
+    truth = np.loadtxt(EXAMPLE / "ground_truth.tum")[index, 1:3]
+    return float(np.hypot(told["x"] - truth[0], told["y"] - truth[1]))
 
 
 def image_answer(answers: socket.socket) -> dict[str, Any]:
