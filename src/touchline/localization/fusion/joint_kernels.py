@@ -123,3 +123,27 @@ def correction_of(joint, seen, swing, information, gradient, away, moving):  # t
                 left += spent[a, k] * gain[b, k] - shared[a, k] * crossed[b, k] - crossed[a, k] * shared[b, k]
             after[a, b] = after[b, a] = left
     return step, after
+
+
+@njit(cache=True)
+def shown_of(swing, expected, information, strain):  # type: ignore[no-untyped-def]
+    """How many numbers the points of an image tell, of the S that they are asked, and the mean square of its own lean.
+
+    expected (S, S): `expected_information`; strain (S,): from what was expected to the fit. The lean, the first two of
+    the errors, is what this image's differ by from the head's, and how unsure that still is.
+    """
+    after, told, square = inverse(expected + information), 0.0, 0.0
+    by_all = _times(swing[:2], expected[3:])  # of the image's lean by what it differs by from what was expected
+    unsure = _times(by_all, after)
+    for a in range(len(after)):
+        for b in range(len(after)):
+            told += information[a, b] * after[b, a]
+    for a in range(2):
+        lean, left = 0.0, swing[a, a]
+        for b in range(len(after)):
+            lean += by_all[a, b] * strain[b]
+            left += unsure[a, b] * by_all[a, b]
+        for b in range(len(swing)):
+            left -= swing[a, b] * by_all[a, 3 + b]
+        square += 0.5 * (lean * lean + left)
+    return told, square

@@ -14,6 +14,7 @@ from touchline.camera.uncertainty import CameraUncertainty
 from touchline.field.distance_map import MapTable
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.joint_filter import JointFilter
+from touchline.localization.fusion.joint_kernels import shown_of
 from touchline.localization.matching.mirror_fit import ERRORS, Mirror
 from touchline.localization.matching.mirror_tilt import ground_scales
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, mean_distance, upright_points
@@ -97,19 +98,14 @@ class MirrorHead:
         expected: what the fit was given. Expectation maximisation: what this image's own lean is, and how unsure it
         still is, where the lines say little of it.
         """
-        after = np.linalg.inv(expected.information + fit.information)
+        told, lean2 = shown_of(self.swing, expected.information, fit.information, fit.state - expected.mean)
         free = max(count / self._repeated(count), 1.0)
-        free /= max(free - float(np.trace(fit.information @ after)), 0.25 * free)
+        free /= max(free - told, 0.25 * free)
         noise = min(max(free * fit.noise / USUAL_NOISE, LEAST_NOISE), MOST_NOISE)
         self.noise += GAIN * (noise - self.noise)
-        if not self.has_mirror:
-            return
-        by_all = self.swing[:2] @ expected.information[3:]  # (2, 8): of this image's lean by what it differs by
-        lean = by_all @ (fit.state - expected.mean)
-        left = self.swing[:2, :2] - self.swing[:2] @ by_all[:, 3:].T + by_all @ after @ by_all.T
-        seen = 0.5 * (float(lean @ lean) + float(np.trace(left)))
-        variance = self.vibration_per_m**2 + GAIN * (seen - self.vibration_per_m**2)
-        self._shake(min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M))
+        if self.has_mirror:
+            variance = self.vibration_per_m**2 + GAIN * (lean2 - self.vibration_per_m**2)
+            self._shake(min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M))
 
     @staticmethod
     def _repeated(count: int) -> float:

@@ -78,7 +78,7 @@ def _seen_from(points, covariances, i, table, place, floor_m2):  # type: ignore[
     return ox, oy, oy * turned_x - ox * turned_y, d2, min(max(ratio, 0.5), 2.0) * spread + floor_m2 * d2
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})  # a product and its sum are one instruction
 def _step(points, covariances, table, pose, plan, width_m):  # type: ignore[no-untyped-def]
     """The Gauss-Newton step (3,) from a pose, each point weighed by (g / (g + d²))² / variance, g = w² + gate² σ²."""
     place = (pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2]))
@@ -123,7 +123,7 @@ def _descend(points, covariances, table, pose, plan):  # type: ignore[no-untyped
         pose[2] += dh
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})  # a product and its sum are one instruction
 def _judged(points, covariances, table, pose, plan):  # type: ignore[no-untyped-def]
     """The `Fit` at a pose."""
     information = np.zeros((3, 3))

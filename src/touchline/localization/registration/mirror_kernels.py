@@ -121,7 +121,7 @@ def mean_distance(points, errors, mirror, lines, pose):  # type: ignore[no-untyp
     return total / points.shape[0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})  # a product and its sum are one instruction
 def _equations(seen, table, state, square, plan, width_m, sums):  # type: ignore[no-untyped-def]
     """`_Sums` at a state, into sums; each point weighs as in `kernels`. Returns explained, noise, log-likelihood,
     those at a width of zero alone.
