@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
+import cv2
 import numpy as np
 import pytest
 from small_recordings import write_recording
@@ -26,6 +27,7 @@ from touchline.cli import main
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.motion import LeanFilter
+from touchline.palette import ORANGE, bgr
 from touchline.simulation.recording import _write_calibration
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -184,6 +186,13 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["calibrate", "camera", *arguments, "--camera", str(tmp_path / "lens.yaml")]) == 0
     same_pose(open_camera(tmp_path / "camera.yaml").base_from_camera, MOUNT, 1e-5)
     assert "95.0 cm high" in capsys.readouterr().out
+    drawn = cv2.imread(str(tmp_path / "camera.png"))  # no image lies beside the marks
+    assert drawn is not None
+    width, height = camera().width, camera().height
+    u, v = (seen[0] + 0.5) * 1200 / width - 0.5
+    assert drawn.shape[1] == 1200
+    assert drawn.shape[0] > 1200 * height // width
+    np.testing.assert_array_equal(drawn[round(v), round(u)], bgr(ORANGE))
     mirror = str(Path(__file__).parents[1] / "examples" / "omni_msl_track_short")
     assert main(["calibrate", "imu", mirror, "--output", str(tmp_path / "imu.yaml")]) == 2
     assert "looks at a mirror" in capsys.readouterr().err

@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.new_pair import CAMERA_ENDINGS, print_lines
+from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.cli.options import FollowLinks
-from touchline.errors import InputError
-from touchline.new_files import check_new_file, write_new_file
+from touchline.errors import InputError, TouchlineError
+from touchline.new_files import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.imu import ImuCalibration
+    from touchline.calibration.marks import Marks
     from touchline.calibration.perspective import Lens, PerspectiveCalibration
     from touchline.sources import Recording
+    from touchline.types import ImageArray
 
+_PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it (default: the output's name with .png).")
 _OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The camera.yaml to write.", show_default=False)
 
 
@@ -34,15 +37,18 @@ def calibrate_camera(
         Path | None,
         typer.Option(help="camera.yaml with the lens (default: a chessboard, or the marks).", show_default=False),
     ] = None,
+    picture: Annotated[Path | None, _PICTURE] = None,
     follow_links: FollowLinks = False,
 ) -> None:
     """Write the camera.yaml of a perspective camera: lens from a chessboard, place from four marks or more."""
-    check_new_file(output, CAMERA_ENDINGS, "a camera")
+    picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     if not source.exists():
         raise InputError(f"{source}: there is no such recording or file of marks")
     from touchline.calibration import perspective
     from touchline.calibration.marks import MARKS, read_marks
     from touchline.sources import open_source
+    from touchline.view.perspective_calibration import marks_picture
+    from touchline.view.picture_files import save_picture
 
     recording = open_source(source, follow_links) if source.is_dir() else None
     if recording is not None and not (recording.folder / MARKS).exists():
@@ -51,7 +57,25 @@ def calibrate_camera(
     found = perspective.calibrate_camera(marks, _lens(source, recording, camera))
     words = camera_words(found, len(found.residuals_px))
     write_new_file(output, perspective.perspective_yaml(found.camera, words).encode())
-    print_lines(words, output)
+    image = _image_of(marks, (found.camera.width, found.camera.height), follow_links)
+    save_picture(picture, marks_picture(found, image, marks.pixels, marks.places_m))
+    print_lines(words, output, picture)
+
+
+def _image_of(marks: Marks, size: tuple[int, int], follow_links: bool) -> ImageArray | None:
+    """The first image with marks that lies beside them and has the camera's size (width, height); None without one."""
+    from touchline.image_files import read_image
+    from touchline.opened_files import OwnFolder
+
+    folder = OwnFolder(marks.path.parent, follow_links)
+    for name in dict.fromkeys(marks.files):
+        try:
+            image = read_image(folder.file(name))
+        except TouchlineError:  # the calibration does not need it
+            continue
+        if image.shape == (size[1], size[0], 3):
+            return image
+    return None
 
 
 def _lens(source: Path, recording: Recording | None, camera: Path | None) -> Lens:
@@ -85,16 +109,20 @@ def calibrate_imu(
     camera: Annotated[
         Path | None, typer.Option(help="camera.yaml to add to (default: the recording's).", show_default=False)
     ] = None,
+    picture: Annotated[Path | None, _PICTURE] = None,
     follow_links: FollowLinks = False,
 ) -> None:
     """Write a camera.yaml that corrects pixels by roll and pitch, learned while the robot walks in place."""
-    check_new_file(output, CAMERA_ENDINGS, "a camera")
+    picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     from dataclasses import replace
 
     from touchline.calibration.imu import calibrate_imu as learn
+    from touchline.calibration.marks import MARKS, read_marks
     from touchline.calibration.perspective import perspective_yaml
     from touchline.camera import PinholeCamera, open_camera
     from touchline.sources import open_source
+    from touchline.view.perspective_calibration import wander_picture
+    from touchline.view.picture_files import save_picture
 
     source = open_source(recording, follow_links)
     before = source.camera if camera is None else open_camera(camera)
@@ -104,7 +132,9 @@ def calibrate_imu(
     words = imu_words(found)
     text = perspective_yaml(replace(before, imu_correction=found.correction, use_attitude=True), words)
     write_new_file(output, text.encode())
-    print_lines(words, output)
+    image = _image_of(read_marks(source.file(MARKS)), (before.width, before.height), follow_links)
+    save_picture(picture, wander_picture(found, before, image))
+    print_lines(words, output, picture)
 
 
 def camera_words(found: PerspectiveCalibration, marks: int) -> str:
