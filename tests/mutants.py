@@ -49,7 +49,6 @@ COMPASS, WEIGHTS = "localization/fusion/compass_correction.py", "localization/ma
 COVARIANCE = "localization/matching/covariance.py"
 STEPS, BOUND = "localization/registration/kernels.py", "localization/registration/bound.py"
 JOINT, T_JOINT = "localization/fusion/joint_kernels.py", "test_joint_filter.py"
-MIRROR_HEAD = "localization/fusion/mirror_head.py"
 HYPOTHESES, END = "localization/fusion/pose_hypotheses.py", "localization/fusion/field_end.py"
 COMPASS_WITNESS = "localization/fusion/compass_witness.py"
 T_STEPS, T_OWN = "test_registration.py", "test_touchline_system.py"
@@ -100,12 +99,12 @@ FAULTS = (
     Fault(JOINT, "gain[a, b] *= moving[a]", "pass", T_JOINT, "stay_as_unknown"),
     Fault(JOINT, " - crossed[a, k] * shared[b, k]", "", T_JOINT, "inverse_information"),
     Fault(HYPOTHESES, "REPEATED - fit.contradiction", "REPEATED", T_JOINT, "lone"),
-    Fault(MIRROR_HEAD, " - self.swing[:2] @ by_all[:, 3:].T", "", T_JOINT, "shaking"),
+    Fault(JOINT, "left -= swing[a, b] * by_all[a, 3 + b]", "pass", T_JOINT, "shaking"),
     Fault(HYPOTHESES, "before + CARRIED_AWAY +", "before - 500.0 +", T_OWN, "moved_unfelt"),
     Fault(COMPASS_WITNESS, "-1 if error > FAR_RAD", "0 if error > FAR_RAD", T_OWN, "turns_the_pose"),
     Fault(COMPASS_WITNESS, "_both_ends(self._failed)", "_both_ends(COMPASS_FALSE)", T_OWN, "lost_robot"),
     Fault(COMPASS_WITNESS, "elapsed_s / FAULT_EVERY_S", "elapsed_s / 1e9", T_OWN, "robot_that_is_followed"),
-    Fault(COMPASS_WITNESS, "0: np.array([[UNLIKELY, 1.0]", "0: np.array([[UNLIKELY, 0.1]", T_OWN, "stuck_compass"),
+    Fault(COMPASS_WITNESS, "0: ((UNLIKELY, 1.0)", "0: ((UNLIKELY, 0.1)", T_OWN, "stuck_compass"),
     # fusion of nubot-mti
     Fault(FILTER, "max(BETTER_FACTOR * error, error + BETTER_MARGIN)", "BETTER_FACTOR * error", "test_tracking.py",
           "margin"),
