@@ -29,8 +29,8 @@ class ImuCalibration:
     """correction: what was learned; before_px, after_px: how far the marks wander (root mean square), without and with.
 
     marks, images: how many there were. standing: images of a robot that stands, at whose reading marks are true; 0 if
-    the reading 0 was taken for upright. seen_px, corrected_px: (N, 2) the marks without
-    distortion, as seen and corrected.
+    the reading 0 was taken for upright. left_out: sightings that fit far worse than most, and count in neither figure.
+    seen_px, corrected_px: (N, 2) all marks without distortion, as seen and corrected.
     """
 
     correction: ImuCorrection
@@ -39,6 +39,7 @@ class ImuCalibration:
     marks: int
     images: int
     standing: int
+    left_out: int
     seen_px: FloatArray
     corrected_px: FloatArray
 
@@ -116,5 +117,5 @@ def _fitted(
     before = np.hypot(*(pixels - centres[mark])[kept].T)
     correction = ImuCorrection(matrix, (float(upright[1]), float(upright[0])))
     rms = [float(np.sqrt(np.mean(values**2))) for values in (before, off[kept])]
-    counts = (len(kinds), len(set(files.tolist())), len(standing))
+    counts = (len(kinds), len(set(files.tolist())), len(standing), int(np.count_nonzero(~kept)))
     return ImuCalibration(correction, rms[0], rms[1], *counts, pixels, pixels + f @ matrix.T)

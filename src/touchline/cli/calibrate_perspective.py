@@ -163,8 +163,13 @@ def imu_words(found: ImuCalibration) -> str:
         if found.standing
         else "upright is the reading 0, for the robot never stands"
     )
+    without = (
+        f", without {found.left_out} of {len(found.seen_px)} sightings, which fit far worse: look at the picture"
+        if found.left_out
+        else ""
+    )
     return (
         f"Learned from {found.marks} marks in {found.images} images: they wander by {found.before_px:.1f} px (root "
-        f"mean square) as the robot walks, by {found.after_px:.1f} px once corrected.\n"
+        f"mean square) as the robot walks, by {found.after_px:.1f} px once corrected{without}.\n"
         f"{upright[0].upper()}{upright[1:]}."
     )
