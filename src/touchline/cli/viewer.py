@@ -78,6 +78,9 @@ def shown_in(view: str | None, rrd: Path | None) -> Iterator[Show]:
     except TouchlineError as error:
         watched = error.exit_status != INTERRUPTED
         raise
+    except KeyboardInterrupt:  # before the run began
+        watched = False
+        raise
     finally:
         _finish(screen, rrd if begun else None, begun and watched)
         if rrd is not None and not begun:
