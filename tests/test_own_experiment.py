@@ -128,6 +128,17 @@ def test_pictures_are_drawn_of_few_runs() -> None:
     own_drives.picture({condition.name: [errors] for condition in own_drives.CONDITIONS})
     told = np.linspace(0.0, 1.0, 200)
     kept = own_points.Kept(1.0, 1.0, 1.0, told, told > 0.5, 1.0)
+    driven = {
+        (part.name, condition.name): [own_ablations.Driven(1.0, 2.0, 0.0)]
+        for part in own_ablations.PARTS
+        for condition in own_ablations.CONDITIONS
+    }
+    kidnaps = {
+        (part.name, view): [own_ablations.Kidnaps([], 0.0)]
+        for part in own_ablations.PARTS
+        for view in own_ablations.KIDNAP_RUNS
+    }
+    own_ablations._picture(driven, kidnaps)
     own_points.picture(
         own_points.PointRuns({system: [] for system in own_points.SYSTEMS}, [], {v.name: [kept] for v in VIEWS})
     )

@@ -13,10 +13,10 @@ from touchline.experiments.faults import Drive
 from touchline.experiments.own_drives import FROM_S, HALF, LATE, MATCH, SECONDS, TRACKS, UNTOUCHED, Condition
 from touchline.experiments.own_play import KIDNAP_SECONDS, KIDNAPS
 from touchline.experiments.own_table import OWN
-from touchline.experiments.progress import follow
+from touchline.experiments.progress import computed
 from touchline.experiments.reliability_runs import WITHIN_FRAMES, Kidnapped, driven, kidnaps_of, outcome
 from touchline.experiments.result import ExperimentResult, Headline, interval, rate
-from touchline.experiments.scenes import INK, new_figure
+from touchline.experiments.scenes import new_figure
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.registration.pose_search import Known, Mode
 from touchline.systems import RobotSetup, open_system
@@ -97,10 +97,10 @@ def own_ablations(seeds: int) -> ExperimentResult:
     """The same robots with each part left out in turn."""
     drives: dict[tuple[str, str], list[Driven]] = {}
     kidnaps: dict[tuple[str, str], list[Kidnaps]] = {}
-    for seed in follow(range(seeds), "robots"):
-        for part, condition, one in driven_without(seed):
+    for of_drives, of_kidnaps in computed(_all_without, range(seeds), "robots"):
+        for part, condition, one in of_drives:
             drives.setdefault((part, condition), []).append(one)
-        for part, view, found in kidnapped_without(seed):
+        for part, view, found in of_kidnaps:
             kidnaps.setdefault((part, view), []).append(found)
     rows = [(*_cells(part.name, drives), *_kidnap_cells(part.name, kidnaps)) for part in PARTS]
     worst = max(PARTS[1:], key=lambda part: float(np.mean([one.mean_cm for one in drives[part.name, UNTOUCHED.name]])))
@@ -114,7 +114,7 @@ def own_ablations(seeds: int) -> ExperimentResult:
                  "; ".join(interval([one.mean_cm for one in drives[part.name, UNTOUCHED.name]])
                            for part in (PARTS[0], worst))),
         (_NOTES,),
-        (("parts", _picture(drives)),),
+        (("parts", _picture(drives, kidnaps)),),
     )  # fmt: skip
 
 
@@ -124,9 +124,13 @@ _NOTES = (
     f"drives. Kidnaps in play: {' and '.join(map(str, KIDNAP_RUNS.values()))} runs of {KIDNAP_SECONDS:g} s for each "
     "seed; there wrong where the true pose is not named as the twin beside. Without a search nobody who is lost "
     "is found again; with one pose alone a search's likeliest takes its place as soon as it explains more; without "
-    "failure detection a pose is never doubted and never searched for. In the picture the means over robots, beside "
+    "failure detection a pose is never doubted and never searched for. In the picture the means over robots, over "
     "those with nothing left out."
 )
+
+
+def _all_without(seed: int) -> tuple[list[tuple[str, str, Driven]], list[tuple[str, str, Kidnaps]]]:
+    return driven_without(seed), kidnapped_without(seed)
 
 
 def driven_without(seed: int) -> list[tuple[str, str, Driven]]:
@@ -186,20 +190,30 @@ def _kidnap_cells(name: str, runs: Mapping[tuple[str, str], Sequence[Kidnaps]]) 
     return tuple(cells)
 
 
-def _picture(drives: Mapping[tuple[str, str], Sequence[Driven]]) -> Figure:
-    """Mean errors under each condition with a part left out, over those of the whole system."""
-    figure, (axis,) = new_figure(width_in=9.0, height_in=4.0)
+def _picture(
+    drives: Mapping[tuple[str, str], Sequence[Driven]], kidnaps: Mapping[tuple[str, str], Sequence[Kidnaps]]
+) -> Figure:
+    """Mean errors under each condition over those of the whole system, and kidnaps, with a part left out."""
+    figure, (left, right) = new_figure(1, 2, 13.0, 4.2)
 
     def mean(part: Part, condition: Condition) -> float:
         return float(np.mean([one.mean_cm for one in drives[part.name, condition.name]]))
 
+    heights = np.arange(len(PARTS))
     for condition, tint in zip(CONDITIONS, palette.SERIES, strict=False):
-        ratios = [mean(part, condition) / mean(PARTS[0], condition) for part in PARTS[1:]]
-        axis.plot(ratios, range(len(ratios)), "o", color=tint, markersize=6, alpha=0.85, label=condition.name)
-    axis.axvline(1.0, color=INK, linewidth=0.8)
-    axis.set_xscale("log")
-    axis.set_yticks(range(len(PARTS) - 1), [part.name for part in PARTS[1:]])
-    axis.set_ylim(len(PARTS) - 1.5, -0.5)
-    axis.set_xlabel("mean error over that of the whole system")
-    axis.legend(frameon=False, fontsize=8)
+        ratios = [mean(part, condition) / mean(PARTS[0], condition) for part in PARTS]
+        left.plot(ratios, heights, "o", color=tint, markersize=6, alpha=0.85, label=condition.name)
+    left.set_xscale("log")
+    left.set_yticks(heights, [part.name for part in PARTS])
+    left.set_xlabel("mean error over that of the whole system")
+    for n, (view, tint) in enumerate(zip(KIDNAP_RUNS, palette.SERIES, strict=False)):
+        shares = [
+            100.0 * np.mean([one.right for run in kidnaps[part.name, view] for one in run.kidnaps]) for part in PARTS
+        ]
+        right.barh(heights + 0.36 * (n - 0.5), shares, 0.32, color=tint, label=view)
+    right.set_yticks(heights, [""] * len(PARTS))
+    right.set_xlabel(f"kidnaps right within {WITHIN_FRAMES} frames (%)")
+    for axis in (left, right):
+        axis.set_ylim(len(PARTS) - 0.5, -0.5)
+        axis.legend(frameon=True, fontsize=8)
     return figure
