@@ -14,6 +14,7 @@ from touchline.evaluation.points.point_set import polar_covariances
 from touchline.evaluation.runner import robot_setup
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.fusion.compass_witness import CompassPulse
 from touchline.localization.fusion.field_end import FieldEnd
 from touchline.localization.fusion.game_states import game_prior
 from touchline.localization.fusion.joint_filter import JointFilter
@@ -310,3 +311,18 @@ def test_a_delay_that_nobody_told_is_named_while_driving(delay_s: float) -> None
         (late,) = told
         assert late.startswith("images are stamped ")
         assert float(late.split()[3]) == pytest.approx(100.0, abs=20.0)
+
+
+def test_a_compass_that_repeats_itself_exactly_sticks_and_one_of_whole_degrees_does_not() -> None:
+    rng, stamps = np.random.default_rng(1), np.arange(100, dtype=np.int64)
+    restless = 0.5 + 0.01 * rng.standard_normal((100, 1))
+    stuck, coarse = CompassPulse(), CompassPulse()
+    stuck.hear(Samples(stamps, restless))
+    assert not stuck.sticks
+    stuck.hear(Samples(stamps, np.full((100, 1), 0.5)))
+    assert stuck.sticks
+    stuck.hear(Samples(stamps[:1], restless[:1]))
+    assert not stuck.sticks
+    coarse.hear(Samples(stamps, np.round(restless, 1)))
+    coarse.hear(Samples(stamps, np.full((100, 1), 0.5)))
+    assert not coarse.sticks

@@ -15,6 +15,7 @@ from pydantic import Field
 
 from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.fusion.compass_witness import CompassPulse
 from touchline.localization.fusion.field_end import FieldEnd
 from touchline.localization.fusion.joint_filter import JointFilter, Unknown
 from touchline.localization.fusion.mirror_head import MirrorHead
@@ -114,7 +115,7 @@ class Touchline:
         start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
         self.hypotheses = PoseHypotheses(registration, field.line_tables, start, head, s.gate)
         self.delay = DelayWatch()
-        self.end = FieldEnd(field.is_symmetric)
+        self.end, self.pulse = FieldEnd(field.is_symmetric), CompassPulse()
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -124,6 +125,7 @@ class Touchline:
             self.detector.reset()
         self.history.clear()
         self.delay.reset()
+        self.pulse.reset()
         self.hypotheses.members, self.hypotheses.confirmed = [], False
         self.hypotheses.head.reset()
         self.own_half = prior.own_half
@@ -144,7 +146,8 @@ class Touchline:
         motion = self.history.take(frame)
         self.hypotheses.predict(motion)  # predict: the odometry carries every hypothesis on
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points
-        compass_rad = self.history.at(frame.stamp_ns).heading_rad
+        self.pulse.hear(frame.compass)
+        compass_rad = None if self.pulse.sticks else self.history.at(frame.stamp_ns).heading_rad
         if len(observation.points) >= self.settings.min_points:
             self.hypotheses.update(observation.points)  # register, fuse, weigh
             self.hypotheses.hear(frame.evidence, 1.0 / SAID_OFTEN)

@@ -13,6 +13,7 @@ import math
 
 from touchline.geometry import wrap_angle
 from touchline.localization.fusion.field_side import COMPASS_FALSE
+from touchline.types import Samples
 
 FAULT_EVERY_S, FAULT_S = 600.0, 10.0  # mean times until a fault begins, and until it ends
 UNLIKELY = 0.05  # of what a state does not lead to, in one image: the compass is late, or the robot turns
@@ -23,6 +24,8 @@ NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the 
 # rows right and wrong end, columns a working and a failed compass: of four numbers NumPy takes several times as long
 _States = tuple[tuple[float, float], tuple[float, float]]
 
+REPEATS = 15  # equal readings in a row of one that sticks: 0.3 s at 50 Hz
+PAIRS, DIFFERING = 50, 0.7  # successive readings that must be known, and the share of them that differ
 # of each word (for the pose's end, for neither, against it) how likely it is; a failed compass may say anything
 _LIKELY: dict[int, _States] = {
     1: ((1.0, 1.0), (UNLIKELY, 1.0)),
@@ -35,6 +38,35 @@ _FIRST_WORD: dict[int, _States] = {
     1: ((1.0, 0.25), (1e-6, 1.0)),
     -1: ((1e-6, 1.0), (1.0, 0.25)),
 }
+
+
+class CompassPulse:
+    """Whether a compass sticks: one whose readings have always differed a little says exactly the same again and again.
+
+    A compass of whole degrees repeats itself while the robot stands; of that nothing is concluded.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing was heard."""
+        self._last_rad = math.nan
+        self._repeats = self._pairs = self._differing = 0
+
+    @property
+    def sticks(self) -> bool:
+        """Whether it does now."""
+        return self._repeats >= REPEATS and self._pairs >= PAIRS and self._differing >= DIFFERING * self._pairs
+
+    def hear(self, compass: Samples | None) -> None:
+        """The readings (M, 1) since the image before."""
+        for reading_rad in [] if compass is None else compass.values[:, 0].tolist():
+            same, self._last_rad = reading_rad == self._last_rad, reading_rad
+            self._repeats = self._repeats + 1 if same else 0
+            if self._repeats < REPEATS:
+                self._pairs += 1
+                self._differing += not same
 
 
 class CompassWitness:
