@@ -12,7 +12,7 @@ from touchline.experiments.faults import Drive, unseen
 from touchline.experiments.own_drives import Errors
 from touchline.experiments.own_points import VIEWS
 from touchline.experiments.own_table import COLUMNS, SYSTEMS, row
-from touchline.experiments.reliability_runs import Outcome
+from touchline.experiments.reliability_runs import Kidnapped, Outcome
 from touchline.field import open_field
 from touchline.field.distances import distances_to_lines
 from touchline.geometry import FloatArray, Pose
@@ -134,7 +134,7 @@ def test_pictures_are_drawn_of_few_runs() -> None:
         for condition in own_ablations.CONDITIONS
     }
     kidnaps = {
-        (part.name, view): [own_ablations.Kidnaps([], 0.0)]
+        (part.name, view): [own_ablations.Kidnaps([Kidnapped(True, 0, False)], 0.0)]
         for part in own_ablations.PARTS
         for view in own_ablations.KIDNAP_RUNS
     }
