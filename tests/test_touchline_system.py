@@ -326,3 +326,28 @@ def test_a_compass_that_repeats_itself_exactly_sticks_and_one_of_whole_degrees_d
     coarse.hear(Samples(stamps, np.round(restless, 1)))
     coarse.hear(Samples(stamps, np.full((100, 1), 0.5)))
     assert not coarse.sticks
+
+
+def test_a_compass_that_turns_as_the_pose_jumps_leaves_the_end_undecided() -> None:
+    def agreed_for_10_s() -> FieldEnd:
+        end = FieldEnd(symmetric=True)
+        end.begin(told=True, compass_error_rad=0.0)
+        for _ in range(100):
+            end.update(0.0, 0.1)
+        return end
+
+    followed = agreed_for_10_s()
+    followed.update(math.pi, 0.1)
+    assert not followed.undecided, "a compass alone has failed"
+    assert followed.probability > 0.9
+    carried = agreed_for_10_s()
+    carried.jumped()
+    carried.update(math.pi, 0.1)
+    assert carried.undecided
+    assert carried.is_refuted, "to near its twin's place, rather than shoved as the compass failed"
+    carried.turn()
+    assert 0.5 < carried.probability < 0.88
+    for _ in range(100):
+        carried.update(0.0, 0.1)
+    assert not carried.undecided
+    assert carried.probability > 0.9

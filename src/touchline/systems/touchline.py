@@ -231,6 +231,8 @@ class Touchline:
         best = self.hypotheses.best
         if best is None:
             return
+        if best.shoved:
+            self.end.jumped()
         decided = self.hypotheses.probability >= self.settings.min_probability
         observed = is_observed(best.filter.covariance)
         explained = best.explained >= self.settings.min_explained
@@ -240,6 +242,7 @@ class Touchline:
         if self.end.is_refuted:
             self.problems = (f"{' and '.join(self.end.against)}: the robot is at the other end of the field",)
             self._turn()
+        decided = decided and not (self.end.symmetric and self.end.undecided)
         least = 0.5 if self.status is Status.TRACKING else 1.0  # of what else would be doubted
         explained = self.blind > 0 or best.explained >= least * self.settings.min_explained
         if decided and explained and observed and self.blind < self.settings.blind_frames:

@@ -24,6 +24,9 @@ NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the 
 # rows right and wrong end, columns a working and a failed compass: of four numbers NumPy takes several times as long
 _States = tuple[tuple[float, float], tuple[float, float]]
 
+# of a robot whose pose jumps as its compass turns round, that it was carried to near its twin's place; else it was
+# shoved (every twenty seconds) in the very image in which the compass failed (every ten minutes)
+CARRIED = 0.75
 REPEATS = 15  # equal readings in a row of one that sticks: 0.3 s at 50 Hz
 PAIRS, DIFFERING = 50, 0.7  # successive readings that must be known, and the share of them that differ
 # of each word (for the pose's end, for neither, against it) how likely it is; a failed compass may say anything
@@ -98,13 +101,13 @@ class CompassWitness:
     def begin(self, error_rad: float | None) -> None:
         """A pose was found anew that a compass differs from: of its end nothing else is known."""
         self._states = _both_ends(self._failed)
-        speaks = _speaks(error_rad)
+        speaks = speaks_for(error_rad)
         if speaks:
             self._states = _weighed(self._states, _FIRST_WORD[speaks])
 
     def hear(self, error_rad: float | None, seconds: float) -> None:
         """What it says of the pose now; None: nothing. seconds: since it was heard last."""
-        speaks = _speaks(error_rad)
+        speaks = speaks_for(error_rad)
         if speaks is None:
             return
         elapsed_s = min(max(seconds, 0.0), LONGEST_S)
@@ -116,6 +119,10 @@ class CompassWitness:
             for works, failed in self._states
         )
         self._states = _bounded(_weighed((right, wrong), _LIKELY[speaks]))
+
+    def doubt(self) -> None:
+        """It has turned round in the image in which the pose jumped."""
+        self._states = (0.0, 1.0 - CARRIED), (CARRIED, 0.0)
 
     def turn(self) -> None:
         """The twin is the pose from now on."""
@@ -147,7 +154,7 @@ def _bounded(states: _States) -> _States:
     return right, wrong
 
 
-def _speaks(error_rad: float | None) -> int | None:
+def speaks_for(error_rad: float | None) -> int | None:
     """1 for the pose's end, -1 against it, 0 for neither, of a compass that differs by an angle from its heading."""
     if error_rad is None:
         return None

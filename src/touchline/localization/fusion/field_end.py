@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from touchline.geometry import Pose
-from touchline.localization.fusion.compass_witness import CompassWitness
+from touchline.localization.fusion.compass_witness import CompassWitness, speaks_for
 from touchline.types import Evidence
 
 TOLD = 6.0  # log-odds of an end that a person tells: one in four hundred is wrong
@@ -14,10 +14,14 @@ MEMORY_S = 2.0  # time over which others have to say the same, so that a moment'
 FORGET_S = 10.0  # after which what others said and don't repeat has lost most of its weight
 FIRST_WORD = 0.25  # share of what somebody says first that counts at once
 REFUTED = -2.0  # log-odds from which the twin is taken
+JUMP_IMAGES = 3  # after a jump, in which a compass that turns round has turned with it
 
 
 class FieldEnd:
-    """Whether the pose is at its end or its twin is. symmetric: whether the field's lines leave that open."""
+    """Whether the pose is at its end or its twin is. symmetric: whether the field's lines leave that open.
+
+    `undecided`: a jump has left it open, and neither end is clearly likelier yet.
+    """
 
     def __init__(self, symmetric: bool) -> None:
         self.symmetric = symmetric
@@ -28,20 +32,34 @@ class FieldEnd:
         """Nothing is known, or a person has told the end."""
         self._forget(told)
         self.compass.reset()
+        self.undecided = False
 
     def _forget(self, told: bool) -> None:
         self.told = TOLD if told else 0.0
         self.others: dict[str, float] = {}
         self._silent_s: dict[str, float] = {}
+        self._jumping = 0
 
     def begin(self, told: bool, compass_error_rad: float | None) -> None:
         """A pose was found anew: what speaks for its end at once."""
         self._forget(told)
         self.compass.begin(compass_error_rad)
+        self.undecided = False
+
+    def jumped(self) -> None:
+        """The pose has just jumped, as by a shove. One that was carried to near its twin's place looks just so."""
+        self._jumping = JUMP_IMAGES
 
     def update(self, compass_error_rad: float | None, seconds: float) -> None:
         """What the compass says of the pose now; None: nothing."""
-        self.compass.hear(compass_error_rad, seconds)
+        if self._jumping and speaks_for(compass_error_rad) == -1 and self.log_odds > -REFUTED:
+            self._forget(False)
+            self.compass.doubt()
+            self.undecided = True
+        else:
+            self.compass.hear(compass_error_rad, seconds)
+        self._jumping = max(self._jumping - 1, 0)
+        self.undecided = self.undecided and abs(self.log_odds) < -REFUTED
 
     def hear(self, evidence: Sequence[Evidence], pose: Pose, seconds: float) -> None:
         """What others say of the pose now. Each one counts once, however often it repeats itself: it errs as one."""
@@ -67,7 +85,7 @@ class FieldEnd:
     @property
     def is_refuted(self) -> bool:
         """Whether the twin is the pose."""
-        return self.symmetric and self.log_odds <= REFUTED
+        return self.symmetric and self.log_odds <= (0.0 if self.undecided else REFUTED)
 
     @property
     def against(self) -> tuple[str, ...]:
