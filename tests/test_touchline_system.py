@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -340,14 +341,29 @@ def test_a_compass_that_turns_as_the_pose_jumps_leaves_the_end_undecided() -> No
     followed.update(math.pi, 0.1)
     assert not followed.undecided, "a compass alone has failed"
     assert followed.probability > 0.9
-    carried = agreed_for_10_s()
-    carried.jumped()
-    carried.update(math.pi, 0.1)
-    assert carried.undecided
-    assert carried.is_refuted, "to near its twin's place, rather than shoved as the compass failed"
-    carried.turn()
-    assert 0.5 < carried.probability < 0.88
-    for _ in range(100):
-        carried.update(0.0, 0.1)
+    jumped = agreed_for_10_s()
+    jumped.jumped()
+    jumped.update(math.pi, 0.1)
+    assert jumped.undecided
+    assert not jumped.is_refuted, "shoved as the compass failed"
+    assert 0.5 < jumped.probability < 0.88
+    back, carried = deepcopy(jumped), jumped
+    for _ in range(10):
+        back.update(0.0, 0.1)
+    assert not back.undecided
+    assert back.probability > 0.9
+    for _ in range(200):
+        carried.update(math.pi, 0.1)
     assert not carried.undecided
-    assert carried.probability > 0.9
+    assert carried.is_refuted, "no fault lasts so long: carried to near its twin's place"
+
+
+def test_a_jump_while_the_compass_speaks_against_the_pose_tells_nothing() -> None:
+    end = FieldEnd(symmetric=True)
+    end.begin(told=True, compass_error_rad=0.0)
+    for _ in range(100):
+        end.update(0.0, 0.1)
+    end.update(math.pi, 0.1)
+    end.jumped()
+    end.update(math.pi, 0.1)
+    assert not end.undecided

@@ -25,8 +25,8 @@ NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the 
 _States = tuple[tuple[float, float], tuple[float, float]]
 
 # of a robot whose pose jumps as its compass turns round, that it was carried to near its twin's place; else it was
-# shoved (every twenty seconds) in the very image in which the compass failed (every ten minutes)
-CARRIED = 0.75
+# shoved in the very image in which the compass failed. Both are rare; where robots play, shoves are not
+CARRIED = 0.33
 REPEATS = 15  # equal readings in a row of one that sticks: 0.3 s at 50 Hz
 PAIRS, DIFFERING = 50, 0.7  # successive readings that must be known, and the share of them that differ
 # of each word (for the pose's end, for neither, against it) how likely it is; a failed compass may say anything

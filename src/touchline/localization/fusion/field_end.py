@@ -14,7 +14,7 @@ MEMORY_S = 2.0  # time over which others have to say the same, so that a moment'
 FORGET_S = 10.0  # after which what others said and don't repeat has lost most of its weight
 FIRST_WORD = 0.25  # share of what somebody says first that counts at once
 REFUTED = -2.0  # log-odds from which the twin is taken
-JUMP_IMAGES = 3  # after a jump, in which a compass that turns round has turned with it
+JUMP_IMAGES = 2  # after a jump, in which a compass that turns round has turned with it
 
 
 class FieldEnd:
@@ -39,20 +39,25 @@ class FieldEnd:
         self.others: dict[str, float] = {}
         self._silent_s: dict[str, float] = {}
         self._jumping = 0
+        self._spoke: int | None = None
 
     def begin(self, told: bool, compass_error_rad: float | None) -> None:
         """A pose was found anew: what speaks for its end at once."""
         self._forget(told)
         self.compass.begin(compass_error_rad)
+        self._spoke = speaks_for(compass_error_rad)
         self.undecided = False
 
     def jumped(self) -> None:
-        """The pose has just jumped, as by a shove. One that was carried to near its twin's place looks just so."""
-        self._jumping = JUMP_IMAGES
+        """The pose has just jumped, as by a shove. One that was carried to near its twin's place looks just so; but its
+        compass, which agreed until then, turns round.
+        """
+        self._jumping = JUMP_IMAGES if self._spoke == 1 else 0
 
     def update(self, compass_error_rad: float | None, seconds: float) -> None:
         """What the compass says of the pose now; None: nothing."""
-        if self._jumping and speaks_for(compass_error_rad) == -1 and self.log_odds > -REFUTED:
+        self._spoke = speaks_for(compass_error_rad)
+        if self._jumping and self._spoke == -1 and self.log_odds > -REFUTED:
             self._forget(False)
             self.compass.doubt()
             self.undecided = True
@@ -74,6 +79,7 @@ class FieldEnd:
     def turn(self) -> None:
         """The twin is the pose from now on; what was told, was told wrongly."""
         self.told = 0.0
+        self._spoke = None if self._spoke is None else -self._spoke
         self.compass.turn()
         self.others = {source: -value for source, value in self.others.items()}
 
@@ -85,7 +91,7 @@ class FieldEnd:
     @property
     def is_refuted(self) -> bool:
         """Whether the twin is the pose."""
-        return self.symmetric and self.log_odds <= (0.0 if self.undecided else REFUTED)
+        return self.symmetric and self.log_odds <= REFUTED
 
     @property
     def against(self) -> tuple[str, ...]:
