@@ -120,6 +120,10 @@ def test_every_command_does_what_the_page_says(
         assert words[0] == "touchline"
         status = main(words[1:])
         told = capsys.readouterr()
+        if "calibrate self" in line:  # of a longer walk: test_calibrate_self_perspective.py
+            assert status == 1
+            assert "12 are needed" in told.err
+            continue
         assert status == 0, f"{line}\n{told.out}\n{told.err}"
         if "calibrate camera" in line:
             assert "4 marks agree to 0." in told.out, told.out
