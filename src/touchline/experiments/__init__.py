@@ -55,6 +55,8 @@ EXPERIMENTS = {
         Experiment("xiong-tracking", "Table 1: errors along straight lines", "occlusion", "xiong_tracking"),
         Experiment("xiong-timing", "figure 11: time of a whole frame", "timing", "xiong_timing"),
         Experiment("nees", "how honest the stated covariances are, four systems", "nees", "nees"),
+        Experiment("own", "our own system beside the others and the bound", "own", "own"),
+        Experiment("own-ablations", "our own system with parts left out", "own_ablations", "own_ablations"),
         Experiment("own-humanoids", "our own system on walking humanoids", "own_humanoids", "own_humanoids"),
         Experiment("iris-lines", "figures 13, 14: line detection in three lightings", "iris_lines", "iris_lines"),
         Experiment("iris-points", "Table I, figures 9, 15: errors at 20 places", "iris_points", "iris_points"),
