@@ -10,21 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from touchline.localization.matching.mirror_fit import inverse
+from touchline.localization.matching.mirror_fit import inverse, times
 
 _EXACT = 1e-14  # variance of what is known exactly
 _NOWHERE = (1e-2, 1e-2, 1.0 / 9.0)  # inverse variances of a pose somewhere on a field
-
-
-@njit(cache=True)
-def _times(a, b):  # type: ignore[no-untyped-def]
-    """The product of two small matrices."""
-    out = np.zeros((a.shape[0], b.shape[1]))
-    for i in range(a.shape[0]):
-        for k in range(a.shape[1]):
-            for j in range(b.shape[1]):
-                out[i, j] += a[i, k] * b[k, j]
-    return out
 
 
 @njit(cache=True)
@@ -46,7 +35,7 @@ def carried(joint, by_state, more, drift):  # type: ignore[no-untyped-def]
     more (3, 3): what the motion adds to that of the pose; drift (N,): to every variance.
     """
     out, moved = joint.copy(), len(by_state)
-    block = _times(by_state, joint[:moved])
+    block = times(by_state, joint[:moved])
     for a in range(moved):
         for b in range(moved):
             out[a, b] = 0.0
@@ -76,14 +65,14 @@ def innovation_of(joint, seen, swing, information, gradient, away):  # type: ign
     for a in range(3):
         pose[a, a] += _NOWHERE[a]
     spread = inverse(pose)  # of the pose by the lines
-    by_state = _times(spread, information[:3])  # of that pose by pose and errors
+    by_state = times(spread, information[:3])  # of that pose by pose and errors
     off = np.zeros(3)
     for a in range(3):
         for b in range(3):
             off[a] += spread[a, b] * gradient[b]
         for b in range(len(seen)):
             off[a] += by_state[a, b] * away[b]
-    crossed = _times(by_state, _spread(joint, seen, swing))
+    crossed = times(by_state, _spread(joint, seen, swing))
     for a in range(3):
         for b in range(3):
             for k in range(len(seen)):
@@ -101,13 +90,13 @@ def correction_of(joint, seen, swing, information, gradient, away, moving):  # t
     count, states = len(seen), len(joint)
     crossed, step, after = np.empty((states, count)), np.zeros(states), np.empty((states, states))
     spread = _spread(joint, seen, swing)
-    resting = _times(information, spread)
-    told = information + _times(resting, information)
+    resting = times(information, spread)
+    told = information + times(resting, information)
     for b in range(count):
         resting[b, b] += 1.0
         for a in range(states):
             crossed[a, b] = joint[a, seen[b]]
-    gain = _times(crossed, inverse(resting))  # of what was said
+    gain = times(crossed, inverse(resting))  # of what was said
     for b in range(count):
         said = gradient[b]
         for k in range(count):
@@ -115,7 +104,7 @@ def correction_of(joint, seen, swing, information, gradient, away, moving):  # t
         for a in range(states):
             gain[a, b] *= moving[a]
             step[a] += gain[a, b] * said
-    shared, spent = _times(gain, information), _times(gain, told)
+    shared, spent = times(gain, information), times(gain, told)
     for a in range(states):
         for b in range(a + 1):
             left = joint[a, b]
@@ -133,8 +122,8 @@ def shown_of(swing, expected, information, strain):  # type: ignore[no-untyped-d
     the errors, is what this image's differ by from the head's, and how unsure that still is.
     """
     after, told, square = inverse(expected + information), 0.0, 0.0
-    by_all = _times(swing[:2], expected[3:])  # of the image's lean by what it differs by from what was expected
-    unsure = _times(by_all, after)
+    by_all = times(swing[:2], expected[3:])  # of the image's lean by what it differs by from what was expected
+    unsure = times(by_all, after)
     for a in range(len(after)):
         for b in range(len(after)):
             told += information[a, b] * after[b, a]

@@ -199,7 +199,7 @@ def inverse(matrix):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _times(a, b):  # type: ignore[no-untyped-def]
+def times(a, b):  # type: ignore[no-untyped-def]
     """The product of two small matrices."""
     out = np.zeros((a.shape[0], b.shape[1]))
     for i in range(a.shape[0]):
@@ -213,14 +213,14 @@ def _times(a, b):  # type: ignore[no-untyped-def]
 def _updated(mean, spread, information, said):  # type: ignore[no-untyped-def]
     """Mean (5,) and covariance (5, 5) once a prior, which may be singular, has met information (5, 5) times what it
     says: said (5,)."""
-    keep = _times(spread, inverse(np.eye(ERRORS) + _times(information, spread)))
+    keep = times(spread, inverse(np.eye(ERRORS) + times(information, spread)))
     keep = 0.5 * (keep + keep.T)
     step = np.empty((ERRORS, 1))
     for i in range(ERRORS):
         step[i, 0] = said[i]
         for j in range(ERRORS):
             step[i, 0] -= information[i, j] * mean[j]
-    return mean + _times(keep, step)[:, 0], keep
+    return mean + times(keep, step)[:, 0], keep
 
 
 @njit(cache=True)
@@ -248,10 +248,10 @@ def fit_mirror(points, covariances, pose, expected, known, mirror, plan, lines):
             pull[a, 0] = vector[a]
             for b in range(STATE):
                 pull[a, 0] += prior[a, b] * (start[b] - state[b])
-        state = state + _times(inverse(matrix + prior), pull)[:, 0]
+        state = state + times(inverse(matrix + prior), pull)[:, 0]
     own = inverse(matrix[:3, :3] + loose)
-    lever = -_times(own, np.ascontiguousarray(matrix[:3, 3:]))
-    information = matrix[3:, 3:] + _times(np.ascontiguousarray(matrix[3:, :3]), lever)
+    lever = -times(own, np.ascontiguousarray(matrix[:3, 3:]))
+    information = matrix[3:, 3:] + times(np.ascontiguousarray(matrix[3:, :3]), lever)
     said = np.empty(ERRORS)
     for i in range(ERRORS):
         said[i] = vector[3 + i]
@@ -266,8 +266,8 @@ def fit_mirror(points, covariances, pose, expected, known, mirror, plan, lines):
         for j in range(ERRORS):
             free[i] += lever[i, j] * (state[3 + j] - last[3 + j])
     image = _updated(known.mean, known.swing, information, said)[1]
-    share = inverse(plan.images * np.eye(ERRORS) + _times(information, known.swing))
+    share = inverse(plan.images * np.eye(ERRORS) + times(information, known.swing))
     mean, covariance = _updated(
-        known.mean, known.covariance, _times(share, information), _times(share, said.reshape(ERRORS, 1))[:, 0]
+        known.mean, known.covariance, times(share, information), times(share, said.reshape(ERRORS, 1))[:, 0]
     )
     return MirrorFit(free, state[3:], mean, covariance, lever, image, noise)
