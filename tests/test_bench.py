@@ -18,6 +18,7 @@ from touchline.evaluation.points.localizers import ByRprop, point_localizer, poi
 from touchline.evaluation.points.outside_program import OutsideProgram
 from touchline.evaluation.points.point_set import PointSet, read_point_set
 from touchline.geometry import Pose
+from touchline.localization.registration.registration import Registration
 
 FILE = Path(__file__).parent / "data" / "points" / "msl_18x12.npz"
 EXAMPLES = Path(__file__).parents[1] / "examples" / "bench_points"
@@ -161,3 +162,20 @@ def test_a_recording_is_compared_with_its_truth(small_data: Path, capsys: pytest
     assert row["mean_position_m"] < 0.02
     assert main(["bench", str(small_data / "omni_msl_track")]) == 0
     assert "omni_msl_track" in capsys.readouterr().out
+
+
+def test_a_descent_that_ends_beside_the_pose_is_noticed_and_the_pose_found(point_set: PointSet) -> None:
+    """One metre and 45° off most descents end beside the pose, where less than a half of the points is explained."""
+    own = point_localizer("touchline", point_set.field)
+    found, descended = 0, 0
+    for points, truth in zip(point_set.points[:20], point_set.truth, strict=False):
+        start = Pose(truth[0] + 0.6, truth[1] - 0.8, truth[2] + np.pi / 4.0)
+        pose = own.from_pose(points, start)
+        assert pose is not None
+        found += pose.distance_to(Pose(*truth)) < 0.2
+        alone = Registration(point_set.field.distance_map()).register(
+            points.positions_m, points.covariances_m2, np.array(start)
+        )
+        descended += bool(np.hypot(*(alone.pose[:2] - truth[:2])) < 0.2)
+    assert descended < 15
+    assert found == 20
