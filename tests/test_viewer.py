@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
+import socket
 import sys
+import threading
 import warnings
 from collections import Counter
 from pathlib import Path
@@ -18,6 +21,8 @@ from touchline.cli import main
 from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import Pose
+from touchline.live.heard import Picture, Reading
+from touchline.live.udp import UdpRobot
 from touchline.sources import open_source
 from touchline.systems import open_system
 from touchline.systems.nubot_mcl import NubotMcl
@@ -110,6 +115,75 @@ def test_the_command_keeps_a_run_for_the_viewer(tmp_path: Path, capsys: pytest.C
     assert read_back(file)[0]["/camera/image"] == 3
     assert main(["run", str(recording), "--rrd", str(tmp_path / "other.rrd"), "-o", str(tmp_path / "run")]) == 2
     assert not (tmp_path / "other.rrd").exists()  # the run was refused
+
+
+def test_a_recording_is_looked_at_without_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording, file = write_recording(tmp_path / "tiny", 2), tmp_path / "kept.rrd"
+    status = main(["view", str(recording), "--rrd", str(file)])
+    said = capsys.readouterr()
+    if not INSTALLED:
+        assert (status, "pip install 'touchline[view]'" in said.err) == (2, True)
+        return
+    assert status == 0
+    assert said.out.splitlines()[0] == "searching 2"
+    assert str(file) in said.out
+    assert read_back(file)[0]["/camera/image"] == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kept.rrd", "tiny"]
+
+
+def test_a_robot_that_runs_is_looked_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = open_source(write_recording(tmp_path / "tiny", 1))
+    camera, file, port = tmp_path / "tiny" / "camera.yaml", tmp_path / "live.rrd", free_port()
+    image, done, robot = source.image_bytes(0), threading.Event(), UdpRobot(("127.0.0.1", port))
+
+    def send() -> None:
+        for number in itertools.count():
+            if done.wait(0.05):
+                return
+            robot.send(Reading("compass", STEP_NS * number, (0.5,)))
+            robot.send(Picture(STEP_NS * number, image, None, None))
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        live = ["live", "--field", source.field.name, "--camera", str(camera), "--udp", str(port), "--seconds", "0.7"]
+        status = main([*live, "--rrd", str(file)])
+    finally:
+        done.set()
+        sender.join()
+        robot.close()
+    said = capsys.readouterr()
+    if not INSTALLED:
+        assert (status, "pip install 'touchline[view]'" in said.err) == (2, True)
+        return
+    assert status == 0
+    assert f"for the viewer: {file}" in said.out
+    rows, _ = read_back(file)
+    assert rows["/camera/image"] == rows["/above/field/robot"] > 0
+    assert not rows["/log"]
+    assert not rows["/plots/x/error"]  # nobody knows the truth
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@pytest.mark.parametrize(
+    "given",
+    [["tiny", "--frame", "0"], ["tiny", "--stages"], ["tiny", "-o", "new"], ["image"]],
+)
+def test_pictures_of_one_image_and_the_viewer_exclude_each_other(
+    given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_recording(tmp_path / "tiny", 1)
+    monkeypatch.chdir(tmp_path)
+    (image,) = (tmp_path / "tiny" / "images").iterdir()
+    source = [str(image), "--camera", "tiny/camera.yaml"] if given == ["image"] else given
+    assert main(["view", *source, "--rrd", "a.rrd"]) == 2
+    assert "pictures" in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["tiny"]
 
 
 @pytest.mark.parametrize(

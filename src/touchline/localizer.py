@@ -89,6 +89,10 @@ class Localizer:
         self._max_range_m = setup.max_range_m
         made = open_system(system, setup, settings, given_seed(seed))
         made.reset()
+        self.system = made
+        """What localises: its particles, its settings. Only `localize` may step it."""
+        self.frame: Frame | None = None
+        """The frame localised last, with the samples that came since the one before; None before the first."""
         self._system = OrderedSystem(made)
         self._history = made.history
         self._counts = _Counts()
@@ -169,7 +173,8 @@ class Localizer:
                 problem=None if image is None else "the image can't be used",
                 evidence=self._heard(),
             )
-            return self._finished(self._step(_with_samples(frame, self._pending.take())))
+            self.frame = _with_samples(frame, self._pending.take())
+            return self._finished(self._step(self.frame))
 
     def pose(self, stamp_ns: int) -> Estimate:
         """The last estimate carried on (or back, by up to the seconds that are remembered) to another time.

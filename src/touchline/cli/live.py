@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from touchline.cli.options import BagBase, FollowLinks, bag_options, turn_in_rad
+from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
     from touchline.geometry import Pose3
     from touchline.live.heard import Link, Robot, Told
     from touchline.live.loop import LiveLoop
+    from touchline.localizer import Localizer
+    from touchline.view.viewer import RunView, Screen
 
 _PORT = 28400
 _Address = Annotated[
@@ -77,6 +80,8 @@ def live(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting; may be repeated.")
     ] = None,
     seconds: Annotated[float | None, typer.Option(min=0, help="End after so long.", show_default=False)] = None,
+    view: ShowIn = None,
+    rrd: KeepIn = None,
 ) -> None:
     """Localise a running robot: images and sensors in by ROS 2's topics or UDP, poses out. Ctrl-C ends it."""
     import time
@@ -117,15 +122,18 @@ def live(
         link = _dds_link(topics, base, namespace, network, mount) if dds else _udp_link(udp, to)
     if device is not None:
         link = _with_camera(link, device)
-    shown = _Shown()
-    loop = LiveLoop(link, localizer, shown.take)
     console = errors_console()
     where = (
         f"reads topics of ROS 2, publishes {namespace}/touchline/pose" if ros else f"hears udp {udp}, tells udp {to}"
     )
     console.print(f"{name}: {where}; Ctrl-C ends it", markup=False)
     ends_s = None if seconds is None else time.monotonic() + seconds
-    with told_of_compiling(console.print), interruptible() as stop:
+    with (
+        shown_in(view, rrd, stays=False) as screen,
+        told_of_compiling(console.print),
+        interruptible() as stop,
+    ):
+        loop = LiveLoop(link, localizer, _Shown(localizer, screen, name).take)
         loop.run(lambda: stop() or (ends_s is not None and time.monotonic() > ends_s))
     link.close()
     _tell_end(loop, {**localizer.problems, **link.refused})
@@ -254,10 +262,16 @@ def _pair(text: str | None, option: str) -> tuple[float, float] | None:
 
 
 class _Shown:
-    """A line on the terminal now and then."""
+    """A line on the terminal now and then, and every image on a screen."""
 
-    def __init__(self) -> None:
+    def __init__(self, localizer: Localizer, screen: Screen | None, name: str) -> None:
         self._last_s = 0.0
+        self._localizer = localizer
+        self._view: RunView | None = None
+        if screen is not None:
+            from touchline.view.viewer import watch_robot
+
+            self._view = watch_robot(screen.stream, localizer.field, localizer.camera, localizer.system, name)
 
     def take(self, told: Told) -> None:
         """One estimate of an image."""
@@ -267,6 +281,8 @@ class _Shown:
         from touchline.cli.console import output
 
         estimate, now_s = told.estimate, time.monotonic()
+        if self._view is not None and self._localizer.frame is not None:
+            self._view.show(self._localizer.frame, estimate)
         for problem in estimate.problems:
             output().print(problem, markup=False)
         if now_s - self._last_s < _EVERY_S:

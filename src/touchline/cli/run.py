@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from touchline.evaluation import Run
     from touchline.evaluation.runner import OnFrame
     from touchline.geometry import Pose
+    from touchline.sources import Recording
+    from touchline.view.viewer import Screen
 
 EXAMPLE = "omni_msl_track_short"
 
@@ -80,8 +83,17 @@ def run(
     system_info(name)  # an unknown name is told before the recording is read
     source = open_source(recording, follow_links, bag_options(topics, field, camera, base))
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
-    with shown_in(view, rrd) as show:
-        execute(prepared, output, on_frame=show(prepared.source, prepared.system, name))
+    with shown_in(view, rrd) as screen:
+        execute(prepared, output, on_frame=on_screen(screen, prepared))
+
+
+def on_screen(screen: Screen | None, prepared: PreparedRun) -> Sequence[OnFrame]:
+    """What every frame of a run and its estimate are handed to, so that a screen shows them."""
+    if screen is None:
+        return ()
+    from touchline.view.viewer import watch
+
+    return (watch(screen.stream, prepared.source, prepared.system, prepared.info.name).show,)
 
 
 def demo(
@@ -124,36 +136,12 @@ def execute(
 
     on_frame: called with every frame and its estimate.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from touchline.evaluation.run_folder import new_folder
     from touchline.messages import counted
-    from touchline.sources import ProblemKind
 
-    for problem in prepared.source.problems:
-        if problem.kind in (ProblemKind.SENSOR_FILE, ProblemKind.BAG, ProblemKind.TOPIC):
-            errors_console().print(f"warning: {problem}", style="yellow", markup=False)
-    for notice in prepared.notices:
-        errors_console().print(f"warning: {notice}", style="yellow", markup=False)
+    warn_of(prepared)
     folder = new_folder(output, name or prepared.source.name)
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    with (
-        Progress(*columns, console=errors_console()) as progress,
-        told_of_compiling(progress.console.print),
-        interruptible() as stop,
-    ):
-        task = progress.add_task(prepared.source.name, total=len(prepared.source), rate="")
-
-        def advance(*_: object) -> None:
-            speed = progress.tasks[0].speed
-            progress.update(task, advance=1, rate="" if speed is None else f"{speed:.0f} frames/s")
-
+    with frame_progress(prepared.source) as (advance, stop):
         finished, failure = prepared.execute(folder, on_frame=[advance, *on_frame], stop=stop)
     print_run(finished)
     if failure is not None:
@@ -169,6 +157,43 @@ def execute(
     if not finished.summary["status"]["tracking"]:
         why = finished.summary["why_not_localised"] or f"`touchline check {prepared.source.path}` may tell why"
         raise TouchlineError(f"none of {counted(frames, 'image')} was localised: {why}")
+
+
+def warn_of(prepared: PreparedRun) -> None:
+    """Say what the user should know before a run."""
+    from touchline.sources import ProblemKind
+
+    for problem in prepared.source.problems:
+        if problem.kind in (ProblemKind.SENSOR_FILE, ProblemKind.BAG, ProblemKind.TOPIC):
+            errors_console().print(f"warning: {problem}", style="yellow", markup=False)
+    for notice in prepared.notices:
+        errors_console().print(f"warning: {notice}", style="yellow", markup=False)
+
+
+@contextmanager
+def frame_progress(source: Recording) -> Iterator[tuple[OnFrame, Callable[[], bool]]]:
+    """A progress bar over a recording's frames: what is called with each of them, and whether to stop after it."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with (
+        Progress(*columns, console=errors_console()) as progress,
+        told_of_compiling(progress.console.print),
+        interruptible() as stop,
+    ):
+        task = progress.add_task(source.name, total=len(source), rate="")
+
+        def advance(*_: object) -> None:
+            speed = progress.tasks[0].speed
+            progress.update(task, advance=1, rate="" if speed is None else f"{speed:.0f} frames/s")
+
+        yield advance, stop
 
 
 def print_run(finished: Run) -> None:

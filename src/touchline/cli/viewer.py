@@ -1,9 +1,9 @@
-"""`--view` and `--rrd`: the interactive viewer of a run, in a window, in a browser, in a file."""
+"""`--view` and `--rrd`: the interactive viewer, in a window, in a browser, in a file."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -17,13 +17,7 @@ from touchline.cli.interrupts import interruptible
 from touchline.errors import InputError, TouchlineError
 
 if TYPE_CHECKING:
-    from touchline.evaluation.runner import OnFrame
-    from touchline.sources import Recording
-    from touchline.systems import LocalizationSystem
     from touchline.view.viewer import Screen
-
-    Show = Callable[[Recording, LocalizationSystem, str], Sequence[OnFrame]]
-    """A recording, the system that runs over it and its name -> what each frame and estimate is handed to."""
 
 _VIEW, _WINDOW, _WEB = "--view", "window", "web"
 _LOOK_S = 0.2
@@ -53,30 +47,30 @@ class ViewCommand(TyperCommand):
 
 
 @contextmanager
-def shown_in(view: str | None, rrd: Path | None) -> Iterator[Show]:
-    """Within it the viewer takes frames; a page in a browser is served on until Ctrl-C.
+def shown_in(view: str | None, rrd: Path | None, stays: bool = True) -> Iterator[Screen | None]:
+    """Within it the screen takes frames; None if nobody looks. stays: a page in a browser is served on until Ctrl-C.
 
     Raises InputError where Rerun is missing and for options that are wrong, TouchlineError if no viewer starts.
     """
     if view is None and rrd is None:
-        yield lambda source, system, name: ()
+        yield None
         return
     if view is not None and rrd is not None:
         raise InputError("--view and --rrd exclude each other: the viewer itself can save what it shows")
     from touchline.cli.console import errors_console
-    from touchline.view.viewer import open_screen, watch
+    from touchline.view.viewer import open_screen
 
     screen = open_screen(view, rrd)
     if screen.url is not None:
         errors_console().print(f"the viewer is at {screen.url}", markup=False, soft_wrap=True)
-    begun, watched = True, True
+    begun, watched = True, stays
     try:
-        yield lambda source, system, name: (watch(screen.stream, source, system, name).show,)
+        yield screen
     except InputError:
         begun = False
         raise
     except TouchlineError as error:
-        watched = error.exit_status != INTERRUPTED
+        watched = stays and error.exit_status != INTERRUPTED
         raise
     except KeyboardInterrupt:  # before the run began
         watched = False

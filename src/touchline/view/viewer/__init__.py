@@ -2,6 +2,6 @@
 
 from touchline.view.viewer.run_view import RunView
 from touchline.view.viewer.screen import Screen, open_screen
-from touchline.view.viewer.watching import watch
+from touchline.view.viewer.watching import watch, watch_robot
 
-__all__ = ["RunView", "Screen", "open_screen", "watch"]
+__all__ = ["RunView", "Screen", "open_screen", "watch", "watch_robot"]

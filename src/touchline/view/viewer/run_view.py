@@ -79,7 +79,7 @@ class RunView:
         self._show_above(estimate)
         self._show_truth(frame.stamp_ns, estimate)
         self._show_curves(frame, estimate)
-        for problem in (*([frame.problem] if frame.problem else ()), *estimate.problems):
+        for problem in (*([frame.problem] if frame.problem and frame.image is None else ()), *estimate.problems):
             self._stream.log(LOG, self._rerun.TextLog(problem, level="WARN"))
 
     def _draw_field(self) -> None:

@@ -1,4 +1,4 @@
-"""A run of a recording as the viewer shows it."""
+"""A run of a recording, and a robot that runs, as the viewer shows them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from touchline.camera import Camera
 from touchline.evaluation.metrics import associate
+from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.sources import Recording
 from touchline.sources.description import NO_CAMERA
@@ -26,6 +28,16 @@ _COLOURS = """\
 ellipse; black is the truth; purple are other hypotheses, green the particles.
 
 **Errors** are shown where the robot is tracked; grey is ± 2σ as the system states it."""
+
+
+def watch_robot(
+    stream: Any, field: FieldModel, camera: Camera | None, system: LocalizationSystem, name: str
+) -> RunView:
+    """What shows a robot that runs, whose true pose nobody knows. camera: None where a detector of its own sees."""
+    about = ["# Live", f"System **{name}**, field {field.name}.", _COLOURS]
+    return RunView(
+        stream, field, camera, particles=lambda estimate: particles_now(system, estimate), about="\n\n".join(about)
+    )
 
 
 def watch(stream: Any, source: Recording, system: LocalizationSystem, name: str) -> RunView:
