@@ -4,9 +4,9 @@
 
 The simulator's features of a walking humanoid, as it is built, go into an MCAP file as the robot's vision and body
 would send them: detections and line segments with the stamp of the image, 60 ms late, odometry and IMU without. `more`
-adds 3 % + 5 cm of error in range and leaves 5 % out, as a team has published of that vision. The search takes the
-markers of one image, as the vendor's demo does: 200 poses on the field, drawn closer round the best ones until they
-agree.
+adds 3 % + 5 cm of error in range and leaves 5 % out: what one team's emulator of that vision starts with, nothing
+that was measured. The search takes the markers of one image, as the vendor's demo does: 200 poses on the field, drawn
+closer round the best ones until they agree.
 """
 
 from __future__ import annotations
@@ -227,7 +227,7 @@ def main() -> None:
                 path = folder / f"walk-{seed}{'-more' if more else ''}.mcap"
                 for name, track in tracks(walked, path, seed, more).items():
                     rows.setdefault(name, []).append(figures(track, walked))
-            print(f"{given.field}, as built{', range errors as published' if more else ''}: told %, right %, median m")
+            print(f"{given.field}, as built{', more error in range' if more else ''}: told %, right %, median m")
             for name, each in rows.items():
                 told, correct, error = np.mean(each, axis=0)
                 print(

@@ -13,7 +13,7 @@ from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError
 
 if TYPE_CHECKING:
-    from touchline.geometry import Pose3
+    from touchline.camera import Camera
     from touchline.live.heard import Link, Robot, Told
     from touchline.live.loop import LiveLoop
     from touchline.localizer import Localizer
@@ -87,7 +87,6 @@ def live(
     import time
 
     from touchline.api import checked_prior
-    from touchline.camera import PinholeCamera
     from touchline.cli.console import errors_console, told_of_compiling
     from touchline.cli.interrupts import interruptible
     from touchline.cli.run import parse_pose
@@ -113,13 +112,11 @@ def live(
     if start is not None or own_half:
         pose = None if start is None else checked_prior(Prior(parse_pose(start)), localizer.field).pose
         localizer.reset(pose, own_half=own_half)
-    seeing = localizer.camera
-    mount = seeing.base_from_camera if isinstance(seeing, PinholeCamera) else None
     link: Link
     if rclpy:
-        link = _rclpy_link(topics, base, namespace, mount)
+        link = _rclpy_link(topics, base, namespace, localizer.camera)
     else:
-        link = _dds_link(topics, base, namespace, network, mount) if dds else _udp_link(udp, to)
+        link = _dds_link(topics, base, namespace, network, localizer.camera) if dds else _udp_link(udp, to)
     if device is not None:
         link = _with_camera(link, device)
     console = errors_console()
@@ -160,20 +157,18 @@ def _refuse_of_other_link(dds: bool, of_udp: Mapping[str, object], of_dds: Mappi
         raise InputError(f"{wrong[0]}: counts only {where}")
 
 
-def _dds_link(
-    topics: list[str] | None, base: str | None, namespace: str, network: bool, mount: Pose3 | None = None
-) -> Link:
+def _dds_link(topics: list[str] | None, base: str | None, namespace: str, network: bool, camera: Camera | None) -> Link:
     _require_dds()
     from touchline.live.dds import DdsLink
 
-    return DdsLink(bag_options(topics, None, None, None).topics, base, namespace, network, mount)
+    return DdsLink(bag_options(topics, None, None, None).topics, base, namespace, network, camera)
 
 
-def _rclpy_link(topics: list[str] | None, base: str | None, namespace: str, mount: Pose3 | None) -> Link:
+def _rclpy_link(topics: list[str] | None, base: str | None, namespace: str, camera: Camera | None) -> Link:
     from touchline.live.rclpy_link import RclpyLink, require_rclpy
 
     require_rclpy()
-    return RclpyLink(bag_options(topics, None, None, None).topics, base, namespace, mount)
+    return RclpyLink(bag_options(topics, None, None, None).topics, base, namespace, camera)
 
 
 def _as_namespace(text: str) -> str:

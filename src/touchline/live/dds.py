@@ -24,8 +24,8 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic as DdsTopic
 
+from touchline.camera import Camera
 from touchline.errors import InputError
-from touchline.geometry import Pose3
 from touchline.live import ros_end
 from touchline.live.dds_types import ros_name, sample, sample_type
 from touchline.live.heard import Heard, Picture, Reading, Told
@@ -130,11 +130,11 @@ class DdsLink:
         base: str | None = None,
         namespace: str = "",
         network: bool = False,
-        mount: Pose3 | None = None,
+        camera: Camera | None = None,
     ) -> None:
         """As `RosEnd` has them; network: beyond this machine. Raises InputError."""
         codec = Codec()
-        self._end = RosEnd(codec, topics, base, namespace, mount)
+        self._end = RosEnd(codec, topics, base, namespace, camera)
         self._node = DdsNode(_NODE, namespace, network, codec)
         self._publishers = BuiltinDataReader(self._node.participant, BuiltinTopicDcpsPublication)
         self._offered: dict[str, Qos] = {}

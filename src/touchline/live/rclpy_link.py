@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import Any
 
+from touchline.camera import Camera
 from touchline.errors import InputError
-from touchline.geometry import Pose3
 from touchline.live.heard import Heard, Told
 from touchline.live.ros_end import RosEnd
 from touchline.live.ros_topics import DIAGNOSTICS, DIAGNOSTICS_TYPE, POSE, POSE_TYPE, TF_TYPE
@@ -44,11 +44,11 @@ class RclpyLink:
         topics: Mapping[str, str] | None = None,
         base: str | None = None,
         namespace: str = "",
-        mount: Pose3 | None = None,
+        camera: Camera | None = None,
     ) -> None:
         """As `RosEnd` has them. Raises InputError."""
         self._codec = Codec()
-        self._end = RosEnd(self._codec, topics, base, namespace, mount)
+        self._end = RosEnd(self._codec, topics, base, namespace, camera)
         self._rclpy: Any = importlib.import_module("rclpy")
         self._qos: Any = importlib.import_module("rclpy.qos")
         self._types: Any = importlib.import_module("rosidl_runtime_py.utilities")

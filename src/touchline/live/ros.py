@@ -8,28 +8,31 @@ of `touchline.live.datagrams` in strings: /touchline/evidence, /touchline/wheels
 from __future__ import annotations
 
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from touchline.camera import Camera, PinholeCamera
+from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
 from touchline.live.datagrams import Datagrams
 from touchline.live.heard import Heard, Reading, Sight, Start
 from touchline.live.ros_topics import CLOCK, FIRST_POSE, PLANE, SAID, TRANSFORMS
 from touchline.sources.bags import roles
+from touchline.sources.bags.camera_track import CameraTrack
 from touchline.sources.bags.gathering import Gathering
+from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
 from touchline.sources.bags.pixels import image_pixels
 from touchline.sources.bags.point_cloud import cloud_points
-from touchline.sources.bags.readings import attitude_of, head_of, place_and_turn, planar_pose, rates_of
+from touchline.sources.bags.readings import attitude_of, place_and_turn, planar_pose, rates_of
 from touchline.sources.bags.team_features import FeatureRow, feature_rows
-from touchline.sources.bags.transforms import FrameTree, camera_body, plain
+from touchline.sources.bags.transforms import FrameTree, plain
 from touchline.sources.observations import observation_of
 from touchline.sources.truth import heading_of
 from touchline.types import MAX_OBSERVED_POINTS, Observation, points_at
 
-_CAMERA_POSES = 1_000  # that are remembered: an image is older than the newest of a head that moves
 _WAIT_NS = 30_000_000  # for the slower of two topics that tell of one image
 _SECOND_NS = 1_000_000_000
 
@@ -37,15 +40,14 @@ _SECOND_NS = 1_000_000_000
 class RosReader:
     """Messages to what was heard. base: the robot's frame on the ground; None: by its usual names.
 
-    mount: `head_from_camera`, of a head whose own pose a topic tells.
+    camera: that of features in pixels; where a topic tells the head's pose, camera.yaml places it in the head.
     """
 
-    def __init__(self, base: str | None = None, mount: Pose3 | None = None) -> None:
-        self._wanted, self._mount = base, mount
-        self._head_tells = False
+    def __init__(self, base: str | None = None, camera: Camera | None = None) -> None:
+        self._wanted, self._camera = base, camera
         self._tree = FrameTree()
-        self._camera_frame = ""
-        self._camera_poses: deque[tuple[int, Pose3]] = deque(maxlen=_CAMERA_POSES)
+        mount = camera.base_from_camera if isinstance(camera, PinholeCamera) else None
+        self._track = CameraTrack(self._tree, base, mount)
         self._clock_ns: int | None = None  # of a simulator or a bag that is played
         self._datagrams = Datagrams()
         self._seen: Gathering[FeatureRow] = Gathering(_WAIT_NS)
@@ -72,10 +74,7 @@ class RosReader:
     def read(self, role: str, message: Any, with_compass: bool = False) -> Iterator[Heard]:
         """What a message of a role says; with_compass: an IMU's yaw is the heading on the field."""
         if role == TRANSFORMS:
-            placed = self._tree.update(message.transforms)
-            pose = self._newest_camera_pose()
-            if placed and pose is not None:
-                self._camera_poses.append((max(stamp_ns for _, stamp_ns in placed), pose))
+            self._track.moved(self._tree.update(message.transforms))
         elif role == CLOCK:
             self._clock_ns = int(message.clock.sec) * _SECOND_NS + int(message.clock.nanosec)
         elif role == FIRST_POSE:
@@ -93,12 +92,12 @@ class RosReader:
             yield from self._points(message)
         elif role in roles.FEATURES:
             stamp_ns, now_ns = self._stamp(message), time.monotonic_ns()
-            rows = feature_rows(role, message, self._base_from(message))[:MAX_OBSERVED_POINTS]
+            rows = self._features(role, stamp_ns, message)[:MAX_OBSERVED_POINTS]
             self._arrived.setdefault(stamp_ns, now_ns / 1e9)
             self._seen.add(role, stamp_ns, rows, now_ns)
             yield from self.due()
         elif role == roles.HEAD:
-            self._head(message)
+            self._track.head(self._stamp(message), message)
         elif role == SAID:
             heard = self._datagrams.read(str(message.data).encode())
             if heard is not None:
@@ -111,11 +110,13 @@ class RosReader:
         stamp = message.header.stamp
         return int(stamp.sec) * _SECOND_NS + int(stamp.nanosec)
 
-    def _head(self, message: Any) -> None:
-        head = None if self._mount is None else head_of(message)
-        if head is not None and self._mount is not None:
-            self._head_tells = True
-            self._camera_poses.append((self._stamp(message), head.compose(self._mount)))
+    def _features(self, role: str, stamp_ns: int, message: Any) -> list[FeatureRow]:
+        """Raises InputError for features in pixels where the camera, or how it leaned, is not known."""
+        if not in_pixels(message):
+            return feature_rows(role, message, self._base_from(message))
+        if self._camera is None:
+            raise InputError("features in pixels need --camera")
+        return pixel_feature_rows(role, message, self._track.view(self._camera, message.header.frame_id, stamp_ns))
 
     def _inertial(self, message: Any, rates_too: bool, with_compass: bool) -> Iterator[Heard]:
         stamp_ns, sensor = self._stamp(message), self._base_from(message)
@@ -124,12 +125,13 @@ class RosReader:
             yield Reading("gyro", stamp_ns, rates)
         if attitude is not None:
             if rates_too:
+                self._track.leaned(stamp_ns, *attitude[:2])
                 yield Reading("attitude", stamp_ns, attitude[:2])
             if with_compass:
                 yield Reading("compass", stamp_ns, attitude[2:])
 
     def _image(self, message: Any) -> Iterator[Heard]:
-        camera = self._camera_pose(plain(message.header.frame_id), self._stamp(message))
+        camera = self._track.at(message.header.frame_id, self._stamp(message))
         if hasattr(message, "encoding"):
             pixels = image_pixels(message)
             if isinstance(pixels, str):
@@ -154,19 +156,3 @@ class RosReader:
         base = self._tree.base(self._wanted) if hasattr(message, "header") else None
         found = None if base is None else self._tree.pose(base, plain(message.header.frame_id))
         return found or Pose3.identity()
-
-    def _camera_pose(self, frame: str, stamp_ns: int) -> Pose3 | None:
-        """`base_from_camera` at an image's time where transforms tell it: of those there are, the nearest in time."""
-        if frame != self._camera_frame and not self._head_tells:
-            self._camera_frame = frame
-            self._camera_poses.clear()
-            if (pose := self._newest_camera_pose()) is not None:
-                self._camera_poses.append((stamp_ns, pose))
-        return min(self._camera_poses, key=lambda each: abs(each[0] - stamp_ns), default=(0, None))[1]
-
-    def _newest_camera_pose(self) -> Pose3 | None:
-        base = self._tree.base(self._wanted)
-        if base is None or not self._camera_frame:
-            return None
-        found = self._tree.pose(base, self._camera_frame)
-        return None if found is None else camera_body(found, self._camera_frame)

@@ -6,8 +6,8 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
+from touchline.camera import Camera
 from touchline.errors import InputError
-from touchline.geometry import Pose3
 from touchline.live.heard import Heard, Told
 from touchline.live.ros import RosReader
 from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYPES, Outgoing
@@ -32,17 +32,17 @@ class RosEnd:
         topics: Mapping[str, str] | None = None,
         base: str | None = None,
         namespace: str = "",
-        mount: Pose3 | None = None,
+        camera: Camera | None = None,
     ) -> None:
         """topics: role -> topic, where it isn't found by its type. namespace: of this robot, whose topics come first.
-        mount: `head_from_camera`, of a head whose own pose a topic tells. Raises InputError.
+        camera: of features in pixels, and of a head whose own pose a topic tells. Raises InputError.
         """
         self._named = dict(topics or {})
         for role in self._named:
             if role not in ROLES:
                 raise InputError(f"--topic {role}: is not known; one of {', '.join(ROLES)}")
         self._codec, self._namespace = codec, namespace
-        self._reader, self._writer = RosReader(base, mount), RosWriter(codec, namespace)
+        self._reader, self._writer = RosReader(base, camera), RosWriter(codec, namespace)
         self._seen: dict[str, Topic] = {}
         self._news_s = 0.0
         self._chosen: dict[str, set[str]] = {}  # roles by topic

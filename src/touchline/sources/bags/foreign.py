@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import open_camera
+from touchline.camera import Camera, camera_from_mapping, open_camera
 from touchline.errors import InputError
 from touchline.geometry import Pose3
 from touchline.messages import listed
@@ -48,10 +48,11 @@ class Foreign:
                 f"{path}: holds neither images nor what a detector found, only {listed(kinds)[:300]}; "
                 f"--topic image=/NAME or --topic points=/NAME tells where they are"
             )
+        self._pixels = roles.in_pixels(self._topics)
         self._field = named_field(path, options.field)
         self._tree = FrameTree()
         self._info: Any = None
-        self._frame = ""  # of the image
+        self._frame = ""  # of the image, or of the features in its pixels
         self._epoch_ns: int | None = None
         self._bare_ns = 0  # from the clock that messages were received by to that of their stamps
         self._stamps, self._places, self._names = array("q"), array("q"), array("b")
@@ -59,7 +60,7 @@ class Foreign:
     def extract(self, folder: Path) -> ImagePlaces:
         """Write the tables, in constant memory but for 40 bytes an image."""
         self._look_around()
-        with ForeignTables(folder, self._tree, self._options.base, self._problems, self._in_head()) as tables:
+        with ForeignTables(folder, self._tree, self._options.base, self._problems, self._seeing()) as tables:
             tables.watch_camera(self._frame)
             tables.expect(role for role in roles.FEATURES if role in self._topics)
             wanted = {*self._roles, *self._transforms} - {self._name(roles.CAMERA_INFO)}
@@ -71,11 +72,20 @@ class Foreign:
         places = np.array(self._places, dtype=np.int64).reshape(-1, 2)[order]
         return ImagePlaces(self._name(roles.IMAGE), places)
 
-    def _in_head(self) -> Pose3 | None:
-        """`head_from_camera`: what a camera.yaml says of a camera in a head whose own pose a topic tells."""
-        if not {roles.IMAGE, roles.HEAD} <= set(self._topics) or self._options.camera is None:
+    def _seeing(self) -> Camera | None:
+        """The camera, where features in pixels or a head whose own pose a topic tells need it before the first row.
+
+        Raises InputError where features in pixels have none.
+        """
+        if self._options.camera is not None and (self._pixels or roles.IMAGE in self._topics):
+            return open_camera(self._options.camera)
+        if not self._pixels:
             return None
-        return open_camera(self._options.camera).base_from_camera
+        mapping = self._camera_mapping()
+        if isinstance(mapping, str):
+            what = f"{self._pixels[0]} tells of pixels, and the camera is not known: {mapping}"
+            raise InputError(f"{self._path}: {what}; --camera FILE gives one")
+        return camera_from_mapping(mapping, self._path)
 
     def _name(self, role: str) -> str:
         return self._topics[role].name if role in self._topics else ""
@@ -96,7 +106,7 @@ class Foreign:
                 self._epoch_ns = second * _SECOND_NS if second >= _EARLIEST_EPOCH_S else 0
             if message.topic == self._name(roles.CAMERA_INFO) and self._info is None:
                 self._info = self._decoded(topic, message)
-            if message.topic == self._name(roles.IMAGE) and header is not None:
+            if message.topic in (self._name(roles.IMAGE), *self._pixels) and header is not None:
                 self._frame = self._frame or header.frame
             if self._knows_enough():
                 return
@@ -115,7 +125,7 @@ class Foreign:
             return False
         if roles.CAMERA_INFO in self._topics and self._info is None:
             return False
-        if roles.IMAGE in self._topics and not self._frame:
+        if (roles.IMAGE in self._topics or self._pixels) and not self._frame:
             return False
         return not self._transforms or self._mount() is not None
 
@@ -184,10 +194,14 @@ class Foreign:
             return "none"
         if self._options.camera is not None:
             return copy_camera(self._options.camera, folder)
-        mapping = "it has no CameraInfo" if self._info is None else camera_mapping(self._info, self._mount())
+        mapping = self._camera_mapping()
         if isinstance(mapping, str):
             what = f"tells no camera: {mapping}; --camera FILE gives one"
             self._problems.add(ProblemKind.TOPIC, self._path.name, what)
         else:
             write_yaml(folder / "camera.yaml", mapping)
         return "pinhole"
+
+    def _camera_mapping(self) -> dict[str, Any] | str:
+        """The keys of a camera.yaml, or why there are none."""
+        return "it has no CameraInfo" if self._info is None else camera_mapping(self._info, self._mount())

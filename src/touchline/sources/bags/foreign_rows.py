@@ -10,13 +10,17 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from touchline.camera import Camera, PinholeCamera
+from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3, tilt_rotation
 from touchline.sources.bags import roles
+from touchline.sources.bags.camera_track import CameraTrack
 from touchline.sources.bags.gathering import Gathering
+from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
 from touchline.sources.bags.point_cloud import cloud_points
 from touchline.sources.bags.readings import attitude_of, head_of, place_and_turn, planar_pose, rates_of
 from touchline.sources.bags.table_rows import decimal_seconds
-from touchline.sources.bags.team_features import feature_rows
+from touchline.sources.bags.team_features import FeatureRow, feature_rows
 from touchline.sources.bags.transforms import FrameTree, camera_body, plain
 from touchline.sources.observations import HEADER
 from touchline.sources.problems import ProblemKind, ProblemLog
@@ -35,11 +39,11 @@ _WAIT_NS = 500_000_000  # for the slower of two topics that tell of one image
 class ForeignTables:
     """New tables in a folder, written row by row. base: the robot's frame on the ground, if the user has named it.
 
-    mount: `head_from_camera`, of a head whose own pose a topic tells.
+    camera: that of features in pixels; where a topic tells the head's pose, camera.yaml places it in the head.
     """
 
     def __init__(
-        self, folder: Path, tree: FrameTree, base: str | None, problems: ProblemLog, mount: Pose3 | None = None
+        self, folder: Path, tree: FrameTree, base: str | None, problems: ProblemLog, camera: Camera | None = None
     ) -> None:
         self._folder, self._tree, self._problems = folder, tree, problems
         self._base = tree.base(base)
@@ -52,7 +56,9 @@ class ForeignTables:
         self._stack = ExitStack()
         self._seen: Gathering[str] = Gathering(_WAIT_NS)
         self._now_ns = -(2**63)
-        self._mount = mount
+        self._model = camera
+        self._mount = camera.base_from_camera if isinstance(camera, PinholeCamera) else None
+        self._track = CameraTrack(tree, base, self._mount)
 
     def __enter__(self) -> ForeignTables:
         return self
@@ -67,10 +73,12 @@ class ForeignTables:
     def watch_camera(self, frame: str) -> None:
         """Write where the camera is whenever it moves against the base."""
         self._camera = frame
+        self._track.watch(frame)
 
     def place(self, transforms: Iterable[Any], epoch_ns: int) -> None:
         """Take in what a message of /tf or /tf_static says."""
         placed = self._tree.update(transforms)
+        self._track.moved([(frame, stamp_ns - epoch_ns) for frame, stamp_ns in placed])
         if self._base is None or not self._camera:
             return
         between = self._tree.between(self._base, plain(self._camera))
@@ -105,8 +113,19 @@ class ForeignTables:
         elif role == roles.POINTS:
             self._points(stamp_ns, message)
         elif role in roles.FEATURES:
-            rows = feature_rows(role, message, self._pose_of_frame(message))
+            rows = self._features(role, stamp_ns, message)
             self._found(role, stamp_ns, [",".join(row.get(name, "") for name in _COLUMNS) for row in rows])
+
+    def _features(self, role: str, stamp_ns: int, message: Any) -> list[FeatureRow]:
+        if not in_pixels(message):
+            return feature_rows(role, message, self._pose_of_frame(message))
+        assert self._model is not None  # features in pixels come with a camera
+        try:
+            view = self._track.view(self._model, message.header.frame_id, stamp_ns)
+        except InputError as error:
+            self._problems.add(ProblemKind.BAG, role, f"{error}; what was seen is left out")
+            return []
+        return pixel_feature_rows(role, message, view)
 
     def _truth(self, stamp_ns: int, message: Any) -> None:
         place, turn = place_and_turn(message)
@@ -119,6 +138,7 @@ class ForeignTables:
         roll, pitch, yaw = attitude or (None, None, None)
         if roll is not None and pitch is not None:
             self._lean = tilt_rotation(roll, pitch)
+            self._track.leaned(stamp_ns, roll, pitch)
         self._row("imu.csv", stamp_ns, [roll, pitch, yaw if with_yaw else None, *(rates or (None, None, None))])
 
     def _attitude(self, message: Any) -> tuple[float, float, float] | None:
@@ -135,6 +155,7 @@ class ForeignTables:
     def _head(self, stamp_ns: int, message: Any) -> None:
         head = None if self._mount is None else head_of(message)
         if head is not None and self._mount is not None:
+            self._track.head(stamp_ns, message)
             body = head.compose(self._mount)
             self._row("camera_pose.csv", stamp_ns, [*body.translation_m.tolist(), *body.roll_pitch_yaw()])
 

@@ -42,6 +42,9 @@ IMU_TYPE, LOW_STATE, ODOMETER = (
 )
 UNSTAMPED = frozenset((LOW_STATE, ODOMETER, "geometry_msgs/msg/Pose"))
 """Types without a header: their messages are taken for as old as they are when they come."""
+_MARKINGS_2D, _GOALPOSTS_2D = "soccer_vision_2d_msgs/msg/MarkingArray", "soccer_vision_2d_msgs/msg/GoalpostArray"
+IN_PIXELS = frozenset((_MARKINGS_2D, _GOALPOSTS_2D))
+"""Types of features whose places are pixels: they need the camera."""
 ROLES = {
     IMAGE: (RAW_IMAGE, COMPRESSED_IMAGE),
     CAMERA_INFO: ("sensor_msgs/msg/CameraInfo",),
@@ -52,8 +55,8 @@ ROLES = {
     POINTS: (POINT_CLOUD,),
     DETECTIONS: ("vision_interface/msg/Detections",),
     LINE_SEGMENTS: ("vision_interface/msg/LineSegments",),
-    MARKINGS: ("soccer_vision_3d_msgs/msg/MarkingArray",),
-    GOALPOSTS: ("soccer_vision_3d_msgs/msg/GoalpostArray",),
+    MARKINGS: ("soccer_vision_3d_msgs/msg/MarkingArray", _MARKINGS_2D),
+    GOALPOSTS: ("soccer_vision_3d_msgs/msg/GoalpostArray", _GOALPOSTS_2D),
     HEAD: ("geometry_msgs/msg/Pose",),
 }
 """What a topic can be, and the types that can be it."""
@@ -105,7 +108,8 @@ def choose_topics(topics: Mapping[str, Topic], named: Mapping[str, str], problem
     chosen: dict[str, Topic] = {role: _named(topics, role, name) for role, name in named.items()}
     beside = (IMAGE, CAMERA_INFO, POINTS)  # what a detector has seen already
     for role in (*FEATURES, IMAGE, CAMERA_INFO, ODOMETRY, IMU, TRUTH, POINTS, HEAD):
-        if role in chosen or (role in beside and IMAGE not in named and has_features(chosen)):
+        needed = role == CAMERA_INFO and in_pixels(chosen)
+        if role in chosen or (role in beside and not needed and IMAGE not in named and has_features(chosen)):
             continue
         candidates = [topic for topic in topics.values() if topic.type in ROLES[role] and topic.messages]
         fitting = _fitting(role, candidates, chosen)
@@ -122,6 +126,11 @@ def choose_topics(topics: Mapping[str, Topic], named: Mapping[str, str], problem
 def has_features(chosen: Collection[str]) -> bool:
     """Whether one of some roles is a detector's."""
     return any(role in chosen for role in FEATURES)
+
+
+def in_pixels(chosen: Mapping[str, Topic]) -> list[str]:
+    """The names of the topics whose features are pixels."""
+    return [topic.name for role, topic in chosen.items() if role in FEATURES and topic.type in IN_PIXELS]
 
 
 def _named(topics: Mapping[str, Topic], role: str, name: str) -> Topic:
@@ -154,6 +163,8 @@ def _fitting(role: str, candidates: Iterable[Topic], chosen: Mapping[str, Topic]
         return sorted(rest, key=lambda topic: "odom" not in topic.name.lower())
     if role == POINTS:
         return [each for each in by_number if _LINES_NAME.search(each.name.lower()) or IMAGE not in chosen]
+    if role in FEATURES:  # places in metres come first: they need no camera
+        return sorted(by_number, key=lambda topic: ROLES[role].index(topic.type))
     if role == HEAD:
         return [each for each in by_number if "head_pose" in each.name.lower()]
     return by_number

@@ -1,7 +1,7 @@
 """What teams' own detectors say in their own messages, as rows like those of observations.csv, in the robot frame.
 
 Of Booster's robots `position_projection` is in the robot frame already; the messages of soccer_vision_3d_msgs are in
-the frame of their headers. A confidence that is not known (-1) is left open.
+the frame of their headers. `pixel_features` reads those of pixels. A confidence that is not known (-1) is left open.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _LABELS = {
     "PenaltyPoint": LandmarkKind.PENALTY_MARK,
     "Goalpost": LandmarkKind.POST,
 }
-_RAYS = {2: CrossingKind.L, 3: CrossingKind.T, 4: CrossingKind.X}
-_LARGEST_MARK_M = 0.35  # diameter: a larger ellipse is the centre circle
+CROSSING_OF_RAYS = {2: CrossingKind.L, 3: CrossingKind.T, 4: CrossingKind.X}
+LARGEST_MARK_M = 0.35  # diameter: a larger ellipse is the centre circle
 
 
 def feature_rows(role: str, message: Any, base_from_sensor: Pose3) -> list[FeatureRow]:
@@ -37,34 +37,34 @@ def _detections(message: Any, base_from_sensor: Pose3) -> Iterator[FeatureRow]:
     for seen in message.detected_objects:
         place = np.asarray(seen.position_projection, dtype=np.float64)
         if seen.label in _LABELS and len(place) >= 2:
-            yield from _row(_LABELS[seen.label], place[:2], 0.01 * float(seen.confidence))
+            yield from feature_row(_LABELS[seen.label], place[:2], 0.01 * float(seen.confidence))
 
 
 def _line_segments(message: Any, base_from_sensor: Pose3) -> Iterator[FeatureRow]:
     numbers = np.asarray(message.coordinates, dtype=np.float64)
     for ends in numbers[: len(numbers) // 4 * 4].reshape(-1, 4):
-        yield from _row("line", ends[:2], -1.0, ends[2:])
+        yield from feature_row("line", ends[:2], -1.0, ends[2:])
 
 
 def _markings(message: Any, base_from_sensor: Pose3) -> Iterator[FeatureRow]:
     for ellipse in message.ellipses:
-        mark = LandmarkKind.PENALTY_MARK if ellipse.diameter < _LARGEST_MARK_M else LandmarkKind.CIRCLE
-        yield from _row(mark, _placed(base_from_sensor, ellipse.center.position), ellipse.confidence.confidence)
+        mark = LandmarkKind.PENALTY_MARK if ellipse.diameter < LARGEST_MARK_M else LandmarkKind.CIRCLE
+        yield from feature_row(mark, _placed(base_from_sensor, ellipse.center.position), ellipse.confidence.confidence)
     for crossing in message.intersections:
-        if crossing.num_rays in _RAYS:
-            kind = _RAYS[crossing.num_rays]
-            turn = _orientation(kind, [_turned(base_from_sensor, ray) for ray in crossing.rays])
+        if crossing.num_rays in CROSSING_OF_RAYS:
+            kind = CROSSING_OF_RAYS[crossing.num_rays]
+            turn = orientation(kind, [_turned(base_from_sensor, ray) for ray in crossing.rays])
             place = _placed(base_from_sensor, crossing.center.position)
-            yield from _row(kind, place, crossing.confidence.confidence, turn=turn)
+            yield from feature_row(kind, place, crossing.confidence.confidence, turn=turn)
     for segment in message.segments:
         start, end = (_placed(base_from_sensor, each) for each in (segment.start, segment.end))
-        yield from _row("line", start, segment.confidence.confidence, end)
+        yield from feature_row("line", start, segment.confidence.confidence, end)
 
 
 def _goalposts(message: Any, base_from_sensor: Pose3) -> Iterator[FeatureRow]:
     for post in message.posts:
         place = _placed(base_from_sensor, post.bb.center.position)
-        yield from _row(LandmarkKind.POST, place, post.confidence.confidence)
+        yield from feature_row(LandmarkKind.POST, place, post.confidence.confidence)
 
 
 _READERS: dict[str, Callable[[Any, Pose3], Iterator[FeatureRow]]] = {
@@ -75,9 +75,10 @@ _READERS: dict[str, Callable[[Any, Pose3], Iterator[FeatureRow]]] = {
 }
 
 
-def _row(
+def feature_row(
     kind: str, place: FloatArray, confidence: float, end: FloatArray | None = None, turn: float = math.nan
 ) -> Iterable[FeatureRow]:
+    """One row, or none where a place is none; turn: its orientation (rad)."""
     numbers = {"x_m": place[0], "y_m": place[1]}
     if end is not None:
         numbers |= {"x2_m": end[0], "y2_m": end[1]}
@@ -101,13 +102,17 @@ def _placed(base_from_sensor: Pose3, point: Any) -> FloatArray:
 def _turned(base_from_sensor: Pose3, ray: Any) -> FloatArray:
     """A direction on the ground, of length 1; NaN for none."""
     way = np.array([ray.x, ray.y, ray.z], dtype=np.float64)
-    turned = (base_from_sensor.rotation @ way)[:2] if (np.abs(way) < LARGEST).all() else np.zeros(2)
-    length = math.hypot(*turned)
-    unit: FloatArray = turned / length if length > 0.0 else np.full(2, math.nan)
+    return unit_vector((base_from_sensor.rotation @ way)[:2] if (np.abs(way) < LARGEST).all() else np.zeros(2))
+
+
+def unit_vector(way: FloatArray) -> FloatArray:
+    """(2,) of length 1; NaN for none."""
+    length = math.hypot(*way)
+    unit: FloatArray = way / length if length > 0.0 else np.full(2, math.nan)
     return unit
 
 
-def _orientation(kind: CrossingKind, rays: Sequence[FloatArray]) -> float:
+def orientation(kind: CrossingKind, rays: Sequence[FloatArray]) -> float:
     """As `touchline.types.Crossings` has it (rad); NaN where not all rays are told."""
     if len(rays) != {CrossingKind.L: 2, CrossingKind.T: 3, CrossingKind.X: 4}[kind]:
         return math.nan

@@ -27,7 +27,9 @@ DEFINITIONS = {
     "soccer_vision_attribute_msgs/msg/Confidence": "float32 CONFIDENCE_UNKNOWN=-1\nfloat32 confidence -1\n",
     "soccer_vision_attribute_msgs/msg/Goalpost": "uint8 side\nuint8 team\n",
     "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size\n",
-    "vision_msgs/msg/BoundingBox2D": "geometry_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y\n",
+    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y\n",
+    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta\n",
+    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y\n",
     "soccer_vision_3d_msgs/msg/MarkingEllipse": "float64 diameter\ngeometry_msgs/Pose center\n" + _CONFIDENCE,
     "soccer_vision_3d_msgs/msg/MarkingIntersection": "geometry_msgs/Pose center\nint32 num_rays\n"
     "geometry_msgs/Vector3[] rays\n" + _CONFIDENCE,
@@ -38,11 +40,11 @@ DEFINITIONS = {
     "soccer_vision_3d_msgs/msg/Goalpost": "vision_msgs/BoundingBox3D bb\n"
     "soccer_vision_attribute_msgs/Goalpost attributes\n" + _CONFIDENCE,
     "soccer_vision_3d_msgs/msg/GoalpostArray": "std_msgs/Header header\nsoccer_vision_3d_msgs/Goalpost[] posts\n",
-    "soccer_vision_2d_msgs/msg/MarkingEllipse": "vision_msgs/BoundingBox2D bb\ngeometry_msgs/Point center\n"
+    "soccer_vision_2d_msgs/msg/MarkingEllipse": "vision_msgs/BoundingBox2D bb\nvision_msgs/Point2D center\n"
     + _CONFIDENCE,
-    "soccer_vision_2d_msgs/msg/MarkingIntersection": "geometry_msgs/Point center\nint32 num_rays\n"
+    "soccer_vision_2d_msgs/msg/MarkingIntersection": "vision_msgs/Point2D center\nint32 num_rays\n"
     "float64[] heading_rays\n" + _CONFIDENCE,
-    "soccer_vision_2d_msgs/msg/MarkingSegment": "geometry_msgs/Point start\ngeometry_msgs/Point end\n" + _CONFIDENCE,
+    "soccer_vision_2d_msgs/msg/MarkingSegment": "vision_msgs/Point2D start\nvision_msgs/Point2D end\n" + _CONFIDENCE,
     "soccer_vision_2d_msgs/msg/MarkingArray": "std_msgs/Header header\n"
     "soccer_vision_2d_msgs/MarkingEllipse[] ellipses\nsoccer_vision_2d_msgs/MarkingIntersection[] intersections\n"
     "soccer_vision_2d_msgs/MarkingSegment[] segments\n",
@@ -54,5 +56,12 @@ DEFINITIONS = {
 EARLIER = {
     "vision_interface/msg/DetectedObject": _OBJECT.format(color="", pixel="") + _PLACES,
     "vision_interface/msg/Detections": _SEEN,
+    **{
+        name: text.replace("vision_msgs/Point2D", "geometry_msgs/Point")
+        for name, text in DEFINITIONS.items()
+        if name.startswith("soccer_vision_2d_msgs/msg/Marking")
+    },
 }
-"""The same types as the first robots sent them: tried where a message isn't of the present definition."""
+"""The same types as the first robots, and as vision_msgs before ROS 2 Humble, had them: tried where a message isn't of
+the present definition.
+"""

@@ -10,7 +10,8 @@ import numpy as np
 from touchline.geometry import FloatArray, Pose3
 
 _DEEPEST = 100  # frames from a leaf to the root: more is a loop
-_BASES = ("base_footprint", "base_link", "base")
+GROUND_FRAME = "base_footprint"
+_BASES = (GROUND_FRAME, "base_link", "base")
 # The axes of a camera's optical frame (x right, y down, z ahead) from those of its body (x ahead, y left, z up).
 OPTICAL_FROM_BODY = Pose3(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.zeros(3))
 _UPWARD = 0.7

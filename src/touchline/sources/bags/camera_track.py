@@ -1,0 +1,107 @@
+"""Where the camera of a moving head was at an image's time, by /tf, by a topic of the head, by the IMU."""
+
+from __future__ import annotations
+
+from collections import deque
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+
+from touchline.camera import Camera, GroundView, ground_view
+from touchline.geometry import Pose3, wrap_angles
+from touchline.sources.bags.readings import head_of
+from touchline.sources.bags.transforms import GROUND_FRAME, FrameTree, camera_body, plain
+
+_REMEMBERED = 300  # samples: an image is older than the newest
+
+
+class CameraTrack:
+    """Remembers the last seconds. base: the robot's frame on the ground; None: by its usual names.
+
+    mount: `head_from_camera`, of a head whose own pose a topic tells; such a topic counts before transforms.
+    """
+
+    def __init__(self, tree: FrameTree, base: str | None = None, mount: Pose3 | None = None) -> None:
+        self._tree, self._wanted, self._mount = tree, base, mount
+        self._head_tells = False
+        self._frame = ""
+        self._poses, self._leans = _History(), _History()
+
+    def watch(self, frame: str) -> None:
+        """Remember where this frame is: the first image is older than the newest transform, too."""
+        self._frame, self._poses = plain(frame), _History()
+
+    def moved(self, placed: list[tuple[str, int]]) -> None:
+        """The tree has taken in these frames, with their stamps (ns)."""
+        base = self._tree.base(self._wanted)
+        if base is None or not self._frame or self._head_tells:
+            return
+        between = self._tree.between(base, self._frame) or ()
+        stamps = [stamp_ns for frame, stamp_ns in placed if frame in between]
+        pose = self._newest() if stamps else None
+        if pose is not None:
+            self._poses.add(max(stamps), pose)
+
+    def head(self, stamp_ns: int, pose: Any) -> None:
+        """A geometry_msgs/Pose of the head."""
+        head = None if self._mount is None else head_of(pose)
+        if head is not None and self._mount is not None:
+            if not self._head_tells:
+                self._head_tells, self._poses = True, _History()
+            self._poses.add(stamp_ns, head.compose(self._mount))
+
+    def leaned(self, stamp_ns: int, roll_rad: float, pitch_rad: float) -> None:
+        """The body leans so."""
+        self._leans.add(stamp_ns, Pose3.from_roll_pitch_yaw(roll_rad, pitch_rad))
+
+    def at(self, frame: str, stamp_ns: int) -> Pose3 | None:
+        """`base_from_camera` of an image in a frame, between the samples before and after; None where nothing tells.
+
+        Where the base is none on the ground, it leans as the IMU says.
+        """
+        if self._head_tells:
+            return self._poses.at(stamp_ns)
+        if plain(frame) != self._frame:
+            self.watch(frame)
+            if (newest := self._newest()) is not None:
+                self._poses.add(stamp_ns, newest)
+        pose = self._poses.at(stamp_ns)
+        if pose is None or self._wanted is not None or self._tree.base(None) == GROUND_FRAME:
+            return pose
+        lean = self._leans.at(stamp_ns)
+        return pose if lean is None else lean.compose(pose)
+
+    def view(self, camera: Camera, frame: str, stamp_ns: int) -> GroundView:
+        """What the camera saw then. Raises InputError where nothing tells how it leaned, and it does."""
+        lean = self._leans.at(stamp_ns)
+        roll, pitch = (None, None) if lean is None else lean.roll_pitch_yaw()[:2]
+        return ground_view(camera, self.at(frame, stamp_ns), roll, pitch)
+
+    def _newest(self) -> Pose3 | None:
+        base = self._tree.base(self._wanted)
+        found = None if base is None or not self._frame else self._tree.pose(base, self._frame)
+        return None if found is None else camera_body(found, self._frame)
+
+
+class _History:
+    """Poses by their times, in whatever order they came."""
+
+    def __init__(self) -> None:
+        self._rows: deque[tuple[int, Pose3]] = deque(maxlen=_REMEMBERED)
+
+    def add(self, stamp_ns: int, pose: Pose3) -> None:
+        self._rows.append((stamp_ns, pose))
+
+    def at(self, stamp_ns: int) -> Pose3 | None:
+        """Between the last one before and the first one after; beyond both ends the last or the first."""
+        before = max((row for row in self._rows if row[0] <= stamp_ns), key=itemgetter(0), default=None)
+        after = min((row for row in self._rows if row[0] > stamp_ns), key=itemgetter(0), default=None)
+        if before is None or after is None:
+            return (before or after or (0, None))[1]
+        ratio = (stamp_ns - before[0]) / (after[0] - before[0])
+        first, second = (np.array([*pose.translation_m, *pose.roll_pitch_yaw()]) for pose in (before[1], after[1]))
+        step = second - first
+        step[3:] = wrap_angles(step[3:])
+        x, y, z, roll, pitch, yaw = (first + ratio * step).tolist()
+        return Pose3.from_roll_pitch_yaw(roll, pitch, yaw, (x, y, z))
