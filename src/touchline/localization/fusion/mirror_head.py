@@ -27,7 +27,7 @@ LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.002, 0.02  # limits of what is l
 GAIN = 0.05  # share of a new image in what is learned
 # by how much mirrors of several shapes shift the ground about the robot beyond these errors: per 1/m of g, per px
 MISFIT_M2, MISFIT_M_PER_PX = 0.2, 0.0015
-SETTLED_PER_M = 0.007  # standard deviation of g from which on the tilt is known: 0.15 degrees
+SETTLED_PER_M = 0.007  # standard deviation of an image's g below which its tilt is known beforehand: 0.15 degrees
 LEAST_NOISE, MOST_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
 REPEATED = 2.6  # so many points err together: neighbours on a line, and the same place in the next image
 FEW = 20  # of so few points twice as many: the ends of a lone line tell most, and may be none
@@ -72,8 +72,8 @@ class MirrorHead:
         return Head(self.mirror, self.noise * self._repeated(count))
 
     def is_settled(self, one: JointFilter) -> bool:
-        """Whether a hypothesis knows its tilt so well that lines far off lie near their places."""
-        return float(np.trace(one.error_covariance[:2, :2])) < SETTLED_PER_M**2
+        """Whether the tilt of an image is known so well before it that lines far off lie near their places."""
+        return float(np.trace(one.error_covariance[:2, :2] + self.swing[:2, :2])) < SETTLED_PER_M**2
 
     def upright(self, positions_m: FloatArray, one: JointFilter) -> FloatArray:
         """Points (N, 2) without the errors that a hypothesis has found."""
