@@ -10,10 +10,11 @@ import pytest
 import yaml
 
 from touchline.camera import PinholeCamera, ground_view, leaning, open_camera
-from touchline.camera.imu_correction import ImuCorrection, monomials
+from touchline.camera.imu_correction import ImuCorrection, levelled, monomials
 from touchline.camera.pinhole import pinhole_mapping
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
+from touchline.perception.line_graph.image_plane import grounds_from_pixels, image_plane, make_lens
 
 PIXELS = np.array([(376.0, 300.0), (100.0, 250.0), (700.0, 460.0), (376.0, 20.0)])
 CORRECTION = ImuCorrection(
@@ -28,15 +29,23 @@ def camera() -> PinholeCamera:
     return PinholeCamera(752, 480, 493.0, 493.0, 377.3, 238.6, distortion, mount)
 
 
-def learned(camera: PinholeCamera) -> PinholeCamera:
-    return replace(camera, imu_correction=CORRECTION)
+WHOLE = ImuCorrection(
+    np.array(
+        [(-0.4, 0, -0.1, 0.3, 0, 200, -140), (0, 0, -0.9, 1.1, 1, 600, -430), (0, 0.0001, -0.0004, 0.001, 0, 0.1, -0.4)]
+    ),
+    reference_rad=(0.02, -0.01),
+)
 
 
-@pytest.mark.parametrize("with_correction", [False, True])
-def test_ground_and_back(camera: PinholeCamera, with_correction: bool) -> None:
-    view = ground_view(learned(camera) if with_correction else camera, None, 0.03, -0.12)
+def learned(camera: PinholeCamera, correction: ImuCorrection = CORRECTION) -> PinholeCamera:
+    return replace(camera, imu_correction=correction)
+
+
+@pytest.mark.parametrize("correction", [None, CORRECTION, WHOLE])
+def test_ground_and_back(camera: PinholeCamera, correction: ImuCorrection | None) -> None:
+    view = ground_view(camera if correction is None else learned(camera, correction), None, 0.03, -0.12)
     ground = view.ground_from_image(PIXELS)
-    assert with_correction or np.isnan(ground[3]).all()  # above the horizon
+    assert correction or np.isnan(ground[3]).all()  # above the horizon
     assert view.image_from_ground(ground[:3]) == pytest.approx(PIXELS[:3], abs=1e-6)
     on_floor = np.column_stack((ground[:3], np.zeros(3)))
     assert view.image_from_base(on_floor) == pytest.approx(PIXELS[:3], abs=1e-6)
@@ -46,10 +55,26 @@ def test_ground_and_back(camera: PinholeCamera, with_correction: bool) -> None:
 def test_the_learned_correction_is_equation_2(camera: PinholeCamera) -> None:
     roll, pitch = np.full(3, 0.03), np.full(3, -0.12)
     seen = camera.undistorted(PIXELS[:3])
-    f = monomials(seen, roll - CORRECTION.reference_rad[1], pitch - CORRECTION.reference_rad[0])
+    f = monomials(seen, roll - CORRECTION.reference_rad[1], pitch - CORRECTION.reference_rad[0])[:, :5]
     level = camera.distorted(seen + f @ CORRECTION.matrix.T)
     view = ground_view(learned(camera), None, 0.03, -0.12)
     assert view.ground_from_image(PIXELS[:3]) == pytest.approx(camera.ground_from_image(level), abs=1e-9)
+
+
+def test_many_leans_at_once_are_levelled_as_one_by_one(camera: PinholeCamera) -> None:
+    seen = camera.undistorted(PIXELS[:3])
+    for correction in (CORRECTION, WHOLE):
+        f = monomials(seen, np.full(3, 0.04), np.full(3, -0.14))
+        one = correction.level(seen, 0.03, -0.12)
+        assert levelled(correction.matrix, seen, f) == pytest.approx(one, abs=1e-9)
+
+
+@pytest.mark.parametrize("correction", [CORRECTION, WHOLE])
+def test_the_line_detectors_plane_is_the_views(camera: PinholeCamera, correction: ImuCorrection) -> None:
+    view = ground_view(learned(camera, correction), None, 0.03, -0.12)
+    near = np.array([(376.0, 300.0), (112.0, 320.0), (640.0, 448.0)])  # on the lens's table
+    found = grounds_from_pixels(image_plane(make_lens(camera), view), near)
+    assert found == pytest.approx(view.ground_from_image(near), abs=0.01)
 
 
 def test_a_frames_pose_comes_before_the_correction_and_that_before_the_mount(camera: PinholeCamera) -> None:

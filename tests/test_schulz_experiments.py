@@ -84,8 +84,14 @@ def test_the_belief_of_everything_has_one_position(monkeypatch: pytest.MonkeyPat
 
 
 def test_the_learned_correction_halves_what_marks_wander() -> None:
-    found = schulz_imu.learned(1).calibration
+    each = schulz_imu.learned(1)
+    found = each.calibration
     assert found.after_px < 0.15 * found.before_px
+    for lean_deg in schulz_imu.LEANS_DEG.values():  # all over the image, not at the marks alone
+        left, shift = schulz_imu.against_geometry(each.camera, found, *lean_deg)
+        assert left < 0.1 * shift
+    left, shift = schulz_imu.against_geometry(each.camera, each.equation_2, 0.0, 3.0)
+    assert left > 0.5 * shift
 
 
 def test_every_part_of_table_1_takes_some_time(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:

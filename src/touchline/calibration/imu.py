@@ -1,17 +1,28 @@
 """`touchline calibrate imu`: what roll and pitch do to the image, from marks that a robot sees while it walks in place.
 
-Schulz and Behnke 2012, section 4.4, equation (2): neither the places of the marks nor the robot's kinematics need be
-known.
+Schulz and Behnke 2012, section 4.4, equation (2) and what it leaves out (`ImuCorrection`): neither the places of the
+marks nor the robot's kinematics need be known.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from touchline.calibration.marks import MARKS, Marks, read_marks
-from touchline.camera.imu_correction import ImuCorrection, monomials
+from touchline.calibration.marks import MARKS, read_marks
+from touchline.camera.imu_correction import (
+    CONSTANT,
+    PAPER_SHAPE,
+    PITCH,
+    ROLL,
+    SHAPE,
+    ImuCorrection,
+    levelled,
+    monomials,
+)
 from touchline.camera.pinhole import PinholeCamera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
@@ -22,6 +33,9 @@ MIN_IMAGES = 20
 MIN_LEAN_RAD = 0.005  # standard deviation of roll or pitch below which nothing can be learned of it
 _STILL_RAD_S = 0.05  # rates of a robot that stands
 _CUT_SIGMAS = 3.5  # marks that lie farther off were marked wrongly
+_OF_LEAN = [*range(CONSTANT), *range(CONSTANT + 1, SHAPE[1])]  # the monomials but the constant
+_TURNS = 4  # of solving for marks and matrix, until neither moves by more than 0.01 px
+_NOISE_PX, _COEFFICIENT = 1.0, 2.0  # of a mark; size of a coefficient in focal lengths: rotations have 1 and less
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -44,8 +58,10 @@ class ImuCalibration:
     corrected_px: FloatArray
 
 
-def calibrate_imu(recording: Recording, camera: PinholeCamera) -> ImuCalibration:
-    """The matrix C by least squares. Raises InputError for a recording without marks, IMU or lean."""
+def calibrate_imu(recording: Recording, camera: PinholeCamera, paper: bool = False) -> ImuCalibration:
+    """The matrix C by least squares; paper: of equation (2) alone. Raises InputError for a recording without marks,
+    IMU or lean.
+    """
     path = recording.folder / MARKS
     if not path.exists():
         raise InputError(f"{recording.folder}: has no {MARKS} (file,name,u,v) of marks before a robot that walks")
@@ -63,7 +79,31 @@ def calibrate_imu(recording: Recording, camera: PinholeCamera) -> ImuCalibration
         raise InputError(f"{recording.folder}: the robot hardly leans; let it walk in place before the marks")
     standing = _standing(recording, images, still)
     upright = np.mean([leans[name] for name in standing], axis=0) if standing else np.zeros(2)
-    return _fitted(marks, np.array(rows), lean - upright, upright, camera, standing)
+    names, mark = np.unique([marks.names[i] for i in rows], return_inverse=True)
+    initial = np.isin([marks.files[i] for i in rows], standing)
+    seen = _Sightings(camera.undistorted(marks.pixels[rows]), mark, len(names), lean - upright, initial)
+    return _fitted(seen, upright, camera, paper, (len(images), len(standing)))
+
+
+class _Sightings(NamedTuple):
+    """Marks in images, N sightings of so many marks.
+
+    pixels (N, 2): undistorted. mark (N,): which one of `marks`. lean (N, 2): roll and pitch (rad) less those while
+    upright. initial (N,): by a robot that stands.
+    """
+
+    pixels: FloatArray
+    mark: npt.NDArray[np.intp]
+    marks: int
+    lean: FloatArray
+    initial: npt.NDArray[np.bool_]
+
+
+class _Fit(NamedTuple):
+    """matrix: that of `ImuCorrection`. true (K, 2): the initial coordinates c* of the marks, pixels."""
+
+    matrix: FloatArray
+    true: FloatArray
 
 
 def _leans(recording: Recording) -> tuple[dict[str, FloatArray], dict[str, bool]]:
@@ -91,31 +131,63 @@ def _standing(recording: Recording, images: set[str], still: dict[str, bool]) ->
 
 
 def _fitted(
-    marks: Marks, rows: FloatArray, lean: FloatArray, upright: FloatArray, camera: PinholeCamera, standing: list[str]
+    seen: _Sightings, upright: FloatArray, camera: PinholeCamera, paper: bool, images: tuple[int, int]
 ) -> ImuCalibration:
-    """Equation (2). Initial coordinates c* that are not known, of a robot that never stood, are estimated with C."""
-    pixels = camera.undistorted(marks.pixels[rows])
-    names = np.array([marks.names[i] for i in rows])
-    files = np.array([marks.files[i] for i in rows])
-    kinds, mark = np.unique(names, return_inverse=True)
-    f = monomials(pixels, lean[:, 0], lean[:, 1])
-    kept = np.isfinite(pixels).all(axis=1)
-    initial = np.isin(files, standing) & kept
+    """By least squares, thrice, without what the fit before shows to be marked wrongly; images: all, and standing."""
+    pixels = seen.pixels
+    kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(pixels).all(axis=1))
+    f = monomials(pixels, seen.lean[:, 0], seen.lean[:, 1])
     for _ in range(3):
-        if all(initial[mark == k].any() for k in range(len(kinds))):
-            true = np.array([pixels[initial & (mark == k)].mean(axis=0) for k in range(len(kinds))])
-            matrix = np.linalg.lstsq(f[kept], (true[mark] - pixels)[kept], rcond=None)[0].T
-        else:  # x* - C f = c, both unknown; the constant is in x*
-            design = np.column_stack((np.eye(len(kinds))[mark], -f[:, :4]))
-            solved = np.linalg.lstsq(design[kept], pixels[kept], rcond=None)[0]
-            true = solved[: len(kinds)]
-            matrix = np.column_stack((solved[len(kinds) :].T, np.zeros(2)))
-        off = np.hypot(*(true[mark] - pixels - f @ matrix.T).T)
+        fit = _equation_2(seen, kept, f[:, : PAPER_SHAPE[1]]) if paper else _homography(seen, kept, camera)
+        corrected = levelled(fit.matrix, pixels, f)
+        off = np.hypot(*(fit.true[seen.mark] - corrected).T)
         spread = float(np.sqrt(np.median(off[kept] ** 2)))
         kept = kept & (off < _CUT_SIGMAS * max(spread, 0.1))
-    centres = np.array([pixels[kept & (mark == k)].mean(axis=0) for k in range(len(kinds))])
-    before = np.hypot(*(pixels - centres[mark])[kept].T)
-    correction = ImuCorrection(matrix, (float(upright[1]), float(upright[0])))
+    centres = np.array([pixels[kept & (seen.mark == k)].mean(axis=0) for k in range(seen.marks)])
+    before = np.hypot(*(pixels - centres[seen.mark])[kept].T)
+    correction = ImuCorrection(fit.matrix, (float(upright[1]), float(upright[0])))
     rms = [float(np.sqrt(np.mean(values**2))) for values in (before, off[kept])]
-    counts = (len(kinds), len(set(files.tolist())), len(standing), int(np.count_nonzero(~kept)))
-    return ImuCalibration(correction, rms[0], rms[1], *counts, pixels, pixels + f @ matrix.T)
+    left_out = int(np.count_nonzero(~kept))
+    return ImuCalibration(correction, rms[0], rms[1], seen.marks, *images, left_out, pixels, corrected)
+
+
+def _equation_2(seen: _Sightings, kept: npt.NDArray[np.bool_], f: FloatArray) -> _Fit:
+    """Equation (2). Initial coordinates c* that are not known, of a robot that never stood, are estimated with C."""
+    pixels, mark, initial = seen.pixels, seen.mark, seen.initial & kept
+    if all(initial[mark == k].any() for k in range(seen.marks)):
+        true = np.array([pixels[initial & (mark == k)].mean(axis=0) for k in range(seen.marks)])
+        return _Fit(np.linalg.lstsq(f[kept], (true[mark] - pixels)[kept], rcond=None)[0].T, true)
+    # x* - C f = c, both unknown; the constant is in x*
+    design = np.column_stack((np.eye(seen.marks)[mark], -f[:, :CONSTANT]))
+    solved = np.linalg.lstsq(design[kept], pixels[kept], rcond=None)[0]
+    return _Fit(np.column_stack((solved[seen.marks :].T, np.zeros(2))), solved[: seen.marks])
+
+
+def _homography(seen: _Sightings, kept: npt.NDArray[np.bool_], camera: PinholeCamera) -> _Fit:
+    """x* (1 + C₃ f) - C f = c, x* and C unknown; the constant is in x*.
+
+    In focal lengths from the principal point, where a camera's rotation has coefficients of order one: so those that
+    the marks don't tell are held near 0. x* C₃ is bilinear: x* is taken from the turn before.
+    """
+    k = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+    q = (seen.pixels[kept] - k[:2, 2]) / np.diag(k)[:2]
+    mark, lean = seen.mark[kept], seen.lean[kept]
+    f = monomials(q, lean[:, 0], lean[:, 1])[:, _OF_LEAN]
+    own = np.eye(seen.marks)[mark]
+    row = np.column_stack((own, -f))
+    blank, width = np.zeros_like(row), row.shape[1]
+    weight = np.full(2 * width + CONSTANT, _NOISE_PX / camera.fx / _COEFFICIENT)
+    weight[: seen.marks] = weight[width : width + seen.marks] = 0.0
+    true = own.T @ q / np.maximum(own.sum(axis=0), 1.0)[:, np.newaxis]
+    for _ in range(_TURNS):
+        third = (true[mark].T[:, :, np.newaxis] * f[:, :CONSTANT]).reshape(-1, CONSTANT)
+        design = np.column_stack((np.vstack((row, blank)), np.vstack((blank, row)), third))
+        wanted = np.concatenate((q.T.ravel(), np.zeros(len(weight))))
+        solved = np.linalg.lstsq(np.vstack((design, np.diag(weight))), wanted, rcond=None)[0]
+        true = np.column_stack((solved[: seen.marks], solved[width : width + seen.marks]))
+    c, matrix = np.zeros(SHAPE), np.zeros(SHAPE)
+    c[0, _OF_LEAN], c[1, _OF_LEAN] = solved[seen.marks : width], solved[width + seen.marks : 2 * width]
+    c[2, :CONSTANT] = solved[2 * width :]
+    for part in (PITCH, ROLL):
+        matrix[:, part] = k @ c[:, part] @ np.linalg.inv(k)
+    return _Fit(matrix, true * np.diag(k)[:2] + k[:2, 2])

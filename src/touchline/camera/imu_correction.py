@@ -2,6 +2,10 @@
 
 A robot whose kinematics nobody knows walks in place before marks on the ground; where their images go for a reading of
 the IMU is learned, and taken off before the camera of a level robot puts them on the ground.
+
+A camera that leans by small angles sees the plane of the field through a homography that is linear in them. Equation
+(2) holds no term of pitch or roll alone, and nothing of the third row, so that it is right about the rows of the marks
+alone. Ours is all of it: c* = (c + C f) / (1 + C₃ f), C₃ the third row, f with pitch and roll at its end.
 """
 
 from __future__ import annotations
@@ -16,12 +20,14 @@ from touchline.camera.reading import read_numbers
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 
-_MONOMIALS = 5
+PAPER_SHAPE, SHAPE = (2, 5), (3, 7)
+PITCH, ROLL, CONSTANT = (0, 2, 5), (3, 1, 6), 4  # the monomials of pitch with u, v and alone, of roll; and that of none
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ImuCorrection:
-    """matrix (2, 5): the C of equation (2), for undistorted pixels. reference_rad: pitch and roll while upright.
+    """matrix, for undistorted pixels: (3, 7), or (2, 5), the C of equation (2) alone. reference_rad: pitch and roll
+    while upright.
 
     Raises InputError for another shape.
     """
@@ -30,44 +36,61 @@ class ImuCorrection:
     reference_rad: tuple[float, float]
 
     def __post_init__(self) -> None:
-        if np.shape(self.matrix) != (2, _MONOMIALS):
-            raise InputError(f"imu_correction: matrix needs 2 rows of {_MONOMIALS} numbers")
+        if np.shape(self.matrix) not in (PAPER_SHAPE, SHAPE):
+            raise InputError("imu_correction: matrix needs 3 rows of 7 numbers, or 2 of 5")
 
     def level(self, pixels: FloatArray, roll_rad: float, pitch_rad: float) -> FloatArray:
-        """Where a level robot would see what a leaning one sees at undistorted pixels (N, 2): c + C f(c, φ)."""
-        linear, constant = self._parts(roll_rad, pitch_rad)
-        moved: FloatArray = pixels @ linear.T + constant
-        return moved
+        """Where a level robot would see what a leaning one sees at undistorted pixels (N, 2); NaN for no place."""
+        return _through(self.homography(roll_rad, pitch_rad), pixels)
 
     def leaning(self, pixels: FloatArray, roll_rad: float, pitch_rad: float) -> FloatArray:
-        """The inverse of `level`; f is linear in c."""
-        linear, constant = self._parts(roll_rad, pitch_rad)
-        moved: FloatArray = np.linalg.solve(linear, (pixels - constant).T).T
-        return moved
+        """The inverse of `level`."""
+        return _through(np.linalg.inv(self.homography(roll_rad, pitch_rad)), pixels)
 
-    def _parts(self, roll_rad: float, pitch_rad: float) -> tuple[FloatArray, FloatArray]:
-        """c + C f(c, φ) as a matrix (2, 2) times c and a constant (2,)."""
+    def homography(self, roll_rad: float, pitch_rad: float) -> FloatArray:
+        """(3, 3) by which `level` moves undistorted pixels."""
         pitch, roll = pitch_rad - self.reference_rad[0], roll_rad - self.reference_rad[1]
-        c = self.matrix
-        by_u = pitch * c[:, 0] + roll * c[:, 3]
-        by_v = roll * c[:, 1] + pitch * c[:, 2]
-        return np.eye(2) + np.column_stack((by_u, by_v)), c[:, 4]
+        c = np.zeros(SHAPE)
+        rows, columns = self.matrix.shape
+        c[:rows, :columns] = self.matrix
+        h = np.eye(3) + pitch * c[:, PITCH] + roll * c[:, ROLL]
+        h[:, 2] += c[:, CONSTANT]
+        return h
+
+
+def _through(homography: FloatArray, pixels: FloatArray) -> FloatArray:
+    lifted = pixels @ homography[:, :2].T + homography[:, 2]
+    depth = np.where(lifted[:, 2:] > 0.0, lifted[:, 2:], np.nan)
+    moved: FloatArray = lifted[:, :2] / depth
+    return moved
 
 
 def monomials(pixels: FloatArray, roll_rad: FloatArray, pitch_rad: FloatArray) -> FloatArray:
-    """The f of equation (2), (N, 5), of undistorted pixels (N, 2); roll and pitch (N,) less those while upright."""
+    """f (N, 7) of undistorted pixels (N, 2): the five of equation (2), then pitch and roll. roll_rad, pitch_rad (N,):
+    less those while upright.
+    """
     u, v = pixels.T
-    return np.column_stack((pitch_rad * u, roll_rad * v, pitch_rad * v, roll_rad * u, np.ones(len(pixels))))
+    one = np.ones(len(pixels))
+    return np.column_stack((pitch_rad * u, roll_rad * v, pitch_rad * v, roll_rad * u, one, pitch_rad, roll_rad))
+
+
+def levelled(matrix: FloatArray, pixels: FloatArray, f: FloatArray) -> FloatArray:
+    """`ImuCorrection.level` of undistorted pixels (N, 2) with monomials f (N, 7), each of a lean of its own."""
+    rows, columns = matrix.shape
+    c = f[:, :columns] @ matrix.T
+    moved: FloatArray = pixels + c[:, :2]
+    return moved / (1.0 + c[:, 2:]) if rows == SHAPE[0] else moved
 
 
 def correction_from_mapping(tree: Any, path: Path) -> ImuCorrection:
     """The entry `imu_correction` of a camera.yaml; `path` is named in errors."""
+    wanted = f"{path}: 'imu_correction' needs matrix (3 rows of 7 numbers, or 2 of 5) and reference (pitch, roll)"
     if not isinstance(tree, dict) or set(tree) != {"matrix", "reference"}:
-        raise InputError(f"{path}: 'imu_correction' needs matrix (2 rows of 5 numbers) and reference (pitch, roll)")
+        raise InputError(wanted)
     matrix = read_numbers(tree["matrix"], path, "imu_correction: matrix", 2)
     reference = read_numbers(tree["reference"], path, "imu_correction: reference", 1)
-    if matrix.shape != (2, _MONOMIALS) or reference.shape != (2,):
-        raise InputError(f"{path}: 'imu_correction' needs matrix (2 rows of 5 numbers) and reference (pitch, roll)")
+    if matrix.shape not in (PAPER_SHAPE, SHAPE) or reference.shape != (2,):
+        raise InputError(wanted)
     return ImuCorrection(matrix, (float(reference[0]), float(reference[1])))
 
 

@@ -109,6 +109,9 @@ def calibrate_imu(
     camera: Annotated[
         Path | None, typer.Option(help="camera.yaml to add to (default: the recording's).", show_default=False)
     ] = None,
+    paper: Annotated[
+        bool, typer.Option("--paper", help="Equation (2) of Schulz and Behnke alone, right about the marks' rows.")
+    ] = False,
     picture: Annotated[Path | None, _PICTURE] = None,
     follow_links: FollowLinks = False,
 ) -> None:
@@ -128,7 +131,7 @@ def calibrate_imu(
     before = source.camera if camera is None else open_camera(camera)
     if not isinstance(before, PinholeCamera):
         raise InputError(f"{recording}: its camera looks at a mirror; the IMU's correction is for perspective cameras")
-    found = learn(source, before)
+    found = learn(source, before, paper)
     words = imu_words(found)
     text = perspective_yaml(replace(before, imu_correction=found.correction, use_attitude=True), words)
     write_new_file(output, text.encode())

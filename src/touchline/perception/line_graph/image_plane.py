@@ -59,12 +59,8 @@ def image_plane(lens: Lens, view: GroundView) -> ImagePlane:
     ground = np.stack((at[2] * rays[0] - at[0] * rays[2], at[2] * rays[1] - at[1] * rays[2], -rays[2]))
     fx, fy, cx, cy = lens.pinhole
     if view.correction is not None:
-        corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        levelled = view.correction.level(corners * (fx, fy) + (cx, cy), view.roll_rad, view.pitch_rad)
-        levelled = (levelled - (cx, cy)) / (fx, fy)
-        affine = np.eye(3)
-        affine[:2, 0], affine[:2, 1], affine[:2, 2] = levelled[1] - levelled[0], levelled[2] - levelled[0], levelled[0]
-        ground = ground @ affine
+        pixels = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        ground = ground @ np.linalg.solve(pixels, view.correction.homography(view.roll_rad, view.pitch_rad) @ pixels)
     size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
     foot = np.ascontiguousarray(at[:2], dtype=np.float64)
     return ImagePlane(lens, np.ascontiguousarray(ground), np.linalg.inv(ground), size, foot)
