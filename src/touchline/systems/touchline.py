@@ -16,6 +16,7 @@ from pydantic import Field
 from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.compass_witness import CompassPulse
+from touchline.localization.fusion.exact_mirror import ExactMirror
 from touchline.localization.fusion.field_end import FieldEnd
 from touchline.localization.fusion.joint_filter import JointFilter, Unknown
 from touchline.localization.fusion.mirror_head import MirrorHead
@@ -110,6 +111,7 @@ class Touchline:
         registration = Registration(distance_map)
         self.search: FieldSearch = PoseSearch(field, registration)
         head = MirrorHead(camera)
+        self.exact = ExactMirror(camera, head)
         scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
         self.unknown = Unknown(scales, head.unknown, s.self_calibration)
         start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
@@ -272,13 +274,14 @@ class Touchline:
         if best is None:
             pose, covariance, residual_m, probability = Pose(0.0, 0.0, 0.0), UNKNOWN, float("nan"), None
         else:
-            pose, probability = best.filter.pose, self.hypotheses.probability * end
-            covariance = best.filter.covariance + self.hypotheses.head.unseen(best.filter)
+            probability = self.hypotheses.probability * end
+            pose, covariance = self.exact.pose_of(best.filter)
+            covariance = covariance + self.hypotheses.head.unseen(best.filter)
             residual_m = residuals_m[0]
         others: list[Hypothesis] = []
         for one, left_m in zip(self.hypotheses.members, residuals_m, strict=True):
             share = self.hypotheses.probability * float(np.exp(one.log_odds))
-            place, spread = one.filter.pose, one.filter.covariance
+            place, spread = (pose if one is best else one.filter.pose), one.filter.covariance
             if one is not best:
                 others.append(Hypothesis(place, left_m, share * end, spread.copy()))
             if end < 1.0:

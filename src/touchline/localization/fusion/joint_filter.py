@@ -64,6 +64,11 @@ class JointFilter:
         """(5, 5) of the mirror's errors."""
         return self._joint[6:, 6:]
 
+    @property
+    def error_crossed(self) -> FloatArray:
+        """(3, 5) of the pose with the mirror's errors."""
+        return self._joint[:3, 6:]
+
     def placed(self, pose: Pose, covariance: FloatArray) -> JointFilter:
         """A filter that starts at another pose, and still knows scales and errors."""
         other = JointFilter(pose, covariance, self.unknown)

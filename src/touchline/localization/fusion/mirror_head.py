@@ -42,7 +42,7 @@ class MirrorHead:
         self.has_mirror = omni is not None
         self.mirror = Mirror(HEIGHT_M, np.zeros((0, 2)) if omni is None else ground_scales(omni))
         self._apex_px_m = 0.0 if omni is None else APEX_RATIO_M * omni.outer_radius_px
-        self.unknown = np.zeros((ERRORS, ERRORS)) if omni is None else self._stated(omni.uncertainty)
+        self.unknown = np.zeros((ERRORS, ERRORS)) if omni is None else self.stated(omni.uncertainty)
         self.reset()
 
     def reset(self) -> None:
@@ -62,7 +62,7 @@ class MirrorHead:
         leaning: FloatArray = axis @ axis.T
         return leaning
 
-    def _stated(self, stated: CameraUncertainty) -> FloatArray:
+    def stated(self, stated: CameraUncertainty) -> FloatArray:
         """Covariance (5, 5) of the errors as far as a camera.yaml is unsure."""
         aside, scale = stated.center_px**2, stated.range_ratio**2
         return self._leaning(2.0 * math.radians(stated.tilt_deg) / HEIGHT_M) + np.diag([0.0, 0.0, aside, aside, scale])
