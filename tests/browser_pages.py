@@ -77,7 +77,8 @@ async function hover(share) {
   const stopped = row(); await wait(300);
   told.stays = row() === stopped;
   told.overflow = document.documentElement.scrollWidth - innerWidth;
-  told.smallest = Math.min(...[...document.querySelectorAll("#path text")].map(t => t.getBoundingClientRect().height));
+  const texts = [...document.querySelectorAll("figure svg text")];
+  told.smallest = Math.min(...texts.map(t => t.getBoundingClientRect().height));
   told.charts = document.querySelectorAll("canvas").length; told.faults = faults;
   document.body.dataset.told = JSON.stringify(told);
 })();

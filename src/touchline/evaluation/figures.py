@@ -39,7 +39,7 @@ _STYLE: Any = {
     "xtick.major.size": 0,
     "ytick.major.size": 0,
 }
-_WIDTH_IN = 7.2
+_WIDTH_IN = 5.6  # on a telephone its text is as large as the page's notes
 _SVG_DPI = 72  # Matplotlib's own for SVG
 
 
@@ -59,7 +59,8 @@ def latency_figure(data: RunData, latency_ms: dict[str, Any]) -> str:
         axes.hist(stacked, bins=list(np.geomspace(low, high, 46)), stacked=True, color=[BAR, SOFT], linewidth=0)
         axes.set_xscale("log")
         if high > 8.0 * low:
-            ticks = [n * 10.0**k for k in range(-3, 6) for n in (1, 2, 5) if low <= n * 10.0**k <= high]
+            steps = (1, 2, 5) if high <= 300.0 * low else (1,)
+            ticks = [n * 10.0**k for k in range(-3, 6) for n in steps if low <= n * 10.0**k <= high]
         else:
             ticks = [tick for tick in MaxNLocator(7).tick_values(low, high) if low <= tick <= high]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])

@@ -102,8 +102,8 @@ def other_side_text(summary: dict[str, Any]) -> str:
         return ""
     pose = pose_text(Pose(*told["other_pose"]))
     return (
-        f"no compass: in {told['count']} of {counted(summary['frames'], 'image')} the pose at the other end "
-        f"fits as well (at last {pose}); use --own-half or --start"
+        f"in {told['count']} of {counted(summary['frames'], 'image')} the robot may as well stand at the other end "
+        f"of the field (at last {pose}); --own-half or --start tells which"
     )
 
 
@@ -223,7 +223,8 @@ def _latency(data: RunData, summary: dict[str, Any]) -> str:
     drawing = f"<div class='scroll'>{latency_figure(data, summary['latency_ms'])}</div>"
     caption = "Perception and localization together, without reading and decoding. "
     caption += _of_the_start(summary["latency_ms"]["first_left_out"], summary["learns_colours"])
-    return f"<section><h2>Latency</h2><figure>{drawing}<figcaption>{caption}</figcaption></figure></section>"
+    figure = f"<figure class='histogram'>{drawing}<figcaption>{caption}</figcaption></figure>"
+    return f"<section><h2>Latency</h2>{figure}</section>"
 
 
 def _of_the_start(left_out: int, learns_colours: bool) -> str:

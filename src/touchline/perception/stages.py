@@ -18,6 +18,7 @@ Legend = list[tuple[str, Paint]]
 GREEN_PAINT, WHITE_PAINT, BODY_PAINT = (70, 140, 50), (245, 245, 245), (90, 60, 120)
 RAY_PAINT, CIRCLE_PAINT, BOUNDARY_PAINT, POINT_PAINT = (200, 200, 60), (200, 120, 60), (40, 200, 255), (60, 60, 255)
 _ZOOM = 2
+_LEGEND = 0.8 / 960.0  # of a picture's width: its words can be read where it is shown 440 px wide
 _PAPER, _INK, _RIM = 24, (235, 235, 235), (110, 110, 110)
 
 
@@ -53,7 +54,7 @@ def with_legend(canvas: ImageArray, entries: Legend) -> ImageArray:
     if not entries:
         return canvas
     columns = canvas.shape[1]
-    size = 0.6 * columns / 960.0
+    size = _LEGEND * columns
     rows: list[Legend] = [[]]
     room = 0
     for text, paint in entries:
@@ -75,7 +76,7 @@ def _legend_row(entries: Legend, columns: int, size: float) -> ImageArray:
         cv2.circle(band, (x, middle), max(2, round(9 * size)), paint, -1, cv2.LINE_AA)
         x += round(24 * size)
         at = (x, middle + height // 2)
-        cv2.putText(band, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, _INK, 1, cv2.LINE_AA)
+        cv2.putText(band, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, _INK, max(1, round(1.5 * size)), cv2.LINE_AA)
         x += width + round(48 * size)
     return band
 

@@ -82,7 +82,7 @@
       series.push({ ...edge, label: "± 2σ", value }, { ...edge, label: "", value: () => "", class: "hidden" });
       bands.push({ series: [k, k + 1], fill: () => css(one.color) + "30" });
     }
-    const more = { bands, scales: { x: { time: false }, y: { range: chart.range } }, padding: [8, 8, 0, 0],
+    const more = { bands, scales: { x: { time: false }, y: { range: chart.range } }, padding: [8, 8, chart.last ? 0 : 7, 0],
       axes: [axis({ show: chart.last === true, label: "time (s)", labelSize: 18, size: 34 }), axis({ size: 56, label: chart.axis, labelSize: 18 })] };
     charts.push(new uPlot(options(chart.title, chart.last ? 190 : 160, series, more), columns, byId("charts")));
   }
