@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from touchline.evaluation.points.point_set import PointSet
 from touchline.experiments import own_ablations, own_drives, own_play, own_points
 from touchline.experiments.faults import Drive, unseen
 from touchline.experiments.own_drives import Errors
@@ -18,7 +19,7 @@ from touchline.field.distances import distances_to_lines
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.registration.pose_search import Mode
 from touchline.systems import RobotSetup
-from touchline.types import Status
+from touchline.types import LinePoints, Status
 
 FIELD = open_field("msl-18x12")
 
@@ -65,9 +66,18 @@ def test_of_sure_modes_those_that_are_right_are_counted(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(own_points, "_search", lambda field: Search())
     found = own_points.kept_modes(drawn)
-    assert (found.first, found.among, found.near) == (0.75, 0.75, 0.75)
+    assert found[:4] == (0.75, 0.75, 0.75, 0.75)
     np.testing.assert_allclose(found.told, [0.9, 0.1] * 4)  # of each place once
     assert found.is_right.tolist() == [False, False] + [True, False] * 3
+
+
+def test_the_points_of_a_lone_line_fix_no_place() -> None:
+    line = np.column_stack((np.full(30, 2.0), np.linspace(-1.0, 1.0, 30)))
+    points = LinePoints(line, np.tile(1e-4 * np.eye(2), (30, 1, 1)), np.ones(30), np.full((30, 2), np.nan))
+    poses = np.array([[6.925, 4.4, 0.0]])  # a goal line alone in view
+    lone = PointSet("", FIELD, (points,), poses, poses, poses[:, 2], None)
+    assert not own_points._is_fixed(lone, 0)
+    assert own_points._is_fixed(own_points.drawn_set(own_points.FULL, 1, np.random.default_rng(0)), 0)
 
 
 def test_a_mode_of_a_lone_line_stands_for_every_place_along_it_and_for_their_twins() -> None:
@@ -127,7 +137,7 @@ def test_pictures_are_drawn_of_few_runs() -> None:
     errors = {system: Errors(1.0, 2.0, 0.1, 100.0, 0) for system in SYSTEMS}
     own_drives.picture({condition.name: [errors] for condition in own_drives.CONDITIONS})
     told = np.linspace(0.0, 1.0, 200)
-    kept = own_points.Kept(1.0, 1.0, 1.0, told, told > 0.5, 1.0)
+    kept = own_points.Kept(1.0, 1.0, 1.0, 1.0, told, told > 0.5, 1.0)
     driven = {
         (part.name, condition.name): [own_ablations.Driven(1.0, 2.0, 0.0)]
         for part in own_ablations.PARTS

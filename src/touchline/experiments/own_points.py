@@ -26,6 +26,7 @@ from touchline.experiments.result import interval, rate
 from touchline.experiments.scenes import FIELD, INK, new_figure, random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.registration.bound import bound_covariance
 from touchline.localization.registration.pose_search import Mode, PoseSearch
 from touchline.localization.registration.registration import Registration
 from touchline.types import LinePoints
@@ -38,6 +39,7 @@ SPACING_M = 0.02  # of the places on the lines that points are drawn from
 START_M, START_RAD = 0.15, math.radians(5.0)  # standard deviations of the pose that a search begins at
 COMPASS_RAD = math.radians(5.0)
 FAR_M, FAR_RAD = 1.0, math.radians(45.0)  # a start that is far off
+FIXED_M = 0.1  # standard deviation of the Cramér-Rao bound up to which points fix a place: half of what is called near
 
 
 class View(NamedTuple):
@@ -68,13 +70,15 @@ SURE = (0.85, 0.95)  # probability of the modes that are looked at
 
 class Kept(NamedTuple):
     """Of a search from nothing in every frame: share of the likeliest modes that are right, or right at the other end,
-    and of the frames with a right one among all modes, and with one that is near; told (M,): probability of each place
-    that modes stand for, and is_right (M,) whether it was; median time (ms).
+    and of the frames with a right one among all modes, and with one that is near; near_fixed: of those whose points fix
+    the place; told (M,): probability of each place that modes stand for, and is_right (M,) whether it was; median time
+    (ms).
     """
 
     first: float
     among: float
     near: float
+    near_fixed: float
     told: FloatArray
     is_right: npt.NDArray[np.bool_]
     median_ms: float
@@ -134,12 +138,14 @@ def _way_rows(way: str, found: dict[str, list[PointBench]]) -> list[tuple[str, .
 
 def _search_rows(view: View, kept: Sequence[Kept]) -> list[tuple[str, ...]]:
     sure, right = _of_those_given(*SURE, kept)
-    first, among, near = ([100.0 * getattr(one, name) for one in kept] for name in ("first", "among", "near"))
+    shares = zip(*(one[:4] for one in kept), strict=True)
+    first, among, near, fixed = ([100.0 * share for share in each] for each in shares)
     low, high = (f"{100 * share:.0f}" for share in SURE)
     return [
         row(f"points, {view.name}, from nothing", "likeliest right (%)", view.first, {OWN: interval(first)}),
         row("", "right among the modes (%)", view.among, {OWN: interval(among)}),
         row("", "near among the modes (%)", "–", {OWN: interval(near)}),
+        row("", "the same where points fix the place (%)", view.among, {OWN: interval(fixed)}),
         row("", f"right of the modes given {low} to {high} %", f"{low}-{high} %", {OWN: rate(right, sure)}),
         row("", "time (ms)", "≤ 3", {OWN: interval([one.median_ms for one in kept])}),
     ]
@@ -213,7 +219,7 @@ def from_far(points: PointSet, rng: np.random.Generator) -> tuple[float, float]:
 
 def kept_modes(points: PointSet) -> Kept:
     """Our own search from nothing: are the right poses kept, and are the modes as probable as they say?"""
-    search, right, near, told, times_s = _search(points.field), [], [], [], []
+    search, right, near, fixed, told, times_s = _search(points.field), [], [], [], [], []
     for k, frame in enumerate(points.points):
         truth = Pose(*points.truth[k].tolist())
         begun_s = time.perf_counter()
@@ -221,16 +227,31 @@ def kept_modes(points: PointSet) -> Kept:
         times_s.append(time.perf_counter() - begun_s)
         right.append([_stands_for(mode, truth) for mode in modes])
         near.append(any(_is_near(mode.pose, truth) for mode in modes))
+        fixed.append(_is_fixed(points, k))
         told += [(share, _stands_for(mode, truth)) for mode, share in _places(modes)]
     given = np.array(told)
     return Kept(
         float(np.mean([bool(each) and each[0] for each in right])),
         float(np.mean([any(each) for each in right])),
         float(np.mean(near)),
+        float(np.mean(np.array(near)[fixed])),
         given[:, 0],
         given[:, 1] > 0.0,
         1e3 * float(np.median(times_s)),
     )
+
+
+def _is_fixed(points: PointSet, k: int) -> bool:
+    """Whether the points of a frame fix its place: a lone line leaves open where along it the robot stands."""
+    frame, told = points.points[k], np.ones(len(points.points[k]), np.bool_)
+    if points.clutter is not None:
+        told = ~points.clutter[k]
+    try:
+        truth = Pose(*points.truth[k].tolist())
+        bound = bound_covariance(points.field, frame.positions_m[told], frame.covariances_m2[told], truth)
+    except (ValueError, np.linalg.LinAlgError):
+        return False
+    return float(np.linalg.eigvalsh(bound[:2, :2])[1]) < FIXED_M**2
 
 
 def _places(modes: Sequence[Mode]) -> list[tuple[Mode, float]]:
