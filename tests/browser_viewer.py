@@ -15,7 +15,7 @@ from browser_pages import chromium
 from devtools import Page
 
 RECORDING = Path(__file__).parents[1] / "examples" / "omni_msl_track_short"
-CARPET_RGB, FIELD_LINES_RGB = (31, 82, 48), (255, 90, 235)
+CARPET_RGB, FIELD_LINES_RGB = (169, 207, 164), (255, 90, 235)
 DRAWN_S = 120.0
 
 

@@ -26,25 +26,26 @@ class Plot(NamedTuple):
 
 
 ERRORS = (
-    Plot("plots/x", "Error of x (cm), ± 2σ", (("error", "error of x", BLUE),), banded=True),
-    Plot("plots/y", "Error of y (cm), ± 2σ", (("error", "error of y", VERMILLION),), banded=True),
-    Plot("plots/heading", "Error of heading (°), ± 2σ", (("error", "error of heading", GREEN),), banded=True),
+    Plot("plots/x", "x (cm), ± 2σ", (("error", "error of x", BLUE),), banded=True),
+    Plot("plots/y", "y (cm), ± 2σ", (("error", "error of y", VERMILLION),), banded=True),
+    Plot("plots/heading", "heading (°), ± 2σ", (("error", "error of heading", GREEN),), banded=True),
 )
 MEASURED = (
     Plot("plots/residual", "Residual (cm)", (("residual", "residual", PURPLE),)),
-    Plot("plots/compass", "Compass less heading (°)", (("compass", "compass less heading", SKY),)),
+    Plot("plots/compass", "Compass - heading (°)", (("compass", "compass less heading", SKY),)),
     Plot("plots/exposure", "Exposure (ms), gain", (("exposure", "exposure (ms)", ORANGE), ("gain", "gain", GREEN))),
     Plot(
         "plots/latency",
-        "Time per image (ms)",
+        "Time per image (ms)",  # of the first ones, in which code is loaded, nothing is drawn
         (("perception", "perception", BLUE), ("localization", "localization", VERMILLION)),
     ),
 )
-_BAND, _CARPET = "#999999", "#1f5230"
+_BAND, _CARPET = "#999999", "#a9cfa4"  # light enough for every colour upon it
 
 
 def layout(field_m: tuple[float, float], errors: bool) -> Any:
-    """The blueprint: image and field from above on the left, status and curves on the right.
+    """The blueprint: image and field from above on the left, status and curves on the right; errors and what was
+    measured lie behind each other, so that a narrow window has room for their titles and axes.
 
     field_m: length and width, border included. errors: whether the truth is known.
     """
@@ -65,11 +66,14 @@ def layout(field_m: tuple[float, float], errors: bool) -> Any:
     left = blueprint.Vertical(
         blueprint.Spatial2DView(origin=CAMERA, name="Camera"), blueprint.Tabs(above, *told), row_shares=[1, 1]
     )
-    rows = [_plot_view(blueprint, plot) for plot in (ERRORS if errors else ())]
-    others = [_plot_view(blueprint, plot) for plot in MEASURED]
-    rows += [blueprint.Horizontal(*others[:2]), blueprint.Horizontal(*others[2:])]
+    groups = (("Errors", ERRORS if errors else ()), ("Measured", MEASURED))
+    curves = [
+        blueprint.Vertical(*(_plot_view(blueprint, plot) for plot in plots), name=name)
+        for name, plots in groups
+        if plots
+    ]
     status = blueprint.StateTimelineView(origin=STATUS, name="Status")
-    right = blueprint.Vertical(status, *rows, row_shares=[0.8, *(1.0 for _ in rows)])
+    right = blueprint.Vertical(status, blueprint.Tabs(*curves, active_tab=0), row_shares=[1, 6])
     return blueprint.Blueprint(
         blueprint.Horizontal(left, right, column_shares=[1.2, 1.0]),
         blueprint.TimePanel(state="collapsed", timeline=TIMELINE),

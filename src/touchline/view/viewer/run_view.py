@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.camera import Camera, GroundView
+from touchline.evaluation.latency import START_FRAMES
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.motion import LeanFilter
@@ -32,6 +33,7 @@ _CENTIMETRES, _DEGREES = 100.0, 180.0 / math.pi
 _SIGMAS = 2.0
 _CARRIED_M = 1.0  # in one step: the path goes on elsewhere, no line is drawn
 _PAINT, _FIELD_LINES = "#ffffff", "#ff5aeb"
+_PATH = -1.5  # radii below zero are in pixels: as wide on a small field as on a large one
 _ARROW_M = 0.9  # from the robot's middle to where it looks
 _TURN = np.linspace(0.0, 2.0 * math.pi, 41)
 _CIRCLE = np.column_stack((np.cos(_TURN), np.sin(_TURN)))
@@ -133,21 +135,21 @@ class RunView:
         rerun, pose = self._rerun, estimate.pose
         located = estimate.status is Status.TRACKING
         color = STATUS_COLORS[estimate.status]
-        self._stream.log(f"{FIELD}/robot", self._arrows([pose], color, 0.1))
-        ellipse = rerun.LineStrips2D([covariance_ellipse(pose, estimate.covariance)], colors=rgb(color), radii=0.02)
+        self._stream.log(f"{FIELD}/robot", self._arrows([pose], color, 2.5))
+        ellipse = rerun.LineStrips2D([covariance_ellipse(pose, estimate.covariance)], colors=rgb(color), radii=-1.0)
         self._stream.log(f"{FIELD}/covariance", ellipse)
         others = estimate.hypotheses
-        self._stream.log(f"{FIELD}/hypotheses", self._arrows([other.pose for other in others], PURPLE, 0.06))
+        self._stream.log(f"{FIELD}/hypotheses", self._arrows([other.pose for other in others], PURPLE, 1.5))
         likely = [other for other in others if other.probability is not None]
         labels = [f"{100.0 * (other.probability or 0.0):.0f} %" for other in likely]
-        chances = self._points([other.pose[:2] for other in likely], _PAINT, 0.06, labels)
+        chances = self._points([other.pose[:2] for other in likely], BLACK, 0.06, labels)
         self._stream.log(f"{FIELD}/hypotheses/probability", chances)
         wide = [covariance_ellipse(one.pose, one.covariance) for one in others if one.covariance is not None]
-        self._stream.log(f"{FIELD}/hypotheses/covariance", rerun.LineStrips2D(wide, colors=rgb(PURPLE), radii=0.02))
+        self._stream.log(f"{FIELD}/hypotheses/covariance", rerun.LineStrips2D(wide, colors=rgb(PURPLE), radii=-1.0))
         self._show_particles(estimate)
         seen = estimate.observation
         places = pose.transform(seen.points.positions_m) if seen is not None and located else np.zeros((0, 2))
-        self._stream.log(f"{FIELD}/points", rerun.Points2D(places, colors=rgb(ORANGE), radii=0.04))
+        self._stream.log(f"{FIELD}/points", rerun.Points2D(places, colors=rgb(VERMILLION), radii=-1.5))
         self._extend("path", pose if located else None, color)
 
     def _show_particles(self, estimate: Estimate) -> None:
@@ -163,7 +165,7 @@ class RunView:
         if self._true_at is None:
             return
         truth = self._true_at(stamp_ns)
-        self._stream.log(f"{FIELD}/true_robot", self._arrows([] if truth is None else [truth], BLACK, 0.05))
+        self._stream.log(f"{FIELD}/true_robot", self._arrows([] if truth is None else [truth], BLACK, 1.0))
         self._extend("truth", truth, BLACK)
         error = np.full(3, np.nan)
         if truth is not None and estimate.status is Status.TRACKING:
@@ -183,8 +185,9 @@ class RunView:
             self._status = estimate.status
             self._stream.log(STATUS, self._rerun.StateChange(state=str(estimate.status)))
         self._plot("residual/residual", _CENTIMETRES * estimate.residual_m)
-        self._plot("latency/perception", estimate.perception_ms)
-        self._plot("latency/localization", estimate.localization_ms)
+        if self._frames > START_FRAMES:
+            self._plot("latency/perception", estimate.perception_ms)
+            self._plot("latency/localization", estimate.localization_ms)
         if frame.exposure_ms is not None:
             self._plot("exposure/exposure", frame.exposure_ms)
         if frame.gain is not None:
@@ -203,7 +206,7 @@ class RunView:
             return
         self._last[name] = pose
         if before is not None and before.distance_to(pose) < _CARRIED_M:
-            step = self._rerun.LineStrips2D([[before[:2], pose[:2]]], colors=rgb(color), radii=0.05)
+            step = self._rerun.LineStrips2D([[before[:2], pose[:2]]], colors=rgb(color), radii=_PATH)
             self._stream.log(f"{FIELD}/{name}", step)
 
     def _points(self, places: Any, color: str, radius: float, labels: list[str]) -> Any:
@@ -211,11 +214,11 @@ class RunView:
         rows = np.array(places, dtype=np.float64).reshape(-1, 2)
         return self._rerun.Points2D(rows, colors=rgb(color), radii=radius, labels=labels or None)
 
-    def _arrows(self, poses: list[Pose], color: str, radius_m: float) -> Any:
+    def _arrows(self, poses: list[Pose], color: str, radius_px: float) -> Any:
         origins = np.array([pose[:2] for pose in poses], dtype=np.float64).reshape(-1, 2)
         headings = np.array([pose.heading for pose in poses], dtype=np.float64)
         vectors = _ARROW_M * np.column_stack((np.cos(headings), np.sin(headings)))
-        return self._rerun.Arrows2D(origins=origins, vectors=vectors, colors=rgb(color), radii=radius_m)
+        return self._rerun.Arrows2D(origins=origins, vectors=vectors, colors=rgb(color), radii=-radius_px)
 
 
 def covariance_ellipse(pose: Pose, covariance: FloatArray) -> FloatArray:
