@@ -410,6 +410,10 @@ def test_the_settings_of_a_system_are_listed(capsys: pytest.CaptureFixture[str])
         (["check", "nowhere"], "no such recording"),
         (["fields", "msl"], "did you mean"),
         (["systems", "nubot"], "did you mean 'nubot-mti'?"),
+        (["run", "tiny", "--preset", "papr"], "no preset 'papr'; the one there is: paper; nubot-mti, "),
+        (["run", "tiny", "--field", "msl-18x12"], "a recording's folder tells its field and camera itself"),
+        (["convert", "tiny", "tiny/images.csv/tiny.mcap"], "tiny.mcap: cannot be written"),
+        (["fields", "new", "a/b", "A=12"], "a/b: is no name of a field"),
     ],
 )
 def test_bad_arguments_have_status_2_and_one_plain_line(
@@ -435,6 +439,27 @@ def test_an_unexpected_error_is_told_in_one_line(
     assert main(["evaluate", "anything"]) == 1
     _, err = told(capsys)
     assert err == "error: unexpected RuntimeError: a defect (touchline --debug evaluate anything shows the traceback)\n"
+
+
+def test_a_path_that_may_not_be_looked_into_is_bad_input(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def closed(path: Path, **_: object) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "stat", closed)
+    assert main(["locate", "closed/points.csv"]) == 2
+    assert told(capsys)[1] == "error: closed/points.csv: Permission denied\n"
+
+
+@pytest.mark.parametrize("group", ["bench", "calibrate"])
+def test_a_group_alone_shows_its_help_and_says_that_something_is_missing(
+    group: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([group]) == 2
+    out, err = told(capsys)
+    assert "Usage" in out + err
+    assert err.endswith(f"error: Missing command or argument. See touchline {group} --help\n")
 
 
 def test_the_help_names_the_default_system(capsys: pytest.CaptureFixture[str]) -> None:

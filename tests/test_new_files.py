@@ -43,6 +43,14 @@ def test_a_file_in_the_place_of_a_folder_is_told_before_the_work_and_after(tmp_p
             write()
 
 
+def test_a_folder_in_which_nothing_may_be_made_is_told_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.access", lambda path, mode: False)  # the tests may run as root, who may write anywhere
+    with pytest.raises(InputError, match=r"camera\.yaml: cannot be written \(nothing may be made in "):
+        check_new_file(tmp_path / "a" / "camera.yaml", (".yaml",))
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

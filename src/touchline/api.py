@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from touchline.checks.slips import find_slips
-from touchline.config import Settings, load_settings, preset_values, settings_tree
+from touchline.config import PAPER, Settings, load_settings, preset_values, settings_tree
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.metrics import signed_errors
 from touchline.evaluation.run import Run
@@ -230,9 +230,11 @@ def prepare(
 
 
 def _with_preset(preset: str) -> str:
-    """Which systems have it, as the end of a sentence."""
+    """Which systems have it, or the one preset that there is, as the end of a sentence."""
     names = [name for name, info in SYSTEMS.items() if preset_values(info.settings, preset)]
-    return f"; {', '.join(names)} {'has' if len(names) == 1 else 'have'} one" if names else "; the one there is: paper"
+    if names:
+        return f"; {', '.join(names)} {'has' if len(names) == 1 else 'have'} one"
+    return f"; the one there is: {PAPER}{_with_preset(PAPER)}" if preset != PAPER else ""
 
 
 def checked_prior(prior: Prior, field: FieldModel) -> Prior:

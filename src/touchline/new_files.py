@@ -25,6 +25,11 @@ def check_new_file(path: Path, endings: tuple[str, ...], what: str = "the file")
     """
     if path.suffix.lower() not in endings:
         raise InputError(f"{path}: {what} is written as {' or '.join(endings[:2])}")
+    check_new_path(path)
+
+
+def check_new_path(path: Path) -> None:
+    """Whether a file or folder can be made there later. Raises InputError if it exists, or if nothing can be made."""
     try:
         exists = path.exists()
         nearest = next(folder for folder in path.absolute().parents if folder.exists())
@@ -34,6 +39,8 @@ def check_new_file(path: Path, endings: tuple[str, ...], what: str = "the file")
         raise InputError(f"{path}: exists already and is not overwritten; choose another name")
     if not nearest.is_dir():
         raise InputError(f"{path}: cannot be written ({nearest} is no folder)")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: cannot be written (nothing may be made in {nearest})")
 
 
 def write_new_file(path: Path, data: bytes) -> None:

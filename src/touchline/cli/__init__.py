@@ -57,7 +57,8 @@ def _run(given: list[str], interrupted: Callable[[], bool]) -> int:
         if os.environ.get(DEBUG_VARIABLE):
             raise
         _drop_output()
-        return _complain(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
+        status = 2 if isinstance(error, PermissionError) and error.filename else 1  # a path that was given
+        return _complain(f"{error.filename or 'the output'}: {error.strerror or error}", status)
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise
@@ -154,7 +155,7 @@ def _drop_output() -> None:
 
 def _usage_message(error: Exception) -> str:
     """One line of what is wrong with the arguments, and where to read on."""
-    said = str(getattr(error, "format_message", lambda: error)()).strip()
+    said = str(getattr(error, "format_message", lambda: error)()).strip() or "Missing command or argument"
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "touchline"
     return f"{said if said.endswith(('.', '?', '!')) else said + '.'} See {command} --help"

@@ -20,7 +20,7 @@ _PIPE_WIDTH = 400
 
 
 def check(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording folder.", show_default=False)],
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a bag.", show_default=False)],
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
     follow_links: FollowLinks = False,
     topics: Topics = None,

@@ -15,6 +15,7 @@ from touchline.cli.console import errors_console
 from touchline.cli.console import output as output_console
 from touchline.cli.options import BagBase, BagCamera, BagField, FollowLinks, Topics, bag_options
 from touchline.errors import InputError, TouchlineError
+from touchline.new_files import check_new_path
 
 if TYPE_CHECKING:
     from touchline.sources import Recording
@@ -92,8 +93,7 @@ def _held(recording: Recording) -> str:
 
 
 def _check_target(target: Path, kind: Kind) -> None:
-    if target.exists():
-        raise InputError(f"{target}: exists already and is not overwritten; choose another name")
+    check_new_path(target)
     if target.suffix.lower() in (".bag", ".db3", ".zip", ".tar", ".mp4"):
         raise InputError(f"{target}: is not written; a recording is written as {', '.join(Kind)} (--to)")
     if kind is Kind.MCAP and target.suffix.lower() != ".mcap":

@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 
 from touchline.cli.fields_measure import measure
 from touchline.errors import InputError
-from touchline.new_files import check_new_file
+from touchline.new_files import check_new_file, file_name
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -121,6 +121,8 @@ def new(
 ) -> None:
     """Write a field.yaml of your own field from a few rulebook letters."""
     sizes = _parse_letters(letters or [])
+    if name != file_name(name):
+        raise InputError(f"{name}: is no name of a field; a name as msl-18x12, and --output says where the file goes")
     if measured_to not in ("edge", "middle"):
         raise InputError(f"--measured-to {measured_to}: expected edge or middle")
     from touchline.field import field_from_letters, open_field, preset_names

@@ -41,7 +41,8 @@ def live(
         Path | None, typer.Option(help="camera.yaml; none is needed for points of a detector.", show_default=False)
     ] = None,
     system: Annotated[
-        str | None, typer.Option(help="The system to run; see touchline systems.", show_default=False)
+        str | None,
+        typer.Option(help="The system to run (default: touchline); see touchline systems.", show_default=False),
     ] = None,
     dds: Annotated[bool, typer.Option("--dds", help="By ROS 2's topics, without ROS (extra ros2).")] = False,
     rclpy: Annotated[

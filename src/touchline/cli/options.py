@@ -31,7 +31,9 @@ BagField = Annotated[
 BagCamera = Annotated[Path | None, typer.Option("--camera", help="Of a bag or video: its camera.yaml.")]
 BagBase = Annotated[
     str | None,
-    typer.Option("--base", metavar="FRAME", help="Of a bag: the robot's frame on the ground (base_footprint, …)."),
+    typer.Option(
+        "--base", metavar="FRAME", help="Of a bag or topics: the robot's frame on the ground (base_footprint, …)."
+    ),
 ]
 
 

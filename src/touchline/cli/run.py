@@ -40,7 +40,7 @@ class InterruptedRun(TouchlineError):
 def run(
     recording: Annotated[
         Path,
-        typer.Argument(metavar="RECORDING", help="A recording: a folder in Touchline's format.", show_default=False),
+        typer.Argument(metavar="RECORDING", help="A recording: a folder, an MCAP file, a bag.", show_default=False),
     ],
     system: Annotated[
         str | None, typer.Option(help="The system to run (default: touchline); see touchline systems.")

@@ -90,7 +90,7 @@ def _advice(simulation: Simulation, folder: Path) -> Iterator[str]:
         return
     if simulation.camera_kind != "omni":
         if "marks.csv" not in beside:
-            yield f"touchline run {folder} --system nimbro-lines localises it"
+            yield f"touchline run {folder} localises it"
         elif len(simulation) < _LONG_ENOUGH:
             yield f"touchline check {folder} tells what it holds"
         else:

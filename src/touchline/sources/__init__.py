@@ -47,7 +47,8 @@ def open_source(
     files = find_bag(path)
     options = options or BagOptions()
     if files is None and options.given():
-        raise InputError(f"{path}: --topic, --field, --camera and --base are for bags; this is none")
+        told = "a recording's folder tells its field and camera itself, in sequence.yaml"
+        raise InputError(f"{path}: --topic, --field, --camera and --base are for bags; {told}")
     if files is None:
         refuse_other_files(path)
         return Recording(path, follow_links)
