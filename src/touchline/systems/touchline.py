@@ -36,6 +36,7 @@ WIDE = 0.6  # standard deviation (m, rad) of a told pose from which it is a zone
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
 SAID_OFTEN = 10.0  # images over which what others say repeats itself
 WATCHED_PARTS = 3  # of the headings: a third of them, in a third of the images, delays none by a whole search
+LEARNED = 0.3  # of what an image says of the camera's errors: points of neighbouring images err together
 HOPELESS = 40.0  # logarithm of odds of the points against the pose that is followed from which another is not tried
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
@@ -113,7 +114,7 @@ class Touchline:
         head = MirrorHead(camera)
         self.exact = ExactMirror(camera, head)
         scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
-        self.unknown = Unknown(scales, head.unknown, s.self_calibration)
+        self.unknown = Unknown(scales, head.unknown, LEARNED if s.self_calibration else 0.0)
         start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
         self.hypotheses = PoseHypotheses(registration, field.line_tables, start, head, s.gate)
         self.delay = DelayWatch()

@@ -28,12 +28,14 @@ _SEEN = np.array([0, 1, 2, *_ERRORS])  # the states that a fit measures
 class Unknown(NamedTuple):
     """At first: standard deviations of the odometry's scales, and covariance (5, 5) of the mirror's errors.
 
-    learned: whether lines correct the errors; else they only leave the pose unsure.
+    learned: share of its step by an image that the errors take. With 1 it is a Kalman filter; with 0 they only leave
+    the pose unsure (consider states); between, points that err together image after image teach less of what isn't
+    there (Brink 2017, Partial-update Schmidt-Kalman filter).
     """
 
     scales: Scales
     errors: FloatArray
-    learned: bool
+    learned: float
 
 
 class JointFilter:
@@ -52,7 +54,7 @@ class JointFilter:
         self._drift[_SCALES] = [SCALE_DRIFT**2 if scale > 0.0 else 0.0 for scale in unknown.scales]
         self._drift[_ERRORS] = ERROR_DRIFT**2 * np.diag(unknown.errors)
         self._moving = np.ones(_STATES)
-        self._moving[_ERRORS] = float(unknown.learned)
+        self._moving[_ERRORS] = unknown.learned
 
     @property
     def covariance(self) -> FloatArray:

@@ -86,7 +86,7 @@ def innovation_of(joint, seen, swing, information, gradient, away):  # type: ign
 
 @njit(cache=True)
 def correction_of(joint, seen, swing, information, gradient, away, moving):  # type: ignore[no-untyped-def]
-    """Step (N,) of the states, and their covariance (N, N) after it; moving (N,): 0 for states that stay, else 1."""
+    """Step (N,) of the states, and their covariance (N, N) after it; moving (N,): share of its step that each takes."""
     count, states = len(seen), len(joint)
     crossed, step, after = np.empty((states, count)), np.zeros(states), np.empty((states, states))
     spread = _spread(joint, seen, swing)
