@@ -13,6 +13,8 @@ import pytest
 from touchline.errors import InputError
 from touchline.evaluation.points.point_set import polar_covariances
 from touchline.evaluation.runner import robot_setup
+from touchline.experiments.kidnap import BEFORE, Carried
+from touchline.experiments.scenes import the_camera
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.compass_witness import CompassPulse
@@ -356,6 +358,24 @@ def test_a_compass_that_turns_as_the_pose_jumps_leaves_the_end_undecided() -> No
         carried.update(math.pi, 0.1)
     assert not carried.undecided
     assert carried.is_refuted, "no fault lasts so long: carried to near its twin's place"
+
+
+def test_a_robot_carried_to_near_its_twin_in_two_jumps_stays_undecided() -> None:
+    """0.95 m from the twin: a shove in the first image, the rest is found by the search in the second."""
+    rng = np.random.default_rng([15, 8, 147])
+    system = open_system("touchline", RobotSetup(open_field("msl-18x12"), the_camera()), None, rng)
+    old, pose = Pose(8.04312, 1.95721, -0.87083), Pose(-8.23942, -2.89255, 2.14477)
+    system.reset(Prior(pose=old))
+    robot = Carried(rng)
+    for _ in range(BEFORE):
+        system.step(robot.frame(old, math.radians(-1.1), covered=False))
+        old = robot.drive(old)
+    for _ in range(6):
+        estimate = system.step(robot.frame(pose, math.radians(6.5), covered=False))
+        assert estimate.status is not Status.TRACKING or estimate.pose.distance_to(pose) < 0.3
+        pose = robot.drive(pose)
+    ends = [estimate.pose, *(one.pose for one in estimate.hypotheses)]
+    assert min(end.distance_to(pose) for end in ends) < 0.3
 
 
 def test_a_jump_while_the_compass_speaks_against_the_pose_tells_nothing() -> None:

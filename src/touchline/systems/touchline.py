@@ -21,7 +21,7 @@ from touchline.localization.fusion.field_end import FieldEnd
 from touchline.localization.fusion.joint_filter import JointFilter, Unknown
 from touchline.localization.fusion.mirror_head import MirrorHead
 from touchline.localization.fusion.pose_filter import Scales
-from touchline.localization.fusion.pose_hypotheses import Member, PoseHypotheses
+from touchline.localization.fusion.pose_hypotheses import Member, PoseHypotheses, is_shove
 from touchline.localization.matching.covariance import is_observed
 from touchline.localization.registration.pose_search import Known, Mode, PoseSearch, contradiction
 from touchline.localization.registration.registration import Registration
@@ -196,12 +196,19 @@ class Touchline:
             modes = self._at_one_end(modes)
         self.hypotheses.add(modes, points)
         best = self.hypotheses.best
-        if best is not None and best is not before:  # found, or found elsewhere
-            told = before is None and (self.own_half or self._is_in_zone(best.filter.pose))
-            self.end.begin(told, self._compass_error(best.filter.pose, compass_rad))
-            self.zone = None
-            if self.end.symmetric and self.end.log_odds < 0.0:  # the compass has probably failed
-                self._turn()
+        if best is None or best is before or self._goes_on_jumping(before, best):
+            return
+        told = before is None and (self.own_half or self._is_in_zone(best.filter.pose))  # found, or found elsewhere
+        self.end.begin(told, self._compass_error(best.filter.pose, compass_rad))
+        self.zone = None
+        if self.end.symmetric and self.end.log_odds < 0.0:  # the compass has probably failed
+            self._turn()
+
+    def _goes_on_jumping(self, before: Member | None, best: Member) -> bool:
+        """Whether a pose is the rest of a jump that has left the end open; it stays so."""
+        if before is None or not self.end.undecided:
+            return False
+        return is_shove(best.filter.pose.as_array() - before.filter.pose.as_array())
 
     def _known(self, compass_rad: float | None) -> tuple[Known, ...]:
         """What a compass says of every pose, and what was told of where the robot is found."""

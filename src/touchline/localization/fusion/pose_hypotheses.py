@@ -187,7 +187,7 @@ class PoseHypotheses:
         predicted, loose = one.filter.pose.as_array(), one.filter.loosened(SHOVED)
         expected = loose.prior(self.head.swing)
         tried = [self._fitted(loose, expected, points, start) for start in (predicted + jump, predicted)]
-        near = [found for found in tried if _is_shove(found[0].state[:3] - predicted)]
+        near = [found for found in tried if is_shove(found[0].state[:3] - predicted)]
         if not near:
             return
         fit, told = max(near, key=lambda found: found[1])
@@ -211,7 +211,7 @@ class PoseHypotheses:
         )
 
 
-def _is_shove(jump: FloatArray) -> bool:
+def is_shove(jump: FloatArray) -> bool:
     """Whether a robot may have been shoved so (3,): points may slide farther along a lone line."""
     return math.hypot(jump[0], jump[1]) < SHOVE_M and abs(wrap_angle(float(jump[2]))) < SHOVE_RAD
 
