@@ -61,8 +61,8 @@ def learned(head: MirrorHead, errors: list[float]) -> JointFilter:
     one = JointFilter(Pose(1.0, 2.0, 3.0), np.diag([1e-4, 1e-4, 1e-6]), Unknown(Scales(0, 0, 0), head.unknown, True))
     one.errors = np.array(errors)
     deviations = 0.05 * np.sqrt(np.diag(head.unknown))
-    one._joint[6:, 6:] = np.diag(deviations**2)
-    one._joint[0, 8] = one._joint[8, 0] = 0.8 * 0.01 * deviations[2]
+    one.error_covariance[:] = np.diag(deviations**2)
+    one._joint[0, 9] = one._joint[9, 0] = 0.8 * 0.01 * deviations[2]
     return one
 
 

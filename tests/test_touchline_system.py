@@ -25,6 +25,7 @@ from touchline.localization.fusion.pose_hypotheses import Member
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline, TouchlineSettings
+from touchline.systems.touchline_perspective import TouchlineByObservation
 from touchline.types import Estimate, Evidence, Frame, LinePoints, Observation, Prior, Samples, Status
 
 FIELD = open_field("msl-18x12")
@@ -294,26 +295,32 @@ def test_who_was_picked_up_may_be_anywhere() -> None:
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1])
-def test_a_delay_that_nobody_told_is_named_while_driving(delay_s: float) -> None:
+def test_a_delay_that_nobody_told_is_corrected_while_driving(delay_s: float) -> None:
     def where(times_s: FloatArray) -> FloatArray:
         return np.column_stack((2.0 * np.sin(0.7 * times_s), np.cos(0.4 * times_s), 0.8 * np.sin(times_s)))
 
     system, told = open_system("touchline", RobotSetup(FIELD)), []
+    assert isinstance(system, TouchlineByObservation)
     system.reset(Prior(Pose(*where(np.array([0.9]))[0])))
     for k in range(10, 215):
         times_s = 0.1 * k + np.arange(-0.08, 0.01, 0.02)
         truth = Pose(*where(times_s[-1:] - delay_s)[0])
         stamp_ns = round(1e9 * times_s[-1])
         odometry = Samples(np.rint(1e9 * times_s).astype(np.int64), where(times_s))
-        told += system.step(
-            Frame(stamp_ns, observation=Observation(stamp_ns, seen(truth, k)), odometry=odometry)
-        ).problems
+        estimate = system.step(Frame(stamp_ns, observation=Observation(stamp_ns, seen(truth, k)), odometry=odometry))
+        told += estimate.problems
+    driven = system.system
     if delay_s == 0.0:
         assert told == []
+        assert driven.delay.late_s == 0.0
     else:
-        (late,) = told
-        assert late.startswith("images are stamped ")
-        assert float(late.split()[3]) == pytest.approx(100.0, abs=20.0)
+        first, *later = told
+        assert first.startswith("images are stamped ")
+        assert first.endswith(" ms too late: corrected")
+        assert len(later) <= 1, "said every 200 images"
+        assert driven.delay.late_s == pytest.approx(0.1, abs=0.005)
+        assert estimate.stamp_ns == stamp_ns
+        assert estimate.pose.distance_to(Pose(*where(times_s[-1:])[0])) < 0.02, "at the stamp, not where it was taken"
 
 
 def test_a_compass_that_repeats_itself_exactly_sticks_and_one_of_whole_degrees_does_not() -> None:

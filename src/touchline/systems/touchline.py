@@ -18,6 +18,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.compass_witness import CompassPulse
 from touchline.localization.fusion.exact_mirror import ExactMirror
 from touchline.localization.fusion.field_end import FieldEnd
+from touchline.localization.fusion.image_delay import UNKNOWN_S, ImageDelay
 from touchline.localization.fusion.joint_filter import JointFilter, Unknown
 from touchline.localization.fusion.mirror_head import MirrorHead
 from touchline.localization.fusion.pose_filter import Scales
@@ -26,7 +27,7 @@ from touchline.localization.matching.covariance import is_observed
 from touchline.localization.registration.pose_search import Known, Mode, PoseSearch, contradiction
 from touchline.localization.registration.registration import Registration
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
-from touchline.motion.delay_watch import DelayWatch
+from touchline.motion.delayed import Delayed, delayed, until_stamp
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
@@ -114,10 +115,10 @@ class Touchline:
         head = MirrorHead(camera)
         self.exact = ExactMirror(camera, head)
         scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
-        self.unknown = Unknown(scales, head.unknown, LEARNED if s.self_calibration else 0.0)
+        self.unknown = Unknown(scales, head.unknown, LEARNED if s.self_calibration else 0.0, UNKNOWN_S)
         start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
         self.hypotheses = PoseHypotheses(registration, field.line_tables, start, head, s.gate)
-        self.delay = DelayWatch()
+        self.delay = ImageDelay()
         self.end, self.pulse = FieldEnd(field.is_symmetric), CompassPulse()
         self.reset()
 
@@ -146,11 +147,11 @@ class Touchline:
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
         clock = Stopwatch()
-        motion = self.history.take(frame)
-        self.hypotheses.predict(motion)  # predict: the odometry carries every hypothesis on
+        # predict: the odometry carries every hypothesis on
+        self.hypotheses.predict(self._moved(frame), self.delay.wandering_s)
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points
         self.pulse.hear(frame.compass)
-        compass_rad = None if self.pulse.sticks else self.history.at(frame.stamp_ns).heading_rad
+        compass_rad = None if self.pulse.sticks else self.history.at(self._taken_ns(frame)).heading_rad
         if len(observation.points) >= self.settings.min_points:
             self.hypotheses.update(observation.points)  # register, fuse, weigh
             self.hypotheses.hear(frame.evidence, 1.0 / SAID_OFTEN)
@@ -158,15 +159,24 @@ class Touchline:
             if part is not None:
                 self._search(observation, compass_rad, part)  # search: every pose that explains the points
         self._judge(frame, observation, compass_rad)  # judge: status, and which end
-        self._watch_delay(frame)
+        self._judge_delay()  # how late the stamps are
         return self._report(observation, clock)
 
-    def _watch_delay(self, frame: Frame) -> None:
-        """Whether the images are stamped late, by the poses of the lines alone."""
-        self.delay.hear(frame.odometry)
+    def _moved(self, frame: Frame) -> Delayed:
+        """The robot's motion from when the last image was taken to when this one was, as far as the delay is known."""
+        before_ns, best = self.history.clocks.frame_ns, self.hypotheses.best
+        self.history.add(frame)
+        start_ns = frame.stamp_ns if before_ns is None else before_ns
+        return delayed(self.history, start_ns, frame.stamp_ns, 0.0 if best is None else best.filter.late_s)
+
+    def _taken_ns(self, frame: Frame) -> int:
+        return frame.stamp_ns - round(1e9 * self.delay.late_s)
+
+    def _judge_delay(self) -> None:
+        """How late images are stamped, by the pose that is followed."""
         best = self.hypotheses.best
-        if self.status is Status.TRACKING and self.blind == 0 and best is not None and best.by_lines is not None:
-            late = self.delay.see(frame.stamp_ns, best.by_lines)
+        if self.status is Status.TRACKING and self.blind == 0 and best is not None:
+            late = self.delay.update(best.filter.late_s, best.filter.delay_deviation_s)
             self.problems += () if late is None else (late,)
 
     def _searched_now(self) -> tuple[int, int] | None:
@@ -275,6 +285,11 @@ class Touchline:
         told = np.diag(np.square([s.start_position_m, s.start_position_m, s.start_heading_rad]))
         return JointFilter(pose, told if covariance is None else covariance, self.unknown)
 
+    def _at_stamp(self, one: JointFilter, stamp_ns: int) -> JointFilter:
+        """A filter carried from when the last image was taken to its stamp."""
+        late_s = self.delay.late_s
+        return one.ahead(until_stamp(self.history, stamp_ns, late_s)) if late_s else one
+
     def _report(self, observation: Observation, clock: Stopwatch) -> Estimate:
         best, end = self.hypotheses.best, self.end.probability
         count = len(observation.points)
@@ -283,13 +298,15 @@ class Touchline:
             pose, covariance, residual_m, probability = Pose(0.0, 0.0, 0.0), UNKNOWN, float("nan"), None
         else:
             probability = self.hypotheses.probability * end
-            pose, covariance = self.exact.pose_of(best.filter)
-            covariance = covariance + self.hypotheses.head.unseen(best.filter)
+            now = self._at_stamp(best.filter, observation.stamp_ns)
+            pose, covariance = self.exact.pose_of(now)
+            covariance = covariance + self.hypotheses.head.unseen(now)
             residual_m = residuals_m[0]
         others: list[Hypothesis] = []
         for one, left_m in zip(self.hypotheses.members, residuals_m, strict=True):
             share = self.hypotheses.probability * float(np.exp(one.log_odds))
-            place, spread = (pose if one is best else one.filter.pose), one.filter.covariance
+            now = self._at_stamp(one.filter, observation.stamp_ns)
+            place, spread = (pose if one is best else now.pose), now.covariance
             if one is not best:
                 others.append(Hypothesis(place, left_m, share * end, spread.copy()))
             if end < 1.0:

@@ -25,7 +25,7 @@ from touchline.localization.registration.pose_search import Mode
 from touchline.localization.registration.registration import SETTLED, UNSETTLED, Registration
 from touchline.localization.registration.settling import settled
 from touchline.localization.registration.unseen import UNSEEN, unseen, view_of
-from touchline.motion import Motion
+from touchline.motion.delayed import Delayed
 from touchline.types import Evidence, LinePoints
 
 REPEATED = 4.0  # so many points err together, neighbours on a line: a frame tells so much less
@@ -46,15 +46,14 @@ ANYWHERE = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose of whic
 class Member:
     """A pose hypothesis: its filter, log-odds, the last fit of points from it (None before the first), and what that
 
-    fit has told for it: the logarithm of the points' evidence. by_lines: its pose by the last points alone. expected:
-    what that fit was given. shoved: whether the robot was, as far as it knows, since the image before.
+    fit has told for it: the logarithm of the points' evidence. expected: what that fit was given. shoved: whether the
+    robot was, as far as it knows, since the image before.
     """
 
     filter: JointFilter
     log_odds: float
     fit: StateFit | None = None
     told: float = 0.0
-    by_lines: Pose | None = None
     expected: StatePrior | None = None
     shoved: bool = False
 
@@ -80,6 +79,7 @@ class PoseHypotheses:
         self.most, self.sees_shoves = MOST, True
         self.members: list[Member] = []
         self.confirmed = False
+        self._wander: FloatArray | None = None  # (3,) by how much the image's pose is off, robot frame
 
     @property
     def best(self) -> Member | None:
@@ -91,10 +91,11 @@ class PoseHypotheses:
         """Of the best, its twin on a symmetric field not counted."""
         return 1.0 / sum(math.exp(one.log_odds - self.members[0].log_odds) for one in self.members)
 
-    def predict(self, motion: Motion) -> None:
-        """The odometry carries every member on."""
+    def predict(self, moved: Delayed, wandering_s: float) -> None:
+        """The odometry carries every member on. wandering_s: standard deviation by which this image's stamp is late."""
+        self._wander = wandering_s * moved.after if wandering_s > 0.0 else None
         for one in self.members:
-            one.filter.predict(motion.pose, motion.covariance)
+            one.filter.predict(moved)
 
     def upright(self, points: LinePoints) -> FloatArray:
         """Points (N, 2) without the errors of the mirror that are known (robot frame, m)."""
@@ -133,7 +134,7 @@ class PoseHypotheses:
             if any(_same(mode.pose, one.filter.pose) for one in self.members):
                 continue
             new = known.placed(mode.pose, ANYWHERE)
-            fit, told = self._fitted(new, new.prior(self.head.swing), points, mode.pose.as_array())
+            fit, told = self._fitted(new, self._prior_of(new), points, mode.pose.as_array())
             new.correct(fit, self.head.swing)
             self.members.append(Member(new, before + CARRIED_AWAY + told, fit, told))
         if len(self.members) > max(weighed, 1):
@@ -168,9 +169,8 @@ class PoseHypotheses:
         swing, predicted = self.head.swing, one.filter.pose.as_array()
         upright = self.head.upright(points.positions_m, one.filter)
         found = self.registration.fit(upright, points.covariances_m2, predicted)
-        one.expected = one.filter.prior(swing)
+        one.expected = self._prior_of(one.filter)
         one.fit, one.told = self._fitted(one.filter, one.expected, points, predicted)
-        one.by_lines = Pose(*found.pose.tolist())
         away, distance2 = one.filter.innovation(one.fit, swing)
         gained = (found.log_likelihood - one.fit.log_likelihood) / REPEATED
         odds = SHOVE_ON if one.shoved else SHOVE
@@ -185,7 +185,7 @@ class PoseHypotheses:
     def _shove(self, one: Member, points: LinePoints, jump: FloatArray, odds: float) -> None:
         """Let a member have been shoved by a jump (3,), if the points are explained better so."""
         predicted, loose = one.filter.pose.as_array(), one.filter.loosened(SHOVED)
-        expected = loose.prior(self.head.swing)
+        expected = self._prior_of(loose)
         tried = [self._fitted(loose, expected, points, start) for start in (predicted + jump, predicted)]
         near = [found for found in tried if is_shove(found[0].state[:3] - predicted)]
         if not near:
@@ -202,7 +202,22 @@ class PoseHypotheses:
         start[2] = prior.mean[2] + wrap_angle(float(start[2] - prior.mean[2]))
         plan = SETTLED if self.head.is_settled(one) else UNSETTLED
         fit = self.registration.fit_state(points, start, prior, plan, self.head.seeing(len(points)))
-        return _doubted(fit, len(points)), fit.log_likelihood / REPEATED - fit.contradiction
+        told = _doubted(fit, len(points))
+        wander = self._wander_of(one)
+        if wander is not None:
+            told = _unsteady(told, wander)
+        return told, fit.log_likelihood / REPEATED - fit.contradiction
+
+    def _wander_of(self, one: JointFilter) -> FloatArray | None:
+        """(3,) in the field frame, at a filter's heading."""
+        if self._wander is None:
+            return None
+        x, y, turn = self._wander.tolist()
+        cosine, sine = math.cos(one.pose.heading), math.sin(one.pose.heading)
+        return np.array([cosine * x - sine * y, sine * x + cosine * y, turn])
+
+    def _prior_of(self, one: JointFilter) -> StatePrior:
+        return one.prior(self.head.swing, self._wander_of(one))
 
     def _settle(self) -> None:
         """Sort, drop the unlikely, take those that have come together for one."""
@@ -231,6 +246,14 @@ def _doubted(fit: StateFit, count: int) -> StateFit:
     less = FEW**2 / (few**2 + FEW**2) / (middle - half) * measured
     said = float(fit.gradient[1]) * math.cos(turned) - float(fit.gradient[0]) * math.sin(turned)
     return fit._replace(information=told - np.outer(less, measured), gradient=fit.gradient - less * said)
+
+
+def _unsteady(fit: StateFit, wander: FloatArray) -> StateFit:
+    """A fit that says less along the way (3,) by which the image was taken earlier or later than its stamp says."""
+    measured = fit.information[:, :3] @ wander
+    less = measured / (1.0 + float(measured[:3] @ wander))
+    said = float(fit.gradient[:3] @ wander)
+    return fit._replace(information=fit.information - np.outer(less, measured), gradient=fit.gradient - less * said)
 
 
 def _same(one: Pose, other: Pose) -> bool:
