@@ -143,7 +143,7 @@ def test_the_report_of_a_run(width: int, tmp_path: Path) -> None:
     summary = {
         "recording": {"name": "walk", "field": "msl-18x12"}, "system": "fake", "started": "2026-01-02T03:04:05",
         "settings": {}, "learns_colours": False, "seed": 0, "versions": {}, "cpu": "one", "why_no_errors": "not asked",
-        "problems": {"counts": {}, "messages": []}, **tally.summary(),
+        "problems": {"counts": {}, "messages": []}, "prior": {"pose": None, "own_half": False}, **tally.summary(),
     }  # fmt: skip
     page = write_report(folder, summary, data, None, (), small).read_text(encoding="utf-8")
     told = clicked_through(page, tmp_path, width)

@@ -110,4 +110,4 @@ def test_a_twin_that_is_likely_is_named() -> None:
         estimate = Estimate(0, Pose(1.0, 0.0, 0.0), np.eye(3), Status.TRACKING, hypotheses=(twin,))
         return [one.severity for one in _ends([estimate])]
 
-    assert (told(None), told(0.02), told(0.5)) == ([], [], [Severity.NOTE])
+    assert (told(None), told(0.02), told(0.05), told(0.5)) == ([], [], [Severity.NOTE], [Severity.NOTE])

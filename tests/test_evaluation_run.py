@@ -135,8 +135,24 @@ def test_frames_that_fit_the_other_end_of_the_field_as_well_are_counted(tmp_path
     tally = run_into(tmp_path / "run", FakeSource(10), Lost(np.random.default_rng(0), noise_m=0.0))
     assert tally.either_side == 5  # the first of the six is not located
     x, y, heading = true_pose(5).mirrored()
-    assert tally.summary()["either_side"] == {"count": 5, "other_pose": pytest.approx([x, y, heading])}
-    assert run_into(tmp_path / "sure", FakeSource(10)).summary()["either_side"] == {"count": 0, "other_pose": None}
+    told = {"count": 5, "other_pose": pytest.approx([x, y, heading]), "probability": None}
+    assert tally.summary()["either_side"] == told
+    sure = run_into(tmp_path / "sure", FakeSource(10)).summary()
+    assert sure["either_side"] == {"count": 0, "other_pose": None, "probability": None}
+    assert sure["said"] == []
+
+
+def test_what_a_system_says_is_kept_once(tmp_path: Path) -> None:
+    class Talking(FakeSystem):
+        """Says the same of every image, and one thing more of the third."""
+
+        def step(self, frame: Frame) -> Estimate:
+            more = ("the wheels slip",) if len(self.seen) == 2 else ()
+            return replace(super().step(frame), problems=("undecided", *more))
+
+    said = run_into(tmp_path / "run", FakeSource(5), Talking(np.random.default_rng(0))).summary()["said"]
+    assert [one["what"] for one in said] == ["undecided", "the wheels slip"]
+    assert said[1]["t"] > said[0]["t"]
 
 
 def test_every_latency_leaves_out_the_first_ten_images(tmp_path: Path) -> None:

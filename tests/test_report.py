@@ -94,6 +94,7 @@ def write(
         "recording": {"name": "walk <1>", "field": "msl-18x12", "description": "Black & white"},
         "system": "fake",
         "started": "2026-01-02T03:04:05+00:00",
+        "prior": {"pose": None, "own_half": False},
         "settings": {"matching": {"c_m": 0.25}},
         "learns_colours": True,
         "seed": 5,
@@ -372,11 +373,21 @@ def test_the_true_path_has_a_gap_where_the_robot_was_carried() -> None:
 
 
 def test_an_unknown_side_of_the_field_is_told(tmp_path: Path) -> None:
-    page, _ = write(tmp_path, either_side={"count": 7, "other_pose": [1.0, -2.0, np.pi / 2]})
+    page, _ = write(tmp_path, either_side={"count": 7, "other_pose": [1.0, -2.0, np.pi / 2], "probability": None})
     assert "in 7 of 30 images the robot may as well stand at the other end" in page
     assert "x 1.00 m, y -2.00 m, heading 90.0°" in page
     assert "--own-half" in page
     assert "at the other end" not in write(tmp_path / "sure")[0]
+
+
+def test_a_told_end_that_nothing_confirms_is_not_called_known(tmp_path: Path) -> None:
+    found = {"count": 7, "other_pose": [1.0, -2.0, np.pi / 2], "probability": 0.047}
+    page, _ = write(
+        tmp_path, either_side=found, prior={"pose": None, "own_half": True}, said=[{"t": 1.0, "what": "so"}]
+    )
+    assert "undecided which end of the field it is: in 7 of 30 images nothing but the start that was told" in page
+    assert "(5 %, at last x 1.00 m" in page
+    assert "1.00 s: so" in page
 
 
 @pytest.mark.parametrize(("ended", "said"), [("interrupted", "was interrupted"), ("failed", "The run failed: Why")])

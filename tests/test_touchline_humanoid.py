@@ -26,9 +26,9 @@ from touchline.simulation.observation.features import leaning
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
-from touchline.systems import RobotSetup, open_system
+from touchline.systems import RobotSetup, open_system, touchline_perspective
 from touchline.systems.touchline_perspective import TouchlinePerspective
-from touchline.types import Estimate, Evidence, Frame, Lines, Observation, Prior, Status
+from touchline.types import Estimate, Evidence, Frame, Lines, Observation, Prior, Status, no_landmarks
 
 COLOURED, WHITE = "indoor-9x6", "humanoid-kid-9x6"
 HEIGHT_M = PINHOLE_FEATURES.height_m
@@ -100,6 +100,19 @@ def test_a_start_in_the_wrong_half_is_found_out_by_colours() -> None:
     estimates = localized(COLOURED, Prior(start.mirrored()))
     assert errors_m(walk(COLOURED)[0], estimates)[-8:].max() < 0.1
     assert any("other end of the field" in problem for e in estimates for problem in e.problems)
+
+
+def test_a_told_end_counts_as_a_prior_until_colours_confirm_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Told and not yet seen: one in twenty is told wrongly, and that is said; goals and poles settle it."""
+    monkeypatch.setattr(touchline_perspective, "UNDECIDED_S", 4.0)
+    seen = [replace(frame.observation or Observation(0), landmarks=no_landmarks()) for frame in walk(COLOURED)[1]]
+    frames = tuple(replace(frame, observation=one) for frame, one in zip(walk(COLOURED)[1], seen, strict=True))
+    blind = localized(COLOURED, near_start(COLOURED), frames)
+    assert all(0.04 < (e.twin_probability or 0.0) < 0.06 for e in blind)
+    assert sum(problem.startswith("undecided which end") for e in blind for problem in e.problems) == 2
+    sees = localized(COLOURED, near_start(COLOURED))
+    assert (sees[-1].twin_probability or 1.0) < 1e-4
+    assert not any(e.problems for e in sees)
 
 
 def test_a_told_end_that_nothing_can_confirm_stays_in_doubt() -> None:

@@ -33,7 +33,7 @@ _TILT_DEG = 0.1
 _SCALE = 0.01
 _HEADING_DEG, _POOR_HEADING_DEG = 1.0, 3.0
 _SAME_POSE_M = 1.0
-_UNSURE = 0.1  # probability of the other end from which it is to be settled
+_UNSURE = 0.03  # probability of the other end from which it is to be settled: a start that is told leaves 0.05
 _LATE_S = 0.04  # constant delay of the stamps that is told: 8 cm at 2 m/s
 
 
@@ -91,8 +91,11 @@ def _ends(estimates: list[Estimate]) -> Iterator[Finding]:
     told = [estimate.twin_probability for estimate in estimates if estimate.twin_probability is not None]
     twin = float(np.median(told)) if told else 0.0
     if twin >= _UNSURE:
-        what = f"the pose at the other end of the field has a probability of {100.0 * twin:.0f} % (median)"
-        yield Finding("ends", Severity.NOTE, FIELD, what, "Use --own-half or --start, or give the robot a compass.")
+        what = (
+            f"nothing tells the ends of the field apart: the other has a probability of {100.0 * twin:.0f} % (median)"
+        )
+        advice = "Use --own-half or --start, a compass, or what team mates say; a wrong start can't be found out."
+        yield Finding("ends", Severity.NOTE, FIELD, what, advice)
 
 
 def chosen_frames(frames: int) -> frozenset[int]:

@@ -63,6 +63,7 @@ def write_report(
         _error_table(errors, summary, data),
         _latency(data, summary),
         _gallery(pictures),
+        _said(summary),
         _problems(summary),
         _settings(summary),
         _footer(summary),
@@ -96,14 +97,22 @@ def _header(summary: dict[str, Any]) -> str:
 
 
 def other_side_text(summary: dict[str, Any]) -> str:
-    """That the side of the field is unknown, and what to do; empty if it is known."""
-    told = summary["either_side"]
-    if not told["count"]:
+    """That the side of the field is unknown, how sure it is, and what to do; empty if it is known."""
+    found, prior = summary["either_side"], summary["prior"]
+    if not found["count"]:
         return ""
-    pose = pose_text(Pose(*told["other_pose"]))
+    pose, twin = pose_text(Pose(*found["other_pose"])), found["probability"]
+    images = f"in {found['count']} of {counted(summary['frames'], 'image')}"
+    if prior["pose"] is None and not prior["own_half"]:
+        sure = "" if twin is None else f"; there with {100 * twin:.0f} %"
+        return (
+            f"{images} the robot may as well stand at the other end of the field (at last {pose}{sure}); "
+            "--own-half or --start tells which"
+        )
+    sure = "" if twin is None else f"{100 * twin:.0f} %, "
     return (
-        f"in {told['count']} of {counted(summary['frames'], 'image')} the robot may as well stand at the other end "
-        f"of the field (at last {pose}); --own-half or --start tells which"
+        f"undecided which end of the field it is: {images} nothing but the start that was told speaks against the "
+        f"other end ({sure}at last {pose})"
     )
 
 
@@ -260,6 +269,14 @@ def _problems(summary: dict[str, Any]) -> str:
         f"<details><summary>The first {len(problems['messages'])}</summary><ol class='small'>{lines}</ol></details>"
         "</section>"
     )
+
+
+def _said(summary: dict[str, Any]) -> str:
+    """What the system said while it ran; nothing where it said nothing."""
+    if not summary["said"]:
+        return ""
+    lines = "".join(f"<li>{one['t']:.2f} s: {html.escape(one['what'])}</li>" for one in summary["said"])
+    return f"<section><h2>What the system said</h2><ol class='small'>{lines}</ol></section>"
 
 
 def _settings(summary: dict[str, Any]) -> str:

@@ -22,6 +22,7 @@ from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Mode, Prior, Status, System
 
 _MOST_PICTURES, _MOST_THUMBNAILS = 6, 100
+_MOST_SAID = 50  # phrases of a system that are kept
 
 OnFrame = Callable[[Frame, Estimate], None]
 Particles = Callable[[], FloatArray | None]
@@ -73,7 +74,8 @@ class RunTally:
     """What is known of a run until now. ended: complete, interrupted, failed, or unfinished while it goes on.
 
     unseen: why nothing was seen in images, and in how many.
-    either_side: located frames whose lines fit as well at the other end of the field; other_side: the last such pose.
+    either_side: located frames whose lines fit as well at the other end of the field; other_side: the last such pose,
+    other_probability: its, where the system tells one. said: what the system said, each phrase once, and when (ns).
     """
 
     ended: str = UNFINISHED
@@ -93,6 +95,8 @@ class RunTally:
     clock_set_back: int = 0
     either_side: int = 0
     other_side: Pose | None = None
+    other_probability: float | None = None
+    said: dict[str, int] = field(default_factory=dict)
     times: FrameTimes = field(default_factory=FrameTimes)
     pictures: FramePicker | None = None
 
@@ -114,6 +118,10 @@ class RunTally:
             self.unseen[estimate.observation.problem] += frame.image is not None
         if fits_other_side(estimate):
             self.either_side, self.other_side = self.either_side + 1, estimate.pose.mirrored()
+            self.other_probability = estimate.twin_probability
+        for phrase in estimate.problems:
+            if len(self.said) < _MOST_SAID:
+                self.said.setdefault(phrase, estimate.stamp_ns)
         self.times.add(estimate.perception_ms, estimate.localization_ms)
 
     def summary(self) -> dict[str, Any]:
@@ -136,7 +144,9 @@ class RunTally:
             "either_side": {
                 "count": self.either_side,
                 "other_pose": None if self.other_side is None else list(self.other_side),
+                "probability": self.other_probability,
             },
+            "said": [{"t": stamp_ns / 1e9, "what": phrase} for phrase, stamp_ns in self.said.items()],
             "latency_ms": self.times.summary(),
         }
 

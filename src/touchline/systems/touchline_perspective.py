@@ -42,8 +42,8 @@ BLIND_S = 4.0  # without a feature from which on a pose is in doubt: the robot m
 MEMORY = 0.4  # share of an image in how much is explained of late
 USUAL = 0.85  # share of what an image shows that a right pose explains: other places are looked for where it is less
 FEWEST = 0.5  # features, or line points by their shares, without which an image tells nothing
-TOLD = 3.0  # log-odds of an end that a person tells, where nothing can confirm it: one start in twenty is told wrongly
-UNDECIDED_S = 10.0  # after which it is said again that nothing tells the ends apart
+TOLD = 3.0  # log-odds of an end that a person tells: one start in twenty is told wrongly
+UNDECIDED_S = 10.0  # after which it is said, and said again, that nothing tells the ends apart
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
 
@@ -90,7 +90,7 @@ class TouchlinePerspective:
         self._tell_end(prior.pose is not None)
         self.status = Status.SEARCHING if prior.pose is None else Status.TRACKING
         self.images, self.since_search, self.last_ns, self.seen_ns, self.explained = 0, 0, 0, 0, 1.0
-        self.undecided_ns: int | None = None
+        self.said_ns: int | None = None
         self.problems: tuple[str, ...] = ()
 
     def step(self, frame: Frame) -> Estimate:
@@ -168,10 +168,8 @@ class TouchlinePerspective:
             colours = ("the colours of goals and poles",) if self.twin.log_odds < 0.0 else ()
             who = " and ".join((*colours, *self.end.against))
             self.problems = (f"{who}: the robot is at the other end of the field",)
-            if self.tells_ends:
-                self.twin.turn()
-            else:
-                self.twin.reset()  # what was told, was told wrongly
+            self.told = 0.0  # what was told, was told wrongly
+            self.twin.turn()
             self.end.turn()
             self.hypotheses.turn()
             self.known = best.filter
@@ -179,13 +177,22 @@ class TouchlinePerspective:
     @property
     def end_log_odds(self) -> float:
         """Of the pose, against its twin at the other end."""
+        return self.told + self.evidence_of_end
+
+    @property
+    def end_probability(self) -> float:
+        """That the pose's end is the right one."""
+        return 1.0 / (1.0 + math.exp(-self.end_log_odds)) if self.symmetric else 1.0
+
+    @property
+    def evidence_of_end(self) -> float:
+        """The same by what was seen and heard alone, without what a person told."""
         return self.twin.log_odds + sum(self.end.others.values())
 
     def _tell_end(self, told: bool) -> None:
         self.end.reset()
-        self.twin.reset(told and self.tells_ends)
-        if told and not self.tells_ends:
-            self.twin.log_odds = TOLD
+        self.twin.reset()
+        self.told = TOLD if told else 0.0
 
     def _judge(self, seen: SeenPoints, stamp_ns: int) -> None:
         """Whether the pose is believed."""
@@ -201,23 +208,23 @@ class TouchlinePerspective:
         sure = self.hypotheses.probabilities[0] >= self.settings.min_probability and is_narrow(best.filter.covariance)
         sure = sure and self.explained >= self.settings.min_explained and not self._is_blind(stamp_ns)
         sure = sure and self.hypotheses.is_confirmed and not self.hypotheses.is_contested
-        if sure and (not self.tells_ends or self.end_log_odds >= SURE):
+        if sure and (not self.tells_ends or self.end_probability >= self.settings.min_probability):
             self.status = Status.TRACKING
         else:
             self.status = Status.LOST if self.explained < 0.5 * self.settings.min_explained else Status.SEARCHING
 
     def _say_undecided(self, stamp_ns: int) -> None:
         """Name the twin now and then while nothing that was seen or heard tells it from the pose."""
-        decided = not self.symmetric or abs(self.end_log_odds) > TOLD
+        decided = not self.symmetric or self.evidence_of_end >= SURE
         if decided or self.status is not Status.TRACKING:
             return
-        if self.undecided_ns is None or 1e-9 * (stamp_ns - self.undecided_ns) >= UNDECIDED_S:
-            self.undecided_ns = stamp_ns
-            twin = 100.0 / (1.0 + math.exp(self.end_log_odds))
-            self.problems += (
-                f"undecided which end of the field it is: nothing seen tells, the other end has {twin:.0f} %, by the "
-                "start that was told, if any",
-            )
+        if self.said_ns is None:  # where colours can tell they have ten seconds
+            self.said_ns = stamp_ns if self.tells_ends else stamp_ns - round(1e9 * UNDECIDED_S)
+        if 1e-9 * (stamp_ns - self.said_ns) >= UNDECIDED_S:
+            self.said_ns = stamp_ns
+            twin = 100.0 * (1.0 - self.end_probability)
+            why = "as starts are told wrongly: nothing seen or heard confirms it" if self.told else "as nothing tells"
+            self.problems += (f"undecided which end of the field it is: the other end has {twin:.0f} %, {why}",)
 
     def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PerspectiveFilter:
         s = self.settings
@@ -226,7 +233,7 @@ class TouchlinePerspective:
         return PerspectiveFilter(pose, told if covariance is None else covariance, learns)
 
     def _report(self, observation: Observation, count: int, clock: Stopwatch) -> Estimate:
-        end = 1.0 / (1.0 + math.exp(-self.end_log_odds)) if self.symmetric else 1.0
+        end = self.end_probability
         best, others = self.hypotheses.best, []
         for one, share in zip(self.hypotheses.members, self.hypotheses.probabilities, strict=True):
             pose, covariance = one.filter.pose, one.filter.covariance
