@@ -14,6 +14,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 
+from touchline.checks.late_odometry import _redealt, find_late
 from touchline.errors import InputError
 from touchline.experiments.schulz_runs import AS_BUILT, Walk, walk
 from touchline.geometry import Pose3
@@ -121,6 +122,23 @@ def test_its_pose_is_right_more_often_than_that_of_a_search_for_markers_in_singl
     share = {name: float(booster().right(track, walked()).mean()) for name, track in tracks.items()}
     assert min(share["touchline"], share["nimbro-lines"]) == 1.0
     assert 0.05 < share["marker search"] < 0.5
+
+
+def test_how_late_an_odometer_comes_is_found_by_the_turns_that_features_show() -> None:
+    long = walk(FIELD, AS_BUILT, 3, 40.0)
+    found = find_late(long.field, [*_redealt(long.frames, -SECOND_NS // 10)])
+    assert found is not None
+    assert found.late_s == pytest.approx(0.1, abs=0.03)
+    assert 0.005 < found.deviation_s < 0.04
+
+
+def test_what_has_no_stamp_is_moved_back_by_what_is_told(bag: Path) -> None:
+    plain, late = (next(frame for frame in read(bag, late_ms=ms) if frame.odometry is not None) for ms in (0.0, 40.0))
+    assert plain.odometry is not None
+    assert late.odometry is not None
+    assert plain.odometry.stamp_ns[0] - late.odometry.stamp_ns[0] == 40_000_000
+    given = BagOptions(field=FIELD, late_ms=40.0)
+    assert BagOptions.from_dict(given.to_dict()) == given
 
 
 def test_messages_of_the_first_robots_are_read_too() -> None:

@@ -19,6 +19,7 @@ from touchline.checks.images import (
     check_observations,
     check_readable,
 )
+from touchline.checks.late_odometry import check_late_odometry
 from touchline.checks.lines import check_lines
 from touchline.checks.projection import check_projection, check_view
 from touchline.checks.sensors import check_gyro_bias, check_presence, check_rows, check_stuck, check_wheels
@@ -53,6 +54,7 @@ CHECKS: list[Check] = [
     check_truth,
     check_lines,
     check_features,
+    check_late_odometry,
     check_projection,
 ]
 

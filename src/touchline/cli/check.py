@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.options import BagBase, BagCamera, BagField, FollowLinks, Topics, bag_options
+from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, Topics, bag_options
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -27,6 +27,7 @@ def check(
     field: BagField = None,
     camera: BagCamera = None,
     base: BagBase = None,
+    late: BagLate = 0.0,
 ) -> None:
     """Read a whole recording and say what is odd about it, and what to do.
 
@@ -37,7 +38,7 @@ def check(
     from touchline.messages import counted
     from touchline.sources import open_source
 
-    source = open_source(recording, follow_links, bag_options(topics, field, camera, base))
+    source = open_source(recording, follow_links, bag_options(topics, field, camera, base, late))
     findings = _check_with_progress(source)
     counts = {severity.value: sum(finding.severity is severity for finding in findings) for severity in Severity}
     worst_first = tuple(reversed(counts.items()))

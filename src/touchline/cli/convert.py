@@ -13,7 +13,7 @@ import typer
 
 from touchline.cli.console import errors_console
 from touchline.cli.console import output as output_console
-from touchline.cli.options import BagBase, BagCamera, BagField, FollowLinks, Topics, bag_options
+from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, Topics, bag_options
 from touchline.errors import InputError, TouchlineError
 from touchline.new_files import check_new_path
 
@@ -58,6 +58,7 @@ def convert(
     field: BagField = None,
     camera: BagCamera = None,
     base: BagBase = None,
+    late: BagLate = 0.0,
 ) -> None:
     """Write a recording as another kind, without loss: images are copied as they are, times to the nanosecond."""
     kind = to or (Kind.MCAP if target.suffix.lower() == ".mcap" else Kind.FOLDER)
@@ -68,7 +69,7 @@ def convert(
     if (source / "summary.json").is_file():
         _write_results(source, target, kind, follow_links)
         return
-    described = bag_options(topics, field, camera, base)
+    described = bag_options(topics, field, camera, base, late)
     if is_loose(source):
         recording = open_loose(source, LooseOptions(rate, odometry, columns, first_image_at), described)
     else:

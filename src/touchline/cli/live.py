@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.options import BagBase, FollowLinks, bag_options, turn_in_rad
+from touchline.cli.options import BagBase, BagLate, FollowLinks, bag_options, turn_in_rad
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError
 
@@ -50,6 +50,7 @@ def live(
     ] = False,
     topics: LiveTopics = None,
     base: BagBase = None,
+    late: BagLate = 0.0,
     namespace: Annotated[
         str, typer.Option(metavar="/NAME", help="Of this robot by --dds, --rclpy: its topics come first.")
     ] = "",
@@ -98,7 +99,13 @@ def live(
     from touchline.types import Prior
 
     ros = dds or rclpy
-    of_ros = {"--topic": topics, "--base": base, "--namespace": namespace, "--network": network and not rclpy}
+    of_ros = {
+        "--topic": topics,
+        "--base": base,
+        "--late": late,
+        "--namespace": namespace,
+        "--network": network and not rclpy,
+    }
     _refuse_of_other_link(ros, {"--udp": udp, "--to": to}, of_ros)
     if (dds or network) and rclpy:
         raise InputError(f"{'--dds' if dds else '--network'} --rclpy: ROS itself carries the messages then")
@@ -115,9 +122,9 @@ def live(
         localizer.reset(pose, own_half=own_half)
     link: Link
     if rclpy:
-        link = _rclpy_link(topics, base, namespace, localizer.camera)
+        link = _rclpy_link(topics, base, namespace, localizer.camera, late)
     else:
-        link = _dds_link(topics, base, namespace, network, localizer.camera) if dds else _udp_link(udp, to)
+        link = _dds_link(topics, base, namespace, network, localizer.camera, late) if dds else _udp_link(udp, to)
     if device is not None:
         link = _with_camera(link, device)
     console = errors_console()
@@ -158,18 +165,20 @@ def _refuse_of_other_link(dds: bool, of_udp: Mapping[str, object], of_dds: Mappi
         raise InputError(f"{wrong[0]}: counts only {where}")
 
 
-def _dds_link(topics: list[str] | None, base: str | None, namespace: str, network: bool, camera: Camera | None) -> Link:
+def _dds_link(
+    topics: list[str] | None, base: str | None, namespace: str, network: bool, camera: Camera | None, late: float
+) -> Link:
     _require_dds()
     from touchline.live.dds import DdsLink
 
-    return DdsLink(bag_options(topics, None, None, None).topics, base, namespace, network, camera)
+    return DdsLink(bag_options(topics, None, None, None).topics, base, namespace, network, camera, late)
 
 
-def _rclpy_link(topics: list[str] | None, base: str | None, namespace: str, camera: Camera | None) -> Link:
+def _rclpy_link(topics: list[str] | None, base: str | None, namespace: str, camera: Camera | None, late: float) -> Link:
     from touchline.live.rclpy_link import RclpyLink, require_rclpy
 
     require_rclpy()
-    return RclpyLink(bag_options(topics, None, None, None).topics, base, namespace, camera)
+    return RclpyLink(bag_options(topics, None, None, None).topics, base, namespace, camera, late)
 
 
 def _as_namespace(text: str) -> str:

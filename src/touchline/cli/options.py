@@ -36,8 +36,20 @@ BagBase = Annotated[
     ),
 ]
 
+BagLate = Annotated[
+    float,
+    typer.Option(
+        metavar="MS",
+        min=-1000.0,
+        max=1000.0,
+        help="Messages without a stamp were received so much later than measured; touchline check tells.",
+    ),
+]
 
-def bag_options(topics: list[str] | None, field: str | None, camera: Path | None, base: str | None) -> BagOptions:
+
+def bag_options(
+    topics: list[str] | None, field: str | None, camera: Path | None, base: str | None, late_ms: float = 0.0
+) -> BagOptions:
     """What a bag does not say of itself. Raises InputError for a topic that is not ROLE=/NAME."""
     from touchline.sources.bags.roles import BagOptions
 
@@ -45,7 +57,7 @@ def bag_options(topics: list[str] | None, field: str | None, camera: Path | None
     for role, equals, name in named:
         if not (role and equals and name):
             raise InputError(f"--topic {role}{equals}{name}: expected ROLE=/NAME, for example image=/front/image_raw")
-    return BagOptions({role: name for role, _, name in named}, field, camera, base)
+    return BagOptions({role: name for role, _, name in named}, field, camera, base, late_ms)
 
 
 def turn_in_rad(angle: float, option: str) -> float:

@@ -14,7 +14,7 @@ from touchline.cli import INTERRUPTED
 from touchline.cli.console import DEBUG_VARIABLE, errors_console, print_errors, told_of_compiling
 from touchline.cli.console import output as output_console
 from touchline.cli.interrupts import interruptible
-from touchline.cli.options import BagBase, BagCamera, BagField, FollowLinks, Topics, bag_options
+from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, Topics, bag_options
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError, TouchlineError
 
@@ -68,6 +68,7 @@ def run(
     field: BagField = None,
     camera: BagCamera = None,
     base: BagBase = None,
+    late: BagLate = 0.0,
     view: ShowIn = None,
     rrd: KeepIn = None,
 ) -> None:
@@ -82,7 +83,7 @@ def run(
     prior = Prior(parse_pose(start) if start is not None else None, own_half)
     name = system or DEFAULT_SYSTEM
     system_info(name)  # an unknown name is told before the recording is read
-    source = open_source(recording, follow_links, bag_options(topics, field, camera, base))
+    source = open_source(recording, follow_links, bag_options(topics, field, camera, base, late))
     prepared = prepare(source, name, prior=prior, config=config, overrides=settings or (), preset=preset, seed=seed)
     with shown_in(view, rrd) as screen:
         execute(prepared, output, on_frame=on_screen(screen, prepared))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.cli.options import BagBase, FollowLinks, Topics, bag_options
+from touchline.cli.options import BagBase, BagLate, FollowLinks, Topics, bag_options
 from touchline.cli.viewer import KeepIn, ShowIn, shown_in
 from touchline.errors import InputError
 
@@ -49,6 +49,7 @@ def view(
     follow_links: FollowLinks = False,
     topics: Topics = None,
     base: BagBase = None,
+    late: BagLate = 0.0,
     viewer: ShowIn = None,
     rrd: KeepIn = None,
 ) -> None:
@@ -68,7 +69,7 @@ def view(
         raise InputError("--camera and --field are for single images: a recording brings its own")
     if not recorded and camera is None:
         raise InputError(f"{source}: an image needs its camera model; give it with --camera FILE")
-    options = bag_options(topics, field if bag else None, camera, base)
+    options = bag_options(topics, field if bag else None, camera, base, late)
     if viewer is not None or rrd is not None:
         if not recorded:
             raise InputError("--view and --rrd show a recording; an image's stages are pictures: --stages")

@@ -131,10 +131,11 @@ class DdsLink:
         namespace: str = "",
         network: bool = False,
         camera: Camera | None = None,
+        late_ms: float = 0.0,
     ) -> None:
         """As `RosEnd` has them; network: beyond this machine. Raises InputError."""
         codec = Codec()
-        self._end = RosEnd(codec, topics, base, namespace, camera)
+        self._end = RosEnd(codec, topics, base, namespace, camera, late_ms)
         self._node = DdsNode(_NODE, namespace, network, codec)
         self._publishers = BuiltinDataReader(self._node.participant, BuiltinTopicDcpsPublication)
         self._offered: dict[str, Qos] = {}

@@ -45,10 +45,11 @@ class RclpyLink:
         base: str | None = None,
         namespace: str = "",
         camera: Camera | None = None,
+        late_ms: float = 0.0,
     ) -> None:
         """As `RosEnd` has them. Raises InputError."""
         self._codec = Codec()
-        self._end = RosEnd(self._codec, topics, base, namespace, camera)
+        self._end = RosEnd(self._codec, topics, base, namespace, camera, late_ms)
         self._rclpy: Any = importlib.import_module("rclpy")
         self._qos: Any = importlib.import_module("rclpy.qos")
         self._types: Any = importlib.import_module("rosidl_runtime_py.utilities")

@@ -41,10 +41,11 @@ class RosReader:
     """Messages to what was heard. base: the robot's frame on the ground; None: by its usual names.
 
     camera: that of features in pixels; where a topic tells the head's pose, camera.yaml places it in the head.
+    late_ms: by which messages without a stamp are received later than measured.
     """
 
-    def __init__(self, base: str | None = None, camera: Camera | None = None) -> None:
-        self._wanted, self._camera = base, camera
+    def __init__(self, base: str | None = None, camera: Camera | None = None, late_ms: float = 0.0) -> None:
+        self._wanted, self._camera, self._late_ns = base, camera, round(1e6 * late_ms)
         self._tree = FrameTree()
         mount = camera.base_from_camera if isinstance(camera, PinholeCamera) else None
         self._track = CameraTrack(self._tree, base, mount)
@@ -104,9 +105,11 @@ class RosReader:
                 yield heard
 
     def _stamp(self, message: Any) -> int:
-        """The stamp of a message's header (ns); of one without, the time now by /clock, else by this machine."""
+        """The stamp of a message's header (ns); of one without, the time now by /clock, else by this machine, less the
+        delay.
+        """
         if not hasattr(message, "header"):
-            return time.time_ns() if self._clock_ns is None else self._clock_ns
+            return (time.time_ns() if self._clock_ns is None else self._clock_ns) - self._late_ns
         stamp = message.header.stamp
         return int(stamp.sec) * _SECOND_NS + int(stamp.nanosec)
 

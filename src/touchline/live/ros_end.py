@@ -33,16 +33,18 @@ class RosEnd:
         base: str | None = None,
         namespace: str = "",
         camera: Camera | None = None,
+        late_ms: float = 0.0,
     ) -> None:
         """topics: role -> topic, where it isn't found by its type. namespace: of this robot, whose topics come first.
-        camera: of features in pixels, and of a head whose own pose a topic tells. Raises InputError.
+        camera: of features in pixels, and of a head whose own pose a topic tells. late_ms: by which messages without a
+        stamp are received later than measured. Raises InputError.
         """
         self._named = dict(topics or {})
         for role in self._named:
             if role not in ROLES:
                 raise InputError(f"--topic {role}: is not known; one of {', '.join(ROLES)}")
         self._codec, self._namespace = codec, namespace
-        self._reader, self._writer = RosReader(base, camera), RosWriter(codec, namespace)
+        self._reader, self._writer = RosReader(base, camera, late_ms), RosWriter(codec, namespace)
         self._seen: dict[str, Topic] = {}
         self._news_s = 0.0
         self._chosen: dict[str, set[str]] = {}  # roles by topic

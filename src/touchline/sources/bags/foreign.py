@@ -153,7 +153,8 @@ class Foreign:
         if header is None:
             self._problems.add(ProblemKind.BAG, topic.name, "a message is too short; it is left out")
             return
-        stamp_ns = (header.stamp_ns or message.log_ns + bare * self._bare_ns) - (self._epoch_ns or 0)
+        received_ns = message.log_ns + bare * (self._bare_ns - round(1e6 * self._options.late_ms))
+        stamp_ns = (header.stamp_ns or received_ns) - (self._epoch_ns or 0)
         taken = self._roles[message.topic]
         if roles.IMAGE in taken:
             self._stamps.append(stamp_ns)

@@ -72,13 +72,15 @@ _NAMED_ONLY = (COMPASS,)
 class BagOptions:
     """What a bag does not say of itself. topics: role -> topic. field: a preset's name or a file. camera: a file.
 
-    base: the frame of the robot on the ground, x forward, y left.
+    base: the frame of the robot on the ground, x forward, y left. late_ms: by which messages without a stamp were
+    received later than measured.
     """
 
     topics: Mapping[str, str] = field(default_factory=dict)
     field: str | None = None
     camera: Path | None = None
     base: str | None = None
+    late_ms: float = 0.0
 
     def given(self) -> bool:
         """Whether anything is."""
@@ -88,7 +90,8 @@ class BagOptions:
         """As JSON knows it, files by their whole paths: a run notes how its recording was read."""
         file = None if self.field is None or not Path(self.field).is_file() else str(Path(self.field).resolve())
         camera = None if self.camera is None else str(self.camera.resolve())
-        return {"topics": dict(self.topics), "field": file or self.field, "camera": camera, "base": self.base}
+        named = {"topics": dict(self.topics), "field": file or self.field, "camera": camera, "base": self.base}
+        return {**named, "late_ms": self.late_ms}
 
     @classmethod
     def from_dict(cls, tree: Any) -> BagOptions:
@@ -97,7 +100,9 @@ class BagOptions:
             return cls()
         field, camera, base = (None if tree.get(key) is None else str(tree[key]) for key in ("field", "camera", "base"))
         named = {str(role): str(name) for role, name in topics.items()}
-        return cls(named, field, None if camera is None else Path(camera), base)
+        late = tree.get("late_ms", 0.0)
+        late_ms = float(late) if type(late) in (int, float) else 0.0
+        return cls(named, field, None if camera is None else Path(camera), base, late_ms)
 
 
 def choose_topics(topics: Mapping[str, Topic], named: Mapping[str, str], problems: ProblemLog) -> dict[str, Topic]:

@@ -1,0 +1,128 @@
+"""A check of when odometry comes, beside features of the robot's own detector: by the headings that these tell.
+
+Messages without a stamp are as old as their receipt, and nobody tells how late that is. Features correct the heading
+least where the odometry's turns are put at their own time: the shift at which they do is found.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.checks.findings import Finding, Severity
+from touchline.checks.survey import Survey
+from touchline.errors import InputError
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, wrap_angles
+from touchline.systems import RobotSetup, open_system
+from touchline.types import Frame, Samples, Status
+
+_SYSTEM = "touchline"
+_LONGEST_NS = 60_000_000_000
+_STEP_S = 0.05
+_SHIFTS_S = (-0.2, -0.1, 0.0, 0.1, 0.2)  # and two more about the best
+_LEAST_STEPS, _FIRST_STEPS = 250, 20  # half of a minute: in less, a few turns decide
+_MOST_RAD = math.radians(6.0)  # of a correction: more is another pose
+_TOGETHER = 4.0  # standard deviations are larger by: corrections err together, as walks of a minute show
+_LATE_S = 0.03  # that is told: 3 cm at 1 m/s
+_SURE = 2.0  # standard deviations
+
+
+class Late(NamedTuple):
+    """How late odometry comes (s), and its standard deviation (s)."""
+
+    late_s: float
+    deviation_s: float
+
+
+def check_late_odometry(survey: Survey) -> Iterator[Finding]:
+    """Whether the odometry's times are late or early against those of features."""
+    recording = survey.recording
+    if not recording.has_observations or survey.seen["point"] or not np.isfinite(survey.column("theta")).any():
+        return
+    try:
+        field = recording.field
+    except InputError:
+        return  # the check of the field says so
+    first_ns = int(recording.image_stamps[0]) if len(recording) else 0
+    frames = list(itertools.takewhile(lambda each: each.stamp_ns - first_ns < _LONGEST_NS, recording.again()))
+    found = find_late(field, frames)
+    if found is None or abs(found.late_s) < max(_LATE_S, _SURE * found.deviation_s):
+        return
+    late_ms, give_or_take = 1e3 * found.late_s, 1e3 * found.deviation_s
+    way = "later" if late_ms > 0.0 else "earlier"
+    what = f"odometry comes {abs(late_ms):.0f} ± {give_or_take:.0f} ms {way} than what the features show of turns"
+    advice = f"Where an odometer of a bag or a live robot has no stamps, --late {late_ms:.0f} takes that off."
+    yield Finding("delay", Severity.WARNING, "odometry.csv", what, advice)
+
+
+def find_late(field: FieldModel, frames: Sequence[Frame]) -> Late | None:
+    """How late the samples of frames with features come; None where that is not shown: the robot hardly turns."""
+    if len(frames) < _LEAST_STEPS:
+        return None
+    corrections = {shift: _corrections(field, frames, shift) for shift in _SHIFTS_S}
+
+    def cost(shift: float) -> float:
+        return float(np.mean(np.minimum(corrections[shift], _MOST_RAD) ** 2)) if len(corrections[shift]) else math.inf
+
+    middle = min(_SHIFTS_S[1:-1], key=cost)
+    for near in (middle - _STEP_S, middle + _STEP_S):
+        corrections[near] = _corrections(field, frames, near)
+    shifts = sorted(corrections)
+    best = min(shifts, key=cost)
+    sides = (best - _STEP_S, best + _STEP_S)
+    for near in sides:
+        if near not in corrections:
+            corrections[near] = _corrections(field, frames, near)
+    before, here, after = (cost(shift) for shift in (sides[0], best, sides[1]))
+    bend, count = before - 2.0 * here + after, len(corrections[best])
+    if count < _LEAST_STEPS or not bend > 0.0 or not math.isfinite(bend):
+        return None
+    deviation_s = _STEP_S * math.sqrt(2.0 * here / (count * bend))
+    return Late(best + 0.5 * _STEP_S * (before - after) / bend, _TOGETHER * deviation_s)
+
+
+def _corrections(field: FieldModel, frames: Sequence[Frame], late_s: float) -> FloatArray:
+    """(K,) by how much images turned the heading that odometry had carried on (rad, absolute), were it so late."""
+    shifted = [*_redealt(frames, round(1e9 * late_s))]
+    system = open_system(_SYSTEM, RobotSetup(field, None))
+    estimates = [system.step(frame) for frame in shifted]
+    told = [frame.odometry for frame in shifted if frame.odometry is not None]
+    if not told:
+        return np.zeros(0)
+    stamps_ns = np.concatenate([samples.stamp_ns for samples in told]).astype(np.float64)
+    turned = np.unwrap(np.concatenate([samples.values[:, 2] for samples in told]))
+    at_ns = np.array([estimate.stamp_ns for estimate in estimates], dtype=np.float64)
+    headings = np.array([estimate.pose.heading for estimate in estimates])
+    steps = wrap_angles(np.diff(headings) - np.diff(np.interp(at_ns, stamps_ns, turned)))
+    tracking = np.array([estimate.status is Status.TRACKING for estimate in estimates])
+    kept = tracking[1:] & tracking[:-1] & (np.abs(steps) > 1e-9)
+    kept[:_FIRST_STEPS] = False
+    away: FloatArray = np.abs(steps[kept] - np.median(steps[kept])) if kept.any() else np.zeros(0)
+    return away
+
+
+def _redealt(frames: Sequence[Frame], late_ns: int) -> Iterator[Frame]:
+    """Frames whose samples of motion were measured so much earlier than they say."""
+    sensors = ("odometry", "gyro", "tilt", "compass")
+    rows = {}
+    for sensor in sensors:
+        parts = [samples for frame in frames if (samples := getattr(frame, sensor)) is not None and len(samples)]
+        if parts:
+            stamps_ns = np.concatenate([part.stamp_ns for part in parts]) - late_ns
+            rows[sensor] = stamps_ns, np.concatenate([part.values for part in parts])
+    ends = dict.fromkeys(rows, 0)
+    for frame in frames:
+        dealt: dict[str, Samples | None] = dict.fromkeys(sensors)
+        for sensor, (stamps_ns, values) in rows.items():
+            begin, ends[sensor] = ends[sensor], int(np.searchsorted(stamps_ns, frame.stamp_ns, side="right"))
+            if ends[sensor] > begin:
+                dealt[sensor] = Samples(stamps_ns[begin : ends[sensor]], values[begin : ends[sensor]])
+        yield replace(
+            frame, odometry=dealt["odometry"], gyro=dealt["gyro"], tilt=dealt["tilt"], compass=dealt["compass"]
+        )
