@@ -15,7 +15,9 @@ from touchline.calibration.range_regression import fit_range
 from touchline.camera import open_camera
 from touchline.cli import main
 from touchline.errors import InputError, NoFitError
+from touchline.image_files import read_image
 from touchline.sources import open_source
+from touchline.view.picture_files import save_picture
 
 CENTER = (200.0, 150.0)
 HANDEDNESS, YAW = -1, 0.4
@@ -237,9 +239,15 @@ def test_the_command_writes_camera_and_picture(tmp_path: Path, capsys: pytest.Ca
     at = camera.ground_from_image([(CENTER[0] + 100.0, CENTER[1])])[0]
     assert np.hypot(*at) == pytest.approx(ranges(np.array(100.0)), rel=1e-3)
     assert "range_m = " in output.read_text()
-    assert (tmp_path / "fitted.png").stat().st_size > 10_000
+    alone = read_image(tmp_path / "fitted.png")
     assert invoke("calibrate", "range", tmp_path / "marks.csv", "--output", output) == 2
     assert "exists already" in capsys.readouterr().err
+    (tmp_path / "images").mkdir()
+    save_picture(tmp_path / "images" / "000000.jpg", np.full((camera.height, camera.width, 3), (40, 140, 40), np.uint8))
+    assert invoke("calibrate", "range", tmp_path / "marks.csv", "--output", tmp_path / "again.yaml") == 0
+    beside = read_image(tmp_path / "again.png")
+    assert beside.shape[1] > 1.5 * alone.shape[1]
+    assert (np.abs(beside.astype(int) - (40, 140, 40)).max(axis=2) < 6).mean() > 0.15  # the image, with little over it
 
 
 def test_the_command_refuses_what_it_cannot_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

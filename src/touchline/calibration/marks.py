@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from touchline.errors import InputError
+from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray
+from touchline.image_files import read_image
+from touchline.opened_files import OwnFolder
 from touchline.sources import ProblemLog
 from touchline.sources.tables import Line, Table, open_table, parse_row, read_lines
+from touchline.types import ImageArray
 
 MARKS = "marks.csv"
 _COLUMNS = ("u", "v", "x_m", "y_m")
@@ -45,6 +49,23 @@ def read_marks(path: Path) -> Marks:
     values = np.array(rows, dtype=np.float64).reshape(-1, 4)
     files, names = zip(*cells, strict=True) if cells else ((), ())
     return Marks(path, tuple(files), tuple(names), values[:, :2], values[:, 2:], tuple(numbers))
+
+
+def first_image(
+    folder: Path, files: Iterable[str], size: tuple[int, int], follow_links: bool = False
+) -> tuple[str, ImageArray] | None:
+    """The first of these images, and its name, that lies in the folder and has a camera's size (width, height); None
+    without one: a calibration does not need it.
+    """
+    own = OwnFolder(folder, follow_links)
+    for name in dict.fromkeys(files):
+        try:
+            image: ImageArray = read_image(own.file(name))
+        except TouchlineError:
+            continue
+        if image.shape == (size[1], size[0], 3):
+            return name, image
+    return None
 
 
 def _read(table: Table, line: Line) -> list[float]:

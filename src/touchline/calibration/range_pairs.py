@@ -42,7 +42,8 @@ class Optics:
 class RangePairs:
     """radius_px, range_m, angle_rad: (N,) about the optics' centre, angle in the image (atan2(v, u)).
 
-    places: what each pair is called in messages. origin: where they come from, in words.
+    places: what each pair is called in messages. origin: where they come from, in words. files: the image of each,
+    in the folder; none where there are no images.
     """
 
     radius_px: FloatArray
@@ -51,6 +52,8 @@ class RangePairs:
     places: tuple[str, ...]
     origin: str
     optics: Optics
+    folder: Path = Path()
+    files: tuple[str, ...] = ()
 
 
 def recording_pairs(recording: Recording, skip_unusable: bool = False, handedness: int | None = None) -> RangePairs:
@@ -79,6 +82,7 @@ def strip_pairs(recording: Recording, skip_unusable: bool = False) -> RangePairs
     )
     offsets = np.concatenate([sighting.pixels for sighting in found.sightings]) - camera.center
     places = [f"{recording.folder / s.name}, edge at {edge:g} m" for s in found.sightings for edge in edges]
+    files = [s.name for s in found.sightings for _ in edges]
     seen = np.isfinite(offsets[:, 0])  # a first or last edge may be hidden
     return RangePairs(
         np.hypot(*offsets[seen].T),
@@ -87,6 +91,8 @@ def strip_pairs(recording: Recording, skip_unusable: bool = False) -> RangePairs
         tuple(place for place, there in zip(places, seen, strict=True) if there),
         f"{len(edges)} edges in {len(found.sightings)} images of {recording.name}",
         optics,
+        recording.folder,
+        tuple(file for file, there in zip(files, seen, strict=True) if there),
     )
 
 
@@ -123,7 +129,8 @@ def marked_pairs(file: Path, camera_file: Path, handedness: int | None = None) -
     for place, far_m in zip(places, range_m, strict=True):
         if not _NEAREST_M < far_m < _FARTHEST_M:
             raise InputError(f"{place}: {far_m:g} m from the robot's centre is no distance of a mark")
-    return RangePairs(radius, range_m, angles, tuple(places), f"{len(known)} marks of {file.name}", optics)
+    origin, files = f"{len(known)} marks of {file.name}", tuple(marks.files[i] for i in known)
+    return RangePairs(radius, range_m, angles, tuple(places), origin, optics, file.parent, files)
 
 
 def _size(tree: Mapping[str, Any], path: Path) -> tuple[int, int, tuple[float, float]]:

@@ -9,15 +9,13 @@ import typer
 
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.cli.options import FollowLinks
-from touchline.errors import InputError, TouchlineError
+from touchline.errors import InputError
 from touchline.new_files import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.imu import ImuCalibration
-    from touchline.calibration.marks import Marks
     from touchline.calibration.perspective import Lens, PerspectiveCalibration
     from touchline.sources import Recording
-    from touchline.types import ImageArray
 
 _PICTURE = typer.Option("--picture", metavar="FILE", help="A picture of it (default: the output's name with .png).")
 _OUTPUT = typer.Option("--output", "-o", metavar="FILE", help="The camera.yaml to write.", show_default=False)
@@ -45,7 +43,7 @@ def calibrate_camera(
     if not source.exists():
         raise InputError(f"{source}: there is no such recording or file of marks")
     from touchline.calibration import perspective
-    from touchline.calibration.marks import MARKS, read_marks
+    from touchline.calibration.marks import MARKS, first_image, read_marks
     from touchline.sources import open_source
     from touchline.view.perspective_calibration import marks_picture
     from touchline.view.picture_files import save_picture
@@ -57,25 +55,10 @@ def calibrate_camera(
     found = perspective.calibrate_camera(marks, _lens(source, recording, camera))
     words = camera_words(found, len(found.residuals_px))
     write_new_file(output, perspective.perspective_yaml(found.camera, words).encode())
-    image = _image_of(marks, (found.camera.width, found.camera.height), follow_links)
+    seen = first_image(marks.path.parent, marks.files, (found.camera.width, found.camera.height), follow_links)
+    image = None if seen is None else seen[1]
     save_picture(picture, marks_picture(found, image, marks.pixels, marks.places_m))
     print_lines(words, output, picture)
-
-
-def _image_of(marks: Marks, size: tuple[int, int], follow_links: bool) -> ImageArray | None:
-    """The first image with marks that lies beside them and has the camera's size (width, height); None without one."""
-    from touchline.image_files import read_image
-    from touchline.opened_files import OwnFolder
-
-    folder = OwnFolder(marks.path.parent, follow_links)
-    for name in dict.fromkeys(marks.files):
-        try:
-            image = read_image(folder.file(name))
-        except TouchlineError:  # the calibration does not need it
-            continue
-        if image.shape == (size[1], size[0], 3):
-            return image
-    return None
 
 
 def _lens(source: Path, recording: Recording | None, camera: Path | None) -> Lens:
@@ -120,7 +103,7 @@ def calibrate_imu(
     from dataclasses import replace
 
     from touchline.calibration.imu import calibrate_imu as learn
-    from touchline.calibration.marks import MARKS, read_marks
+    from touchline.calibration.marks import MARKS, first_image, read_marks
     from touchline.calibration.perspective import perspective_yaml
     from touchline.camera import PinholeCamera, open_camera
     from touchline.sources import open_source
@@ -135,8 +118,9 @@ def calibrate_imu(
     words = imu_words(found)
     text = perspective_yaml(replace(before, imu_correction=found.correction, use_attitude=True), words)
     write_new_file(output, text.encode())
-    image = _image_of(read_marks(source.file(MARKS)), (before.width, before.height), follow_links)
-    save_picture(picture, wander_picture(found, before, image))
+    files = read_marks(source.file(MARKS)).files
+    seen = first_image(source.folder, files, (before.width, before.height), follow_links)
+    save_picture(picture, wander_picture(found, before, None if seen is None else seen[1]))
     print_lines(words, output, picture)
 
 

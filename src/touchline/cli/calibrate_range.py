@@ -64,6 +64,7 @@ def calibrate_range(
         raise InputError(f"--handedness: 1 or -1 is expected, found {handedness}")
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     pairs = _pairs(source, camera, skip_unusable, handedness, follow_links)
+    from touchline.calibration.marks import first_image
     from touchline.calibration.range_figure import range_figure
     from touchline.calibration.range_regression import fit_range
     from touchline.calibration.strip_recording import camera_yaml
@@ -79,7 +80,9 @@ def calibrate_range(
     words = regression_words(regression)
     write_new_file(output, camera_yaml(regression.camera(continued=True), f"{words}\n{regression.formula()}").encode())
     drawn = io.BytesIO()
-    range_figure(regression).savefig(drawn, dpi=130, format=picture.suffix.lower().removeprefix("."))
+    optics = pairs.optics
+    seen = first_image(pairs.folder, pairs.files, (optics.width, optics.height), follow_links)
+    range_figure(regression, seen).savefig(drawn, dpi=130, format=picture.suffix.lower().removeprefix("."))
     write_new_file(picture, drawn.getvalue())
     print_lines(words, output, picture)
 
