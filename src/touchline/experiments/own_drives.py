@@ -60,6 +60,7 @@ UNTOUCHED = Condition("mirror off by 0.6° and 0.6 mm, table untouched", changes
 HALF = Condition(
     "straight tracks, a half hidden", changes=("camera.black_sectors_deg=[[0,180]]",), papers="lu2013-occlusion"
 )
+SHAKING = Condition("vibration of 0.3°", changes=("camera.mirror.vibration_deg=0.3",))
 LATE = Condition("100 ms late, stamped on arrival", changes=("camera.delay_s=0.1", "camera.stamped=arrived"))
 TRACKS = Condition("straight tracks", papers="lu2013-occlusion, xiong-tracking")
 MATCH = Condition("match", "match")
@@ -75,7 +76,7 @@ CONDITIONS = (
     Condition("the same, three times covered", "tour-20", papers="iris-track, iris-disturbances", faults=_COVERED),
     MATCH,
     UNTOUCHED,
-    Condition("vibration of 0.3°", changes=("camera.mirror.vibration_deg=0.3",)),
+    SHAKING,
     Condition("100 ms late", changes=("camera.delay_s=0.1",)),
     LATE,
     Condition("ideal: straight tracks", changes=("ideal=true",)),

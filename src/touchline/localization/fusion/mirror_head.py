@@ -34,12 +34,15 @@ FEW = 20  # of so few points twice as many: the ends of a lone line tell most, a
 
 
 class MirrorHead:
-    """`mirror`: what errors do to points. `unknown` (5, 5): covariance of the errors before the first image."""
+    """`mirror`: what errors do to points. `unknown` (5, 5): covariance of the errors before the first image.
+
+    shakes: whether each image leans anew.
+    """
 
     def __init__(self, camera: Camera | None) -> None:
         """camera: without a mirror nothing is wrong with it."""
         omni = camera if isinstance(camera, OmniCamera) else None
-        self.has_mirror = omni is not None
+        self.shakes = omni is not None
         self.mirror = Mirror(HEIGHT_M, np.zeros((0, 2)) if omni is None else ground_scales(omni))
         self._apex_px_m = 0.0 if omni is None else APEX_RATIO_M * omni.outer_radius_px
         self.unknown = np.zeros((ERRORS, ERRORS)) if omni is None else self.stated(omni.uncertainty)
@@ -47,7 +50,7 @@ class MirrorHead:
 
     def reset(self) -> None:
         """Nothing has been seen yet."""
-        self._shake(VIBRATION_PER_M if self.has_mirror else 0.0)
+        self._shake(VIBRATION_PER_M if self.shakes else 0.0)
         self.noise = 1.0
 
     def _shake(self, per_m: float) -> None:
@@ -103,7 +106,7 @@ class MirrorHead:
         free /= max(free - told, 0.25 * free)
         noise = min(max(free * fit.noise / USUAL_NOISE, LEAST_NOISE), MOST_NOISE)
         self.noise += GAIN * (noise - self.noise)
-        if self.has_mirror:
+        if self.shakes:
             variance = self.vibration_per_m**2 + GAIN * (lean2 - self.vibration_per_m**2)
             self._shake(min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M))
 
