@@ -20,9 +20,10 @@ from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.fusion.mirror_head import HEIGHT_M, MISFIT_M2, MirrorHead
-from touchline.localization.matching.mirror_fit import ERRORS, Mirror
+from touchline.localization.fusion.mirror_head import MISFIT_M2, MirrorHead
+from touchline.localization.matching.mirror_fit import ERRORS
 from touchline.localization.registration.mirror_kernels import upright_points
+from touchline.localization.registration.mirror_response import HEIGHT_M, Response
 from touchline.types import Estimate, LinePoints, Status
 
 IMAGES, LEAST_IMAGES = 50, 12  # images that are fitted; fewer tell nothing
@@ -103,7 +104,7 @@ def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel)
     return found
 
 
-def corrected(positions_m: FloatArray, shared: FloatArray, mirror: Mirror) -> FloatArray:
+def corrected(positions_m: FloatArray, shared: FloatArray, mirror: Response) -> FloatArray:
     """Points (N, 2), base frame, without errors (5,) and range corrections (knots,)."""
     ranges = np.hypot(positions_m[:, 0], positions_m[:, 1])
     factor = 1.0 + np.interp(ranges, KNOTS_M, shared[ERRORS:])
@@ -185,7 +186,7 @@ class _Bundle:
         return rows, distances_m, 1.0 / (np.square(1.0 + squares) * variances * REPEATED)
 
 
-def _camera(camera: OmniCamera, shared: FloatArray, covariance: FloatArray, mirror: Mirror) -> OmniCamera:
+def _camera(camera: OmniCamera, shared: FloatArray, covariance: FloatArray, mirror: Response) -> OmniCamera:
     """The camera with ranges and bearings for every direction, and how sure it is."""
     bearings = np.arange(_BEARINGS) * (2.0 * math.pi / _BEARINGS)
     formula = (bearings - camera.mount_yaw_rad) * camera.handedness

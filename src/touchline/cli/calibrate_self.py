@@ -97,7 +97,7 @@ def _words(found: SelfCalibration, name: str) -> str:
     """What was found, and how sure it is."""
     import math
 
-    from touchline.localization.fusion.mirror_head import HEIGHT_M
+    from touchline.localization.registration.mirror_response import HEIGHT_M
 
     errors, sure = found.shared, found.camera.uncertainty
     lean_deg = math.degrees(0.5 * HEIGHT_M * math.hypot(errors[0], errors[1]))

@@ -15,18 +15,16 @@ from touchline.field.distance_map import MapTable
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.fusion.joint_kernels import shown_of
-from touchline.localization.matching.mirror_fit import ERRORS, Mirror
-from touchline.localization.matching.mirror_tilt import ground_scales
+from touchline.localization.matching.mirror_fit import ERRORS
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, mean_distance, upright_points
+from touchline.localization.registration.mirror_response import HEIGHT_M, mirror_response
 from touchline.localization.registration.registration import USUAL_NOISE, Head
 
-HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
-APEX_RATIO_M = 0.05  # by how much a lean about the apex displaces the image: share of its outer radius, per 1/m of g
 VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from image to image, at first: 0.06 degrees
 LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
 GAIN = 0.05  # share of a new image in what is learned
 # by how much mirrors of several shapes shift the ground about the robot beyond these errors: per 1/m of g, per px
-MISFIT_M2, MISFIT_M_PER_PX = 0.2, 0.0015
+MISFIT_M2, MISFIT_M_PER_PX = 0.1, 0.0008
 SETTLED_PER_M = 0.007  # standard deviation of an image's g below which its tilt is known beforehand: 0.15 degrees
 LEAST_NOISE, MOST_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
 REPEATED = 2.6  # so many points err together: neighbours on a line, and the same place in the next image
@@ -43,8 +41,7 @@ class MirrorHead:
         """camera: without a mirror nothing is wrong with it."""
         omni = camera if isinstance(camera, OmniCamera) else None
         self.shakes = omni is not None
-        self.mirror = Mirror(HEIGHT_M, np.zeros((0, 2)) if omni is None else ground_scales(omni))
-        self._apex_px_m = 0.0 if omni is None else APEX_RATIO_M * omni.outer_radius_px
+        self.mirror = mirror_response(omni)
         self.unknown = np.zeros((ERRORS, ERRORS)) if omni is None else self.stated(omni.uncertainty)
         self.reset()
 
@@ -57,13 +54,10 @@ class MirrorHead:
         """It shakes so much; `swing` (5, 5): covariance of what that adds to an image's errors."""
         self.vibration_per_m, self.swing = per_m, self._leaning(per_m)
 
-    def _leaning(self, per_m: float) -> FloatArray:
-        """Covariance (5, 5) of a lean of so much: a mirror turns about its apex."""
-        axis = np.zeros((ERRORS, 2))
-        axis[0, 0] = axis[1, 1] = per_m
-        axis[2, 0] = axis[3, 1] = self._apex_px_m * per_m
-        leaning: FloatArray = axis @ axis.T
-        return leaning
+    @staticmethod
+    def _leaning(per_m: float) -> FloatArray:
+        """Covariance (5, 5) of a lean of so much about the mirror's apex."""
+        return np.diag(np.square([per_m, per_m, 0.0, 0.0, 0.0]))
 
     def stated(self, stated: CameraUncertainty) -> FloatArray:
         """Covariance (5, 5) of the errors as far as a camera.yaml is unsure."""

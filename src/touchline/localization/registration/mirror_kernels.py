@@ -3,8 +3,12 @@
 Everywhere: points (N, 2) as seen, robot frame (m), covariances (N, 2, 2) of them; table: the `OffsetTable` of a field;
 state (8,): x, y (m), heading (rad) in the field frame, and the five errors of `matching/mirror_fit.py`.
 
-A mirror that leans about its apex turns bearings, too: its surface moves aside above where a ray meets it. Before all
-else of `mirror_fit` a point at the range r in the direction u is turned by TWIST_M r / (r + FROM_M) (u × g).
+A point p, seen through a mirror with the errors g, c and s of `mirror_fit`, belongs at
+
+    p' = (1 + s) p + C c + G g,     p" = (p' + h² g) / (1 - g·p')
+
+C: what a displaced mirror does, G: what a leaning one does by its surface that moves, both from the `Response` of the
+mirror's own shape; as mirrors bend they are taken half way between p and p', with errors that are about right.
 """
 
 from __future__ import annotations
@@ -18,10 +22,8 @@ import numpy as np
 from touchline.field.distance_map import lookup
 from touchline.field.offset_map import look_up_offset
 from touchline.geometry import FloatArray
-from touchline.localization.matching.mirror_fit import MIN_DEPTH, STATE, inverse, scales_at
+from touchline.localization.matching.mirror_fit import MIN_DEPTH, SCALE_STEP_M, STATE, inverse
 
-# of five shapes of mirrors (hyperbolic, of a recorded robot, isometric ones and the papers' of three parts) 0.2 to 0.56
-TWIST_M, FROM_M = 0.45, 1.0
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
 _LEAST_RANGE2_M2 = 0.01
 _TINY2_M2 = 1e-12
@@ -52,7 +54,7 @@ class StateFit(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """An image: points (N, 2), covariances (N, 2, 2), and `_shape` at each (N, 3), which is the same in every step."""
+    """An image: points (N, 2), covariances (N, 2, 2), and `_shape` at each (N, 6), which is the same in every step."""
 
     points: FloatArray
     covariances: FloatArray
@@ -73,25 +75,46 @@ _DISTANCE, _WEIGHT, _BOTH = STATE, STATE + 1, STATE + 2  # of the rows
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def _shape(px, py, mirror):  # type: ignore[no-untyped-def]
-    """What the mirror is like where it shows a point: its oblong, its scale across and its twist."""
+def _parts(px, py, parts):  # type: ignore[no-untyped-def]
+    """C and G where the mirror shows a point: xx, xy, yy of either."""
     reach2 = max(px * px + py * py, 1e-9)
-    reach = math.sqrt(reach2)
-    along, across = scales_at(mirror.scales, reach)
-    return (along - across) / reach2, across, TWIST_M / (reach + FROM_M)
+    place = min(math.sqrt(reach2) / SCALE_STEP_M, parts.shape[0] - 1.000001)
+    i = int(place)
+    f = place - i
+    across = (1.0 - f) * parts[i, 1] + f * parts[i + 1, 1]
+    sideways = (1.0 - f) * parts[i, 3] + f * parts[i + 1, 3]
+    oblong = ((1.0 - f) * parts[i, 0] + f * parts[i + 1, 0] - across) / reach2
+    bulge = ((1.0 - f) * parts[i, 2] + f * parts[i + 1, 2] - sideways) / reach2
+    xx, xy, yy = px * px, px * py, py * py
+    return (
+        across + oblong * xx, oblong * xy, across + oblong * yy,
+        sideways + bulge * xx, bulge * xy, sideways + bulge * yy,
+    )  # fmt: skip
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _aside(shape, state):  # type: ignore[no-untyped-def]
+    """C c + G g."""
+    cxx, cxy, cyy, gxx, gxy, gyy = shape
+    x = cxx * state[5] + cxy * state[6] + gxx * state[3] + gxy * state[4]
+    y = cxy * state[5] + cyy * state[6] + gxy * state[3] + gyy * state[4]
+    return x, y
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _shape(px, py, state, mirror):  # type: ignore[no-untyped-def]
+    """`_parts` half way to where a point belongs by a state (8,)."""
+    x, y = _aside(_parts(px, py, mirror.parts), state)
+    return _parts(px + 0.5 * x, py + 0.5 * y, mirror.parts)
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
 def _upright(px, py, state, shape, square):  # type: ignore[no-untyped-def]
     """A point as a perfect mirror would have seen it, and what its derivatives need; square: of the mirror's height."""
-    oblong, across, twist = shape
-    turn = twist * (state[4] * px - state[3] * py)
-    px, py = px - turn * py, py + turn * px
-    stretch = 1.0 + state[7] + oblong * (state[5] * px + state[6] * py)
-    qx, qy = stretch * px + across * state[5], stretch * py + across * state[6]
+    x, y = _aside(shape, state)
+    qx, qy = (1.0 + state[7]) * px + x, (1.0 + state[7]) * py + y
     nearer = 1.0 / max(1.0 - state[3] * qx - state[4] * qy, MIN_DEPTH)
-    place = nearer * (qx + square * state[3]), nearer * (qy + square * state[4])
-    return place, (px, py), (qx, qy), nearer
+    return (nearer * (qx + square * state[3]), nearer * (qy + square * state[4])), (qx, qy), nearer
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -102,7 +125,7 @@ def upright_points(points, errors, mirror):  # type: ignore[no-untyped-def]
     out, square = np.empty_like(points), mirror.height_m * mirror.height_m
     for i in range(points.shape[0]):
         px, py = points[i, 0], points[i, 1]
-        place, _, _, _ = _upright(px, py, state, _shape(px, py, mirror), square)
+        place, _, _ = _upright(px, py, state, _shape(px, py, state, mirror), square)
         out[i, 0], out[i, 1] = place
     return out
 
@@ -115,7 +138,7 @@ def mean_distance(points, errors, mirror, lines, pose):  # type: ignore[no-untyp
     x, y, cosine, sine = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
     for i in range(points.shape[0]):
         px, py = points[i, 0], points[i, 1]
-        (bx, by), _, _, _ = _upright(px, py, state, _shape(px, py, mirror), square)
+        (bx, by), _, _ = _upright(px, py, state, _shape(px, py, state, mirror), square)
         distance, _, _ = lookup(lines, x + cosine * bx - sine * by, y + sine * bx + cosine * by)
         total += distance
     return total / points.shape[0]
@@ -131,9 +154,9 @@ def _equations(seen, table, state, square, plan, width_m, sums):  # type: ignore
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     explained = squares = total = log_likelihood = 0.0
     for i in range(points.shape[0]):
-        oblong, across, twist = shapes[i, 0], shapes[i, 1], shapes[i, 2]
-        shape = oblong, across, twist
-        (bx, by), (px, py), (qx, qy), nearer = _upright(points[i, 0], points[i, 1], state, shape, square)
+        cxx, cxy, cyy, gxx, gxy, gyy = shapes[i]
+        px, py = points[i, 0], points[i, 1]
+        (bx, by), (qx, qy), nearer = _upright(px, py, state, (cxx, cxy, cyy, gxx, gxy, gyy), square)
         ox, oy = look_up_offset(table, state[0] + cosine * bx - sine * by, state[1] + sine * bx + cosine * by)
         d2 = ox * ox + oy * oy + _TINY2_M2
         distance = math.sqrt(d2)
@@ -146,12 +169,11 @@ def _equations(seen, table, state, square, plan, width_m, sums):  # type: ignore
         rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by
         outward = rx * bx + ry * by
         mx, my = nearer * (rx + outward * state[3]), nearer * (ry + outward * state[4])  # before the tilt
-        turning, stretching = twist * (my * px - mx * py), mx * px + my * py
-        rows[3, i] = nearer * (outward * qx + square * rx) - turning * py
-        rows[4, i] = nearer * (outward * qy + square * ry) + turning * px
-        rows[5, i] = oblong * stretching * px + across * mx
-        rows[6, i] = oblong * stretching * py + across * my
-        rows[7, i] = stretching
+        rows[3, i] = nearer * (outward * qx + square * rx) + gxx * mx + gxy * my
+        rows[4, i] = nearer * (outward * qy + square * ry) + gxy * mx + gyy * my
+        rows[5, i] = cxx * mx + cxy * my
+        rows[6, i] = cxy * mx + cyy * my
+        rows[7, i] = px * mx + py * my
         reach = width2 + plan.gate2 * variance
         kept = reach / (reach + d2)
         kept *= kept
@@ -203,9 +225,11 @@ def _log_determinant(matrix):  # type: ignore[no-untyped-def]
 def fit_state(points, covariances, table, start, prior, mirror, plan, repeated):  # type: ignore[no-untyped-def]
     """The `StateFit` that a plan's steps come to from a start (8,); so many points (repeated) tell as one."""
     count, square = points.shape[0], mirror.height_m * mirror.height_m
-    shapes = np.empty((count, 3))
+    shapes = np.empty((count, 6))
     for i in range(count):
-        shapes[i, 0], shapes[i, 1], shapes[i, 2] = _shape(points[i, 0], points[i, 1], mirror)
+        shape = _shape(points[i, 0], points[i, 1], start, mirror)
+        for k in range(6):
+            shapes[i, k] = shape[k]
     seen, state = _Seen(points, covariances, shapes), start.copy()
     sums = _Sums(np.empty((STATE, STATE)), np.empty(STATE), np.empty((STATE + 3, count)))
     matrix, gradient, pull = sums.information, sums.gradient, np.empty(STATE)

@@ -16,9 +16,9 @@ import numpy as np
 from touchline.field.distance_map import DistanceMap
 from touchline.field.offset_map import offset_table
 from touchline.geometry import FloatArray
-from touchline.localization.matching.mirror_fit import Mirror
 from touchline.localization.registration.kernels import Fit, Fits, Plan, register, register_all
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, fit_state
+from touchline.localization.registration.mirror_response import Response
 from touchline.types import LinePoints
 
 GATE2 = 16.0  # at four standard deviations a point has a quarter of its weight left: 1.09 of the bound; at three 1.11
@@ -44,7 +44,7 @@ UNSETTLED = _plan([0.25, 0.25, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # 0.3 degrees 
 class Head(NamedTuple):
     """The camera's head: what the errors of its `mirror` do, and of so many points (`repeated`) one counts."""
 
-    mirror: Mirror
+    mirror: Response
     repeated: float
 
 
