@@ -126,7 +126,7 @@ def _bench_with_progress(points: PointSet, name: str, program: str | None) -> Po
 
 
 def _point_table(result: PointBench) -> Table:
-    table = _table("from", "position cm", "heading °", "× bound", "found %", "µs")
+    table = _table("from", "position (cm)", "heading (°)", "× bound", "found (%)", "time (µs)")
     for name, score in (("a start", result.init), ("the compass", result.compass), ("nothing", result.none)):
         position, heading = f"{100.0 * score.mean_position_m:.3f}", f"{_DEG * score.mean_heading_rad:.4f}"
         found, time = f"{100.0 * score.success:.2f}", f"{score.us_per_update:.1f}"
@@ -135,7 +135,9 @@ def _point_table(result: PointBench) -> Table:
 
 
 def _recording_table(scores: list[RecordingScore]) -> Table:
-    table = _table("recording", "images", "tracked %", "position cm", "at most", "heading °", "at most", "ms")
+    table = _table(
+        "recording", "images", "tracked (%)", "position (cm)", "largest (cm)", "heading (°)", "largest (°)", "time (ms)"
+    )
     for score in scores:
         figures = (score.mean_position_m, score.max_position_m, score.mean_heading_rad, score.max_heading_rad)
         scaled = [f"{scale * value:.2f}" for scale, value in zip((100.0, 100.0, _DEG, _DEG), figures, strict=True)]
@@ -149,7 +151,8 @@ def _table(*titles: str) -> Table:
 
     table = Table(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
     for k, title in enumerate(titles):
-        table.add_column(title, justify="right" if k else "left", no_wrap=True)
+        narrow = title.replace(" (", "\n(")  # so that a recording's name has room
+        table.add_column(narrow, justify="right" if k else "left", overflow="fold")
     return table
 
 
