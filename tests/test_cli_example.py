@@ -41,6 +41,14 @@ def test_the_bundled_recording_is_small_and_whole() -> None:
     assert list(source.problems) == []
 
 
+def test_demo_copies_the_recording_for_those_who_have_no_checkout(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--copy", "examples/mine"]) == 0
+    assert capsys.readouterr().out == "examples/mine: the bundled recording; touchline run examples/mine localises it\n"
+    assert len(touchline.open_source("examples/mine")) == 60
+    assert main(["demo", "--copy", "examples/mine"]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
 def test_demo_prints_the_table_and_the_place_of_the_report(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo"]) == 0
     out = capsys.readouterr().out

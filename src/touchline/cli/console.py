@@ -73,7 +73,9 @@ def told_of_compiling(say: Callable[[str], None]) -> Iterator[None]:
 
         def on_start(self, event: Any) -> None:
             if not self.told:
-                say("compiling the inner loops, once on this machine: some ten seconds (or ahead: touchline compile)")
+                say(
+                    "compiling the inner loops, once on this machine: some twenty seconds (or ahead: touchline compile)"
+                )
                 self.told = True
 
         def on_end(self, event: Any) -> None: ...

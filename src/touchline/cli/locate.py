@@ -99,7 +99,7 @@ def locate(
 
 @contextmanager
 def _searching() -> Iterator[None]:
-    """A terminal shows that something is going on: a million points take a second or two, the first start ten."""
+    """A terminal shows that something is going on: a million points take a second or two, the first start twenty."""
     from touchline.cli.console import errors_console, told_of_compiling
 
     console = errors_console()

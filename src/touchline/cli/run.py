@@ -103,12 +103,32 @@ def demo(
         Path | None,
         typer.Option("--output", "-o", help="New folder for the results (default: runs/demo-N).", show_default=False),
     ] = None,
+    copy: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Only copy the recording into this new folder.", show_default=False),
+    ] = None,
 ) -> None:
     """Localise the bundled recording, print the error table, write a report."""
     recording = example_recording()
+    if copy is not None:
+        _copy_example(recording, copy, output)
+        return
     from touchline.api import prepare
 
     execute(prepare(recording), output, name="demo")
+
+
+def _copy_example(recording: Path, target: Path, output: Path | None) -> None:
+    import shutil
+
+    from touchline.cli.console import output as output_console
+    from touchline.new_files import check_new_path
+
+    if output is not None:
+        raise InputError("--output and --copy exclude each other: a copy is not localised")
+    check_new_path(target)
+    shutil.copytree(recording, target)
+    output_console().print(f"{target}: the bundled recording; touchline run {target} localises it", markup=False)
 
 
 def example_recording() -> Path:
