@@ -82,7 +82,7 @@ def test_the_table_holds_both_systems(monkeypatch: pytest.MonkeyPatch) -> None:
     result = own_humanoids.own_humanoids(1)
     assert [row[:3] for row in result.rows] == [
         *(("as built", FIELD, system) for system in (*own_humanoids.SYSTEMS, own_humanoids.WITHOUT)),
-        *(("ideal", FIELD, system) for system in own_humanoids.SYSTEMS),
+        *((robot, FIELD, system) for system in own_humanoids.SYSTEMS for robot in (own_humanoids.STRAIGHT, "ideal")),
     ]
     assert float(result.rows[0][3]) < 5.0
     assert all(float(row[8]) == 0.0 for row in result.rows)

@@ -223,7 +223,7 @@ class TouchlinePerspective:
         if 1e-9 * (stamp_ns - self.said_ns) >= UNDECIDED_S:
             self.said_ns = stamp_ns
             twin = 100.0 * (1.0 - self.end_probability)
-            why = "as starts are told wrongly: nothing seen or heard confirms it" if self.told else "as nothing tells"
+            why = "as starts are told wrongly; nothing seen or heard tells" if self.told else "as nothing tells"
             self.problems += (f"undecided which end of the field it is: the other end has {twin:.0f} %, {why}",)
 
     def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PerspectiveFilter:
