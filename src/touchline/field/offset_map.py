@@ -6,6 +6,7 @@ distance and gradient have a kink.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numba
@@ -26,8 +27,9 @@ class OffsetTable(NamedTuple):
     samples_per_m: float
 
 
+@functools.lru_cache(maxsize=2)
 def offset_table(distance_map: DistanceMap) -> OffsetTable:
-    """The offsets of a distance map: distance times gradient."""
+    """The offsets of a distance map: distance times gradient. The same map returns the same table again."""
     values = distance_map.values
     offsets = np.ascontiguousarray(values[:, :, :1] * values[:, :, 1:])
     origin_x, origin_y = (float(value) for value in distance_map.origin_m)

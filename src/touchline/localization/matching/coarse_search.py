@@ -94,6 +94,12 @@ class CoarseSearch:
         """All of the grid."""
         return Window(0, self._grid.shape[0], 0, self._grid.shape[1], self._grid.headings)
 
+    @property
+    def half(self) -> Window:
+        """The half at positive x: on a symmetric field a pose of the other half is one's twin."""
+        first = self._grid.shape[0] // 2
+        return self.whole._replace(first_row=first, rows=self._grid.shape[0] - first)
+
 
 def _filled_up(columns: int) -> int:
     return -(-columns // _LANES) * _LANES

@@ -24,7 +24,7 @@ from touchline.localization.matching.pose_grid import PoseGrid
 from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
 from touchline.localization.one_shot.certainty import Spread, points_covariance, with_camera
 from touchline.localization.one_shot.doubts import judge
-from touchline.localization.one_shot.permutation_test import PermutationTest, permutation_test
+from touchline.localization.one_shot.permutation_test import CANDIDATES, PermutationTest, Refiner, permutation_test
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.thinning import different, sampled, thinned_to
 from touchline.types import Hypothesis, LinePoints, Observation, check_point_count
@@ -204,7 +204,7 @@ def locate_points(
             f"no pose within {s.heading_tolerance_rad:.2f} rad of the heading {heading:.2f} fits the points"
         )
     best = matches[0]
-    chance = permutation_test(matcher, search, sample, seed)
+    chance = permutation_test(_refiner(field, matcher, search, heading), sample, seed)
     distances = field.line_distances(best.pose.transform(points))
     mean_m, median_m = float(np.mean(distances)), float(np.median(distances))
     nearest = Hypothesis(best.pose, mean_m)
@@ -227,6 +227,15 @@ def whole_field_search(field: FieldModel, heading: float | None, s: LocateSettin
     matcher = Matcher(field.distance_map(), s.matching)
     grid = PoseGrid(field.length, field.width, s.spacing_m, BEYOND_M, s.spacing_rad, heading, s.heading_tolerance_rad)
     return matcher, CoarseSearch(matcher.distance_map, grid, SAMPLE_C_M)
+
+
+def _refiner(field: FieldModel, matcher: Matcher, search: CoarseSearch, heading: float | None) -> Refiner:
+    """What the test against chance searches with: half of a symmetric field, where it may face anywhere, shows all."""
+    if heading is not None:
+        return Refiner(matcher, search, search.whole, CANDIDATES)
+    if field.is_symmetric:
+        return Refiner(matcher, search, search.half, CANDIDATES)
+    return Refiner(matcher, search, search.whole, 2 * CANDIDATES)
 
 
 def _check_heading(heading: float | None) -> None:
