@@ -64,6 +64,15 @@ def test_an_estimate_reads_as_a_pose_with_its_uncertainty() -> None:
     )
 
 
+def test_a_recording_and_its_frames_read_as_what_they_hold(tmp_path: Path) -> None:
+    source = touchline.open_source(write_recording(tmp_path / "walk", 2))
+    assert repr(source) == f"Recording({source.name}: 2 images, field {source.field.name}, camera omni)"
+    frame, _ = source
+    assert repr(frame).startswith("Frame(0.000 s: image ")
+    assert "array" not in repr(frame)
+    assert repr(touchline.Frame(1_500_000_000)) == "Frame(1.500 s: no image)"
+
+
 def test_a_field_reads_as_its_sizes_and_is_drawn_in_a_notebook() -> None:
     field = touchline.open_field("spl-9x6")
     assert repr(field).startswith("FieldModel(spl-9x6: 9.05 × 6.05 m, 18 lines 0.05 m wide, 3 marks")

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_numbers, refused
+from touchline.messages import counted
 
 ImageArray = npt.NDArray[np.uint8]
 KindArray = npt.NDArray[np.str_]
@@ -363,6 +364,11 @@ class Observation:
     boundary: LinePoints = field(default_factory=empty_points)
     problem: str | None = None
 
+    def __repr__(self) -> str:
+        named = ((self.points, "line point"), (self.lines, "line"), (self.crossings, "crossing"))
+        seen = [counted(len(of), what) for of, what in (*named, (self.landmarks, "landmark")) if len(of)]
+        return f"Observation({self.stamp_ns / 1e9:.3f} s: {self.problem or ', '.join(seen) or 'nothing seen'})"
+
     def usable(self, max_range_m: float = math.inf) -> Observation:
         """Without points, lines, crossings and landmarks that are no measurements, or farther away than max_range_m."""
         points = self.points.usable(max_range_m)
@@ -455,6 +461,13 @@ class Frame:
     problem: str | None = None
     evidence: tuple[Evidence, ...] = ()
 
+    def __repr__(self) -> str:
+        image = "no image" if self.image is None else f"image {self.image.shape[1]}×{self.image.shape[0]}"
+        seen = "" if self.observation is None else ", own observation"
+        sensors = [(name, getattr(self, name)) for name in ("odometry", "wheels", "gyro", "compass", "tilt")]
+        told = "".join(f", {len(samples)} × {name}" for name, samples in sensors if samples is not None)
+        return f"Frame({self.stamp_ns / 1e9:.3f} s: {image}{seen}{told})"
+
 
 class Status(StrEnum):
     """How far an estimate can be trusted."""
@@ -533,7 +546,7 @@ class Estimate:
         x, y, heading = self.pose
         dx, dy, turn = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
         residual = "" if math.isnan(self.residual_m) else f", residual {100.0 * self.residual_m:.1f} cm"
-        others = f", {len(self.hypotheses)} other poses" if self.hypotheses else ""
+        others = f", {counted(len(self.hypotheses), 'other pose')}" if self.hypotheses else ""
         return (
             f"Estimate({self.stamp_ns / 1e9:.3f} s: x {x:.3f} ± {dx:.3f} m, y {y:.3f} ± {dy:.3f} m, heading "
             f"{math.degrees(heading):.2f} ± {math.degrees(turn):.2f}°, {self.status.value}, {self.points} points"

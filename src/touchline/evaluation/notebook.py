@@ -28,6 +28,8 @@ _STATUS_COLORS: dict[Status, Color] = {
     Status.LOST: bgr(VERMILLION),
 }
 _TRUTH: Color = (60, 60, 60)
+_RIM: Color = (255, 255, 255)
+_LEGEND = "Blue: tracking; orange: searching; vermillion: lost; dark line: truth."
 
 
 def run_html(run: Run) -> str:
@@ -41,7 +43,8 @@ def run_html(run: Run) -> str:
         return f"{head}<p>{html.escape(str(error))}</p>"
     done, code = cv2.imencode(".png", picture)
     source = base64.b64encode(code.tobytes()).decode("ascii") if done else ""
-    return f'{head}{table}<img alt="the path" style="max-width:100%" src="data:image/png;base64,{source}">'
+    drawn = f'<img alt="the path" style="max-width:100%" src="data:image/png;base64,{source}">'
+    return f"{head}{table}{drawn}<p>{_LEGEND}</p>"
 
 
 def path_picture(field: FieldModel, estimates: Samples, status: Any, truth: Samples | None) -> ImageArray:
@@ -51,9 +54,11 @@ def path_picture(field: FieldModel, estimates: Samples, status: Any, truth: Samp
         pixels = np.round(view.picture_from_field(truth.values[:, :2])).astype(np.int32)
         for part in np.split(pixels, jumps(truth.values)):
             cv2.polylines(picture, [part.reshape(-1, 1, 2)], False, _TRUTH, 1, cv2.LINE_AA)
-    for (u, v), number in zip(view.picture_from_field(estimates.values[:, :2]), status, strict=True):
-        if abs(u) < 1e6 and abs(v) < 1e6:
-            cv2.circle(picture, (round(u), round(v)), 2, _STATUS_COLORS[tuple(Status)[number]], -1, cv2.LINE_AA)
+    placed = np.clip(view.picture_from_field(estimates.values[:, :2]), -1e6, 1e6)
+    colors = [_STATUS_COLORS[tuple(Status)[number]] for number in status]
+    for radius, paints in ((4, [_RIM] * len(colors)), (3, colors)):  # rims below all: blue on green is hard to see
+        for (u, v), paint in zip(placed, paints, strict=True):
+            cv2.circle(picture, (round(u), round(v)), radius, paint, -1, cv2.LINE_AA)
     return picture
 
 

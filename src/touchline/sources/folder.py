@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
+from touchline.messages import counted
 from touchline.opened_files import OwnFolder, UnreadableError, open_bytes
 from touchline.sources.bags.roles import BagOptions
 from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
@@ -272,6 +273,10 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self._stamp_ns)
+
+    def __repr__(self) -> str:
+        what = counted(len(self), "image" if self.has_images else "observation")
+        return f"Recording({self.name}: {what}, field {self.field.name}, camera {self.camera_kind})"
 
     def __iter__(self) -> Iterator[Frame]:
         self._pass = ProblemLog()
