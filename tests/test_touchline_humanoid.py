@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from functools import cache
@@ -19,6 +20,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.features import Features
 from touchline.localization.perspective.filter import Fitted, PerspectiveFilter
 from touchline.localization.perspective.kernels import Known, LeanFit
+from touchline.localization.perspective.lean_delay import LAGS_S, LeanDelay
 from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
 from touchline.motion.odometry import Motion
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
@@ -137,6 +139,43 @@ def test_a_team_mate_tells_the_end_where_no_colour_does() -> None:
     assert errors_m(walk(WHITE)[0][:40], estimates)[-8:].max() < 0.1
     assert any(problem.startswith("team mate and ball: ") for e in estimates for problem in e.problems)
     assert (estimates[-1].probability or 0.0) > 0.8
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.06, 0.1])
+def test_the_sway_tells_how_late_images_are_stamped(late_s: float) -> None:
+    """Roll and pitch at 1.5 Hz as a walking robot has them, lines that tell each to 0.3°."""
+    rng, found = np.random.default_rng(1), LeanDelay()
+
+    def lean_rad(times_s: FloatArray) -> FloatArray:
+        return np.column_stack((0.05 * np.sin(9.4 * times_s), 0.03 * np.cos(9.4 * times_s + 1.0)))
+
+    for time_s in 0.125 * np.arange(120.0) + 0.01 * rng.random(120):
+        now = lean_rad(np.array([time_s]))
+        more = lean_rad(np.array([time_s - late_s]))[0] - now[0] + 0.005 * rng.standard_normal(2)
+        found.update(more, lean_rad(time_s - LAGS_S) - now)
+    assert found.late_s == pytest.approx(late_s, abs=2.0 * found.deviation_s)
+    assert found.deviation_s < 0.008
+
+
+def test_a_robot_that_does_not_sway_tells_nothing_of_the_stamps() -> None:
+    found = LeanDelay()
+    for _ in range(100):
+        found.update(np.full(2, 0.001), np.zeros((len(LAGS_S), 2)))
+    assert math.isinf(found.deviation_s)
+
+
+def test_images_that_are_known_to_be_late_are_taken_at_their_own_time() -> None:
+    """Each image is stamped as the next one is, an eighth of a second late."""
+    truth, frames = walk(COLOURED)
+    late = tuple(replace(after, observation=one.observation) for one, after in itertools.pairwise(frames))
+    off_m = []
+    for late_s in (0.0, 0.125):
+        system = opened(COLOURED)
+        system.reset(near_start(COLOURED))
+        system.delay.late_s = late_s
+        off_m.append(errors_m(truth[1:], [system.step(frame) for frame in late])[16:].mean())
+    assert off_m[0] > 0.02
+    assert off_m[1] < 0.6 * off_m[0]
 
 
 def test_a_robot_put_down_elsewhere_is_found() -> None:

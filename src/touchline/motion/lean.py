@@ -49,13 +49,13 @@ class LeanFilter:
         """Roll and pitch (rad) at a stamp; None without angles in the quarter of a second before."""
         if self._offset is None or abs(stamp_ns - self._angle_ns) > MAX_AGE_S * NANOSECONDS:
             return None
-        roll, pitch = self._offset + self._turned(stamp_ns)
+        roll, pitch = self._offset + self.turned(stamp_ns)
         return float(roll), float(pitch)
 
-    def carried(self, frame: Frame) -> Frame:
-        """Add a frame's samples; the frame, with the lean at its own stamp in the place of the angles."""
+    def carried(self, frame: Frame, late_ns: int = 0) -> Frame:
+        """Add a frame's samples; the frame, with the lean late_ns before its stamp in the place of the angles."""
         self.add(frame)
-        lean = self.lean(frame.stamp_ns)
+        lean = self.lean(frame.stamp_ns - late_ns)
         tilt = None if lean is None else Samples(np.array([frame.stamp_ns]), np.array([lean]))
         return replace(frame, tilt=tilt)
 
@@ -69,7 +69,7 @@ class LeanFilter:
             roll, pitch = roll + half_s * (last_roll + roll_rad_s), pitch + half_s * (last_pitch + pitch_rad_s)
         self._integral.append((stamp_ns, roll, pitch, roll_rad_s, pitch_rad_s))
 
-    def _turned(self, stamp_ns: int) -> FloatArray:
+    def turned(self, stamp_ns: int) -> FloatArray:
         """The integral of the rates (2,) at a stamp, carried on at both ends by the nearest rate; 0 without rates."""
         if not self._integral:
             return np.zeros(2)
@@ -84,7 +84,7 @@ class LeanFilter:
     def _correct(self, stamp_ns: int, angles: FloatArray) -> None:
         if self._offset is not None and stamp_ns <= self._angle_ns:
             return
-        found = angles - self._turned(stamp_ns - round(LAG_S * NANOSECONDS))
+        found = angles - self.turned(stamp_ns - round(LAG_S * NANOSECONDS))
         gap_s = (stamp_ns - self._angle_ns) / NANOSECONDS
         if self._offset is None or gap_s > MAX_AGE_S or not self._integral:
             self._offset, self._age_s = found, 0.0

@@ -18,6 +18,7 @@ from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
 from touchline.localization.fusion.feature_belief import is_narrow
 from touchline.localization.fusion.field_end import FieldEnd
+from touchline.localization.fusion.image_delay import ImageDelay
 from touchline.localization.fusion.twin_odds import SURE, TwinOdds
 from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.particles.feature_poses import PoseProposals
@@ -26,9 +27,12 @@ from touchline.localization.particles.random_particles import BEYOND_M
 from touchline.localization.perspective.filter import PerspectiveFilter
 from touchline.localization.perspective.hypotheses import CARRIED_AWAY, FALLEN, PerspectiveHypotheses
 from touchline.localization.perspective.kernels import STATES, LeanFit, SeenPoints
+from touchline.localization.perspective.lean_delay import LAGS_S, LeanDelay
 from touchline.localization.perspective.registration import NO_AXIS, PerspectiveRegistration, seen_points
 from touchline.localization.perspective.search import PerspectiveSearch
 from touchline.motion import LeanFilter, MotionHistory
+from touchline.motion.lean import LAG_S
+from touchline.motion.odometry import Motion
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
@@ -64,7 +68,7 @@ class TouchlinePerspective:
         self.max_range_m = setup.max_range_m
         free = {"forward_scale": 0.0, "sideways_scale": 0.0, "turn_scale": 0.0}  # which the filters find out
         self.history = MotionHistory(settings.odometry.model_copy(update=free), settings.compass_track)
-        self.leaning = LeanFilter()
+        self.leaning, self.lean_delay, self.delay = LeanFilter(), LeanDelay(), ImageDelay()
         places, lines = FieldAssociations(field), field_lines(field)
         self.features = Features(places, None, float(eye[2]), PLACE_M)
         registration = PerspectiveRegistration(field, places.tables, eye)
@@ -84,6 +88,9 @@ class TouchlinePerspective:
             self.detector.reset()
         self.history.clear()
         self.leaning.clear()
+        self.lean_delay.reset()
+        self.delay.reset()
+        self.pans = False
         self.own_half = prior.own_half
         self.known = self._filter_at(prior.pose or Pose(0.0, 0.0, 0.0), prior.covariance)
         self.hypotheses.start(None if prior.pose is None else self.known)
@@ -96,10 +103,9 @@ class TouchlinePerspective:
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
         clock = Stopwatch()
-        motion = self.history.take(frame)
         seconds = self._seconds(frame.stamp_ns)
-        self.hypotheses.predict(motion, seconds)  # predict: the odometry carries every pose on
-        frame = self.leaning.carried(frame)  # roll and pitch at the image
+        self.hypotheses.predict(self._moved(frame), seconds)  # predict: the odometry carries every pose on
+        frame = self.leaning.carried(frame, self._late_ns)  # roll and pitch at the image
         # observe: lines, crossings, landmarks
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)
         points = self.features.points_of(observation)
@@ -116,8 +122,27 @@ class TouchlinePerspective:
             self._judge_end(frame, view, seconds)  # which end
         self._judge(seen, frame.stamp_ns)  # status
         self._say_undecided(frame.stamp_ns)
+        self._judge_delay(frame)  # how late the stamps are
         count = len(points.positions_m) + len(observation.lines) + len(observation.points)
         return self._report(observation, count, clock)
+
+    @property
+    def _late_ns(self) -> int:
+        return 0 if self.pans else round(1e9 * self.delay.late_s)
+
+    def _moved(self, frame: Frame) -> Motion:
+        """The odometry from when the last image was taken to when this one was."""
+        before_ns = self.history.clocks.frame_ns
+        self.history.add(frame)
+        if before_ns is None:
+            return Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
+        return self.history.between(before_ns - self._late_ns, frame.stamp_ns - self._late_ns)
+
+    def _since_taken(self, stamp_ns: int) -> Pose:
+        """The robot's motion from when the image was taken to its stamp."""
+        if self._late_ns <= 0:
+            return Pose(0.0, 0.0, 0.0)
+        return self.history.between(stamp_ns - self._late_ns, stamp_ns).pose
 
     def _is_blind(self, stamp_ns: int) -> bool:
         """Whether nothing that the pose explains was seen for some time."""
@@ -226,6 +251,27 @@ class TouchlinePerspective:
             why = "as starts are told wrongly; nothing seen or heard tells" if self.told else "as nothing tells"
             self.problems += (f"undecided which end of the field it is: the other end has {twin:.0f} %, {why}",)
 
+    def _judge_delay(self, frame: Frame) -> None:
+        """How late images are stamped, by the lean that their lines tell. A head that pans was where it was at the
+        stamp: what is late there can be told, and not corrected.
+        """
+        best = self.hypotheses.best
+        if frame.image is None or best is None or best.fit is None or self.status is not Status.TRACKING:
+            return
+        if best.explained < self.settings.min_explained:
+            return
+        self.pans = frame.base_from_camera is not None
+        lag_ns = round(1e9 * LAG_S) if self.pans else self._late_ns  # a head's pose holds the angles, which are late
+        taken_ns = frame.stamp_ns - lag_ns
+        turned = [self.leaning.turned(frame.stamp_ns - round(1e9 * late_s)) for late_s in LAGS_S]
+        more_rad = best.fit.state[3:5] - best.filter.state[3:5]
+        self.lean_delay.update(more_rad, np.array(turned) - self.leaning.turned(taken_ns))
+        late = self.delay.update(self.lean_delay.late_s, self.lean_delay.deviation_s)
+        if late is not None and self.pans:
+            late = late.replace("corrected", "not corrected, for where the head was then is not told; at least so much")
+        if late is not None:
+            self.problems += (late,)
+
     def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PerspectiveFilter:
         s = self.settings
         told = np.diag(np.square([s.start_position_m, s.start_position_m, s.start_heading_rad]))
@@ -235,8 +281,9 @@ class TouchlinePerspective:
     def _report(self, observation: Observation, count: int, clock: Stopwatch) -> Estimate:
         end = self.end_probability
         best, others = self.hypotheses.best, []
+        ahead = self._since_taken(observation.stamp_ns)
         for one, share in zip(self.hypotheses.members, self.hypotheses.probabilities, strict=True):
-            pose, covariance = one.filter.pose, one.filter.covariance
+            pose, covariance = one.filter.pose.compose(ahead), one.filter.covariance
             residual_m = float("nan") if one.fit is None else one.fit.residual_m
             if one is not best:
                 others.append(Hypothesis(pose, residual_m, share * end, covariance))
@@ -246,7 +293,7 @@ class TouchlinePerspective:
         spread = UNKNOWN if best is None else best.filter.covariance
         return Estimate(
             observation.stamp_ns,
-            Pose(0.0, 0.0, 0.0) if best is None else best.filter.pose,
+            Pose(0.0, 0.0, 0.0) if best is None else best.filter.pose.compose(ahead),
             spread if self.status is Status.TRACKING else spread + UNKNOWN,
             self.status,
             float("nan") if best is None or best.fit is None else best.fit.residual_m,
