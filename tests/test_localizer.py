@@ -26,7 +26,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, RobotSetup, open_system
-from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, Prior, Samples, Status
+from touchline.types import Estimate, Frame, Hypothesis, LinePoints, Observation, OdometryScales, Prior, Samples, Status
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "omni_msl_track_short"
@@ -364,6 +364,26 @@ def test_between_images_the_pose_is_carried_on() -> None:
     assert localizer.pose(estimates[-1].stamp_ns).pose == pytest.approx(estimates[-1].pose, abs=1e-12)
     assert localizer.pose(frames[39].stamp_ns + 5_000_000_000).status is Status.SEARCHING
     assert play(localizer, frames[45:50])[-1].pose == pytest.approx(play(made(), frames[:50])[-1].pose, abs=0.02)
+
+
+def test_a_pose_is_carried_on_with_the_scales_of_the_odometry_that_were_learned() -> None:
+    localizer, frames = made("touchline"), drive()[1]
+    last = play(localizer, frames[:60])[-1]
+    assert last.odometry is not None
+    assert max(map(abs, last.odometry.errors)) > 0.01, "the odometry of this robot errs by 2 to 3 %"
+    for frame in frames[60:65]:
+        feed(localizer, frame)
+    ahead = localizer.pose(frames[64].stamp_ns)
+    moved = last.pose.inverse().compose(ahead.pose)
+    told, left = last.odometry.corrected(localizer._ahead.between(last.stamp_ns, ahead.stamp_ns).pose)
+    assert moved == pytest.approx(told, abs=1e-9)
+    assert ahead.odometry == last.odometry
+    assert (np.diagonal(left) >= 0.0).all()
+    exact = OdometryScales((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert exact.corrected(Pose(1.0, 2.0, 3.0)) == (Pose(1.0, 2.0, 3.0), pytest.approx(np.zeros((3, 3))))
+    half = OdometryScales((0.5, 0.0, 1.0), (0.1, 0.0, 0.0)).corrected(Pose(2.0, 1.0, 2.0))
+    assert half[0] == pytest.approx((3.0, 1.0, 4.0 - 2.0 * math.pi))
+    assert half[1][0, 0] == pytest.approx(0.09)
 
 
 def test_before_the_first_image_the_pose_is_what_was_told() -> None:

@@ -179,8 +179,8 @@ class Localizer:
     def pose(self, stamp_ns: int) -> Estimate:
         """The last estimate carried on (or back, by up to the seconds that are remembered) to another time.
 
-        By odometry or wheels and gyro; the next image's estimate does not depend on it. Carried on for more than a
-        second, or where motion was not measured, it is searching.
+        By odometry or wheels and gyro, with what the system has learned of them; the next image's estimate does not
+        depend on it. Carried on for more than a second, or where motion was not measured, it is searching.
         """
         with self._predicting:
             last = self._last
@@ -413,6 +413,9 @@ def _carried(last: Estimate, history: MotionHistory, stamp_ns: int) -> Estimate:
     backwards = stamp_ns < last.stamp_ns
     motion = history.between(min(stamp_ns, last.stamp_ns), max(stamp_ns, last.stamp_ns))
     step, covariance = motion.pose, motion.covariance
+    if last.odometry is not None:
+        step, more = last.odometry.corrected(step)
+        covariance = covariance + more
     if backwards:
         step = step.inverse()
         c, s = math.cos(step.heading), math.sin(step.heading)
@@ -429,6 +432,7 @@ def _carried(last: Estimate, history: MotionHistory, stamp_ns: int) -> Estimate:
         hypotheses=tuple(replace(other, pose=other.pose.compose(step)) for other in last.hypotheses),
         probability=last.probability,
         mode=last.mode,
+        odometry=last.odometry,
     )
 
 

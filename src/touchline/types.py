@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cache
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -485,6 +485,21 @@ class Mode(StrEnum):
     BOTH = "omnivision+odometry"
 
 
+class OdometryScales(NamedTuple):
+    """By how much the odometry tells travel ahead, travel aside and turns too short, as a system has learned it;
+    and the standard deviations of that.
+    """
+
+    errors: tuple[float, float, float]
+    deviations: tuple[float, float, float]
+
+    def corrected(self, motion: Pose) -> tuple[Pose, FloatArray]:
+        """A motion of the odometry as it was, and the covariance (3, 3) that is left of its scales."""
+        scaled = [value * (1.0 + error) for value, error in zip(motion, self.errors, strict=True)]
+        left = np.square([value * deviation for value, deviation in zip(scaled, self.deviations, strict=True)])
+        return Pose(scaled[0], scaled[1], wrap_angle(scaled[2])), np.diag(left)
+
+
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
     """Another pose that would explain what was seen, too.
@@ -505,7 +520,8 @@ class Estimate:
 
     residual_m: (weighted) mean distance of the points to the nearest line; NaN without points. hypotheses: the other
     poses that are possible, this one not among them. probability: of this pose being the right one; None where the
-    system estimates none. mode: of systems that fuse sensors by modes, None of others.
+    system estimates none. mode: of systems that fuse sensors by modes, None of others. odometry: what is known of its
+    scales, None where a system learns nothing of them.
     """
 
     stamp_ns: int
@@ -522,6 +538,7 @@ class Estimate:
     mode: Mode | None = None
     problems: tuple[str, ...] = ()
     """What was wrong with the robot's data since the estimate before: a phrase each."""
+    odometry: OdometryScales | None = None
 
     @property
     def twin_probability(self) -> float | None:

@@ -325,6 +325,7 @@ class Touchline:
             clock.localization_ms,
             observation,
             problems=self.problems,
+            odometry=None if best is None else best.filter.odometry,
         )
 
 

@@ -19,6 +19,7 @@ from touchline.localization.fusion.pose_filter import SCALE_DRIFT, Scales, drive
 from touchline.localization.matching.mirror_fit import ERRORS
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior
 from touchline.motion.delayed import Delayed
+from touchline.types import OdometryScales
 
 ERROR_DRIFT = 0.003  # drift of the errors per image, as a share of what was unknown at first: a loosening mount
 DELAY_DRIFT_S = 0.0003  # change of the delay from image to image: other loads of the computer
@@ -78,9 +79,11 @@ class JointFilter:
         return self._joint[7:, 7:]
 
     @property
-    def scale_covariance(self) -> FloatArray:
-        """(3, 3) of the odometry's scales."""
-        return self._joint[3:6, 3:6]
+    def odometry(self) -> OdometryScales:
+        """What it has learned of the odometry."""
+        ahead, aside, turn = self.scales.tolist()
+        deviations = [math.sqrt(variance) for variance in np.diagonal(self._joint)[3:6].tolist()]
+        return OdometryScales((ahead, aside, turn), (deviations[0], deviations[1], deviations[2]))
 
     @property
     def delay_deviation_s(self) -> float:
