@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import random
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +20,7 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 from touchline.live.heard import Sight
 from touchline.live.ros import RosReader
+from touchline.live.ros_end import UNUSABLE
 from touchline.live.ros_topics import TRANSFORMS
 from touchline.sources import open_source
 from touchline.sources.bags import roles
@@ -286,3 +289,23 @@ def assert_same(pose: Pose3 | None, expected: Pose3) -> None:
     assert pose is not None
     np.testing.assert_allclose(pose.rotation, expected.rotation, atol=1e-6)
     np.testing.assert_allclose(pose.translation_m, expected.translation_m, atol=1e-6)
+
+
+def test_mutated_pixels_do_no_harm() -> None:
+    """Bytes as the network brings them, through decoder and reader."""
+    count, chance, used = int(os.environ.get("TOUCHLINE_MUTATED", "300")), random.Random(2), 0
+    good = [(roles.MARKINGS, MARKINGS, markings(10 * SECOND_NS)), (roles.GOALPOSTS, POSTS, goalposts(10 * SECOND_NS))]
+    sent_bytes = [(role, Topic("/seen", kind, "cdr", None, 1), CODEC.encode(kind, each)) for role, kind, each in good]
+    reader = RosReader(camera=CAMERA)
+    list(reader.read(TRANSFORMS, transforms(10 * SECOND_NS)))
+    for k in range(count):
+        role, topic, data = sent_bytes[k % 2]
+        changed = bytearray(data)
+        for _ in range(chance.randint(1, 4)):
+            changed[chance.randrange(4, len(changed))] = chance.choice((0, 1, 127, 128, 255, chance.randrange(256)))
+        try:
+            list(reader.read(role, CODEC.decode(topic, bytes(changed))))
+        except UNUSABLE:
+            continue
+        used += 1
+    assert used > count / 10

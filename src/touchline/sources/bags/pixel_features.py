@@ -51,6 +51,7 @@ def _markings(message: Any, view: GroundView) -> Iterator[FeatureRow]:
             continue
         kind, at = CROSSING_OF_RAYS[crossing.num_rays], _pixel(crossing.center)
         headings = np.asarray(crossing.heading_rays, dtype=np.float64).reshape(-1)[:4]
+        headings = headings if (np.abs(headings) < LARGEST).all() else headings[:0]  # False for NaN
         ends = at + _RAY_PX * np.column_stack((np.cos(headings), np.sin(headings)))
         center, *ways = _ground(view, np.vstack((at, ends)))
         turn = orientation(kind, [unit_vector(way - center) for way in ways])
