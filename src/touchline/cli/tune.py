@@ -134,7 +134,7 @@ def _tell(search: Search, trials: list[Trial], judged: Judged | None, wanted: bo
     from touchline.evaluation.tuning.trial import mean_score
 
     console, best = output(), trials[best_of(trials)]
-    table = _table("", "cost cm", "tracked %", "error cm")
+    table = _table("", "cost (cm)", "tracked (%)", "error (cm)")
     found = [("found on these: as they are", trials[0].scores), ("found on these: the best", best.scores)]
     for title, scores in found:
         if scores is not None:

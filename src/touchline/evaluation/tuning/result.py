@@ -119,7 +119,8 @@ def _draw(axes: Axes, one: Dimension, trials: Sequence[Trial], costs: Any) -> No
     axes.plot([place(trial) for trial, _ in tried], [cost for _, cost in tried], ".", color=BLUE)
     best = best_of(trials)
     if trials[best].values:
-        axes.plot([place(trials[best])], [costs[best]], "o", color=VERMILLION)
+        axes.plot([place(trials[best])], [costs[best]], "o", color=VERMILLION, label="the best")
+        axes.legend(fontsize="small")
     axes.set(xlabel=one.key, ylabel="cost (cm)")
     if one.log:
         axes.set_xscale("log")
