@@ -16,9 +16,10 @@ from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.fusion.joint_kernels import shown_of
 from touchline.localization.matching.mirror_fit import ERRORS
+from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, mean_distance, upright_points
 from touchline.localization.registration.mirror_response import HEIGHT_M, mirror_response
-from touchline.localization.registration.registration import USUAL_NOISE, Head
+from touchline.localization.registration.registration import SETTLED, SHAKEN, UNSETTLED, USUAL_NOISE, Head
 
 VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from image to image, at first: 0.06 degrees
 LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
@@ -68,9 +69,12 @@ class MirrorHead:
         """What fits of so many points are told of it."""
         return Head(self.mirror, self.noise * self._repeated(count))
 
-    def is_settled(self, one: JointFilter) -> bool:
-        """Whether the tilt of an image is known so well before it that lines far off lie near their places."""
-        return float(np.trace(one.error_covariance[:2, :2] + self.swing[:2, :2])) < SETTLED_PER_M**2
+    def plan_of(self, one: JointFilter) -> Plan:
+        """How widely a hypothesis looks for the lines: lines far off lie near their places once the tilt is known."""
+        if 2.0 * self.vibration_per_m**2 > SETTLED_PER_M**2:
+            return SHAKEN
+        tilt2 = float(np.trace(one.error_covariance[:2, :2] + self.swing[:2, :2]))
+        return SETTLED if tilt2 < SETTLED_PER_M**2 else UNSETTLED
 
     def upright(self, positions_m: FloatArray, one: JointFilter) -> FloatArray:
         """Points (N, 2) without the errors that a hypothesis has found."""

@@ -22,7 +22,7 @@ from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.fusion.mirror_head import MirrorHead
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior
 from touchline.localization.registration.pose_search import Mode
-from touchline.localization.registration.registration import SETTLED, UNSETTLED, Registration
+from touchline.localization.registration.registration import Registration
 from touchline.localization.registration.settling import settled
 from touchline.localization.registration.unseen import UNSEEN, unseen, view_of
 from touchline.motion.delayed import Delayed
@@ -200,8 +200,7 @@ class PoseHypotheses:
         """Pose and mirror errors by the points and what a filter expects, from a pose (3,), and the log-evidence."""
         start = np.array([*pose, *one.errors])
         start[2] = prior.mean[2] + wrap_angle(float(start[2] - prior.mean[2]))
-        plan = SETTLED if self.head.is_settled(one) else UNSETTLED
-        fit = self.registration.fit_state(points, start, prior, plan, self.head.seeing(len(points)))
+        fit = self.registration.fit_state(points, start, prior, self.head.plan_of(one), self.head.seeing(len(points)))
         told = _doubted(fit, len(points))
         wander = self._wander_of(one)
         if wander is not None:

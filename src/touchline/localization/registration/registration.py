@@ -39,6 +39,7 @@ SEARCHING = _plan([0.4, 0.3, 0.2, 0.15, 0.1])  # from a sample of a coarse grid,
 FINISHING = _plan([0.15, 0.1, 0.05, 0.02, 0.0, 0.0, 0.0])  # from where those end
 SETTLED = _plan([0.1, 0.03, 0.0, 0.0])  # of pose and mirror errors that are nearly known
 UNSETTLED = _plan([0.25, 0.25, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # 0.3 degrees move a line 7 m off by so much
+SHAKEN = _plan([0.5, 0.5, 0.4, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # and in some images three times as far
 
 
 class Head(NamedTuple):
