@@ -15,6 +15,7 @@ from fakes import STEP_NS, FakeSource, FakeSystem, true_samples
 
 from touchline import palette
 from touchline.evaluation.estimates import EstimateTable, read_estimates
+from touchline.evaluation.figures import latency_figure
 from touchline.evaluation.metrics import ErrorTable, error_table, signed_errors
 from touchline.evaluation.path_svg import path_key, path_svg
 from touchline.evaluation.report import Picture, write_report
@@ -443,3 +444,15 @@ def test_the_page_has_the_colours_of_all_figures(page: str) -> None:
     for name, color in (("tracking", palette.BLUE), ("searching", palette.ORANGE), ("lost", palette.VERMILLION)):
         assert f"--{name}:{color}" in day
     assert palette.bgr("#010203") == (3, 2, 1)
+
+
+def test_the_labels_of_the_times_stay_within_the_figure() -> None:
+    """Whether all frames take about as long, or the last of a hundred takes the longest."""
+    for spent_ms in (np.linspace(1.0, 1.01, 50), np.geomspace(0.5, 900.0, 50)):
+        told = {"total": {"median": float(np.median(spent_ms)), "p99": float(spent_ms.max())}, "first_left_out": 3}
+        figure = latency_figure(spent_ms, told)
+        placed = re.findall(r"<text x='([-\d.]+)' y='[\d.]+' text-anchor='(end|start)' fill='var\(--ink\)'>", figure)
+        (median, one), (p99, other) = ((float(x), anchor) for x, anchor in placed)
+        assert (one, other) == ("end", "start")
+        assert 85.0 < median < p99 < 403.0 - 85.0
+        assert figure.count("var(--bar)") == 1

@@ -229,7 +229,8 @@ def _of_the_curves(data: RunData) -> str:
 def _latency(data: RunData, summary: dict[str, Any]) -> str:
     if not len(data.table):
         return ""
-    drawing = f"<div class='scroll'>{latency_figure(data, summary['latency_ms'])}</div>"
+    spent_ms = (data.table.perception_ms + data.table.localization_ms).astype(np.float64)
+    drawing = f"<div class='scroll'>{latency_figure(spent_ms, summary['latency_ms'])}</div>"
     caption = "Perception and localization together, without reading and decoding. "
     caption += _of_the_start(summary["latency_ms"]["first_left_out"], summary["learns_colours"])
     figure = f"<figure class='histogram'>{drawing}<figcaption>{caption}</figcaption></figure>"
