@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,10 @@ from touchline.errors import NoFitError
 from touchline.experiments.faults import Drive
 from touchline.experiments.reliability_runs import driven
 from touchline.geometry import Pose
+from touchline.simulation.cameras.factory import open_simulated_camera
+from touchline.simulation.cameras.mirror_rays import MirrorMount
+from touchline.simulation.cameras.omni import SimulatedOmniCamera
+from touchline.simulation.scenario import CameraSettings
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Estimate
 
@@ -49,6 +54,19 @@ def test_line_points_lie_on_the_lines_with_the_camera_that_is_written(
     apart = {camera: beside_lines_m(drive, camera) for camera in (setup.camera, found.camera)}
     assert apart[found.camera] < 0.6 * apart[setup.camera]  # the rest is of a head that shakes
     assert found.after[0] > 0.85 > found.before[0]
+
+
+def test_the_ground_is_shown_where_it_is_and_not_shifted_about_the_robot(found: SelfCalibration) -> None:
+    built = open_simulated_camera(
+        CameraSettings(), MirrorMount(math.radians(0.5), math.radians(-0.3), shift_x=0.0002, shift_y=0.0003)
+    )
+    assert isinstance(built, SimulatedOmniCamera)
+    around = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    for range_m in (1.5, 2.0, 3.0, 4.0):
+        exact = range_m * np.column_stack((np.cos(around), np.sin(around)))
+        off = found.camera.ground_from_image(built.project(exact)) - exact
+        assert np.hypot(*off.mean(axis=0)) < 0.009  # twice as much by one law for all shapes of mirrors
+        assert np.sqrt((off**2).sum(axis=1).mean()) < 0.011
 
 
 def beside_lines_m(drive: Drive, camera: OmniCamera) -> float:

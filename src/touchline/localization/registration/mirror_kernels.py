@@ -54,7 +54,7 @@ class StateFit(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """An image: points (N, 2), covariances (N, 2, 2), and `_shape` at each (N, 6), which is the same in every step."""
+    """An image: points (N, 2), covariances (N, 2, 2), and `_shape` at each (6, N), which is the same in every step."""
 
     points: FloatArray
     covariances: FloatArray
@@ -154,7 +154,8 @@ def _equations(seen, table, state, square, plan, width_m, sums):  # type: ignore
     cosine, sine = math.cos(state[2]), math.sin(state[2])
     explained = squares = total = log_likelihood = 0.0
     for i in range(points.shape[0]):
-        cxx, cxy, cyy, gxx, gxy, gyy = shapes[i]
+        cxx, cxy, cyy = shapes[0, i], shapes[1, i], shapes[2, i]
+        gxx, gxy, gyy = shapes[3, i], shapes[4, i], shapes[5, i]
         px, py = points[i, 0], points[i, 1]
         (bx, by), (qx, qy), nearer = _upright(px, py, state, (cxx, cxy, cyy, gxx, gxy, gyy), square)
         ox, oy = look_up_offset(table, state[0] + cosine * bx - sine * by, state[1] + sine * bx + cosine * by)
@@ -225,11 +226,11 @@ def _log_determinant(matrix):  # type: ignore[no-untyped-def]
 def fit_state(points, covariances, table, start, prior, mirror, plan, repeated):  # type: ignore[no-untyped-def]
     """The `StateFit` that a plan's steps come to from a start (8,); so many points (repeated) tell as one."""
     count, square = points.shape[0], mirror.height_m * mirror.height_m
-    shapes = np.empty((count, 6))
+    shapes = np.empty((6, count))
     for i in range(count):
-        shape = _shape(points[i, 0], points[i, 1], start, mirror)
-        for k in range(6):
-            shapes[i, k] = shape[k]
+        cxx, cxy, cyy, gxx, gxy, gyy = _shape(points[i, 0], points[i, 1], start, mirror)
+        shapes[0, i], shapes[1, i], shapes[2, i] = cxx, cxy, cyy
+        shapes[3, i], shapes[4, i], shapes[5, i] = gxx, gxy, gyy
     seen, state = _Seen(points, covariances, shapes), start.copy()
     sums = _Sums(np.empty((STATE, STATE)), np.empty(STATE), np.empty((STATE + 3, count)))
     matrix, gradient, pull = sums.information, sums.gradient, np.empty(STATE)
