@@ -27,8 +27,8 @@ from touchline.live.udp import UdpRobot
 from touchline.sources import open_source
 from touchline.systems import open_system
 from touchline.systems.nubot_mcl import NubotMcl
-from touchline.types import Estimate, Hypothesis, Status
-from touchline.view.viewer import RunView, open_screen
+from touchline.types import Estimate, Frame, Hypothesis, Status
+from touchline.view.viewer import LatestShown, RunView, open_screen
 from touchline.view.viewer.run_view import covariance_ellipse
 from touchline.view.viewer.watching import particles_now
 
@@ -163,6 +163,25 @@ def test_a_robot_that_runs_is_looked_at(tmp_path: Path, capsys: pytest.CaptureFi
     assert rows["/camera/image"] == rows["/above/field/robot"] > 0
     assert not rows["/log"]
     assert not rows["/plots/x/error"]  # nobody knows the truth
+
+
+def test_nobody_waits_for_what_is_shown_and_the_latest_is_shown_last() -> None:
+    begun, go_on, shown = threading.Event(), threading.Event(), []
+
+    def show(frame: Frame, estimate: Estimate) -> None:
+        shown.append(frame.stamp_ns)
+        begun.set()
+        go_on.wait()
+
+    latest = LatestShown(show)
+    estimate = Estimate(0, Pose(0.0, 0.0, 0.0), np.eye(3), Status.TRACKING)
+    latest.take(Frame(0), estimate)
+    assert begun.wait(10.0)
+    for stamp_ns in (1, 2, 3):
+        latest.take(Frame(stamp_ns), estimate)
+    go_on.set()
+    latest.close()
+    assert shown == [0, 3]
 
 
 def free_port() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from touchline.live.heard import Link, Robot, Told
     from touchline.live.loop import LiveLoop
     from touchline.localizer import Localizer
-    from touchline.view.viewer import RunView, Screen
+    from touchline.view.viewer import LatestShown, Screen
 
 _PORT = 28400
 _Address = Annotated[
@@ -135,10 +136,11 @@ def live(
     ends_s = None if seconds is None else time.monotonic() + seconds
     with (
         shown_in(view, rrd, stays=False) as screen,
+        closing(_Shown(localizer, screen, name)) as shown,
         told_of_compiling(console.print),
         interruptible() as stop,
     ):
-        loop = LiveLoop(link, localizer, _Shown(localizer, screen, name).take)
+        loop = LiveLoop(link, localizer, shown.take)
         loop.run(lambda: stop() or (ends_s is not None and time.monotonic() > ends_s))
     link.close()
     _tell_end(loop, {**localizer.problems, **link.refused})
@@ -272,11 +274,17 @@ class _Shown:
     def __init__(self, localizer: Localizer, screen: Screen | None, name: str) -> None:
         self._last_s = 0.0
         self._localizer = localizer
-        self._view: RunView | None = None
+        self._view: LatestShown | None = None
         if screen is not None:
-            from touchline.view.viewer import watch_robot
+            from touchline.view.viewer import LatestShown, watch_robot
 
-            self._view = watch_robot(screen.stream, localizer.field, localizer.camera, localizer.system, name)
+            view = watch_robot(screen.stream, localizer.field, localizer.camera, localizer.system, name)
+            self._view = LatestShown(view.show)
+
+    def close(self) -> None:
+        """Show what waits on the screen."""
+        if self._view is not None:
+            self._view.close()
 
     def take(self, told: Told) -> None:
         """One estimate of an image."""
@@ -287,7 +295,7 @@ class _Shown:
 
         estimate, now_s = told.estimate, time.monotonic()
         if self._view is not None and self._localizer.frame is not None:
-            self._view.show(self._localizer.frame, estimate)
+            self._view.take(self._localizer.frame, estimate)
         for problem in estimate.problems:
             output().print(problem, markup=False)
         if now_s - self._last_s < _EVERY_S:

@@ -32,11 +32,11 @@ ERRORS = (
 )
 MEASURED = (
     Plot("plots/residual", "Residual (cm)", (("residual", "residual", PURPLE),)),
-    Plot("plots/compass", "Compass - heading (°)", (("compass", "compass less heading", SKY),)),
+    Plot("plots/compass", "Compass (°)", (("compass", "compass less heading", SKY),)),
     Plot("plots/exposure", "Exposure (ms), gain", (("exposure", "exposure (ms)", ORANGE), ("gain", "gain", GREEN))),
     Plot(
         "plots/latency",
-        "Time per image (ms)",  # of the first ones, in which code is loaded, nothing is drawn
+        "Time (ms)",  # of the first ones, in which code is loaded, nothing is drawn
         (("perception", "perception", BLUE), ("localization", "localization", VERMILLION)),
     ),
 )
