@@ -18,7 +18,7 @@ from touchline.experiments.scenes import the_camera
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.compass_witness import CompassPulse
-from touchline.localization.fusion.field_end import FieldEnd
+from touchline.localization.fusion.end_odds import EndOdds
 from touchline.localization.fusion.game_states import game_prior
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.fusion.pose_hypotheses import Member
@@ -151,14 +151,14 @@ def test_the_wrong_end_is_never_silently_kept() -> None:
     assert 0.05 < max(other.probability or 0.0 for other in estimate.hypotheses) < 0.5
 
 
-def heard(end: FieldEnd, error_rad: float, seconds: float) -> FieldEnd:
+def heard(end: EndOdds, error_rad: float, seconds: float) -> EndOdds:
     for _ in range(round(10 * seconds)):
         end.update(error_rad, 0.1)
     return end
 
 
 def test_a_compass_turns_the_pose_only_after_some_time() -> None:
-    end = FieldEnd(symmetric=True)
+    end = EndOdds(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
     assert end.probability == pytest.approx(0.98, abs=0.003)
     assert 0.1 < heard(end, math.pi, 1.0).probability < 0.7  # undecided at once
@@ -169,7 +169,7 @@ def test_a_compass_turns_the_pose_only_after_some_time() -> None:
 
 
 def test_a_fault_of_the_compass_does_not_turn_a_robot_that_is_followed() -> None:
-    end = FieldEnd(symmetric=True)
+    end = EndOdds(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
     heard(end, 0.1, 20.0)
     assert not heard(end, math.pi, 10.0).is_refuted
@@ -180,7 +180,7 @@ def test_a_fault_of_the_compass_does_not_turn_a_robot_that_is_followed() -> None
 
 def test_where_a_lost_robot_is_a_compass_that_had_failed_speaks_against_what_it_says() -> None:
     """Then the pose at the other end is taken, and holds when the fault ends."""
-    end = FieldEnd(symmetric=True)
+    end = EndOdds(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
     heard(heard(end, 0.1, 20.0), math.pi, 0.5)
     assert end.compass.is_suspect
@@ -192,7 +192,7 @@ def test_where_a_lost_robot_is_a_compass_that_had_failed_speaks_against_what_it_
 
 
 def test_a_stuck_compass_tells_nothing_of_the_end_while_the_robot_turns() -> None:
-    end = FieldEnd(symmetric=True)
+    end = EndOdds(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
     heard(end, 0.1, 40.0)
     for error_rad in (1.5, math.pi, -1.5, 0.0, 1.5, math.pi):
@@ -221,7 +221,7 @@ def test_a_pose_in_doubt_says_nothing_of_the_compass() -> None:
 
 
 def test_a_pause_of_the_images_is_no_contradiction() -> None:
-    end = FieldEnd(symmetric=True)
+    end = EndOdds(symmetric=True)
     end.begin(told=False, compass_error_rad=0.1)
     heard(end, 0.1, 20.0)
     end.update(math.pi, 60.0)
@@ -339,8 +339,8 @@ def test_a_compass_that_repeats_itself_exactly_sticks_and_one_of_whole_degrees_d
 
 
 def test_a_compass_that_turns_as_the_pose_jumps_leaves_the_end_undecided() -> None:
-    def agreed_for_10_s() -> FieldEnd:
-        end = FieldEnd(symmetric=True)
+    def agreed_for_10_s() -> EndOdds:
+        end = EndOdds(symmetric=True)
         end.begin(told=True, compass_error_rad=0.0)
         for _ in range(100):
             end.update(0.0, 0.1)
@@ -386,7 +386,7 @@ def test_a_robot_carried_to_near_its_twin_in_two_jumps_stays_undecided() -> None
 
 
 def test_a_jump_while_the_compass_speaks_against_the_pose_tells_nothing() -> None:
-    end = FieldEnd(symmetric=True)
+    end = EndOdds(symmetric=True)
     end.begin(told=True, compass_error_rad=0.0)
     for _ in range(100):
         end.update(0.0, 0.1)

@@ -16,8 +16,8 @@ from pydantic import Field
 from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.compass_witness import CompassPulse
+from touchline.localization.fusion.end_odds import EndOdds
 from touchline.localization.fusion.exact_mirror import ExactMirror
-from touchline.localization.fusion.field_end import FieldEnd
 from touchline.localization.fusion.image_delay import UNKNOWN_S, ImageDelay
 from touchline.localization.fusion.joint_filter import JointFilter, Unknown
 from touchline.localization.fusion.mirror_head import MirrorHead
@@ -81,6 +81,16 @@ class TouchlineSettings(Settings):
     odometry: OdometrySettings = OdometrySettings()
     compass_track: CompassTrackSettings = CompassTrackSettings()
 
+    @property
+    def start_covariance(self) -> FloatArray:
+        """(3, 3) of a pose that is told without one, (m, m, rad)."""
+        return np.diag(np.square([self.start_position_m, self.start_position_m, self.start_heading_rad]))
+
+    def motion_history(self) -> MotionHistory:
+        """The motion without the errors of its scales, which the filters find out."""
+        free = {"forward_scale": 0.0, "sideways_scale": 0.0, "turn_scale": 0.0}
+        return MotionHistory(self.odometry.model_copy(update=free), self.compass_track)
+
 
 class FieldSearch(Protocol):
     """What a search of the whole field is asked; as `PoseSearch`."""
@@ -106,8 +116,7 @@ class Touchline:
             else SelfLearningDetector(camera, LinePointSettings(), LearningSettings(), field.line_width)
         )
         self.max_range_m = setup.max_range_m
-        free = {"forward_scale": 0.0, "sideways_scale": 0.0, "turn_scale": 0.0}  # which the filters find out
-        self.history = MotionHistory(s.odometry.model_copy(update=free), s.compass_track)
+        self.history = s.motion_history()
         distance_map = field.distance_map()
         self._lines = distance_map.table
         registration = Registration(distance_map)
@@ -119,7 +128,7 @@ class Touchline:
         start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
         self.hypotheses = PoseHypotheses(registration, field.line_tables, start, head, s.gate)
         self.delay = ImageDelay()
-        self.end, self.pulse = FieldEnd(field.is_symmetric), CompassPulse()
+        self.end, self.pulse = EndOdds(field.is_symmetric), CompassPulse()
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -281,9 +290,8 @@ class Touchline:
         return None if compass_rad is None else wrap_angle(compass_rad - pose.heading)
 
     def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> JointFilter:
-        s = self.settings
-        told = np.diag(np.square([s.start_position_m, s.start_position_m, s.start_heading_rad]))
-        return JointFilter(pose, told if covariance is None else covariance, self.unknown)
+        told = self.settings.start_covariance if covariance is None else covariance
+        return JointFilter(pose, told, self.unknown)
 
     def _at_stamp(self, one: JointFilter, stamp_ns: int) -> JointFilter:
         """A filter carried from when the last image was taken to its stamp."""

@@ -16,8 +16,8 @@ from touchline.camera import Camera, PinholeCamera, ground_view
 from touchline.errors import InputError
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
+from touchline.localization.fusion.end_odds import EndOdds
 from touchline.localization.fusion.feature_belief import is_narrow
-from touchline.localization.fusion.field_end import FieldEnd
 from touchline.localization.fusion.image_delay import ImageDelay
 from touchline.localization.fusion.twin_odds import SURE, TwinOdds
 from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
@@ -36,7 +36,7 @@ from touchline.motion.odometry import Motion
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
-from touchline.systems.touchline import SAID_OFTEN, Touchline, TouchlineSettings
+from touchline.systems.touchline import SAID_OFTEN, UNKNOWN, Touchline, TouchlineSettings
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where nobody tells
@@ -48,7 +48,6 @@ USUAL = 0.85  # share of what an image shows that a right pose explains: other p
 FEWEST = 0.5  # features, or line points by their shares, without which an image tells nothing
 TOLD = 3.0  # log-odds of an end that a person tells: one start in twenty is told wrongly
 UNDECIDED_S = 10.0  # after which it is said, and said again, that nothing tells the ends apart
-UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
 
 class TouchlinePerspective:
@@ -66,8 +65,7 @@ class TouchlinePerspective:
             self.detector = cast("Detector", LineGraphDetector(camera, LineGraphSettings(), field))
             eye = camera.base_from_camera.translation_m
         self.max_range_m = setup.max_range_m
-        free = {"forward_scale": 0.0, "sideways_scale": 0.0, "turn_scale": 0.0}  # which the filters find out
-        self.history = MotionHistory(settings.odometry.model_copy(update=free), settings.compass_track)
+        self.history = settings.motion_history()
         self.leaning, self.lean_delay, self.delay = LeanFilter(), LeanDelay(), ImageDelay()
         places, lines = FieldAssociations(field), field_lines(field)
         self.features = Features(places, None, float(eye[2]), PLACE_M)
@@ -78,7 +76,7 @@ class TouchlinePerspective:
         self.hypotheses = PerspectiveHypotheses(registration, field.is_symmetric)
         self.symmetric = field.is_symmetric
         self.tells_ends = self.symmetric and self.features.tell_ends_apart
-        self.twin, self.end = TwinOdds(model), FieldEnd(self.symmetric)
+        self.twin, self.end = TwinOdds(model), EndOdds(self.symmetric)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
@@ -114,9 +112,8 @@ class TouchlinePerspective:
             blind = self._is_blind(frame.stamp_ns)
             doubt = self._is_in_doubt()
             view = self.features.of(observation, self.known.state[3:5]) if doubt or self.tells_ends else None
-            found = (
-                self._search(seen, view) if doubt and view is not None else []
-            )  # search: every pose that explains them
+            # search: every pose that explains them
+            found = self._search(seen, view) if doubt and view is not None else []
             self.hypotheses.update(seen, found, self.known, FALLEN if blind else CARRIED_AWAY)  # register, fuse, weigh
             self.hypotheses.hear(frame.evidence, 1.0 / SAID_OFTEN)
             self._judge_end(frame, view, seconds)  # which end
@@ -273,10 +270,8 @@ class TouchlinePerspective:
             self.problems += (late,)
 
     def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> PerspectiveFilter:
-        s = self.settings
-        told = np.diag(np.square([s.start_position_m, s.start_position_m, s.start_heading_rad]))
-        learns = self.settings.self_calibration
-        return PerspectiveFilter(pose, told if covariance is None else covariance, learns)
+        told = self.settings.start_covariance if covariance is None else covariance
+        return PerspectiveFilter(pose, told, self.settings.self_calibration)
 
     def _report(self, observation: Observation, count: int, clock: Stopwatch) -> Estimate:
         end = self.end_probability

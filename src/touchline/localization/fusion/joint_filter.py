@@ -36,8 +36,8 @@ class Unknown(NamedTuple):
 
     learned: share of its step by an image that the errors take. With 1 it is a Kalman filter; with 0 they only leave
     the pose unsure (consider states); between, points that err together image after image teach less of what isn't
-    there (Brink 2017, Partial-update Schmidt-Kalman filter). delay_s: standard deviation
-    of how late images are stamped.
+    there (Brink 2017, Partial-update Schmidt-Kalman filter). delay_s: standard deviation of how late images are
+    stamped.
     """
 
     scales: Scales

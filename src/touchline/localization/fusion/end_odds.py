@@ -17,7 +17,7 @@ REFUTED = -2.0  # log-odds from which the twin is taken
 JUMP_IMAGES = 2  # after a jump, in which a compass that turns round has turned with it
 
 
-class FieldEnd:
+class EndOdds:
     """Whether the pose is at its end or its twin is. symmetric: whether the field's lines leave that open.
 
     `undecided`: a jump has left it open, and neither end is clearly likelier yet.
