@@ -386,6 +386,32 @@ def test_a_pose_is_carried_on_with_the_scales_of_the_odometry_that_were_learned(
     assert half[1][0, 0] == pytest.approx(0.09)
 
 
+def test_late_images_cost_a_pose_that_is_carried_on_no_more_than_a_fifth() -> None:
+    exact = [f"sensors.odometry.{way}=0" for way in ("travel_noise_m", "travel_noise_rad", "turn_noise_rad")]
+    run = Simulation(open_scenario("match", 0, 16.0, ["disturbances.shove_every_s=0", *exact]), level="points")
+    frames, truth = list(run), np.asarray(run.truth.poses)
+
+    def error_m(late: int) -> float:
+        """Mean along the direction of travel, faster than 2 m/s, at each image's time by those until `late` before."""
+        localizer = Localizer(run.field, run.camera)
+        localizer.reset(truth[0])
+        errors: list[float] = []
+        for k, frame in enumerate(frames[:-1]):
+            feed(localizer, frame)
+            if k >= late:
+                seen = frames[k - late]
+                localizer.localize(seen.stamp_ns, observation=seen.observation)
+            way = truth[k + 1, :2] - truth[k - 1, :2]
+            if k > 60 and np.hypot(*way) > 2.0 * 0.2:
+                off = localizer.pose(frame.stamp_ns).pose.as_array()[:2] - truth[k, :2]
+                errors.append(abs(float(off @ way)) / float(np.hypot(*way)))
+        assert len(errors) > 40
+        return float(np.mean(errors))
+
+    late_m, at_once_m = error_m(2), error_m(0)
+    assert late_m < 1.2 * at_once_m
+
+
 def test_before_the_first_image_the_pose_is_what_was_told() -> None:
     localizer = made()
     assert (localizer.pose(5).status, localizer.pose(5).pose) == (Status.SEARCHING, Pose(0.0, 0.0, 0.0))
