@@ -24,8 +24,8 @@ from touchline.localization.registration.registration import SETTLED, SHAKEN, UN
 VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from image to image, at first: 0.06 degrees
 LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
 GAIN = 0.05  # share of a new image in what is learned
-# by how much mirrors of several shapes shift the ground about the robot beyond these errors: per 1/m of g, per px
-MISFIT_M2, MISFIT_M_PER_PX = 0.1, 0.0008
+# by how much mirrors shift the ground about the robot beyond these errors, median of five shapes: per 1/m of g, per px
+MISFIT_M2, MISFIT_M_PER_PX = 0.08, 0.0003
 SETTLED_PER_M = 0.007  # standard deviation of an image's g below which its tilt is known beforehand: 0.15 degrees
 LEAST_NOISE, MOST_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
 REPEATED = 2.6  # so many points err together: neighbours on a line, and the same place in the next image
