@@ -10,12 +10,11 @@ import math
 import numpy as np
 
 from touchline.camera import Camera, OmniCamera
-from touchline.camera.uncertainty import CameraUncertainty
+from touchline.camera.uncertainty import USUAL_RANGE_RATIO, USUAL_TILT_DEG, CameraUncertainty
 from touchline.field.distance_map import MapTable
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.fusion.joint_kernels import shown_of
-from touchline.localization.matching.mirror_fit import ERRORS
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, mean_distance, upright_points
 from touchline.localization.registration.mirror_response import HEIGHT_M, mirror_response
@@ -29,6 +28,7 @@ MISFIT_M2, MISFIT_M_PER_PX = 0.08, 0.0003
 SETTLED_PER_M = 0.007  # standard deviation of an image's g below which its tilt is known beforehand: 0.15 degrees
 LEAST_NOISE, MOST_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
 REPEATED = 2.6  # so many points err together: neighbours on a line, and the same place in the next image
+UNTOLD = CameraUncertainty(USUAL_TILT_DEG, 0.0, USUAL_RANGE_RATIO)  # of a camera that nobody tells of
 FEW = 20  # of so few points twice as many: the ends of a lone line tell most, and may be none
 
 
@@ -39,11 +39,11 @@ class MirrorHead:
     """
 
     def __init__(self, camera: Camera | None) -> None:
-        """camera: without a mirror nothing is wrong with it."""
+        """camera: none where a detector of the robot's own says where points lie: its camera leans and shakes, too."""
         omni = camera if isinstance(camera, OmniCamera) else None
-        self.shakes = omni is not None
+        self.shakes = True
         self.mirror = mirror_response(omni)
-        self.unknown = np.zeros((ERRORS, ERRORS)) if omni is None else self.stated(omni.uncertainty)
+        self.unknown = self.stated(UNTOLD if omni is None else omni.uncertainty)
         self.reset()
 
     def reset(self) -> None:
