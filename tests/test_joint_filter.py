@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -143,6 +145,12 @@ def test_a_head_that_shakes_is_no_robot_that_is_shoved() -> None:
     system = open_system("touchline", setup)
     away = np.array([system.step(frame).pose for frame in drive.frames]) - drive.truth
     assert np.hypot(*away[drive.times_s > 5.0, :2].T).max() < 0.03
+
+
+def test_a_head_that_nobody_tells_of_leans_and_shakes_too() -> None:
+    """Its points come from a detector of the robot's own, without a camera.yaml; taken at their word: 2.5 cm."""
+    drive, setup, _ = driven("straight-tracks", 1, 10.0)
+    assert late_error_m(drive, replace(setup, camera=None), learned=True) < 0.012
 
 
 def test_the_covariance_of_a_robot_as_built_is_honest() -> None:

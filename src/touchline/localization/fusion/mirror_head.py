@@ -35,7 +35,7 @@ FEW = 20  # of so few points twice as many: the ends of a lone line tell most, a
 class MirrorHead:
     """`mirror`: what errors do to points. `unknown` (5, 5): covariance of the errors before the first image.
 
-    shakes: whether each image leans anew.
+    shakes: whether each image leans anew, as it does in every robot that drives.
     """
 
     def __init__(self, camera: Camera | None) -> None:
