@@ -147,6 +147,13 @@ def test_a_head_that_shakes_is_no_robot_that_is_shoved() -> None:
     assert np.hypot(*away[drive.times_s > 5.0, :2].T).max() < 0.03
 
 
+def test_a_head_that_shakes_harder_than_was_assumed_at_first_is_no_delay() -> None:
+    """By the deviation that the filter states its images would be stamped 0.10 s late, after a second."""
+    drive, setup, _ = driven("straight-tracks", 4, 2.5, "camera.mirror.vibration_deg=0.5")
+    system = open_system("touchline", setup)
+    assert not [said for frame in drive.frames for said in system.step(frame).problems if "stamped" in said]
+
+
 def test_a_head_that_nobody_tells_of_leans_and_shakes_too() -> None:
     """Its points come from a detector of the robot's own, without a camera.yaml; taken at their word: 2.5 cm."""
     drive, setup, _ = driven("straight-tracks", 1, 10.0)

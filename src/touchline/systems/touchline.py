@@ -185,7 +185,8 @@ class Touchline:
         """How late images are stamped, by the pose that is followed."""
         best = self.hypotheses.best
         if self.status is Status.TRACKING and self.blind == 0 and best is not None:
-            late = self.delay.update(best.filter.late_s, best.filter.delay_deviation_s)
+            unforeseen = self.hypotheses.head.unforeseen  # shaking that the first images' lines were not fitted with
+            late = self.delay.update(best.filter.late_s, unforeseen * best.filter.delay_deviation_s)
             self.problems += () if late is None else (late,)
 
     def _searched_now(self) -> tuple[int, int] | None:

@@ -93,6 +93,11 @@ class MirrorHead:
         covariance[0, 0] = covariance[1, 1] = 0.5 * shift2
         return covariance
 
+    @property
+    def unforeseen(self) -> float:
+        """By how much more it shakes than was assumed at first (>= 1): so much less the first images were worth."""
+        return max(self.vibration_per_m / VIBRATION_PER_M, 1.0)
+
     def learn(self, fit: StateFit, expected: StatePrior, count: int) -> None:
         """What an image of so many points has told of the head's shaking and of the points' noise.
 
