@@ -47,6 +47,8 @@ class ExactMirror:
         shift, covariance, evidence = as_exact(
             one.covariance, one.error_crossed, one.error_covariance, one.errors, self._exact - self._built
         )
+        if not math.isfinite(evidence):  # information too close to singular to be compared
+            return one.pose, one.covariance
         log_odds = min(max(0.5 * self._prior + float(evidence), -MOST_LOG_ODDS), MOST_LOG_ODDS)
         share = 1.0 / (1.0 + math.exp(-log_odds))
         x, y, heading = (share * shift).tolist()
