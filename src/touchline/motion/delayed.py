@@ -14,6 +14,7 @@ from touchline.motion.samples import NANOSECONDS
 
 _MEAN_S = 0.2  # over which a speed is a mean: shorter, and odometry's noise is what changes it
 _MEAN_NS = int(_MEAN_S * NANOSECONDS)
+_LONGEST_PAUSE_NS = int(0.25 * NANOSECONDS)  # of the odometry, over which a speed is one
 _CLEARLY = 2.5  # standard deviations of odometry's noise from which a change of speed is one
 
 
@@ -21,7 +22,8 @@ class Delayed(NamedTuple):
     """A motion by what the odometry told late_s (s) before the stamps of its ends.
 
     by_delay (3,): derivative of its pose by late_s, robot frame before it (m/s, m/s, rad/s); zeros where the speed does
-    not change clearly, for noise says nothing of a delay. after (3,): the robot's velocity after it, robot frame there.
+    not change clearly or is not known, for noise and pauses say nothing of a delay. after (3,): the robot's velocity
+    after it, robot frame there.
     """
 
     motion: Motion
@@ -37,7 +39,8 @@ def delayed(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -
     ahead_ns = _ahead_ns(history, end_ns - late_ns)
     before, after = (_velocity(history, stamp_ns - late_ns + ahead_ns) for stamp_ns in (start_ns, end_ns))
     by_delay: FloatArray = np.zeros(3)
-    if motion.missing_s == 0.0:
+    pause_ns = history.odometry.samples.longest_pause_ns(start_ns - late_ns - _MEAN_NS, end_ns - late_ns)
+    if motion.missing_s == 0.0 and pause_ns <= _LONGEST_PAUSE_NS:
         cosine, sine = math.cos(motion.pose.heading), math.sin(motion.pose.heading)
         by_delay = by_begin(motion.pose, before)
         by_delay[0] -= cosine * after[0] - sine * after[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from itertools import pairwise
 
 import numpy as np
 
@@ -70,6 +71,12 @@ class SampleHistory:
     def stamps_within(self, start_ns: int, end_ns: int) -> list[int]:
         """Stamps of the samples after one stamp and before another, in the order of time."""
         return self._stamps_ns[bisect_right(self._stamps_ns, start_ns) : bisect_left(self._stamps_ns, end_ns)]
+
+    def longest_pause_ns(self, start_ns: int, end_ns: int) -> int:
+        """Longest time between neighbouring samples that are needed from one stamp to another (ns)."""
+        first = max(bisect_right(self._stamps_ns, start_ns) - 1, 0)
+        known = self._stamps_ns[first : bisect_left(self._stamps_ns, end_ns) + 1]
+        return max((after - before for before, after in pairwise(known)), default=0)
 
     def forget_before(self, stamp_ns: int) -> None:
         """Forget what isn't needed to look up values from a stamp on."""
