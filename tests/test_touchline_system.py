@@ -20,6 +20,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.compass_witness import CompassPulse
 from touchline.localization.fusion.end_odds import EndOdds
 from touchline.localization.fusion.game_states import game_prior
+from touchline.localization.fusion.image_delay import ImageDelay
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.fusion.pose_hypotheses import Member
 from touchline.sources import open_source
@@ -321,6 +322,15 @@ def test_a_delay_that_nobody_told_is_corrected_while_driving(delay_s: float) -> 
         assert driven.delay.late_s == pytest.approx(0.1, abs=0.005)
         assert estimate.stamp_ns == stamp_ns
         assert estimate.pose.distance_to(Pose(*where(times_s[-1:])[0])) < 0.02, "at the stamp, not where it was taken"
+
+
+def test_stamps_that_seem_too_early_are_an_odometry_that_comes_late_and_not_corrected() -> None:
+    """Corrected they were carried by motion that is not known yet, which seemed earlier still: 45 cm off at 4.5 m/s."""
+    late, early = ImageDelay(), ImageDelay()
+    assert [late.update(0.05, 0.005) for _ in range(10)].count(None) == 9
+    assert late.late_s == 0.05
+    assert [early.update(-0.05, 0.005) for _ in range(10)] == 10 * [None]
+    assert early.late_s == 0.0
 
 
 def test_a_compass_that_repeats_itself_exactly_sticks_and_one_of_whole_degrees_does_not() -> None:

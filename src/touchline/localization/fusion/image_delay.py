@@ -1,7 +1,9 @@
 """Whether images are stamped late, which nobody told, and by how much: what of the filter's delay is believed.
 
 The delay is a state of the filter (`JointFilter`), learned from every start, stop and turn. Nothing is corrected by
-it until it is sure: a robot whose stamps are right loses nothing by the noise of a state that it does not need.
+it until it is sure: a robot whose stamps are right loses nothing by the noise of a state that it does not need. Stamps
+that seem too early are an odometry that comes late; to correct them would take the motion after the stamp, which nobody
+knows yet.
 """
 
 from __future__ import annotations
@@ -34,10 +36,10 @@ class ImageDelay:
     def update(self, late_s: float, deviation_s: float) -> str | None:
         """What a filter has found by an image. What is to be told: at first and every SAID_EVERY images."""
         if self.late_s:
-            if abs(late_s) < max(DOUBTED * deviation_s, 0.5 * LEAST_S):
+            if late_s < max(DOUBTED * deviation_s, 0.5 * LEAST_S):
                 self.reset()
         else:
-            self._sure = self._sure + 1 if abs(late_s) > max(SURE * deviation_s, LEAST_S) else 0
+            self._sure = self._sure + 1 if late_s > max(SURE * deviation_s, LEAST_S) else 0
         if not self.late_s and self._sure < LASTING:
             return None
         self.late_s, self.deviation_s = late_s, deviation_s
@@ -45,5 +47,4 @@ class ImageDelay:
         if self._since_said <= SAID_EVERY:
             return None
         self._since_said = 0
-        way = "late" if late_s > 0.0 else "early"
-        return f"images are stamped {1e3 * abs(late_s):.0f} ± {1e3 * deviation_s:.0f} ms too {way}: corrected"
+        return f"images are stamped {1e3 * late_s:.0f} ± {1e3 * deviation_s:.0f} ms too late: corrected"
