@@ -20,6 +20,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.fusion.joint_filter import JointFilter
 from touchline.localization.fusion.mirror_head import MirrorHead
 from touchline.localization.matching.mirror_fit import inverse, times
+from touchline.localization.registration.mirror_kernels import log_determinant
 
 # standard deviations of what an exact one still seems to differ by, as a detector shifts the edges of lines by a
 # twentieth of a pixel: tilt (deg), centre (share of the outer radius), ranges
@@ -77,27 +78,10 @@ def as_exact(pose, crossed, errors, mean, more):  # type: ignore[no-untyped-def]
                 off[a] -= after[a, b] * more[b, c] * mean[c]
             said += known[a, b] * mean[b]
         fits += 0.5 * said * off[a]  # half of said' (after - errors) said
-    fits += 0.5 * (_log_determinant(known) - _log_determinant(wanted))
+    fits += 0.5 * (log_determinant(known) - log_determinant(wanted))
     shift = np.zeros(3)
     spread = pose + times(times(by_error, after - errors), by_error.T)
     for a in range(3):
         for b in range(count):
             shift[a] += by_error[a, b] * off[b]
     return shift, spread, fits
-
-
-@njit(cache=True)
-def _log_determinant(matrix):  # type: ignore[no-untyped-def]
-    """Of a symmetric positive definite one, by Cholesky's factor."""
-    n, lower, total = len(matrix), np.zeros(matrix.shape), 0.0
-    for i in range(n):
-        for j in range(i + 1):
-            left = matrix[i, j]
-            for k in range(j):
-                left -= lower[i, k] * lower[j, k]
-            if i == j:
-                lower[i, i] = math.sqrt(left)
-                total += 2.0 * math.log(lower[i, i])
-            else:
-                lower[i, j] = left / lower[j, j]
-    return total

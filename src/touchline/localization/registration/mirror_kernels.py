@@ -210,7 +210,7 @@ def _add_up(sums):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _log_determinant(matrix):  # type: ignore[no-untyped-def]
+def log_determinant(matrix):  # type: ignore[no-untyped-def]
     """Logarithm of the determinant of a positive definite matrix, by elimination."""
     left, log = matrix.copy(), 0.0
     for k in range(len(left)):
@@ -249,6 +249,6 @@ def fit_state(points, covariances, table, start, prior, mirror, plan, repeated):
     for a in range(STATE):
         for b in range(STATE):
             strain2 += prior.information[a, b] * (state[a] - prior.mean[a]) * (state[b] - prior.mean[b])
-    narrowed = _log_determinant(prior.information + information) - _log_determinant(prior.information)
+    narrowed = log_determinant(prior.information + information) - log_determinant(prior.information)
     contradiction = 0.5 * (strain2 + narrowed)
     return StateFit(state, information, gradient / repeated, explained, noise, log_likelihood, contradiction)
