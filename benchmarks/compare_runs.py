@@ -92,7 +92,7 @@ def point_sets() -> Rows:
     from touchline.field import open_field
     from touchline.geometry import Pose
     from touchline.localization import GlobalSearch, Matcher, WeightSettings, range_weights
-    from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
+    from touchline.localization.published.nubot.particles import NubotParticles, NubotParticleSettings
 
     path = DATA / "points" / "msl_18x12.npz"
     if not path.is_file():

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from touchline.image_files import decode
+from touchline.files.images import decode
 from touchline.live.heard import Picture, Reading
 from touchline.live.udp import UdpRobot
 from touchline.sources import Recording, open_source

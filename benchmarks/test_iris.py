@@ -9,9 +9,9 @@ import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.fusion.modes import SensorFusion
-from touchline.localization.particles.iris_particles import IrisParticles
 from touchline.localization.particles.particle_set import ParticleEstimate
+from touchline.localization.published.iris.modes import SensorFusion
+from touchline.localization.published.iris.particles import IrisParticles
 from touchline.motion.odometry import Motion
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario

@@ -17,9 +17,8 @@ from touchline.localization import (
     locate_points,
     range_weights,
 )
-from touchline.localization.matching.coarse_search import CoarseSearch
-from touchline.localization.matching.global_search import sample_errors
-from touchline.localization.matching.matcher import (
+from touchline.localization.published.nubot.global_search import sample_errors
+from touchline.localization.published.nubot.matcher import (
     FIRST_STEP_M,
     FIRST_STEP_RAD,
     GROW,
@@ -29,7 +28,8 @@ from touchline.localization.matching.matcher import (
     MIN_STEP_RAD,
     SHRINK,
 )
-from touchline.localization.matching.pose_grid import PoseGrid
+from touchline.localization.search.coarse_search import CoarseSearch
+from touchline.localization.search.pose_grid import PoseGrid
 
 FIELD = open_field("msl-18x12")
 MAP = FIELD.distance_map()

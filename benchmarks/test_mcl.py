@@ -8,8 +8,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.matching.matcher import Matcher
-from touchline.localization.particles.nubot_particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
+from touchline.localization.published.nubot.matcher import Matcher
+from touchline.localization.published.nubot.particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")

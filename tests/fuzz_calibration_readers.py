@@ -24,11 +24,11 @@ from touchline.calibration.perspective import (
 )
 from touchline.camera import PinholeCamera, open_camera
 from touchline.field import open_field
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.sources import BagOptions, open_source
 from touchline.sources.loose import LooseOptions, open_loose
 from touchline.sources.odometry_csv import odometry_rows, parse_columns
 from touchline.sources.to_folder import write_folder
-from touchline.yaml_files import read_yaml_mapping
 
 DATA = Path(__file__).parent / "data"
 _CAMERA = "camera.yaml"  # in the folder of loose images and videos, which is no recording

@@ -31,7 +31,7 @@ from touchline.evaluation.points.point_set import read_point_set
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import robot_setup, run_frames
 from touchline.field import field_from_letters, open_field
-from touchline.image_files import read_image
+from touchline.files.images import read_image
 from touchline.localization.one_shot.points_file import read_points
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.simulation.cameras.linear_camera import LinearImageCamera

@@ -15,7 +15,7 @@ from touchline.calibration.range_regression import fit_range
 from touchline.camera import open_camera
 from touchline.cli import main
 from touchline.errors import InputError, NoFitError
-from touchline.image_files import read_image
+from touchline.files.images import read_image
 from touchline.sources import open_source
 from touchline.view.picture_files import save_picture
 

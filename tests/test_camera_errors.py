@@ -11,8 +11,8 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
-from touchline.localization.fusion.camera_errors import UNKNOWN_PER_M, CameraErrors
-from touchline.localization.fusion.field_side import COMPASS_FALSE
+from touchline.localization.published.iris.field_side import COMPASS_FALSE
+from touchline.localization.published.nubot.camera_errors import UNKNOWN_PER_M, CameraErrors
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system

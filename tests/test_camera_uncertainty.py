@@ -17,7 +17,7 @@ from touchline.camera.uncertainty import USUAL_RANGE_RATIO, USUAL_TILT_DEG, Came
 from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.matching.mirror_tilt import (
+from touchline.localization.published.nubot.mirror_tilt import (
     MirrorTilt,
     MirrorTiltPaper,
     MirrorTiltSettings,

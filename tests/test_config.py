@@ -13,8 +13,8 @@ from touchline.camera import open_camera
 from touchline.config import Settings, load_settings
 from touchline.errors import InputError
 from touchline.field import open_field
+from touchline.files.yaml_text import read_yaml, yaml_line
 from touchline.sources import open_source
-from touchline.yaml_files import read_yaml, yaml_line
 
 ROOT = Path(__file__).parents[1]
 

@@ -24,7 +24,7 @@ from touchline.errors import InputError, TouchlineError
 from touchline.evaluation import Run, evaluate, write_tum
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder, read_summary
 from touchline.evaluation.runner import run_frames
-from touchline.new_files import replace_file, write_new_file
+from touchline.files.new import replace_file, write_new_file
 from touchline.systems import SYSTEMS, SystemInfo
 from touchline.types import Estimate, Frame
 

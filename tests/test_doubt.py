@@ -24,8 +24,8 @@ from touchline.experiments.faults import (
 )
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization import CompassCorrection
-from touchline.localization.fusion.field_side import COMPASS_FALSE
-from touchline.localization.fusion.pose_filter import Fusion, PoseFilter
+from touchline.localization.published.iris.field_side import COMPASS_FALSE
+from touchline.localization.published.nubot.pose_filter import Fusion, PoseFilter
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system

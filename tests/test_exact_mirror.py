@@ -10,10 +10,10 @@ import pytest
 from touchline.camera import OmniCamera
 from touchline.experiments.reliability_runs import driven
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.fusion.exact_mirror import ExactMirror, as_exact
-from touchline.localization.fusion.joint_filter import JointFilter, Unknown
-from touchline.localization.fusion.mirror_head import MirrorHead
-from touchline.localization.fusion.pose_filter import Scales
+from touchline.localization.camera_errors.mirror_head import MirrorHead
+from touchline.localization.estimator.exact_mirror import ExactMirror, as_exact
+from touchline.localization.estimator.joint_filter import JointFilter, Unknown
+from touchline.localization.published.nubot.pose_filter import Scales
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from touchline.localization import (
     WeightSettings,
     range_weights,
 )
-from touchline.localization.matching.global_search import GlobalSearchPaper, sample_errors, sample_positions
+from touchline.localization.published.nubot.global_search import GlobalSearchPaper, sample_errors, sample_positions
 
 FIELD = open_field("msl-18x12")
 MATCHER = Matcher(FIELD.distance_map())

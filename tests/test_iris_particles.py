@@ -11,17 +11,17 @@ from line_scenes import view
 from touchline.field import open_field
 from touchline.field.error_map import error_map
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.matching.global_search import OWN_HALF
-from touchline.localization.particles.iris_particles import (
+from touchline.localization.particles.particle_set import mean_and_covariance
+from touchline.localization.particles.resampling import low_variance, tempering
+from touchline.localization.particles.sensor_models import LineView
+from touchline.localization.published.iris.particles import (
     FARTHEST_M,
     MAP_M,
     IrisParticlePaper,
     IrisParticles,
     IrisParticleSettings,
 )
-from touchline.localization.particles.particle_set import mean_and_covariance
-from touchline.localization.particles.resampling import low_variance, tempering
-from touchline.localization.particles.sensor_models import LineView
+from touchline.localization.published.nubot.global_search import OWN_HALF
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("indoor-9x6")

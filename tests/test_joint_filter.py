@@ -11,9 +11,9 @@ from touchline.experiments.nees import CONDITIONS, Condition, honesty
 from touchline.experiments.reliability_runs import driven
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.localization.fusion.joint_filter import JointFilter, Unknown
-from touchline.localization.fusion.mirror_head import MirrorHead
-from touchline.localization.fusion.pose_filter import Scales
+from touchline.localization.camera_errors.mirror_head import MirrorHead
+from touchline.localization.estimator.joint_filter import JointFilter, Unknown
+from touchline.localization.published.nubot.pose_filter import Scales
 from touchline.localization.registration.mirror_kernels import upright_points
 from touchline.localization.registration.registration import SETTLED, Head, Registration
 from touchline.systems import RobotSetup, open_system

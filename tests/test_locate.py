@@ -15,12 +15,12 @@ from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import LocateSettings, Location, NotSignificantError, PoorFitError, locate, locate_points
-from touchline.localization.matching.coarse_search import CoarseSearch
-from touchline.localization.matching.kernels import grid_errors
-from touchline.localization.matching.pose_grid import PoseGrid
 from touchline.localization.one_shot.permutation_test import PIECES, rearranged
 from touchline.localization.one_shot.points_file import read_points
 from touchline.localization.one_shot.thinning import sampled, thinned, thinned_to
+from touchline.localization.published.nubot.kernels import grid_errors
+from touchline.localization.search.coarse_search import CoarseSearch
+from touchline.localization.search.pose_grid import PoseGrid
 from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")

@@ -16,9 +16,9 @@ from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import Location, locate_points
-from touchline.localization.fusion.camera_errors import CameraErrors
 from touchline.localization.one_shot.certainty import Spread, with_camera
 from touchline.localization.one_shot.scale import fit_scale
+from touchline.localization.published.nubot.camera_errors import CameraErrors
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 

@@ -15,8 +15,8 @@ from touchline.field import open_field
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization import Matcher, MatchingSettings, WeightSettings, precision_weights, range_weights
-from touchline.localization.matching.kernels import error_and_gradient
-from touchline.localization.matching.matcher import (
+from touchline.localization.published.nubot.kernels import error_and_gradient
+from touchline.localization.published.nubot.matcher import (
     FIRST_STEP_M,
     FIRST_STEP_RAD,
     GROW,

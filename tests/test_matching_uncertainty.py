@@ -9,7 +9,7 @@ from line_scenes import lone_line, view
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization import Match, Matcher, MatchingSettings, WeightSettings, range_weights
-from touchline.localization.matching.kernels import moments
+from touchline.localization.published.nubot.kernels import moments
 
 FIELD = open_field("msl-18x12")
 

@@ -9,12 +9,12 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.fusion.compass_correction import CompassCorrection
-from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
-from touchline.localization.matching import mirror_tilt
-from touchline.localization.matching.matcher import Matcher
-from touchline.localization.matching.mirror_fit import FitPlan, Mirror, moved, normal_equations
-from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltSettings
+from touchline.localization.published.nubot import mirror_tilt
+from touchline.localization.published.nubot.compass_correction import CompassCorrection
+from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
+from touchline.localization.published.nubot.matcher import Matcher
+from touchline.localization.published.nubot.mirror_fit import FitPlan, Mirror, moved, normal_equations
+from touchline.localization.published.nubot.mirror_tilt import MirrorTilt, MirrorTiltSettings
 from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")

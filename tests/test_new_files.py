@@ -8,7 +8,7 @@ import pytest
 
 from touchline.cli import main
 from touchline.errors import InputError
-from touchline.new_files import check_new_file, write_new_file
+from touchline.files.new import check_new_file, write_new_file
 
 STRIP, MARKS, PHOTO = "strip", "marks.csv", "photo.png"
 

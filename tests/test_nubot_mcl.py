@@ -18,9 +18,9 @@ from touchline.camera import OmniCamera
 from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.fusion import particle_localizer
-from touchline.localization.fusion.particle_localizer import CONFIRMATIONS
-from touchline.localization.particles.nubot_particles import PAPER_FORM
+from touchline.localization.published.nubot import particle_localizer
+from touchline.localization.published.nubot.particle_localizer import CONFIRMATIONS
+from touchline.localization.published.nubot.particles import PAPER_FORM
 from touchline.perception import SelfLearningDetector, observe
 from touchline.sources import open_source
 from touchline.systems import SYSTEMS, RobotSetup, open_system

@@ -11,19 +11,19 @@ from line_scenes import lone_line, view
 from touchline.config import load_settings
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.matching.global_search import OWN_HALF
-from touchline.localization.matching.matcher import Matcher
-from touchline.localization.particles.iris_particles import IrisParticleSettings, MeasuredMotionNoise
 from touchline.localization.particles.motion_model import move
-from touchline.localization.particles.nubot_particles import (
+from touchline.localization.particles.particle_set import mean_and_covariance, normalize
+from touchline.localization.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
+from touchline.localization.particles.sensor_models import SquaredErrors, log_likelihoods
+from touchline.localization.published.iris.particles import IrisParticleSettings, MeasuredMotionNoise
+from touchline.localization.published.nubot.global_search import OWN_HALF
+from touchline.localization.published.nubot.matcher import Matcher
+from touchline.localization.published.nubot.particles import (
     PAPER_FORM,
     NubotParticlePaper,
     NubotParticles,
     NubotParticleSettings,
 )
-from touchline.localization.particles.particle_set import mean_and_covariance, normalize
-from touchline.localization.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
-from touchline.localization.particles.sensor_models import SquaredErrors, log_likelihoods
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("msl-18x12")

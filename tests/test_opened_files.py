@@ -21,15 +21,15 @@ from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.run_folder import read_summary
 from touchline.evaluation.tum import read_tum
 from touchline.field import open_field
-from touchline.image_files import MEGAPIXELS_VARIABLE, decode, image_size, read_image
+from touchline.files.images import MEGAPIXELS_VARIABLE, decode, image_size, read_image
+from touchline.files.opened import LONGEST_LINE, UnreadableError, open_bytes, read_bytes, text_lines
+from touchline.files.yaml_text import read_yaml, yaml_line
 from touchline.localization.one_shot.points_file import read_points
-from touchline.opened_files import LONGEST_LINE, UnreadableError, open_bytes, read_bytes, text_lines
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.sources.decoding import decode_image
 from touchline.sources.tables import open_table
 from touchline.sources.truth import read_truth
 from touchline.systems import SYSTEMS
-from touchline.yaml_files import read_yaml, yaml_line
 
 # --- what is opened ---------------------------------------------------------------------------------------------------
 

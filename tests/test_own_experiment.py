@@ -17,7 +17,7 @@ from touchline.experiments.reliability_runs import Kidnapped, Outcome
 from touchline.field import open_field
 from touchline.field.distances import distances_to_lines
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.registration.pose_search import Mode
+from touchline.localization.search.pose_search import Mode
 from touchline.systems import RobotSetup
 from touchline.types import LinePoints, Status
 

@@ -14,7 +14,7 @@ from touchline.cli import main
 from touchline.errors import InputError
 from touchline.evaluation import evaluate
 from touchline.evaluation.run_folder import new_folder
-from touchline.new_files import file_name
+from touchline.files.new import file_name
 from touchline.sources import open_source
 from touchline.view.look import look_at_recording
 

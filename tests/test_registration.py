@@ -16,9 +16,9 @@ from touchline.field.offset_map import offset_table
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.registration.bound import bound_covariance, mean_errors
 from touchline.localization.registration.kernels import Plan, register
-from touchline.localization.registration.pose_search import PoseSearch
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.registration.unseen import count_unseen, unseen, view_of
+from touchline.localization.search.pose_search import PoseSearch
 
 FIELD = open_field("msl-18x12")
 REGISTRATION = Registration(FIELD.distance_map())

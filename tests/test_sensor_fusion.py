@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization.fusion import field_side, restart
-from touchline.localization.fusion import modes as limits
-from touchline.localization.fusion.field_side import FieldSide
-from touchline.localization.fusion.modes import (
+from touchline.localization.particles.particle_set import ParticleEstimate
+from touchline.localization.published.iris import field_side, restart
+from touchline.localization.published.iris import modes as limits
+from touchline.localization.published.iris.field_side import FieldSide
+from touchline.localization.published.iris.modes import (
     ImageDoubt,
     SensorFusion,
     SensorFusionPaper,
     SensorFusionSettings,
     blended,
 )
-from touchline.localization.fusion.restart import RestartRule
-from touchline.localization.particles.particle_set import ParticleEstimate
+from touchline.localization.published.iris.restart import RestartRule
 from touchline.motion.dead_reckoning import without_bias
 from touchline.motion.odometry import Motion
 from touchline.types import Mode

@@ -18,22 +18,22 @@ from touchline.localization import (
     GlobalSearchSettings,
     Matcher,
 )
-from touchline.localization.fusion import failure
-from touchline.localization.fusion.failure_monitor import FailureMonitor
-from touchline.localization.fusion.global_localizer import GlobalLocalizer, Localization, Prediction
-from touchline.localization.fusion.grid_localizer import GridLocalizer
-from touchline.localization.fusion.match_input import MatchInput, refine_with_tilt
-from touchline.localization.fusion.particle_follower import ParticleFollower
-from touchline.localization.fusion.particle_localizer import (
+from touchline.localization.particles import NubotParticles
+from touchline.localization.published.nubot import failure
+from touchline.localization.published.nubot.failure_monitor import FailureMonitor
+from touchline.localization.published.nubot.global_localizer import GlobalLocalizer, Localization, Prediction
+from touchline.localization.published.nubot.grid_localizer import GridLocalizer
+from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
+from touchline.localization.published.nubot.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
+from touchline.localization.published.nubot.particle_follower import ParticleFollower
+from touchline.localization.published.nubot.particle_localizer import (
     ParticleLocalizer,
     ParticleSearch,
     ParticleSearchSettings,
 )
-from touchline.localization.fusion.pose_filter import Fusion
-from touchline.localization.fusion.tracker import MAX_UNSETTLED, Tracker
-from touchline.localization.matching.covariance import is_one_line
-from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
-from touchline.localization.particles import NubotParticles
+from touchline.localization.published.nubot.pose_filter import Fusion
+from touchline.localization.published.nubot.tracker import MAX_UNSETTLED, Tracker
+from touchline.localization.registration.covariance import is_one_line
 from touchline.motion import Motion, MotionHistory
 from touchline.types import Frame, LinePoints, Prior, Samples
 

@@ -15,11 +15,11 @@ from touchline.config import load_settings
 from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.localization.fusion.belief import Belief
-from touchline.localization.fusion.field_side import COMPASS_FALSE
-from touchline.localization.fusion.global_localizer import Localization
-from touchline.localization.fusion.pose_filter import PoseFilter
-from touchline.localization.matching.matcher import Match
+from touchline.localization.published.iris.field_side import COMPASS_FALSE
+from touchline.localization.published.nubot.belief import Belief
+from touchline.localization.published.nubot.global_localizer import Localization
+from touchline.localization.published.nubot.matcher import Match
+from touchline.localization.published.nubot.pose_filter import PoseFilter
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import SYSTEMS, LocalizationSystem, RobotSetup, open_system
@@ -163,9 +163,9 @@ def test_renamed_settings_are_accepted_under_their_old_names(name: str, old: str
 @pytest.mark.parametrize(
     ("name", "key", "where"),
     [
-        ("nubot-mti", "matching.first_step_m=0.2", "localization/matching/matcher.py"),
+        ("nubot-mti", "matching.first_step_m=0.2", "localization/published/nubot/matcher.py"),
         ("nubot-mcl", "map.margin_m=2", "field/model.py"),
-        ("nubot-mcl", "confirmations=5", "localization/fusion/particle_localizer.py"),
+        ("nubot-mcl", "confirmations=5", "localization/published/nubot/particle_localizer.py"),
         ("iris-fusion", "wheels.gap_s=1", "motion/gyro.py"),
         ("iris-fusion", "fusion.near_m=0.2", "systems/iris_fusion.py"),
     ],

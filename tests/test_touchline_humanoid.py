@@ -17,11 +17,11 @@ from touchline.experiments.schulz_runs import Walk, with_false_crossings
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.estimator.lean_delay import LAGS_S, LeanDelay
+from touchline.localization.estimator.perspective_filter import Fitted, PerspectiveFilter
 from touchline.localization.particles.features import Features
-from touchline.localization.perspective.filter import Fitted, PerspectiveFilter
-from touchline.localization.perspective.kernels import Known, LeanFit
-from touchline.localization.perspective.lean_delay import LAGS_S, LeanDelay
-from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
+from touchline.localization.registration.perspective_kernels import Known, LeanFit
+from touchline.localization.registration.perspective_registration import PerspectiveRegistration, seen_points
 from touchline.motion.odometry import Motion
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.simulation.observation.features import leaning

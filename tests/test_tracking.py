@@ -14,12 +14,12 @@ from line_scenes import lone_line, view
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
 from touchline.localization import FusionSettings, Matcher, PoseFilter, WeightSettings, range_weights
-from touchline.localization.fusion.compass_correction import CompassCorrection, CompassSettings
-from touchline.localization.fusion.match_input import MatchInput
-from touchline.localization.fusion.pose_filter import BETTER_MARGIN, Fusion, Scales, equal_error
-from touchline.localization.fusion.tracker import Tracker
-from touchline.localization.matching.matcher import Match
-from touchline.localization.matching.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
+from touchline.localization.published.nubot.compass_correction import CompassCorrection, CompassSettings
+from touchline.localization.published.nubot.match_input import MatchInput
+from touchline.localization.published.nubot.matcher import Match
+from touchline.localization.published.nubot.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
+from touchline.localization.published.nubot.pose_filter import BETTER_MARGIN, Fusion, Scales, equal_error
+from touchline.localization.published.nubot.tracker import Tracker
 from touchline.types import points_at
 
 FIELD = open_field("msl-18x12")

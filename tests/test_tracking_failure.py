@@ -8,8 +8,8 @@ import pytest
 
 from touchline.geometry import wrap_angle
 from touchline.localization import CompassCorrection, FailureDetector, FailureSettings
-from touchline.localization.fusion import compass_correction, failure
-from touchline.localization.fusion.failure import FailurePaper
+from touchline.localization.published.nubot import compass_correction, failure
+from touchline.localization.published.nubot.failure import FailurePaper
 
 PAPERS_RULE = FailureSettings(paper=FailurePaper(single_criterion_failure=False))
 

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from touchline.experiments.reliability_runs import driven
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.fusion.compass_witness import CompassWitness
-from touchline.localization.registration.pose_search import PoseSearch
+from touchline.localization.estimator.compass_witness import CompassWitness
 from touchline.localization.registration.registration import TRACKING, Registration
+from touchline.localization.search.pose_search import PoseSearch
 from touchline.palette import BLUE, GREEN, ORANGE, VERMILLION
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system

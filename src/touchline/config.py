@@ -18,8 +18,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from touchline.errors import InputError
+from touchline.files.yaml_text import YamlError, read_yaml_mapping, yaml_line, yaml_value
 from touchline.messages import listed, shown
-from touchline.yaml_files import YamlError, read_yaml_mapping, yaml_line, yaml_value
 
 
 class Settings(BaseModel):

@@ -25,10 +25,10 @@ from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_seed
-from touchline.localization.fusion.game_states import game_prior
-from touchline.localization.fusion.pose_filter import PoseFilter
+from touchline.localization.published.nubot.pose_filter import PoseFilter
 from touchline.motion import FrameOrder, MotionHistory
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
+from touchline.systems.game_states import game_prior
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import (
     LARGEST,

@@ -12,10 +12,11 @@ import numpy as np
 from touchline.camera import Camera, GroundView, PinholeCamera
 from touchline.errors import InputError, TouchlineError
 from touchline.field import FieldModel, open_field
+from touchline.files.opened import OwnFolder
+from touchline.files.yaml_text import read_yaml
 from touchline.messages import did_you_mean, shown
 from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at
-from touchline.opened_files import OwnFolder
 from touchline.perception import LineGraphDetector, LineGraphSettings, LinePointDetector
 from touchline.perception.colour import ColourModel
 from touchline.perception.covered import is_covered
@@ -23,7 +24,6 @@ from touchline.perception.marked_colours import CLASSES, Region, marked_colour_m
 from touchline.sources import Recording
 from touchline.sources.decoding import decode_image, usable_image
 from touchline.types import ImageArray
-from touchline.yaml_files import read_yaml
 
 REGIONS = "regions.yaml"
 _ANY_FIELD = "humanoid-kid-9x6"  # of a lone image: its lines' width

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from touchline.errors import InputError, TouchlineError
+from touchline.files.images import read_image
+from touchline.files.opened import OwnFolder
 from touchline.geometry import FloatArray
-from touchline.image_files import read_image
-from touchline.opened_files import OwnFolder
 from touchline.sources import ProblemLog
 from touchline.sources.tables import Line, Table, open_table, parse_row, read_lines
 from touchline.types import ImageArray

@@ -13,10 +13,10 @@ import numpy as np
 from touchline.calibration.marks import MARKS, read_marks
 from touchline.calibration.mirror import calibrate_mirror
 from touchline.errors import InputError
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, circular_mean, wrap_angles
 from touchline.sources import Recording
 from touchline.sources.description import finite_number
-from touchline.yaml_files import read_yaml_mapping
 
 _NEAREST_M, _FARTHEST_M = 1e-3, 1e3  # of what may be marked
 _WRONG_BEARING_RAD = math.radians(8.0)  # of most marks: handedness or mounting angle is another

@@ -20,10 +20,10 @@ from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.fusion.mirror_head import MISFIT_M2, MirrorHead
-from touchline.localization.matching.mirror_fit import ERRORS
+from touchline.localization.camera_errors.mirror_head import MISFIT_M2, MirrorHead
+from touchline.localization.camera_errors.mirror_response import HEIGHT_M, Response
+from touchline.localization.published.nubot.mirror_fit import ERRORS
 from touchline.localization.registration.mirror_kernels import upright_points
-from touchline.localization.registration.mirror_response import HEIGHT_M, Response
 from touchline.types import Estimate, LinePoints, Status
 
 IMAGES, LEAST_IMAGES = 50, 12  # images that are fitted; fewer tell nothing

@@ -1,7 +1,7 @@
 """`touchline calibrate self` of a perspective camera: roll, pitch, height and focal length from the lines seen in play.
 
 Bundle adjustment: the pose and the lean of every image and the four numbers that all images share. Each image is
-registered (`localization/perspective/registration.py`), which tells its normal equations; pose and lean are eliminated
+registered (`registration/perspective_registration.py`), which tells its normal equations; pose and lean are eliminated
 from those (Schur's complement), what remains of all images is added up and solved, and all is done again from there.
 The poses of a run of the system are where it begins.
 """
@@ -19,9 +19,9 @@ from touchline.calibration.self_calibration import LEAST_IMAGES, MIN_ON_LINES
 from touchline.camera import PinholeCamera
 from touchline.errors import NoFitError
 from touchline.geometry import FloatArray, Pose3
-from touchline.localization.perspective.kernels import STATES, Known, LeanFit, SeenPoints
-from touchline.localization.perspective.registration import PerspectiveRegistration, seen_points
-from touchline.localization.perspective.search import distinct
+from touchline.localization.registration.perspective_kernels import STATES, Known, LeanFit, SeenPoints
+from touchline.localization.registration.perspective_registration import PerspectiveRegistration, seen_points
+from touchline.localization.search.perspective_search import distinct
 from touchline.systems.touchline_perspective import TouchlinePerspective, optical_axis
 from touchline.types import Frame, Status
 
@@ -149,7 +149,7 @@ def _tangents(ground: FloatArray, eye: FloatArray, axis: FloatArray) -> FloatArr
 
 def levelled(ground: FloatArray, shared: FloatArray, eye: FloatArray, axis: FloatArray) -> FloatArray:
     """Ground points (N, 2) as a camera at an eye (3,), with an optical axis (3,), has them without errors (4,); robot
-    frame (m), NaN where no ray falls. The same as the kernels of `localization/perspective/kernels.py`.
+    frame (m), NaN where no ray falls. The same as the kernels of `localization/registration/perspective_kernels.py`.
     """
     rays = np.column_stack((ground - eye[:2], np.full(len(ground), -eye[2])))
     along = (rays @ axis)[:, np.newaxis] * axis

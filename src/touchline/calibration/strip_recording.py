@@ -8,12 +8,12 @@ import numpy as np
 
 from touchline.camera.omni import OmniCamera
 from touchline.errors import InputError, TouchlineError
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
 from touchline.perception.colour import GREEN, colour_model, learn_carpet, pixel_noise
 from touchline.sources import ProblemLog, Recording
 from touchline.sources.description import finite_number
 from touchline.sources.tables import open_table, parse_row, read_lines, to_stamps
-from touchline.yaml_files import read_yaml_mapping
 
 USUAL_GAMMA = 2.2
 _GROUND_SHARE = 0.85  # of the directions: rods hide the rest

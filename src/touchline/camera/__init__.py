@@ -10,9 +10,9 @@ from touchline.camera.ground_view import GroundView, ground_view
 from touchline.camera.omni import OmniCamera, omni_from_mapping, require_omni
 from touchline.camera.pinhole import PinholeCamera, pinhole_from_mapping
 from touchline.errors import InputError
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.given import given_path
 from touchline.messages import did_you_mean, shown
-from touchline.yaml_files import read_yaml_mapping
 
 MODELS = ("omni", "pinhole")
 

@@ -29,9 +29,9 @@ from touchline.camera.reading import (
 )
 from touchline.camera.uncertainty import CameraUncertainty, read_uncertainty, usual_uncertainty
 from touchline.errors import InputError
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose3
 from touchline.messages import shown
-from touchline.yaml_files import read_yaml_mapping
 
 _KEYS = ("width", "height", "center", "inner_radius_px", "outer_radius_px", "handedness", "mount_yaw", "range_table")
 _OPTIONAL = ("viewpoint_height_m", "use_attitude", "uncertainty")

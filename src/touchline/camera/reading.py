@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from touchline.errors import InputError
+from touchline.files.images import MAX_SIDE_PX, ImageSize, too_large
+from touchline.files.yaml_text import yaml_line
 from touchline.geometry import FloatArray
-from touchline.image_files import MAX_SIDE_PX, ImageSize, too_large
 from touchline.messages import did_you_mean, shown
-from touchline.yaml_files import yaml_line
 
 
 @contextmanager

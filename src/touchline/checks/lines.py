@@ -14,7 +14,7 @@ from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, wrap_angles
-from touchline.localization.matching.mirror_tilt import MirrorTilt
+from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
 from touchline.motion.delay import find_delay
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD

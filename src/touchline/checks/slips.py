@@ -14,6 +14,7 @@ import numpy as np
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
 from touchline.messages import length_unit
 from touchline.perception.covered import is_covered
@@ -23,7 +24,6 @@ from touchline.sources.folder import IMAGE_LIST, SENSOR_COLUMNS, Recording
 from touchline.sources.observations import OBSERVATIONS
 from touchline.sources.units import TIME_UNITS, first_rows, time_unit
 from touchline.systems import RobotSetup
-from touchline.yaml_files import read_yaml_mapping
 
 _SENSOR_STEP_S = (2.0e-3, 2.0)  # shortest and longest distance of two samples
 _IMAGE_STEP_S = (1.0e-2, 10.0)  # of two images; slower ones are rather a time lapse than milliseconds

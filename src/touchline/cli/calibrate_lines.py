@@ -12,7 +12,7 @@ import typer
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.cli.options import turn_in_rad
 from touchline.errors import InputError, NoFitError
-from touchline.new_files import write_new_file
+from touchline.files.new import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.lines.calibration import LineCalibration
@@ -128,7 +128,7 @@ def _from_images(
     from touchline.calibration.lines.calibration import check
     from touchline.calibration.lines.images import calibrate_images
     from touchline.cli.console import errors_console
-    from touchline.image_files import read_image
+    from touchline.files.images import read_image
     from touchline.view.line_calibration import image_picture
 
     images = [read_image(path) for path in paths]

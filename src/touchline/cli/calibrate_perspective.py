@@ -10,7 +10,7 @@ import typer
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.cli.options import FollowLinks
 from touchline.errors import InputError
-from touchline.new_files import write_new_file
+from touchline.files.new import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.imu import ImuCalibration
@@ -65,7 +65,7 @@ def _lens(source: Path, recording: Recording | None, camera: Path | None) -> Len
     """From --camera, else from a chessboard in the recording, else from the marks themselves."""
     from touchline.calibration import perspective
     from touchline.calibration.marks import MARKS, read_marks
-    from touchline.yaml_files import read_yaml_mapping
+    from touchline.files.yaml_text import read_yaml_mapping
 
     if camera is not None:
         return perspective.lens_of(read_yaml_mapping(camera), camera)

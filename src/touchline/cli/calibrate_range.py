@@ -11,7 +11,7 @@ import typer
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.cli.options import FollowLinks
 from touchline.errors import InputError
-from touchline.new_files import write_new_file
+from touchline.files.new import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.range_pairs import RangePairs

@@ -10,7 +10,7 @@ import typer
 from touchline.cli.new_pair import CAMERA_ENDINGS, new_files, print_lines
 from touchline.cli.options import FollowLinks
 from touchline.errors import NoFitError
-from touchline.new_files import write_new_file
+from touchline.files.new import write_new_file
 
 if TYPE_CHECKING:
     from touchline.calibration.self_calibration import SelfCalibration
@@ -97,7 +97,7 @@ def _words(found: SelfCalibration, name: str) -> str:
     """What was found, and how sure it is."""
     import math
 
-    from touchline.localization.registration.mirror_response import HEIGHT_M
+    from touchline.localization.camera_errors.mirror_response import HEIGHT_M
 
     errors, sure = found.shared, found.camera.uncertainty
     lean_deg = math.degrees(0.5 * HEIGHT_M * math.hypot(errors[0], errors[1]))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from touchline.new_files import check_new_file, write_new_file
+from touchline.files.new import check_new_file, write_new_file
 
 if TYPE_CHECKING:
     from rich.table import Table

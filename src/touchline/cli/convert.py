@@ -15,7 +15,7 @@ from touchline.cli.console import errors_console
 from touchline.cli.console import output as output_console
 from touchline.cli.options import BagBase, BagCamera, BagField, BagLate, FollowLinks, Topics, bag_options
 from touchline.errors import InputError, TouchlineError
-from touchline.new_files import check_new_path
+from touchline.files.new import check_new_path
 
 if TYPE_CHECKING:
     from touchline.sources import Recording

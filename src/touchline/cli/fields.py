@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 
 from touchline.cli.fields_measure import measure
 from touchline.errors import InputError
-from touchline.new_files import check_new_file, file_name
+from touchline.files.new import check_new_file, file_name
 
 if TYPE_CHECKING:
     from rich.console import Console

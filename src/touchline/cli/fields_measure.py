@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from touchline.errors import InputError, NoFitError
-from touchline.new_files import check_new_file
+from touchline.files.new import check_new_file
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -76,7 +76,7 @@ def _seen(
     from touchline.calibration.field_sizes.places import image_points, recording_points
     from touchline.camera import open_camera
     from touchline.field import open_field
-    from touchline.image_files import read_image
+    from touchline.files.images import read_image
     from touchline.sources import is_recording, open_source
 
     if is_recording(inputs[0]):

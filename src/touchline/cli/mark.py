@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from touchline.errors import InputError
+from touchline.files.new import write_new_file
 from touchline.messages import counted
-from touchline.new_files import write_new_file
 
 _MOST_IMAGES = 200
 
@@ -83,7 +83,7 @@ def _pictures(images: list[Path], folder: Path) -> dict[str, bytes]:
     """PNG files by the names that the marks give them: relative to the folder of the marks where they lie in it."""
     import cv2
 
-    from touchline.image_files import read_image
+    from touchline.files.images import read_image
 
     if len(images) > _MOST_IMAGES:
         raise InputError(f"{len(images)} images are too many to mark at once; {_MOST_IMAGES} are the most")

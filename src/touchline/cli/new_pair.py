@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from touchline.errors import InputError
-from touchline.new_files import check_new_file
+from touchline.files.new import check_new_file
 
 CAMERA_ENDINGS = (".yaml", ".yml")
 

@@ -122,7 +122,7 @@ def _copy_example(recording: Path, target: Path, output: Path | None) -> None:
     import shutil
 
     from touchline.cli.console import output as output_console
-    from touchline.new_files import check_new_path
+    from touchline.files.new import check_new_path
 
     if output is not None:
         raise InputError("--output and --copy exclude each other: a copy is not localised")

@@ -18,8 +18,8 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 from touchline.evaluation.tum import fixed, seconds_text, stamp_from_text
+from touchline.files.opened import text_lines
 from touchline.geometry import FloatArray
-from touchline.opened_files import text_lines
 from touchline.types import Estimate, Mode, Samples, Status
 
 HEADER = "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,status,residual_m,points,perception_ms,localization_ms"

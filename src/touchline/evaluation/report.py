@@ -24,9 +24,9 @@ from touchline.evaluation.runner import Thumbnail
 from touchline.evaluation.timeline import error_charts, page_data, run_tree, shown_rows, truth_tree
 from touchline.evaluation.tum import pose_text
 from touchline.evaluation.web_page import html_page, time_panel
+from touchline.files.new import replace_file
 from touchline.geometry import Pose
 from touchline.messages import counted
-from touchline.new_files import replace_file
 from touchline.types import ImageArray
 
 _JPEG_QUALITY = 82

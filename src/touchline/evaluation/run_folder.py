@@ -18,8 +18,8 @@ from typing import Any, BinaryIO, Self, cast
 from touchline.errors import InputError, TouchlineError
 from touchline.evaluation.estimates import csv_row, header
 from touchline.evaluation.tum import stamp_from_text, tum_line
-from touchline.new_files import file_name, replace_file
-from touchline.opened_files import UnreadableError, open_bytes, read_text
+from touchline.files.new import file_name, replace_file
+from touchline.files.opened import UnreadableError, open_bytes, read_text
 from touchline.types import Estimate
 
 TRAJECTORY = "trajectory.tum"

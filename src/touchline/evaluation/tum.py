@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from touchline.errors import InputError
+from touchline.files.new import replace_file
+from touchline.files.opened import text_lines
 from touchline.geometry import Pose
 from touchline.messages import counted
-from touchline.new_files import replace_file
-from touchline.opened_files import text_lines
 from touchline.sources.tables import LATEST_TIME_S
 from touchline.sources.truth import heading_of
 from touchline.types import Samples

@@ -9,7 +9,7 @@ import html
 from collections.abc import Sequence
 from pathlib import Path
 
-from touchline.opened_files import read_text
+from touchline.files.opened import read_text
 
 _MOST_BYTES = 200_000
 _WEB = Path(__file__).parent / "web"

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angles
-from touchline.localization.fusion.modes import MIN_POINTS
-from touchline.localization.particles.iris_particles import IrisParticles
+from touchline.localization.published.iris.modes import MIN_POINTS
+from touchline.localization.published.iris.particles import IrisParticles
 from touchline.motion import DeadReckoning, MotionHistory
 from touchline.systems import RobotSetup, open_system, paper_settings
 from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen

@@ -18,7 +18,7 @@ from touchline.experiments.reliability_runs import WITHIN_FRAMES, Kidnapped, dri
 from touchline.experiments.result import ExperimentResult, Headline, interval, rate
 from touchline.experiments.scenes import new_figure
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.registration.pose_search import Known, Mode
+from touchline.localization.search.pose_search import Known, Mode
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.touchline import Touchline

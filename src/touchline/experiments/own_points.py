@@ -27,8 +27,8 @@ from touchline.experiments.scenes import FIELD, INK, new_figure, random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.registration.bound import bound_covariance
-from touchline.localization.registration.pose_search import Mode, PoseSearch
 from touchline.localization.registration.registration import Registration
+from touchline.localization.search.pose_search import Mode, PoseSearch
 from touchline.types import LinePoints
 
 FRAMES = 300  # of a set

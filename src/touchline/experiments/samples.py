@@ -14,9 +14,9 @@ from touchline.experiments.result import ExperimentResult, Headline, interval, r
 from touchline.experiments.scenes import FIELD, MAGENTA, RED, field_axes, new_figure, points_from
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.matching.global_search import GlobalSearch, SearchRound
-from touchline.localization.matching.matcher import Matcher
-from touchline.localization.matching.weights import precision_weights
+from touchline.localization.published.nubot.global_search import GlobalSearch, SearchRound
+from touchline.localization.published.nubot.matcher import Matcher
+from touchline.localization.published.nubot.weights import precision_weights
 from touchline.systems import paper_settings
 from touchline.systems.nubot_mti import NubotMtiSettings
 

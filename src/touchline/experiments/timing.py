@@ -15,8 +15,8 @@ from touchline.experiments.result import ExperimentResult, Headline, spread
 from touchline.experiments.scenes import BLUE, FIELD, RED, new_figure, points_from, random_place
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.matching.matcher import Matcher
-from touchline.localization.particles.nubot_particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
+from touchline.localization.published.nubot.matcher import Matcher
+from touchline.localization.published.nubot.particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
 from touchline.motion.odometry import Motion
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario

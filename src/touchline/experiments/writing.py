@@ -8,8 +8,8 @@ from pathlib import Path
 
 from touchline.errors import InputError
 from touchline.experiments.result import ExperimentResult
-from touchline.new_files import replace_file
-from touchline.opened_files import read_text
+from touchline.files.new import replace_file
+from touchline.files.opened import read_text
 
 PAGE = "results.md"
 _MOST_BYTES = 10_000_000

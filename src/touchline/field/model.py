@@ -25,9 +25,9 @@ from touchline.field.distances import (
     segment_table,
 )
 from touchline.field.svg import field_svg
+from touchline.files.new import write_new_file
 from touchline.geometry import FloatArray
 from touchline.messages import length_unit
-from touchline.new_files import write_new_file
 
 LONGEST_M = 200.0  # of a field's sides: a football field for people has 120
 _WIDEST_LINE_M = 1.0

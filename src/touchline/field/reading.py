@@ -8,8 +8,8 @@ from typing import Any
 
 from touchline.errors import InputError
 from touchline.field.model import FieldModel, Goal, Pole
+from touchline.files.yaml_text import read_yaml_mapping, yaml_line
 from touchline.messages import did_you_mean, shown
-from touchline.yaml_files import read_yaml_mapping, yaml_line
 
 _SIZES = ("length", "width", "line_width")
 _ROWS = {"segments": 4, "circles": 3, "arcs": 5, "discs": 3}

@@ -18,8 +18,8 @@ from statistics import median
 import cv2
 
 from touchline.errors import InputError
+from touchline.files.images import decode
 from touchline.geometry import Pose, wrap_angle
-from touchline.image_files import decode
 from touchline.live.heard import Heard, Link, Reading, Sight, Start, Told
 from touchline.localizer import Localizer
 from touchline.types import Estimate, Evidence, ImageArray

@@ -1,17 +1,5 @@
 """Estimators: matching, global search, Kalman fusion, failure detection, and the pose of one observation."""
 
-from touchline.localization.fusion.compass_correction import CompassCorrection, CompassSettings
-from touchline.localization.fusion.failure import FailureDetector, FailureSettings
-from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter
-from touchline.localization.matching.global_search import (
-    OWN_HALF,
-    GlobalFix,
-    GlobalSearch,
-    GlobalSearchSettings,
-    Region,
-)
-from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
-from touchline.localization.matching.weights import WeightSettings, precision_weights, range_weights
 from touchline.localization.one_shot.locate import (
     LocateSettings,
     Location,
@@ -20,6 +8,18 @@ from touchline.localization.one_shot.locate import (
     locate,
     locate_points,
 )
+from touchline.localization.published.nubot.compass_correction import CompassCorrection, CompassSettings
+from touchline.localization.published.nubot.failure import FailureDetector, FailureSettings
+from touchline.localization.published.nubot.global_search import (
+    OWN_HALF,
+    GlobalFix,
+    GlobalSearch,
+    GlobalSearchSettings,
+    Region,
+)
+from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
+from touchline.localization.published.nubot.pose_filter import FusionSettings, PoseFilter
+from touchline.localization.published.nubot.weights import WeightSettings, precision_weights, range_weights
 
 __all__ = [
     "OWN_HALF",

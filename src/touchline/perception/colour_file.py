@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from touchline.array_files import NOT_AN_ARCHIVE, stored_array
 from touchline.errors import InputError
+from touchline.files.arrays import NOT_AN_ARCHIVE, stored_array
+from touchline.files.new import write_new_file
+from touchline.files.opened import read_bytes
 from touchline.geometry import FloatArray
-from touchline.new_files import write_new_file
-from touchline.opened_files import read_bytes
 from touchline.perception.colour import WHITE, ColourModel
 from touchline.perception.colour_ellipses import COLOURED, Ellipse, Ellipses
 

@@ -14,8 +14,8 @@ from pydantic import Field, field_validator, model_validator
 
 from touchline.config import Settings, fill_in, load_settings
 from touchline.errors import InputError
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.simulation.robot.sensors import Range, SensorSettings
-from touchline.yaml_files import read_yaml_mapping
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
 AS_BUILT = Path(__file__).parent / "as_built.yaml"

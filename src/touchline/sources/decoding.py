@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from touchline.image_files import ImageSize, decode, image_size, read_image_bytes
-from touchline.opened_files import UnreadableError
+from touchline.files.images import ImageSize, decode, image_size, read_image_bytes
+from touchline.files.opened import UnreadableError
 from touchline.sources.problems import ProblemKind
 from touchline.types import ImageArray
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from touchline.errors import InputError
+from touchline.files.opened import OwnFolder
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.messages import did_you_mean, shown
-from touchline.opened_files import OwnFolder
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.yaml_files import read_yaml_mapping
 
 FORMAT = 1
 NO_CAMERA = "none"

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
+from touchline.files.opened import OwnFolder, UnreadableError, open_bytes
 from touchline.messages import counted
-from touchline.opened_files import OwnFolder, UnreadableError, open_bytes
 from touchline.sources.bags.roles import BagOptions
 from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS

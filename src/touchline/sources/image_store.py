@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from touchline.image_files import read_image_bytes
-from touchline.opened_files import OwnFolder, UnreadableError
+from touchline.files.images import read_image_bytes
+from touchline.files.opened import OwnFolder, UnreadableError
 from touchline.sources.decoding import Decoded, decode_image
 from touchline.sources.problems import ProblemKind
 

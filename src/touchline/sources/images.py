@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
+from touchline.files.opened import LONGEST_LINE, open_bytes
 from touchline.geometry import FloatArray
-from touchline.opened_files import LONGEST_LINE, open_bytes
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.tables import (

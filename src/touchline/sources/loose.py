@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from touchline.errors import InputError
-from touchline.image_files import read_image_bytes
-from touchline.opened_files import UnreadableError
+from touchline.files.images import read_image_bytes
+from touchline.files.opened import UnreadableError
 from touchline.sources.bags.roles import BagOptions
 from touchline.sources.bags.table_rows import decimal_ns, decimal_seconds
 from touchline.sources.decoding import Decoded, decode_image

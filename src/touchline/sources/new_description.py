@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from touchline.errors import InputError
-from touchline.yaml_files import read_yaml_mapping
+from touchline.files.yaml_text import read_yaml_mapping
 
 if TYPE_CHECKING:
     from touchline.field import FieldModel

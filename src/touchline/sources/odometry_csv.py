@@ -9,8 +9,8 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from touchline.errors import InputError
+from touchline.files.opened import text_lines
 from touchline.messages import did_you_mean, listed
-from touchline.opened_files import text_lines
 from touchline.sources.bags.table_rows import decimal_ns, decimal_seconds
 from touchline.sources.tables import to_number
 

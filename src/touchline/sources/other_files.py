@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from touchline.errors import InputError
-from touchline.opened_files import open_bytes
+from touchline.files.opened import open_bytes
 
 _STARTS = (  # what a file starts with, at which byte
     (b"PK\x03\x04", 0, "zip"),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 
 from touchline.errors import InputError
-from touchline.opened_files import UnreadableError
+from touchline.files.opened import UnreadableError
 from touchline.sources.folder import Recording
 
 _FILES = (

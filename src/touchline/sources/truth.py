@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from touchline.files.opened import text_lines
 from touchline.geometry import wrap_angles
 from touchline.messages import counted
-from touchline.opened_files import text_lines
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.source import Truth

@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from touchline.image_files import ImageSize, too_large
-from touchline.opened_files import UnreadableError, open_bytes
+from touchline.files.images import ImageSize, too_large
+from touchline.files.opened import UnreadableError, open_bytes
 from touchline.sources.decoding import Decoded
 from touchline.sources.problems import ProblemKind
 

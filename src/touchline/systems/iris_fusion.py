@@ -21,9 +21,9 @@ from pydantic import Field
 
 from touchline.config import Settings, added, constants_now
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
-from touchline.localization.fusion.camera_errors import HEIGHT_M, CameraErrors, CameraFit
-from touchline.localization.fusion.field_side import FieldSide
-from touchline.localization.fusion.modes import (
+from touchline.localization.particles.particle_set import ParticleEstimate
+from touchline.localization.published.iris.field_side import FieldSide
+from touchline.localization.published.iris.modes import (
     MIN_POINTS,
     ImageDoubt,
     SensorFusion,
@@ -31,11 +31,11 @@ from touchline.localization.fusion.modes import (
     difference,
     shared_out,
 )
-from touchline.localization.fusion.restart import RestartRule, RestartSettings
-from touchline.localization.matching.covariance import is_one_line
-from touchline.localization.matching.global_search import OWN_HALF
-from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
-from touchline.localization.particles.particle_set import ParticleEstimate
+from touchline.localization.published.iris.particles import IrisParticles, IrisParticleSettings
+from touchline.localization.published.iris.restart import RestartRule, RestartSettings
+from touchline.localization.published.nubot.camera_errors import HEIGHT_M, CameraErrors, CameraFit
+from touchline.localization.published.nubot.global_search import OWN_HALF
+from touchline.localization.registration.covariance import is_one_line
 from touchline.motion import (
     CompassTrackSettings,
     DeadReckoning,

@@ -20,14 +20,14 @@ from touchline.camera import PinholeCamera
 from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
 from touchline.geometry import Pose
-from touchline.localization.fusion.feature_belief import BeliefSettings
-from touchline.localization.fusion.feature_filter import FeatureFilter
-from touchline.localization.fusion.feature_tracker import FeatureTracker
-from touchline.localization.fusion.twin_odds import TwinOdds
-from touchline.localization.matching.global_search import OWN_HALF, Region
 from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.particles.features import Features, FeatureSettings
-from touchline.localization.particles.nimbro_particles import NimbroParticles, NimbroParticleSettings
+from touchline.localization.published.nimbro.feature_belief import BeliefSettings
+from touchline.localization.published.nimbro.feature_filter import FeatureFilter
+from touchline.localization.published.nimbro.feature_tracker import FeatureTracker
+from touchline.localization.published.nimbro.particles import NimbroParticles, NimbroParticleSettings
+from touchline.localization.published.nimbro.twin_odds import TwinOdds
+from touchline.localization.published.nubot.global_search import OWN_HALF, Region
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
 from touchline.systems.report import Stopwatch

@@ -17,19 +17,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from touchline.localization.fusion.belief import Belief
-from touchline.localization.fusion.compass_correction import CompassCorrection
-from touchline.localization.fusion.doubt import Doubt
-from touchline.localization.fusion.failure_monitor import FailureMonitor
-from touchline.localization.fusion.global_localizer import Prediction
-from touchline.localization.fusion.match_input import MatchInput, MatchInputs
-from touchline.localization.fusion.particle_localizer import ParticleLocalizer, ParticleSearch, ParticleSearchSettings
-from touchline.localization.fusion.pose_filter import Fusion
-from touchline.localization.fusion.tracker import Tracker
-from touchline.localization.matching.global_search import GlobalSearch
-from touchline.localization.matching.matcher import Match, Matcher
-from touchline.localization.matching.mirror_tilt import MirrorTilt
-from touchline.localization.particles.nubot_particles import NubotParticles
+from touchline.localization.published.nubot.belief import Belief
+from touchline.localization.published.nubot.compass_correction import CompassCorrection
+from touchline.localization.published.nubot.doubt import Doubt
+from touchline.localization.published.nubot.failure_monitor import FailureMonitor
+from touchline.localization.published.nubot.global_localizer import Prediction
+from touchline.localization.published.nubot.global_search import GlobalSearch
+from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs
+from touchline.localization.published.nubot.matcher import Match, Matcher
+from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
+from touchline.localization.published.nubot.particle_localizer import (
+    ParticleLocalizer,
+    ParticleSearch,
+    ParticleSearchSettings,
+)
+from touchline.localization.published.nubot.particles import NubotParticles
+from touchline.localization.published.nubot.pose_filter import Fusion
+from touchline.localization.published.nubot.tracker import Tracker
 from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
 from touchline.systems.nubot_settings import NubotSettings

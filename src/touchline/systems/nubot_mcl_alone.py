@@ -14,20 +14,20 @@ from __future__ import annotations
 import numpy as np
 
 from touchline.geometry import Pose
-from touchline.localization.fusion.belief import Belief
-from touchline.localization.fusion.compass_correction import CompassCorrection
-from touchline.localization.fusion.failure import FailureSettings
-from touchline.localization.fusion.failure_monitor import FailureMonitor
-from touchline.localization.fusion.global_localizer import Localization, Prediction
-from touchline.localization.fusion.match_input import MatchInput, MatchInputs
-from touchline.localization.fusion.particle_follower import ParticleFollower
-from touchline.localization.fusion.particle_localizer import ParticleSearch, ParticleSearchSettings
-from touchline.localization.fusion.pose_filter import FusionSettings, PoseFilter
-from touchline.localization.matching.global_search import GlobalSearch
-from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
-from touchline.localization.matching.mirror_tilt import MirrorTilt
-from touchline.localization.matching.weights import WeightSettings
-from touchline.localization.particles.nubot_particles import NubotParticles
+from touchline.localization.published.nubot.belief import Belief
+from touchline.localization.published.nubot.compass_correction import CompassCorrection
+from touchline.localization.published.nubot.failure import FailureSettings
+from touchline.localization.published.nubot.failure_monitor import FailureMonitor
+from touchline.localization.published.nubot.global_localizer import Localization, Prediction
+from touchline.localization.published.nubot.global_search import GlobalSearch
+from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs
+from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
+from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
+from touchline.localization.published.nubot.particle_follower import ParticleFollower
+from touchline.localization.published.nubot.particle_localizer import ParticleSearch, ParticleSearchSettings
+from touchline.localization.published.nubot.particles import NubotParticles
+from touchline.localization.published.nubot.pose_filter import FusionSettings, PoseFilter
+from touchline.localization.published.nubot.weights import WeightSettings
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.report import Stopwatch, report

@@ -15,18 +15,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from touchline.localization.fusion.belief import Belief
-from touchline.localization.fusion.compass_correction import CompassCorrection
-from touchline.localization.fusion.doubt import Doubt
-from touchline.localization.fusion.failure_monitor import FailureMonitor
-from touchline.localization.fusion.global_localizer import GlobalLocalizer, Prediction
-from touchline.localization.fusion.grid_localizer import GridLocalizer
-from touchline.localization.fusion.match_input import MatchInput, MatchInputs
-from touchline.localization.fusion.pose_filter import Fusion
-from touchline.localization.fusion.tracker import Tracker
-from touchline.localization.matching.global_search import SAMPLE_C_M, GlobalSearch, GlobalSearchSettings
-from touchline.localization.matching.matcher import Match, Matcher
-from touchline.localization.matching.mirror_tilt import MirrorTilt
+from touchline.localization.published.nubot.belief import Belief
+from touchline.localization.published.nubot.compass_correction import CompassCorrection
+from touchline.localization.published.nubot.doubt import Doubt
+from touchline.localization.published.nubot.failure_monitor import FailureMonitor
+from touchline.localization.published.nubot.global_localizer import GlobalLocalizer, Prediction
+from touchline.localization.published.nubot.global_search import SAMPLE_C_M, GlobalSearch, GlobalSearchSettings
+from touchline.localization.published.nubot.grid_localizer import GridLocalizer
+from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs
+from touchline.localization.published.nubot.matcher import Match, Matcher
+from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
+from touchline.localization.published.nubot.pose_filter import Fusion
+from touchline.localization.published.nubot.tracker import Tracker
 from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
 from touchline.systems.nubot_settings import NubotSettings

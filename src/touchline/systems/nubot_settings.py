@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from touchline.config import Settings, constants_now
-from touchline.localization.fusion.compass_correction import CompassSettings
-from touchline.localization.fusion.failure import FailureSettings
-from touchline.localization.fusion.pose_filter import FusionSettings
-from touchline.localization.matching.matcher import MatchingSettings
-from touchline.localization.matching.mirror_tilt import MirrorTiltSettings
-from touchline.localization.matching.weights import WeightSettings
+from touchline.localization.published.nubot.compass_correction import CompassSettings
+from touchline.localization.published.nubot.failure import FailureSettings
+from touchline.localization.published.nubot.matcher import MatchingSettings
+from touchline.localization.published.nubot.mirror_tilt import MirrorTiltSettings
+from touchline.localization.published.nubot.pose_filter import FusionSettings
+from touchline.localization.published.nubot.weights import WeightSettings
 from touchline.motion import CompassTrackSettings, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings
 

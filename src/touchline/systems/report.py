@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 from touchline.geometry import FloatArray
-from touchline.localization.fusion.belief import Belief
-from touchline.localization.fusion.pose_filter import PoseFilter
-from touchline.localization.matching.matcher import Match
+from touchline.localization.published.nubot.belief import Belief
+from touchline.localization.published.nubot.matcher import Match
+from touchline.localization.published.nubot.pose_filter import PoseFilter
 from touchline.types import Estimate, Hypothesis, Observation
 
 Arguments = ParamSpec("Arguments")

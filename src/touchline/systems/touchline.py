@@ -15,17 +15,17 @@ from pydantic import Field
 
 from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.fusion.compass_witness import CompassPulse
-from touchline.localization.fusion.end_odds import EndOdds
-from touchline.localization.fusion.exact_mirror import ExactMirror
-from touchline.localization.fusion.image_delay import UNKNOWN_S, ImageDelay
-from touchline.localization.fusion.joint_filter import JointFilter, Unknown
-from touchline.localization.fusion.mirror_head import MirrorHead
-from touchline.localization.fusion.pose_filter import Scales
-from touchline.localization.fusion.pose_hypotheses import Member, PoseHypotheses, is_shove
-from touchline.localization.matching.covariance import is_observed
-from touchline.localization.registration.pose_search import Known, Mode, PoseSearch, contradiction
+from touchline.localization.camera_errors.mirror_head import MirrorHead
+from touchline.localization.estimator.compass_witness import CompassPulse
+from touchline.localization.estimator.end_odds import EndOdds
+from touchline.localization.estimator.exact_mirror import ExactMirror
+from touchline.localization.estimator.image_delay import UNKNOWN_S, ImageDelay
+from touchline.localization.estimator.joint_filter import JointFilter, Unknown
+from touchline.localization.estimator.pose_hypotheses import Member, PoseHypotheses, is_shove
+from touchline.localization.published.nubot.pose_filter import Scales
+from touchline.localization.registration.covariance import is_observed
 from touchline.localization.registration.registration import Registration
+from touchline.localization.search.pose_search import Known, Mode, PoseSearch, contradiction
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.motion.delayed import Delayed, delayed, until_stamp
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
@@ -46,7 +46,7 @@ class TouchlineSettings(Settings):
     """The few things that somebody would tune; all else are constants beside their use."""
 
     removed: ClassVar[Mapping[str, str]] = constants_now(
-        "touchline.localization.fusion.pose_hypotheses", "shove_m", "shove_rad"
+        "touchline.localization.estimator.pose_hypotheses", "shove_m", "shove_rad"
     )
 
     min_points: int = Field(10, ge=1, le=10_000, description="line points without which an image tells nothing")

@@ -16,20 +16,20 @@ from touchline.camera import Camera, PinholeCamera, ground_view
 from touchline.errors import InputError
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
-from touchline.localization.fusion.end_odds import EndOdds
-from touchline.localization.fusion.feature_belief import is_narrow
-from touchline.localization.fusion.image_delay import ImageDelay
-from touchline.localization.fusion.twin_odds import SURE, TwinOdds
+from touchline.localization.estimator.end_odds import EndOdds
+from touchline.localization.estimator.image_delay import ImageDelay
+from touchline.localization.estimator.lean_delay import LAGS_S, LeanDelay
+from touchline.localization.estimator.perspective_filter import PerspectiveFilter
+from touchline.localization.estimator.perspective_hypotheses import CARRIED_AWAY, FALLEN, PerspectiveHypotheses
 from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
-from touchline.localization.particles.feature_poses import PoseProposals
 from touchline.localization.particles.features import Features
 from touchline.localization.particles.random_particles import BEYOND_M
-from touchline.localization.perspective.filter import PerspectiveFilter
-from touchline.localization.perspective.hypotheses import CARRIED_AWAY, FALLEN, PerspectiveHypotheses
-from touchline.localization.perspective.kernels import STATES, LeanFit, SeenPoints
-from touchline.localization.perspective.lean_delay import LAGS_S, LeanDelay
-from touchline.localization.perspective.registration import NO_AXIS, PerspectiveRegistration, seen_points
-from touchline.localization.perspective.search import PerspectiveSearch
+from touchline.localization.published.nimbro.feature_belief import is_narrow
+from touchline.localization.published.nimbro.twin_odds import SURE, TwinOdds
+from touchline.localization.registration.perspective_kernels import STATES, LeanFit, SeenPoints
+from touchline.localization.registration.perspective_registration import NO_AXIS, PerspectiveRegistration, seen_points
+from touchline.localization.search.feature_poses import PoseProposals
+from touchline.localization.search.perspective_search import PerspectiveSearch
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.motion.lean import LAG_S
 from touchline.motion.odometry import Motion

@@ -12,13 +12,13 @@ from touchline.errors import InputError, NoFitError, TouchlineError
 from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.tum import pose_text
 from touchline.field import FieldModel, open_field
+from touchline.files.images import read_image
+from touchline.files.opened import open_bytes
 from touchline.geometry import FloatArray, Pose
-from touchline.image_files import read_image
 from touchline.localization import WeightSettings, locate_points, precision_weights
 from touchline.messages import counted
 from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at
-from touchline.opened_files import open_bytes
 from touchline.perception import Detector
 from touchline.sources import BagOptions, Recording, open_source
 from touchline.systems import DEFAULT_SYSTEM, LocalizationSystem, RobotSetup, open_system, system_info

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 
 from touchline.errors import InputError
-from touchline.new_files import check_new_file, write_new_file
+from touchline.files.new import check_new_file, write_new_file
 from touchline.types import ImageArray
 
 PICTURE_ENDINGS = (".png", ".jpg", ".jpeg")

@@ -11,13 +11,13 @@ from touchline.camera import Camera, require_omni
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray
-from touchline.localization.matching.covariance import is_observed
-from touchline.localization.matching.matcher import Matcher
-from touchline.localization.matching.weights import normalized
 from touchline.localization.one_shot.certainty import points_covariance
 from touchline.localization.one_shot.locate import LocateSettings
 from touchline.localization.one_shot.scale import QuickSearch
 from touchline.localization.one_shot.thinning import thinned_to
+from touchline.localization.published.nubot.matcher import Matcher
+from touchline.localization.published.nubot.weights import normalized
+from touchline.localization.registration.covariance import is_observed
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.covered import is_covered

@@ -11,8 +11,8 @@ import numpy as np
 
 from touchline.calibration.lines.image_points import Circle
 from touchline.errors import InputError
+from touchline.files.opened import text_lines
 from touchline.geometry import FloatArray
-from touchline.opened_files import text_lines
 from touchline.types import MAX_OBSERVED_POINTS
 
 _LARGEST_PX = 20_000.0

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from touchline.errors import TouchlineError
-from touchline.opened_files import read_text
+from touchline.files.opened import read_text
 from touchline.perception.marked_colours import CLASSES
 
 _PAGE = Path(__file__).parent / "page.html"

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from touchline.array_files import NOT_AN_ARCHIVE, stored_array
 from touchline.errors import InputError
 from touchline.field import FieldModel
+from touchline.files.arrays import NOT_AN_ARCHIVE, stored_array
+from touchline.files.opened import read_bytes
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.registration.bound import bound_covariance, mean_errors
-from touchline.opened_files import read_bytes
 from touchline.types import LinePoints
 
 MOST_BYTES = 200_000_000

@@ -21,7 +21,7 @@ from touchline.evaluation.tuning.search import Search, best_of
 from touchline.evaluation.tuning.space import Dimension, value_at
 from touchline.evaluation.tuning.trial import Score, Task, Trial, mean_score, score_of, settings_of
 from touchline.evaluation.workers import Workers
-from touchline.new_files import replace_file
+from touchline.files.new import replace_file
 from touchline.palette import BLUE, ORANGE, VERMILLION
 from touchline.systems import system_info
 

@@ -21,8 +21,8 @@ from touchline.errors import InputError
 from touchline.evaluation.tuning.space import Dimension
 from touchline.evaluation.tuning.trial import Score, Task, Trial, score_of
 from touchline.evaluation.workers import Workers
-from touchline.new_files import replace_file
-from touchline.opened_files import read_text
+from touchline.files.new import replace_file
+from touchline.files.opened import read_text
 
 JOURNAL = "trials.jsonl"
 _MOST_BYTES = 100_000_000

@@ -14,12 +14,12 @@ import numpy as np
 from touchline.camera import Camera, OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.fusion.camera_errors import EXACT, CameraErrors, CameraFit
-from touchline.localization.matching.covariance import UNKNOWN_POSITION_M, principal_information
-from touchline.localization.matching.kernels import moments
-from touchline.localization.matching.matcher import Matcher
-from touchline.localization.matching.weights import RANGE_NOISE_M
 from touchline.localization.one_shot.thinning import thinned_to
+from touchline.localization.published.nubot.camera_errors import EXACT, CameraErrors, CameraFit
+from touchline.localization.published.nubot.kernels import moments
+from touchline.localization.published.nubot.matcher import Matcher
+from touchline.localization.published.nubot.weights import RANGE_NOISE_M
+from touchline.localization.registration.covariance import UNKNOWN_POSITION_M, principal_information
 from touchline.types import LinePoints
 
 MAX_POINTS = 500  # points, evenly over the ground, that tell of the camera: neighbours tell the same

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
-from touchline.localization.matching.covariance import is_observed
 from touchline.localization.one_shot.certainty import CameraDoubt
 from touchline.localization.one_shot.thinning import thinned_to
+from touchline.localization.registration.covariance import is_observed
 
 FAR_M = 0.25  # from every line: beyond the reach of the error function, such a point says nothing
 MAX_FAR_RATIO = 0.2  # of the points: real robots' points on their own field have up to 0.17, on another 0.28 and more

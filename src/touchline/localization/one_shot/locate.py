@@ -18,15 +18,15 @@ from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.given import given_numbers
-from touchline.localization.matching.coarse_search import CoarseSearch
-from touchline.localization.matching.matcher import Match, Matcher, MatchingSettings
-from touchline.localization.matching.pose_grid import PoseGrid
-from touchline.localization.matching.weights import WeightSettings, normalized, range_weights
 from touchline.localization.one_shot.certainty import Spread, points_covariance, with_camera
 from touchline.localization.one_shot.doubts import judge
 from touchline.localization.one_shot.permutation_test import CANDIDATES, PermutationTest, Refiner, permutation_test
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.thinning import different, sampled, thinned_to
+from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
+from touchline.localization.published.nubot.weights import WeightSettings, normalized, range_weights
+from touchline.localization.search.coarse_search import CoarseSearch
+from touchline.localization.search.pose_grid import PoseGrid
 from touchline.types import Hypothesis, LinePoints, Observation, check_point_count
 
 BEYOND_M = 1.0  # how far beyond the field the samples reach: as far as the paper's

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.geometry import FloatArray
-from touchline.localization.matching.coarse_search import CoarseSearch, Window
-from touchline.localization.matching.matcher import Matcher
-from touchline.localization.matching.weights import normalized
 from touchline.localization.one_shot.thinning import thinned, thinned_to
+from touchline.localization.published.nubot.matcher import Matcher
+from touchline.localization.published.nubot.weights import normalized
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import CLUTTER_PER_M, Registration
+from touchline.localization.search.coarse_search import CoarseSearch, Window
 
 PIECES = 8  # pieces that the view is cut into: some 45° of a full circle, about as much as one line fills
 COPIES = 20  # rearranged copies of the points: enough for a mean and a deviation

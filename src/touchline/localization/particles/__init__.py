@@ -17,9 +17,7 @@ A filter of its own, here an augmented MCL on line points:
 The systems' own filters are NubotParticles and IrisParticles.
 """
 
-from touchline.localization.particles.iris_particles import IrisParticles, IrisParticleSettings
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
-from touchline.localization.particles.nubot_particles import NubotParticles, NubotParticleSettings
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
 from touchline.localization.particles.random_particles import (
@@ -36,6 +34,8 @@ from touchline.localization.particles.resampling import (
     Resampling,
 )
 from touchline.localization.particles.sensor_models import DistanceMapModel, ErrorMapModel, LineView, SensorModel
+from touchline.localization.published.iris.particles import IrisParticles, IrisParticleSettings
+from touchline.localization.published.nubot.particles import NubotParticles, NubotParticleSettings
 
 __all__ = [
     "EVERY_CYCLE",

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.matching.matcher import as_pose
+from touchline.localization.published.nubot.matcher import as_pose
 
 
 class ParticleEstimate(NamedTuple):

@@ -1,7 +1,7 @@
 """Numba loops of the joint fit: pose and mirror errors that put the points of one image on the field's lines.
 
 Everywhere: points (N, 2) as seen, robot frame (m), covariances (N, 2, 2) of them; table: the `OffsetTable` of a field;
-state (8,): x, y (m), heading (rad) in the field frame, and the five errors of `matching/mirror_fit.py`.
+state (8,): x, y (m), heading (rad) in the field frame, and the five errors of `published/nubot/mirror_fit.py`.
 
 A point p, seen through a mirror with the errors g, c and s of `mirror_fit`, belongs at
 
@@ -22,7 +22,7 @@ import numpy as np
 from touchline.field.distance_map import lookup
 from touchline.field.offset_map import look_up_offset
 from touchline.geometry import FloatArray
-from touchline.localization.matching.mirror_fit import MIN_DEPTH, SCALE_STEP_M, STATE, inverse
+from touchline.localization.published.nubot.mirror_fit import MIN_DEPTH, SCALE_STEP_M, STATE, inverse
 
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
 _LEAST_RANGE2_M2 = 0.01

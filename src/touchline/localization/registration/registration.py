@@ -16,9 +16,9 @@ import numpy as np
 from touchline.field.distance_map import DistanceMap
 from touchline.field.offset_map import offset_table
 from touchline.geometry import FloatArray
+from touchline.localization.camera_errors.mirror_response import Response
 from touchline.localization.registration.kernels import Fit, Fits, Plan, register, register_all
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, fit_state
-from touchline.localization.registration.mirror_response import Response
 from touchline.types import LinePoints
 
 GATE2 = 16.0  # at four standard deviations a point has a quarter of its weight left: 1.09 of the bound; at three 1.11

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from touchline.errors import InputError
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
 from touchline.messages import did_you_mean
 from touchline.simulation.cameras.base import Motion
@@ -28,7 +29,6 @@ from touchline.simulation.cameras.mirror_rays import MirrorMount
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
 from touchline.simulation.scenario import CameraSettings
-from touchline.yaml_files import read_yaml_mapping
 
 SimulatedCamera = SimulatedOmniCamera | SimulatedPinholeCamera
 

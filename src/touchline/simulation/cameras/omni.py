@@ -16,13 +16,13 @@ import numpy.typing as npt
 from touchline.camera import OmniCamera
 from touchline.camera.omni import omni_from_mapping
 from touchline.errors import InputError
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
 from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
 from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.cameras.mirror import MirrorProfile
 from touchline.simulation.cameras.mirror_rays import MirrorMount, design_range_table, ground_of_rays, mirror_rays
 from touchline.simulation.rendering.rendering import RayGrid
-from touchline.yaml_files import read_yaml_mapping
 
 _RIM_PX = 11.5  # the recorded head's mirror reaches this far beyond its outer radius, then the rim begins
 _RODS_RAD = (0.019, 2.107, -2.065)

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from touchline.camera import PinholeCamera, leaning
 from touchline.camera.pinhole import pinhole_from_mapping, pinhole_mapping
 from touchline.errors import InputError
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose3
 from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
 from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.rendering.rendering import RayGrid
-from touchline.yaml_files import read_yaml_mapping
 
 
 class SimulatedPinholeCamera(SimulatedCameraModel):

@@ -7,7 +7,7 @@ from typing import Any
 
 import cv2
 
-from touchline.opened_files import UnreadableError
+from touchline.files.opened import UnreadableError
 from touchline.sources.bags.extraction import ImagePlaces
 from touchline.sources.bags.messages import Bag, Place
 from touchline.sources.bags.pixels import demosaiced, image_pixels, is_bayer

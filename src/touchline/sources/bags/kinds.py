@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from touchline.errors import InputError
-from touchline.opened_files import UnreadableError, open_bytes
+from touchline.files.opened import UnreadableError, open_bytes
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.sources.description import SEQUENCE
-from touchline.yaml_files import read_yaml_mapping
 
 METADATA = "metadata.yaml"
 _STARTS = {"mcap": b"\x89MCAP0\r\n", "db3": b"SQLite format 3\0", "bag": b"#ROSBAG V"}

@@ -17,8 +17,8 @@ from typing import BinaryIO, NamedTuple
 import lz4.frame
 import zstandard
 
+from touchline.files.opened import UnreadableError, open_bytes
 from touchline.messages import counted
-from touchline.opened_files import UnreadableError, open_bytes
 from touchline.sources.bags.messages import Definition, Message, Place, Topic
 from touchline.sources.problems import ProblemKind, ProblemLog
 

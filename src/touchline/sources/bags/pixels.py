@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from touchline.image_files import ImageSize, too_large
+from touchline.files.images import ImageSize, too_large
 
 Pixels = npt.NDArray[Any]
 

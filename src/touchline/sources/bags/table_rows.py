@@ -7,7 +7,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import NamedTuple
 
-from touchline.opened_files import LONGEST_LINE, open_bytes
+from touchline.files.opened import LONGEST_LINE, open_bytes
 
 LATEST_NS = 2**63 - 1
 

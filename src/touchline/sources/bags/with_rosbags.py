@@ -29,7 +29,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
-from touchline.opened_files import UnreadableError
+from touchline.files.opened import UnreadableError
 from touchline.sources.bags.layout import LATCHED_TOPICS
 from touchline.sources.bags.messages import Definition, Message, Place, Topic
 from touchline.sources.bags.team_messages import DEFINITIONS, EARLIER

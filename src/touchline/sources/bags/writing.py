@@ -12,8 +12,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from touchline.errors import InputError
+from touchline.files.opened import UnreadableError, read_text
+from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import Pose3
-from touchline.opened_files import UnreadableError, read_text
 from touchline.sources.bags.layout import (
     COMPRESSED_IMAGE,
     EPOCH_KEY,
@@ -31,7 +32,6 @@ from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
 from touchline.sources.folder import Recording
 from touchline.sources.tables import to_number
 from touchline.sources.truth import TUM_COLUMNS, heading_of
-from touchline.yaml_files import read_yaml_mapping
 
 _TF = "tf2_msgs/msg/TFMessage"
 _MOST_BYTES = 8_000_000  # of a file that becomes one message

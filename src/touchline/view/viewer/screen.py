@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from touchline.errors import InputError, TouchlineError
-from touchline.new_files import check_new_file
+from touchline.files.new import check_new_file
 from touchline.view.viewer.library import rerun_library
 from touchline.view.viewer.page_server import PageServer
 

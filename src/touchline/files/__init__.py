@@ -1,0 +1,1 @@
+"""Files: all that is read and written goes through here."""

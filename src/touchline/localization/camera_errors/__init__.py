@@ -1,0 +1,1 @@
+"""What a built camera differs by from its camera.yaml."""

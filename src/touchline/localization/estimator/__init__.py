@@ -1,0 +1,1 @@
+"""Our own estimator: filter, hypotheses, end of the field, stamp delay, for every kind of camera."""

@@ -1,1 +1,0 @@
-"""Poses over time: filters, modes, compass correction, and when a pose is believed wrong."""

@@ -1,1 +1,0 @@
-"""Registration through a perspective camera: pose and lean together, every pose that a walking robot may have."""

@@ -1,0 +1,1 @@
+"""Parts of iris-fusion (Ismail et al. 2021)."""

@@ -1,0 +1,1 @@
+"""Parts of nimbro-lines (Schulz and Behnke 2012)."""

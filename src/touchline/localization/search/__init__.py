@@ -1,0 +1,1 @@
+"""Every pose that explains an observation."""

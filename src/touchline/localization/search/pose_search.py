@@ -1,0 +1,207 @@
+"""Search for the pose of line points without a start: every heading and position, coarse to fine, every mode kept.
+
+Coarse: the mean error of every pose of a grid, by look-ups in a table (`CoarseSearch`). Fine: registration from the
+best of them. What is left are the modes of the likelihood; each one's probability is its share of the whole, by
+Laplace's approximation (the likelihood at the top times the volume of its covariance). Lines that a pose predicts where
+none was seen (`unseen`) speak against it: half a view fits many places, until they are asked what else should be there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
+from touchline.localization.registration.kernels import Fits
+from touchline.localization.registration.registration import FINISHING, SEARCHING, Registration, covariances_of
+from touchline.localization.registration.unseen import UNSEEN, View, unseen, view_of
+from touchline.localization.search.coarse_search import CoarseSearch, Window
+from touchline.localization.search.distinct import distinct, overlaps
+from touchline.localization.search.pose_grid import PoseGrid
+
+SPACING_M, SPACING_RAD = 0.4, math.radians(7.5)  # of the grid; a registration begins half of that off at most
+BEYOND_M = 0.5  # the grid reaches so far beyond the lines
+WIDTH_M = 0.25  # of the coarse error function
+# poses of the grid that are registered, and of those the likeliest distinct ones that are registered to the end; of a
+# whole view, and as many times more of a narrower one, which fits more places
+STARTS, FINISHED = 50, 24
+NARROWEST = 0.25  # of the whole view, beyond which there are no more of them
+CLOSE_STARTS = 30  # so many of the starts may be neighbours on the grid
+NEAR_STARTS = 25  # of a search near a pose
+UNLIKELY = 7.0  # logarithm of odds against the best from which a mode is dropped
+SAME = 0.1, 0.05  # m, rad: poses nearer than this are one mode
+COARSE_POINTS = 90  # so many at most, evenly taken, tell the coarse errors
+SEARCH_POINTS = 60  # and so many, of a narrower view as many times fewer, which starts are worth more
+FEWEST_POINTS = 20  # that tell that
+HOPELESS = 25.0  # logarithm of odds against the best from which a start is not
+# so many points tell as one: what the likelihoods leave out is shared between points. Fitted to how often modes of half
+# views and sectors of 120 degrees are right (temperature scaling: Guo et al. 2017)
+TEMPERATURE = 1.5
+MOST_CONTRADICTION = 4.0  # what something known speaks against a pose, at most: one compass in fifty is false
+
+
+class Known(NamedTuple):
+    """What is known of the pose beside the points: pose (3,) and inverse covariance (3, 3), 0 for what is not known."""
+
+    pose: FloatArray
+    information: FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Mode:
+    """A pose that explains the points, its covariance (3, 3) in (m, m, rad), field frame, and its probability.
+
+    log_likelihood: of the points, and of the lines that were not seen. explained, noise: as of `Registered`.
+    """
+
+    pose: Pose
+    covariance: FloatArray
+    probability: float
+    log_likelihood: float
+    explained: float
+    noise: float
+
+
+class PoseSearch:
+    """Finds all poses that explain line points; arguments as `Registration` takes them."""
+
+    def __init__(self, field: FieldModel, registration: Registration) -> None:
+        self.registration = registration
+        self.symmetric = field.is_symmetric
+        self._lines = field.line_tables
+        self._grid = PoseGrid(field.length, field.width, SPACING_M, BEYOND_M, SPACING_RAD)
+        self._coarse = CoarseSearch(field.distance_map(), self._grid, WIDTH_M)
+
+    def everywhere(
+        self,
+        positions_m: FloatArray,
+        covariances_m2: FloatArray,
+        known: Sequence[Known] = (),
+        part: tuple[int, int] = (0, 1),
+    ) -> tuple[Mode, ...]:
+        """Modes on the whole field, the likeliest first; () without points.
+
+        part: which of so many parts of the headings, so that a search can be shared out among images.
+        """
+        (index, parts), headings = part, self._grid.headings
+        headings = headings[index * len(headings) // parts : (index + 1) * len(headings) // parts]
+        rows, columns = self._grid.shape
+        # on a symmetric field one half shows all, and a pose of the other is one's twin
+        first = rows // 2 if self.symmetric else 0
+        window, most = Window(first, rows - first, 0, columns, headings), (STARTS // parts, FINISHED // parts)
+        return self._modes(positions_m, covariances_m2, window, most, known, self.symmetric)
+
+    def facing(
+        self, positions_m: FloatArray, covariances_m2: FloatArray, heading_rad: float, sigma_rad: float
+    ) -> tuple[Mode, ...]:
+        """Modes on the whole field with about a heading: within three of its standard deviations."""
+        headings = _around(heading_rad, 3.0 * sigma_rad + SPACING_RAD)
+        window = Window(0, self._grid.shape[0], 0, self._grid.shape[1], headings)
+        known = Known(np.array([0.0, 0.0, heading_rad]), np.diag([0.0, 0.0, 1.0 / sigma_rad**2]))
+        return self._modes(positions_m, covariances_m2, window, (STARTS, FINISHED), (known,))
+
+    def near(
+        self, positions_m: FloatArray, covariances_m2: FloatArray, start: FloatArray, reach_m: float, reach_rad: float
+    ) -> tuple[Mode, ...]:
+        """Modes within reach of a pose (3,)."""
+        low, high = (
+            np.rint((start[:2] - self._grid.positions[0] + side * reach_m) / SPACING_M).astype(int) for side in (-1, 1)
+        )
+        last = np.array(self._grid.shape) - 1
+        low, high = np.clip(low, 0, last), np.clip(high, 0, last)
+        rows, columns = (int(size) for size in high - low + 1)
+        window = Window(int(low[0]), rows, int(low[1]), columns, _around(float(start[2]), reach_rad))
+        return self._modes(positions_m, covariances_m2, window, (NEAR_STARTS, FINISHED))
+
+    def _modes(
+        self,
+        points: FloatArray,
+        covariances: FloatArray,
+        window: Window,
+        most: tuple[int, int],
+        known: Sequence[Known] = (),
+        twins: bool = False,
+    ) -> tuple[Mode, ...]:
+        if len(points) == 0:
+            return ()
+        view: View = view_of(points)
+        share = max(float(view.looked.mean()), NARROWEST)
+        most_starts, most_finished = (round(count / share) for count in most)
+        starts = self._starts(points, window, most_starts)
+        few = max(round(SEARCH_POINTS * share), FEWEST_POINTS)
+        some, spreads = _some(points, few), _some(covariances, few)
+        first = self.registration.register_all(some, spreads, starts, SEARCHING)
+        first = self._likely(first, view, len(some) / len(points))
+        kept = distinct(first.poses, first.information, SAME, twins, most_finished)
+        fits = self.registration.register_all(points, covariances, first.poses[kept], FINISHING)
+        fits = self._likely(fits, view, 1.0)
+        kept = distinct(fits.poses, fits.information, SAME, twins, len(fits.poses))
+        return _with_probabilities(_picked(fits, kept), known, twins)
+
+    def _likely(self, fits: Fits, view: View, share: float) -> Fits:
+        """Those that are not hopeless, the likeliest first, by the points and by what was not seen of the lines.
+
+        share: of the points, that the fits are to; what was not seen counts no more.
+        """
+        hopeful = fits.log_likelihoods > fits.log_likelihoods.max() - HOPELESS
+        fits = _picked(fits, np.flatnonzero(hopeful))
+        fits = fits._replace(
+            log_likelihoods=fits.log_likelihoods - share * UNSEEN * unseen(self._lines, view, fits.poses)
+        )
+        return _picked(fits, np.argsort(-fits.log_likelihoods))
+
+    def _starts(self, points: FloatArray, window: Window, count: int) -> FloatArray:
+        """The likeliest of the grid (K, 3): some of them close together, as many again apart from each other."""
+        errors = self._coarse.errors(_some(points, COARSE_POINTS), window)
+        close = min(count, CLOSE_STARTS)
+        together = self._coarse.smallest(errors, close, window, neighbours=0)
+        return np.concatenate((together, self._coarse.smallest(errors, count - close, window, neighbours=1)))
+
+
+def _picked(fits: Fits, rows: npt.NDArray[np.intp]) -> Fits:
+    return Fits(*(values[rows] for values in fits))
+
+
+def _some(rows: FloatArray, count: int) -> FloatArray:
+    """Every k-th of the rows, so that at most a count of them is left."""
+    return rows if len(rows) <= count else np.ascontiguousarray(rows[:: -(-len(rows) // count)])
+
+
+def _around(heading_rad: float, reach_rad: float) -> FloatArray:
+    """Headings from a reach on one side to that on the other, as far apart as the grid's."""
+    each_side = math.ceil(reach_rad / SPACING_RAD)
+    return heading_rad + np.linspace(-reach_rad, reach_rad, 2 * each_side + 1)
+
+
+def _with_probabilities(fits: Fits, known: Sequence[Known], twins: bool) -> tuple[Mode, ...]:
+    """Modes with their shares of the likelihood, the unlikely ones left out; twins: each one's twin among them."""
+    covariances = covariances_of(fits)
+    volumes = 0.5 * np.linalg.slogdet(covariances)[1] - np.log(overlaps(fits.poses, fits.information, twins))
+    candidates = []
+    for k, log_odds in enumerate((fits.log_likelihoods / TEMPERATURE + volumes).tolist()):
+        x, y, heading = fits.poses[k].tolist()
+        pose = Pose(x, y, wrap_angle(heading))
+        both = [(pose, covariances[k]), (pose.mirrored(), mirrored_covariance(covariances[k]))]
+        for place, covariance in both if twins else both[:1]:
+            candidates.append((log_odds - sum(contradiction(place, one) for one in known), place, covariance, k))
+    best = max(log_odds for log_odds, *_ in candidates)
+    kept = [each for each in candidates if each[0] > best - UNLIKELY]
+    total = sum(math.exp(each[0] - best) for each in kept)
+    judged = np.column_stack((fits.log_likelihoods, fits.explained, fits.noise)).tolist()
+    modes = [
+        Mode(pose, covariance, math.exp(log_odds - best) / total, *judged[k]) for log_odds, pose, covariance, k in kept
+    ]
+    return tuple(sorted(modes, key=lambda mode: -mode.probability))
+
+
+def contradiction(pose: Pose, known: Known) -> float:
+    """How much something known speaks against a pose: logarithm of a likelihood ratio."""
+    away = pose.as_array() - known.pose
+    away[2] = wrap_angle(float(away[2]))
+    return min(0.5 * float(away @ known.information @ away), MOST_CONTRADICTION)
