@@ -37,7 +37,7 @@ from touchline.types import Observation, Prior, Samples, Status
 EPOCH_NS = 1_763_780_000_000_000_000
 LATE_NS, JITTER_NS = 60_000_000, 3_000_000  # of the vision; of what comes without a stamp
 RANGE_M, RANGE_RATIO, LOST = 0.05, 0.03, 0.05
-FEWEST, RESIDUAL, POSES, ROUNDS = (
+MIN_MARKERS, RESIDUAL, POSES, ROUNDS = (
     3,
     0.4,
     200,
@@ -142,7 +142,7 @@ class MarkerSearch:
     def locate(self, seen: Observation, heading: float) -> Pose | None:
         """Where it stands; None where the markers are too few, don't agree, or fit badly."""
         markers = _seen_markers(seen)
-        if len(markers) < FEWEST:
+        if len(markers) < MIN_MARKERS:
             return None
         low = np.array([*-self._half_m, heading - HEADING_RAD])
         high = np.array([*self._half_m, heading + HEADING_RAD])

@@ -30,7 +30,7 @@ from touchline.types import LinePoints
 
 SCENARIOS = ("straight-tracks", "match", "tour-20")
 _NEAR_M, _BESIDE_M, _FREE_M = 1.0, 0.15, 0.12  # along a line, off it, and clear of the other
-_LEAST_POINTS, _LEAST_M = 3, 0.25  # on each line, and how far they reach
+_MIN_POINTS, _MIN_M = 3, 0.25  # on each line, and how far they reach
 
 
 def crossing_errors(simulation: Simulation, found: Iterable[LinePoints]) -> FloatArray:
@@ -67,7 +67,7 @@ def _placed(field: FieldModel, crossing: Crossing, points: FloatArray) -> tuple[
         normal, beyond = np.array([-direction[1], direction[0]]), np.array([-other[1], other[0]])
         along, off, clear = (points - at) @ direction, (points - at) @ normal, (points - at) @ beyond
         mine = (np.abs(along) < _NEAR_M) & (np.abs(off) < _BESIDE_M) & (np.abs(clear) > _FREE_M)
-        if mine.sum() < _LEAST_POINTS or np.ptp(along[mine]) < _LEAST_M:
+        if mine.sum() < _MIN_POINTS or np.ptp(along[mine]) < _MIN_M:
             return None
         slope, offset = _straight(along[mine], off[mine])
         turns.append(math.atan(slope))

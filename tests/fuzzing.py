@@ -26,7 +26,7 @@ from fuzz_readers import Reader, all_readers
 
 from touchline.errors import TouchlineError
 
-MOST_SECONDS, MOST_MEGABYTES = 2.0, 150.0
+MAX_SECONDS, MAX_MEGABYTES = 2.0, 150.0
 _ALARM_S = 30
 _ADDRESS_SPACE = 4 * 2**30  # beyond the process at rest: larger demands fail at once
 _BATCH = 500
@@ -68,9 +68,9 @@ def outcome(reader: Reader, number: int, data: bytes) -> Outcome:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
     seconds, above_mb = time.process_time() - started, _resident_mb() - rest_mb
-    if not fault and seconds > MOST_SECONDS:
+    if not fault and seconds > MAX_SECONDS:
         fault = f"took {seconds:.1f} s of processor time"
-    if not fault and above_mb > MOST_MEGABYTES:
+    if not fault and above_mb > MAX_MEGABYTES:
         fault = f"took {above_mb:.0f} MB"
     return Outcome(reader.name, number, end, fault, seconds, above_mb)
 
@@ -183,10 +183,10 @@ def _report(found: list[Outcome], wall_s: float) -> None:
     )
     print(f"slowest {slowest.seconds:.2f} s ({slowest.reader} {slowest.number})")
     print(f"most memory above rest {largest.megabytes:.0f} MB ({largest.reader} {largest.number})")
-    hangs = sum(one.seconds > MOST_SECONDS or one.end == "HangError" for one in found)
-    large = sum(one.megabytes > MOST_MEGABYTES for one in found)
+    hangs = sum(one.seconds > MAX_SECONDS or one.end == "HangError" for one in found)
+    large = sum(one.megabytes > MAX_MEGABYTES for one in found)
     foreign = sum(one.end not in ("read", "refused", "HangError") for one in found)
-    print(f"over {MOST_SECONDS:g} s: {hangs}; over {MOST_MEGABYTES:g} MB: {large}; foreign exceptions: {foreign}")
+    print(f"over {MAX_SECONDS:g} s: {hangs}; over {MAX_MEGABYTES:g} MB: {large}; foreign exceptions: {foreign}")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import yaml
 
 from touchline.calibration.strip_recording import camera_yaml
 from touchline.camera import OmniCamera
-from touchline.camera.model_free import LEAST, Edges, edges_uncertainty
+from touchline.camera.model_free import MIN_UNCERTAINTY, Edges, edges_uncertainty
 from touchline.camera.uncertainty import USUAL_RANGE_RATIO, USUAL_TILT_DEG, CameraUncertainty
 from touchline.errors import InputError
 from touchline.field import open_field
@@ -88,9 +88,9 @@ def test_the_simulator_says_what_it_draws_from_and_nothing_is_wrong_with_an_idea
     design = stated("camera.known_from=design", "camera.mirror.range_spread=0.01")
     assert design == CameraUncertainty(0.3, pytest.approx(1.5), 0.01)
     mirror = stated()
-    assert LEAST.tilt_deg <= mirror.tilt_deg < 0.1
-    assert LEAST.center_px <= mirror.center_px < 0.3
-    assert LEAST.range_ratio <= mirror.range_ratio < 0.005
+    assert MIN_UNCERTAINTY.tilt_deg <= mirror.tilt_deg < 0.1
+    assert MIN_UNCERTAINTY.center_px <= mirror.center_px < 0.3
+    assert MIN_UNCERTAINTY.range_ratio <= mirror.range_ratio < 0.005
 
 
 def test_edges_that_scatter_more_leave_a_calibration_less_sure() -> None:
@@ -100,7 +100,7 @@ def test_edges_that_scatter_more_leave_a_calibration_less_sure() -> None:
     fine, rough = (
         edges_uncertainty(Edges(bearings, np.zeros_like(radii), radii + px * noise, ranges)) for px in (0.0, 2.0)
     )
-    assert fine == pytest.approx(LEAST)
+    assert fine == pytest.approx(MIN_UNCERTAINTY)
     assert rough.center_px > 2.0 * fine.center_px
     assert rough.tilt_deg > 1.5 * fine.tilt_deg
 

@@ -15,8 +15,8 @@ from touchline.localization.particles.particle_set import mean_and_covariance
 from touchline.localization.particles.resampling import low_variance, tempering
 from touchline.localization.particles.sensor_models import LineView
 from touchline.localization.published.iris.particles import (
-    FARTHEST_M,
     MAP_M,
+    MAX_M,
     IrisParticlePaper,
     IrisParticles,
     IrisParticleSettings,
@@ -66,7 +66,7 @@ def test_the_logarithm_of_equation_9_is_the_plain_sum(worst: float) -> None:
     particles = np.random.default_rng(1).uniform([-5, -4, -4], [5, 4, 4], (50, 3))
     points = seen_from(PLACE)
     found = log_likelihoods(particle_filter(settings), points, particles)
-    field_map = error_map(FIELD, MAP_M, FARTHEST_M)
+    field_map = error_map(FIELD, MAP_M, MAX_M)
     for (x, y, heading), logarithm in zip(particles, found, strict=True):
         rotation = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
         global_points = np.array([x, y]) + points @ rotation.T  # (7)

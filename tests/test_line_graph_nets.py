@@ -11,7 +11,7 @@ from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose3
 from touchline.perception.line_graph import LineGraphDetector, LineGraphSettings
 from touchline.perception.line_graph.image_plane import grounds_from_pixels, image_plane
-from touchline.perception.line_graph.refine import _MOST_LEAN_PX, _lean_of_halves
+from touchline.perception.line_graph.refine import _MAX_LEAN_PX, _lean_of_halves
 from touchline.types import ImageArray
 
 CARPET, PAINT = np.array([45.0, 90.0, 75.0]), np.array([225.0, 228.0, 226.0])
@@ -54,4 +54,4 @@ def test_points_of_two_lines_side_by_side_make_no_third() -> None:
     assert _lean_of_halves.py_func(askew, every, line) == pytest.approx(0.75, rel=0.05)
     assert _lean_of_halves.py_func(bent, every, line) == 0.0
     assert _lean_of_halves.py_func(askew[[0, 12]], np.arange(2), line) == 0.0
-    assert _lean_of_halves.py_func(2.0 * askew, every, 2.0 * line) > _MOST_LEAN_PX
+    assert _lean_of_halves.py_func(2.0 * askew, every, 2.0 * line) > _MAX_LEAN_PX

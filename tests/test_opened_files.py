@@ -22,7 +22,7 @@ from touchline.evaluation.run_folder import read_summary
 from touchline.evaluation.tum import read_tum
 from touchline.field import open_field
 from touchline.files.images import MEGAPIXELS_VARIABLE, decode, image_size, read_image
-from touchline.files.opened import LONGEST_LINE, UnreadableError, open_bytes, read_bytes, text_lines
+from touchline.files.opened import MAX_LINE, UnreadableError, open_bytes, read_bytes, text_lines
 from touchline.files.yaml_text import read_yaml, yaml_line
 from touchline.localization.one_shot.points_file import read_points
 from touchline.perception.colour_file import load_colours, save_colours
@@ -99,8 +99,8 @@ def test_no_more_than_fits_is_read(tmp_path: Path) -> None:
 
 def test_a_line_without_an_end_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("\ufefft\n" + "x" * LONGEST_LINE + "\n1\n")
-    with pytest.raises(UnreadableError, match=f"line 2 is longer than {LONGEST_LINE} characters"):
+    path.write_text("\ufefft\n" + "x" * MAX_LINE + "\n1\n")
+    with pytest.raises(UnreadableError, match=f"line 2 is longer than {MAX_LINE} characters"):
         list(text_lines(path))
     path.write_text("\ufefft\r\n1", newline="")
     assert list(text_lines(path)) == ["t\n", "1"]

@@ -23,7 +23,7 @@ from touchline.evaluation.run_data import RunData, carried_rows
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
 from touchline.evaluation.timeline import (
-    MOST_ROWS,
+    MAX_ROWS,
     axis_limit,
     error_charts,
     page_data,
@@ -416,7 +416,7 @@ def test_long_series_keep_their_peaks() -> None:
     errors.values[:] = 0.0
     errors.values[[77_777, 12_345], 0] = 9.0, -4.0
     rows = shown_rows(data)
-    assert len(rows) <= MOST_ROWS
+    assert len(rows) <= MAX_ROWS
     assert {77_777, 12_345} <= set(rows.tolist())
     assert np.all(np.diff(rows) > 0)
 

@@ -26,7 +26,7 @@ from touchline.systems import SYSTEMS, LocalizationSystem, RobotSetup, open_syst
 from touchline.types import Frame, Prior, Status
 
 every_system = pytest.mark.parametrize("name", SYSTEMS)
-LONGEST_STEP = 15
+MAX_STEP = 15
 
 
 def opened(name: str) -> LocalizationSystem:
@@ -50,7 +50,7 @@ def test_a_system_is_composed_and_inherits_nothing(name: str) -> None:
 
 @every_system
 def test_a_step_is_a_list_of_at_most_fifteen_lines(name: str) -> None:
-    assert statement_lines(type(opened(name)).step) <= LONGEST_STEP
+    assert statement_lines(type(opened(name)).step) <= MAX_STEP
 
 
 @pytest.mark.parametrize("level", ["points", "images", "neither"])

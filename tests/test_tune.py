@@ -17,7 +17,7 @@ from touchline.errors import InputError
 from touchline.evaluation.tuning import Dimension, Search, Task, dimension_from_text, score_of, tasks_on, tune
 from touchline.evaluation.tuning.result import best_file, judge, trials_figure, trials_table
 from touchline.evaluation.tuning.search import best_of
-from touchline.evaluation.tuning.trial import MOST_M, Score, Trial, base_of, mean_score, settings_of
+from touchline.evaluation.tuning.trial import MAX_M, Score, Trial, base_of, mean_score, settings_of
 from touchline.evaluation.workers import Here, open_workers
 from touchline.systems.nubot_mti import NubotMtiSettings
 
@@ -68,7 +68,7 @@ def test_what_an_image_costs() -> None:
     assert score.tracked > 0.5
     assert score.mean_m < 0.05
     lost = 1.0 - score.tracked
-    assert lost * MOST_M <= score.cost_m < lost * MOST_M + 0.1
+    assert lost * MAX_M <= score.cost_m < lost * MAX_M + 0.1
     assert mean_score([Score(1.0, 0.0, float("nan")), Score(0.02, 1.0, 0.01)]) == Score(0.51, 0.5, 0.01)
     assert score_of(replace(task, changes=(("matching.c_m", -1.0),))) is None
 

@@ -17,7 +17,7 @@ from touchline.experiments.writing import PAGE
 
 DOCS = Path(__file__).parents[1]
 PICTURES = DOCS / "images" / "results"
-MOST_PX = 1300  # width of a picture
+MAX_PX = 1300  # width of a picture
 JPEG = (cv2.IMWRITE_JPEG_QUALITY, 60, cv2.IMWRITE_JPEG_OPTIMIZE, 1, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
 HEAD = """# Results of the experiments
 
@@ -55,7 +55,7 @@ def section(folder: Path, name: str) -> list[str]:
         target = PICTURES / picture.with_suffix(".jpg").name
         image = cv2.imread(str(picture))
         assert image is not None, f"{picture} is a picture"
-        scale = min(1.0, MOST_PX / image.shape[1])
+        scale = min(1.0, MAX_PX / image.shape[1])
         smaller = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         cv2.imwrite(str(target), smaller, JPEG)
         text += [f"![{picture.stem}](images/results/{target.name})", ""]

@@ -31,7 +31,7 @@ from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
 from touchline.systems.game_states import game_prior
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import (
-    LARGEST,
+    MAX_VALUE,
     Estimate,
     Evidence,
     Frame,
@@ -45,9 +45,9 @@ from touchline.types import (
 )
 
 _SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
-_MOST_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
-_MOST_EVIDENCE = 100  # that waits for an image
-_LATEST_NS = 2**62
+_MAX_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
+_MAX_EVIDENCE = 100  # that waits for an image
+_MAX_STAMP_NS = 2**62
 _PREDICTED_NS = 1_000_000_000  # a pose carried on for longer is a guess: odometry may have slipped
 _MISSING_S = 0.5
 _SEEN = {"points": "point", "lines": "line", "crossings": "crossing", "landmarks": "landmark"}
@@ -98,7 +98,7 @@ class Localizer:
         self._counts = _Counts()
         self._told: Counter[str] = Counter()
         self._pending = _Queue()
-        self._said: deque[Evidence] = deque(maxlen=_MOST_EVIDENCE)
+        self._said: deque[Evidence] = deque(maxlen=_MAX_EVIDENCE)
         self._stepping = threading.Lock()
         # A second history of the same samples predicts poses between images, so that the system's own is left alone.
         self._ahead = copy.deepcopy(made.history)
@@ -228,7 +228,7 @@ class Localizer:
             row = tuple(map(float, values))
         except (TypeError, ValueError, OverflowError):
             row = (math.nan,)
-        if not all(abs(value) < LARGEST for value in row):  # False for NaN
+        if not all(abs(value) < MAX_VALUE for value in row):  # False for NaN
             self._counts.add(f"{sensor}: a sample that is no measurement, left out")
             return
         self._pending.put(sensor, stamp, row)
@@ -239,8 +239,8 @@ class Localizer:
         try:
             stamp = operator.index(stamp_ns)
         except TypeError:
-            stamp = _LATEST_NS
-        if abs(stamp) < _LATEST_NS:
+            stamp = _MAX_STAMP_NS
+        if abs(stamp) < _MAX_STAMP_NS:
             return stamp
         self._counts.add(f"{what}: a stamp that is no whole number of nanoseconds, left out")
         return None
@@ -353,7 +353,7 @@ class _Queue:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._rows = {sensor: deque[tuple[int, tuple[float, ...]]](maxlen=_MOST_SAMPLES) for sensor in _SENSORS}
+        self._rows = {sensor: deque[tuple[int, tuple[float, ...]]](maxlen=_MAX_SAMPLES) for sensor in _SENSORS}
 
     def put(self, sensor: str, stamp_ns: int, row: tuple[float, ...]) -> None:
         with self._lock:

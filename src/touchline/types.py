@@ -26,7 +26,7 @@ Colors = tuple[str, ...]
 """From the ground up; empty where not known."""
 
 
-LARGEST = 1.0e9  # no metre, radian or rad/s of a robot gets there
+MAX_VALUE = 1.0e9  # no metre, radian or rad/s of a robot gets there
 _TWIN_M, _TWIN_RAD = 0.5, 0.5  # nearer than this to the turned pose a hypothesis is the twin
 MAX_OBSERVED_POINTS = 10_000_000
 """The most line points of one observation."""

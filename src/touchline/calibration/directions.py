@@ -12,8 +12,8 @@ from touchline.calibration.strip_edges import edge_name
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, circular_mean, wrap_angles
 
-LEAST_DIRECTIONS = 8  # a tilted mirror is a first harmonic: cubic interpolation follows it to 0.1 % at 45°
-WIDEST_GAP_RAD = np.radians(65.0)  # twelve directions with one missing
+MIN_DIRECTIONS = 8  # a tilted mirror is a first harmonic: cubic interpolation follows it to 0.1 % at 45°
+MAX_GAP_RAD = np.radians(65.0)  # twelve directions with one missing
 SAME_DIRECTION_RAD = np.radians(4.0)  # images so near are averaged: between them noise would become a slope
 WRONG_BEARING_RAD = np.radians(3.0)
 
@@ -98,17 +98,17 @@ def groups_of_directions(bearings_rad: FloatArray) -> list[list[int]]:
 def check_directions(bearings_rad: FloatArray, folder: Path) -> None:
     """Raises InputError if bearings (S,) are too few or leave too wide a gap."""
     groups = groups_of_directions(bearings_rad)
-    if len(groups) < LEAST_DIRECTIONS:
+    if len(groups) < MIN_DIRECTIONS:
         raise InputError(
-            f"{folder}: too few directions: the strip is seen in {len(groups)}, at least {LEAST_DIRECTIONS} "
+            f"{folder}: too few directions: the strip is seen in {len(groups)}, at least {MIN_DIRECTIONS} "
             "all around are needed (24 are usual)"
         )
     sorted_rad = np.sort(np.mod(bearings_rad, 2.0 * np.pi))
     gaps = np.diff(sorted_rad, append=sorted_rad[0] + 2.0 * np.pi)
-    if gaps.max() > WIDEST_GAP_RAD:
+    if gaps.max() > MAX_GAP_RAD:
         k = int(np.argmax(gaps))
         raise InputError(
             f"{folder}: too few directions: none between bearings {np.degrees(sorted_rad[k]):.0f}° and "
             f"{np.degrees(sorted_rad[(k + 1) % len(gaps)]):.0f}°; the gap must not exceed "
-            f"{np.degrees(WIDEST_GAP_RAD):.0f}°"
+            f"{np.degrees(MAX_GAP_RAD):.0f}°"
         )

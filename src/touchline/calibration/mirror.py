@@ -32,7 +32,7 @@ from touchline.sources import Recording
 
 _FAR_PX = 2.0
 _WRONG_SHARE = 0.3  # of the way to the next edge
-_MOST_MISSING = 1.0 / 3.0  # of the images may lack the strip's first or last edge
+_MAX_MISSING = 1.0 / 3.0  # of the images may lack the strip's first or last edge
 _SPOILT_PX = 0.2  # noise moves no edge so far
 _ADVICE = "mend its row in images.csv, or leave out such images with --skip-unusable"
 _MIDDLES = 4  # of rectangles: so many tell the axis better than the search did
@@ -177,7 +177,7 @@ def _check_ends(
     missing: npt.NDArray[np.bool_], sightings: Sequence[Sighting], strip: Strip, recording: Recording
 ) -> None:
     """Raises InputError, naming an image, where the first or last edge (missing: (S, E)) is not seen in most images."""
-    for k in np.flatnonzero(missing.mean(axis=0) > _MOST_MISSING):
+    for k in np.flatnonzero(missing.mean(axis=0) > _MAX_MISSING):
         image, others = sightings[int(np.argmax(missing[:, k]))].name, missing[:, k].sum() - 1
         raise InputError(
             f"{recording.path / image}: {edge_name(strip, int(k))} is not found, nor in {others} other images: "

@@ -18,7 +18,7 @@ from touchline.geometry import FloatArray, circular_mean, wrap_angles
 from touchline.sources import Recording
 from touchline.sources.description import finite_number
 
-_NEAREST_M, _FARTHEST_M = 1e-3, 1e3  # of what may be marked
+_MIN_M, _MAX_M = 1e-3, 1e3  # of what may be marked
 _WRONG_BEARING_RAD = math.radians(8.0)  # of most marks: handedness or mounting angle is another
 # what a handedness must explain worse than the other one (mean deviation of the bearings), to be the wrong one: marks
 # in one direction, or in two opposite ones, are explained by both
@@ -127,7 +127,7 @@ def marked_pairs(file: Path, camera_file: Path, handedness: int | None = None) -
     optics = Optics(width, height, center, handedness, yaw, inner, outer)
     radius, range_m = np.hypot(u - center[0], v - center[1]), np.hypot(x_m, y_m)
     for place, far_m in zip(places, range_m, strict=True):
-        if not _NEAREST_M < far_m < _FARTHEST_M:
+        if not _MIN_M < far_m < _MAX_M:
             raise InputError(f"{place}: {far_m:g} m from the robot's centre is no distance of a mark")
     origin, files = f"{len(known)} marks of {file.name}", tuple(marks.files[i] for i in known)
     return RangePairs(radius, range_m, angles, tuple(places), origin, optics, file.parent, files)

@@ -21,12 +21,12 @@ from touchline.errors import InputError, NoFitError
 from touchline.geometry import FloatArray
 
 USUAL_DEGREE = 6  # of the strip's 15 edges: within 0.5 % from 0.6 to 6.5 m
-HIGHEST_DEGREE = 12
+MAX_DEGREE = 12
 _CHORDS = 12  # the slope beyond the first and the last pair is that of the outermost of so many equal parts
 _MARKED_PX = 0.5  # a mark is no surer than this
-_LEAST_STEP_PX = 0.1  # between radii of the table, which are written with six digits
+_MIN_STEP_PX = 0.1  # between radii of the table, which are written with six digits
 _SAME_PX = 1.0  # pairs nearer to each other than this tell of the same distance
-_LEAST_RANGE_RATIO = 0.01  # marks measured with a tape, about a robot's centre that nobody can see
+_MIN_RANGE_RATIO = 0.01  # marks measured with a tape, about a robot's centre that nobody can see
 _WRONG_SIGMAS = 8.0
 _LONE_LEVERAGE = 0.7  # of a pair: above, the polynomial there hangs on it alone, and the others can't judge it
 _WRONG_SHARE = 0.05  # of the range: a pair that is less off than this is never called wrong
@@ -90,13 +90,13 @@ class RangeRegression:
         if it is known where the robot ends, as `camera.model_free` continues a mirror; else such points have no place.
         """
         optics, first, last = self.pairs.optics, self.first_px, self.last_px
-        inside = np.arange(np.ceil(first + _LEAST_STEP_PX), last - _LEAST_STEP_PX)
+        inside = np.arange(np.ceil(first + _MIN_STEP_PX), last - _MIN_STEP_PX)
         radii = np.concatenate(([first], inside, [last]))
         ranges = self.polynomial(radii)
         if continued:
             edges = np.linspace(first, last, _CHORDS)
             around = table_radii(edges[np.newaxis], self.polynomial(edges))
-            nearer, farther = around[around < first - _LEAST_STEP_PX], around[around > last + _LEAST_STEP_PX]
+            nearer, farther = around[around < first - _MIN_STEP_PX], around[around > last + _MIN_STEP_PX]
             nearer, farther = nearer[nearer >= optics.inner_px - 1.0], farther[farther <= optics.outer_px + 1.0]
             nearer = nearer if optics.inner_px else nearer[:0]
             beyond = [ranges_along(edges[np.newaxis], self.polynomial(edges), part)[0] for part in (nearer, farther)]
@@ -120,7 +120,7 @@ class RangeRegression:
         """How sure the ranges are: one table for all directions knows neither how the mirror leans nor its centre."""
         relative = self.residuals_m / self.pairs.range_m
         scatter = float(np.sqrt(np.mean(np.square(relative)) / _distinct(self.pairs.radius_px)))
-        return usual_uncertainty(self.last_px)._replace(range_ratio=float(np.hypot(scatter, _LEAST_RANGE_RATIO)))
+        return usual_uncertainty(self.last_px)._replace(range_ratio=float(np.hypot(scatter, _MIN_RANGE_RATIO)))
 
     def formula(self) -> str:
         """The polynomial as text, highest power last."""
@@ -138,8 +138,8 @@ def fit_range(pairs: RangePairs, degree: int | None = None) -> RangeRegression:
     distances = _distinct(pairs.radius_px)
     if distances < 2:
         raise InputError(f"{pairs.origin}: all lie at one distance from the centre; mark points at several")
-    if degree is not None and not 1 <= degree <= HIGHEST_DEGREE:
-        raise InputError(f"degree {degree}: expected 1 to {HIGHEST_DEGREE}")
+    if degree is not None and not 1 <= degree <= MAX_DEGREE:
+        raise InputError(f"degree {degree}: expected 1 to {MAX_DEGREE}")
     if degree is not None and distances < degree + 1:
         raise InputError(
             f"{pairs.origin}: show {distances} different distances, but a polynomial of degree {degree} needs "
@@ -153,7 +153,7 @@ def fit_range(pairs: RangePairs, degree: int | None = None) -> RangeRegression:
         falls_px = _falls_at(polynomial, pairs.radius_px)
         if falls_px is None:
             return RangeRegression(polynomial, pairs)
-    others = range(1, min(distances - 1, HIGHEST_DEGREE) + 1)
+    others = range(1, min(distances - 1, MAX_DEGREE) + 1)
     rising = [d for d in others if _falls_at(_fit(pairs.radius_px, pairs.range_m, d), pairs.radius_px) is None]
     advice = f"degrees that rise: {', '.join(map(str, rising))}" if rising else "no degree rises all the way"
     raise NoFitError(

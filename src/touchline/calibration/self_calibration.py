@@ -26,7 +26,7 @@ from touchline.localization.published.nubot.mirror_fit import ERRORS
 from touchline.localization.registration.mirror_kernels import upright_points
 from touchline.types import Estimate, LinePoints, Status
 
-IMAGES, LEAST_IMAGES = 50, 12  # images that are fitted; fewer tell nothing
+IMAGES, MIN_IMAGES = 50, 12  # images that are fitted; fewer tell nothing
 APART_M, TURN_M = 0.3, 1.5  # how far images lie apart at least; a turn by a radian counts so much
 KNOTS_M = np.array([1.0, 2.0, 3.0, 4.5, 6.5])  # of the correction of ranges, linear between them
 KNOT_RATIO = 0.01  # its standard deviation at each, before
@@ -87,9 +87,9 @@ def spread_views(estimates: Sequence[Estimate], count: int = IMAGES) -> tuple[Vi
 
 def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel) -> SelfCalibration:
     """The camera that puts the line points of all views on the field's lines. Raises NoFitError with the reason."""
-    if len(views) < LEAST_IMAGES:
+    if len(views) < MIN_IMAGES:
         raise NoFitError(
-            f"{len(views)} images with a known pose that lie apart are too few, {LEAST_IMAGES} are needed: the robot "
+            f"{len(views)} images with a known pose that lie apart are too few, {MIN_IMAGES} are needed: the robot "
             "must drive about and see lines"
         )
     bundle = _Bundle(views, MirrorHead(camera), field)

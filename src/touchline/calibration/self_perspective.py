@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from touchline.calibration.self_calibration import LEAST_IMAGES, MIN_ON_LINES
+from touchline.calibration.self_calibration import MIN_IMAGES, MIN_ON_LINES
 from touchline.camera import PinholeCamera
 from touchline.errors import NoFitError
 from touchline.geometry import FloatArray, Pose3
@@ -30,12 +30,12 @@ PRIOR = np.array([0.05, 0.05, 0.05, 0.05])  # standard deviations before: rad, r
 LEAN_RAD, MIN_LEAN_RAD = 0.008, 0.002  # standard deviation of an image's own lean: at first, and at least
 POSE = np.array([0.3, 0.3, 0.2])  # how far a run's poses are off at most (m, m, rad)
 ROUNDS = 8
-MOST_IMAGES, LEAST_SEEN = 300, 4.0  # images that are fitted; how much one of them must show, in line points' shares
+MAX_IMAGES, MIN_SEEN = 300, 4.0  # images that are fitted; how much one of them must show, in line points' shares
 REPEATED = 3.0  # so many images err together at least, and all those of one place
 PLACE_M, PLACE_RAD = 0.3, 0.2  # nearer images are of one place
 FIXED = 1e-6  # standard deviation of what is not fitted
 MAX_DEVIATIONS = np.array([math.radians(0.3), math.radians(0.3), 0.01, 0.01])  # of what is written
-MOST = np.array([0.15, 0.15, 0.15, 0.15])  # by which a camera is off at most; more is another camera
+MAX_ERRORS = np.array([0.15, 0.15, 0.15, 0.15])  # by which a camera is off at most; more is another camera
 
 
 class PerspectiveView(NamedTuple):
@@ -79,9 +79,9 @@ def perspective_views(system: TouchlinePerspective, frames: Iterable[Frame]) -> 
         if estimate.status is Status.TRACKING and estimate.observation is not None:
             features = system.features.points_of(estimate.observation)
             seen = seen_points(estimate.observation, features, optical_axis(system.setup.camera, frame))
-            if seen.shares.sum() >= LEAST_SEEN:
+            if seen.shares.sum() >= MIN_SEEN:
                 views.append(PerspectiveView(seen, estimate.pose.as_array()))
-    chosen = np.unique(np.linspace(0, len(views) - 1, min(MOST_IMAGES, len(views))).astype(int))
+    chosen = np.unique(np.linspace(0, len(views) - 1, min(MAX_IMAGES, len(views))).astype(int))
     return tuple(views[k] for k in chosen)
 
 
@@ -89,9 +89,9 @@ def calibrate_self_perspective(
     views: Sequence[PerspectiveView], camera: PinholeCamera, registration: PerspectiveRegistration
 ) -> PerspectiveSelfCalibration:
     """The camera that puts what all views show where it is on the field. Raises NoFitError with the reason."""
-    if len(views) < LEAST_IMAGES:
+    if len(views) < MIN_IMAGES:
         raise NoFitError(
-            f"{len(views)} images with a known pose that lie apart are too few, {LEAST_IMAGES} are needed: the robot "
+            f"{len(views)} images with a known pose that lie apart are too few, {MIN_IMAGES} are needed: the robot "
             "must walk about and see lines"
         )
     starts = np.array([one.pose for one in views])
@@ -194,7 +194,7 @@ def _round(
         matrix += (information - information[:, :2] @ own @ information[:2]) / repeated
         vector += (right - information[:, :2] @ own @ right[:2]) / repeated
     covariance = np.linalg.inv(matrix)
-    found = np.clip(covariance @ vector, -MOST, MOST)
+    found = np.clip(covariance @ vector, -MAX_ERRORS, MAX_ERRORS)
     return found, covariance, np.array(after), max(math.sqrt(float(np.mean(squares))), MIN_LEAN_RAD)
 
 

@@ -19,7 +19,7 @@ from touchline.types import ImageArray
 RAYS = 720
 STEP_PX = 0.5
 SMOOTHING_PX = 0.8
-LEAST_SLOPE = 0.04  # of an edge, in shares of white's tone per pixel: half of what black beside shaded green has
+MIN_SLOPE = 0.04  # of an edge, in shares of white's tone per pixel: half of what black beside shaded green has
 CANNY = (30.0, 90.0)
 FLOAT32 = npt.NDArray[np.float32]
 
@@ -130,7 +130,7 @@ def find_strip(view: View, center: FloatArray, strip: Strip) -> tuple[float, Flo
         & view.edges[np.clip(np.rint(v), 0, height - 1).astype(int), np.clip(np.rint(u), 0, width - 1).astype(int)]
     )
     steep = np.abs(slope)
-    peak = on_edge & (steep >= LEAST_SLOPE)
+    peak = on_edge & (steep >= MIN_SLOPE)
     peak[:, 1:-1] &= (steep[:, 1:-1] >= steep[:, :-2]) & (steep[:, 1:-1] > steep[:, 2:])
     rays = {int(k): np.flatnonzero(peak[k]) for k in np.flatnonzero(peak.sum(axis=1) >= 3)}
     for hidden in (slice(None), slice(1, None), slice(-1)):  # the robot may stand on the first edge, a goal on the last

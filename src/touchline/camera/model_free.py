@@ -19,7 +19,7 @@ ROWS = 72  # directions of the written table: linear interpolation between rows 
 BEYOND = 2.0  # beyond the last edge the range is continued to so many times that edge's range ...
 WITHIN = 0.5  # ... and inside the first one to so many times that
 # what a calibration is never surer of: a mount that settles, a strip that is misread by millimetres
-LEAST = CameraUncertainty(0.02, 0.05, 0.002)
+MIN_UNCERTAINTY = CameraUncertainty(0.02, 0.05, 0.002)
 _HARMONICS = 3  # of the radii around the mirror, per edge: what a mirror askew shows; the rest is noise
 _HEIGHT_M = 0.75
 
@@ -159,7 +159,7 @@ def edges_uncertainty(edges: Edges) -> CameraUncertainty:
     tilt_deg = float(np.degrees(0.5 * _HEIGHT_M * np.sqrt(variances[0])))
     scale = noise_px / np.sqrt(len(turns) * np.sum((ranges / m_per_px) ** 2))
     found = (tilt_deg, float(np.sqrt(variances[1])), float(scale))
-    return CameraUncertainty(*(float(np.hypot(*pair)) for pair in zip(found, LEAST, strict=True)))
+    return CameraUncertainty(*(float(np.hypot(*pair)) for pair in zip(found, MIN_UNCERTAINTY, strict=True)))
 
 
 def range_image(camera: OmniCamera) -> FloatArray:

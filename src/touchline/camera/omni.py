@@ -38,7 +38,7 @@ _OPTIONAL = ("viewpoint_height_m", "use_attitude", "uncertainty")
 _TABLE_KEYS = ("radius_px", "range_m", "bearing_rad", "bearing_offset_rad")
 _MAX_TABLE_MB = 500
 _INVERSE_STEPS = 6
-_LARGEST_OFFSET_RAD = 0.2  # a mirror that leans by 5°
+_MAX_OFFSET_RAD = 0.2  # a mirror that leans by 5°
 _STEP_PX = 0.125  # spacing of the resampled table: fine enough that linear look-up adds < 0.1 mm below 8 m
 
 
@@ -281,7 +281,7 @@ def _offsets(table: dict[str, Any], shape: tuple[int, ...], path: Path) -> Float
     offsets = read_numbers(table["bearing_offset_rad"], path, key, 2)
     if offsets.shape != shape:
         raise InputError(f"{path}: '{key}' must have a row for each bearing with an entry for each radius")
-    if np.abs(offsets).max() > _LARGEST_OFFSET_RAD:
+    if np.abs(offsets).max() > _MAX_OFFSET_RAD:
         raise InputError(f"{path}: '{key}' holds {np.abs(offsets).max():g}; offsets are radians, at most 0.2")
     return offsets
 

@@ -32,9 +32,9 @@ from touchline.geometry import FloatArray, Pose3
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy", "mount")
 _OPTIONAL = ("distortion", "use_attitude", "imu_correction")
 _MOUNT_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
-_LEAST_DEPTH_M = 1e-6
-_WIDEST = 12.0  # tangent of the angle to the optical axis: 85°
-_NO_DISTORTION, _MOST_DISTORTION = 1e-12, 1e6
+_MIN_DEPTH_M = 1e-6
+_MAX_TANGENT = 12.0  # tangent of the angle to the optical axis: 85°
+_NO_DISTORTION, _MAX_DISTORTION = 1e-12, 1e6
 _BEYOND_CORNERS = 1.05  # lines are drawn until they have left the image
 _NEWTON_STEPS = 20  # 5 do for usual lenses
 _CONVERGED = 1e-10
@@ -127,7 +127,7 @@ class PinholeCamera:
         """Pixels (N, 2) u, v of any points (N, 3) in the base frame (m); NaN as of `image_from_ground`."""
         xyz = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         seen = (base_from_camera or self.base_from_camera).inverse().transform(xyz)
-        depth = np.where(seen[:, 0] > _LEAST_DEPTH_M, seen[:, 0], np.nan)
+        depth = np.where(seen[:, 0] > _MIN_DEPTH_M, seen[:, 0], np.nan)
         plane = -seen[:, 1:] / depth[:, np.newaxis]
         plane[~(np.hypot(*plane.T) <= self.largest_radius)] = np.nan
         pixels: FloatArray = self._distorted(plane) * (self.fx, self.fy) + (self.cx, self.cy)
@@ -187,7 +187,7 @@ class PinholeCamera:
         factors = np.array([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
         squares = np.roots(np.where(np.abs(factors) < _NO_DISTORTION, 0.0, factors))
         turns = [float(s.real) for s in squares if abs(s.imag) < 1e-9 and s.real > 0.0]
-        radius = np.linspace(0.0, min([_WIDEST, *np.sqrt(turns)]), 4001)
+        radius = np.linspace(0.0, min([_MAX_TANGENT, *np.sqrt(turns)]), 4001)
         distorted = radius * (1.0 + k1 * radius**2 + k2 * radius**4 + k3 * radius**6)
         corners = np.array([(u, v) for u in (-0.5, self.width - 0.5) for v in (-0.5, self.height - 0.5)])
         farthest = np.hypot(*((corners - (self.cx, self.cy)) / (self.fx, self.fy)).T).max()
@@ -205,8 +205,8 @@ def _from_mapping(tree: Mapping[str, Any], path: Path) -> PinholeCamera:
     width, height = read_image_size(tree, path)
     fx, fy, cx, cy = (read_number(tree[key], path, key) for key in ("fx", "fy", "cx", "cy"))
     distortion = read_numbers(tree.get("distortion", [0.0] * 5), path, "distortion", 1)
-    if not np.all(np.abs(distortion) < _MOST_DISTORTION):
-        raise InputError(f"{path}: 'distortion' holds a number beyond ±{_MOST_DISTORTION:g}; no lens has that")
+    if not np.all(np.abs(distortion) < _MAX_DISTORTION):
+        raise InputError(f"{path}: 'distortion' holds a number beyond ±{_MAX_DISTORTION:g}; no lens has that")
     mount = tree["mount"]
     if not isinstance(mount, dict) or any(key not in mount for key in _MOUNT_KEYS):
         raise InputError(f"{path}: 'mount' needs {', '.join(_MOUNT_KEYS)} (m, rad): the camera's pose in the body")

@@ -12,7 +12,7 @@ from touchline.messages import shown
 USUAL_TILT_DEG = 0.3  # of a mirror as built
 USUAL_CENTER_RATIO = 0.0075  # of the outer radius: a mirror displaced by 0.3 mm, 1.5 px in an image of 480 x 480
 USUAL_RANGE_RATIO = 0.02  # two marks of a strip misread by a centimetre
-_LARGEST = {"tilt_deg": 10.0, "center_px": 1000.0, "range_ratio": 0.5}
+_MAX_STATED = {"tilt_deg": 10.0, "center_px": 1000.0, "range_ratio": 0.5}
 
 
 class CameraUncertainty(NamedTuple):
@@ -48,6 +48,8 @@ def read_uncertainty(tree: dict[str, Any], outer_radius_px: float, path: Path) -
     stated = {}
     for key, value in values.items():
         stated[key] = read_number(value, path, f"uncertainty.{key}")
-        if not 0.0 <= stated[key] <= _LARGEST[key]:
-            raise InputError(f"{path}: 'uncertainty.{key}' must lie between 0 and {_LARGEST[key]:g}, found {value:g}")
+        if not 0.0 <= stated[key] <= _MAX_STATED[key]:
+            raise InputError(
+                f"{path}: 'uncertainty.{key}' must lie between 0 and {_MAX_STATED[key]:g}, found {value:g}"
+            )
     return usual_uncertainty(outer_radius_px)._replace(**stated)

@@ -21,7 +21,7 @@ from touchline.systems.nimbro_lines import NimbroLines
 from touchline.types import Status
 
 _SYSTEM = "nimbro-lines"
-_MOST_FRAMES, _LEAST_FRAMES = 40, 5
+_MAX_FRAMES, _MIN_FRAMES = 40, 5
 _GOOD_M = 0.10  # mean error of the features at the pose; the recordings have 2 to 4 cm
 _ASKEW_DEG = 0.8  # more is beyond what the system estimates for sure
 
@@ -41,7 +41,7 @@ def check_features(survey: Survey) -> Iterator[Finding]:
     assert isinstance(system, NimbroLines)
     looked, residuals_m, unseen = 0, [], Counter[str]()
     for frame in recording.again():
-        if looked == _MOST_FRAMES:
+        if looked == _MAX_FRAMES:
             break
         if frame.observation is None and (own or frame.image is None or is_covered(frame.image)):
             continue
@@ -53,8 +53,8 @@ def check_features(survey: Survey) -> Iterator[Finding]:
             last = estimate.observation.problem
         elif estimate.status is Status.TRACKING and math.isfinite(estimate.residual_m):
             residuals_m.append(estimate.residual_m)
-    if looked < _LEAST_FRAMES:
-        what = f"too few images to tell whether the features fit: {looked} usable, {_LEAST_FRAMES} are needed"
+    if looked < _MIN_FRAMES:
+        what = f"too few images to tell whether the features fit: {looked} usable, {_MIN_FRAMES} are needed"
         yield Finding("features", Severity.NOTE, FIELD, what, "Record more images, or mend what is wrong with these.")
         return
     if unseen and 2 * unseen.total() > looked:
@@ -70,7 +70,7 @@ def check_features(survey: Survey) -> Iterator[Finding]:
 
 def _fit(residuals_m: list[float], looked: int, own: bool) -> Iterator[Finding]:
     where = OBSERVATIONS if own else FIELD
-    if len(residuals_m) < _LEAST_FRAMES:
+    if len(residuals_m) < _MIN_FRAMES:
         what = f"lines, crossings and landmarks fit no pose in {looked - len(residuals_m)} of {looked} images"
         advice = "Look at `touchline view --stages`; check the field and camera.yaml."
         if own:

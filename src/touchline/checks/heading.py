@@ -13,12 +13,12 @@ from touchline.geometry import FloatArray, wrap_angles
 from touchline.sources.description import finite_number
 
 _WINDOW_S = 0.5
-_LEAST_TURN_RAD = math.radians(8.0)
-_LEAST_WINDOWS = 5
+_MIN_TURN_RAD = math.radians(8.0)
+_MIN_WINDOWS = 5
 _TOLERANCE = 0.12
 _COMPASS_TOLERANCE = 0.3  # magnetic disturbance depends on the place
 _LAG_TOLERANCE_S = 0.06
-_LONGEST_STEP_S = 0.25
+_MAX_STEP_S = 0.25
 _COMPASS = "the compass"
 
 
@@ -53,7 +53,7 @@ def check_compass_lag(survey: Survey) -> Iterator[Finding]:
     lack = wrap_angles(_steps(survey.column("yaw")) - survey.turn_rad[1:])
     change = np.diff(survey.column("gz"))
     good = np.isfinite(lack) & np.isfinite(change) & (np.abs(lack) < math.radians(5.0))
-    good &= np.diff(survey.stamps_s) < _LONGEST_STEP_S
+    good &= np.diff(survey.stamps_s) < _MAX_STEP_S
     power = float(np.sum(change[good] ** 2))
     if good.sum() < 20 or power == 0.0:
         return
@@ -108,8 +108,8 @@ def _ratio_of_turns(reference: FloatArray, steps: FloatArray, survey: Survey) ->
     broken = np.concatenate(([0], np.cumsum(~(np.isfinite(reference) & np.isfinite(steps)))))
     far, near = starts + width, starts
     turned = (a[far] - a[near]).ravel()
-    use = (np.abs(turned) > _LEAST_TURN_RAD) & (broken[far] == broken[near]) & (stamps[far] - stamps[near] < 3.0)
-    if use.sum() < _LEAST_WINDOWS:
+    use = (np.abs(turned) > _MIN_TURN_RAD) & (broken[far] == broken[near]) & (stamps[far] - stamps[near] < 3.0)
+    if use.sum() < _MIN_WINDOWS:
         return None
     return float(np.median((b[far] - b[near]).ravel()[use] / turned[use]))
 

@@ -12,7 +12,7 @@ from touchline.geometry import FloatArray
 from touchline.types import ImageArray
 
 _SATURATED = 250
-_LEAST_EDGE = 8.0  # a 98th percentile of the half-size Laplacian below this is no texture to judge sharpness by
+_MIN_EDGE = 8.0  # a 98th percentile of the half-size Laplacian below this is no texture to judge sharpness by
 _RAYS = 180
 _TRIPLES = 300
 _RIM_TOLERANCE_PX = 1.5
@@ -63,7 +63,7 @@ def measure_sharpness(image: ImageArray, mask: Mask) -> float:
     inside = cv2.erode(mask, np.ones((5, 5), np.uint8))
     half_inside = cv2.resize(inside, (half.shape[1], half.shape[0]), interpolation=cv2.INTER_NEAREST)
     fine, coarse = _strong_edge(green, inside), _strong_edge(half, half_inside)
-    return fine / coarse if coarse >= _LEAST_EDGE else float("nan")
+    return fine / coarse if coarse >= _MIN_EDGE else float("nan")
 
 
 def fit_rim(image: ImageArray, center: tuple[float, float], outer_px: float) -> Rim | None:

@@ -23,11 +23,11 @@ from touchline.systems import RobotSetup, open_system
 from touchline.types import Frame, Samples, Status
 
 _SYSTEM = "touchline"
-_LONGEST_NS = 60_000_000_000
+_MAX_NS = 60_000_000_000
 _STEP_S = 0.05
 _SHIFTS_S = (-0.2, -0.1, 0.0, 0.1, 0.2)  # and two more about the best
-_LEAST_STEPS, _FIRST_STEPS = 250, 20  # half of a minute: in less, a few turns decide
-_MOST_RAD = math.radians(6.0)  # of a correction: more is another pose
+_MIN_STEPS, _FIRST_STEPS = 250, 20  # half of a minute: in less, a few turns decide
+_MAX_RAD = math.radians(6.0)  # of a correction: more is another pose
 _TOGETHER = 4.0  # standard deviations are larger by: corrections err together, as walks of a minute show
 _LATE_S = 0.03  # that is told: 3 cm at 1 m/s
 _SURE = 2.0  # standard deviations
@@ -50,7 +50,7 @@ def check_late_odometry(survey: Survey) -> Iterator[Finding]:
     except InputError:
         return  # the check of the field says so
     first_ns = int(recording.image_stamps[0]) if len(recording) else 0
-    frames = list(itertools.takewhile(lambda each: each.stamp_ns - first_ns < _LONGEST_NS, recording.again()))
+    frames = list(itertools.takewhile(lambda each: each.stamp_ns - first_ns < _MAX_NS, recording.again()))
     found = find_late(field, frames)
     if found is None or abs(found.late_s) < max(_LATE_S, _SURE * found.deviation_s):
         return
@@ -63,12 +63,12 @@ def check_late_odometry(survey: Survey) -> Iterator[Finding]:
 
 def find_late(field: FieldModel, frames: Sequence[Frame]) -> Late | None:
     """How late the samples of frames with features come; None where that is not shown: the robot hardly turns."""
-    if len(frames) < _LEAST_STEPS:
+    if len(frames) < _MIN_STEPS:
         return None
     corrections = {shift: _corrections(field, frames, shift) for shift in _SHIFTS_S}
 
     def cost(shift: float) -> float:
-        return float(np.mean(np.minimum(corrections[shift], _MOST_RAD) ** 2)) if len(corrections[shift]) else math.inf
+        return float(np.mean(np.minimum(corrections[shift], _MAX_RAD) ** 2)) if len(corrections[shift]) else math.inf
 
     middle = min(_SHIFTS_S[1:-1], key=cost)
     for near in (middle - _STEP_S, middle + _STEP_S):
@@ -81,7 +81,7 @@ def find_late(field: FieldModel, frames: Sequence[Frame]) -> Late | None:
             corrections[near] = _corrections(field, frames, near)
     before, here, after = (cost(shift) for shift in (sides[0], best, sides[1]))
     bend, count = before - 2.0 * here + after, len(corrections[best])
-    if count < _LEAST_STEPS or not bend > 0.0 or not math.isfinite(bend):
+    if count < _MIN_STEPS or not bend > 0.0 or not math.isfinite(bend):
         return None
     deviation_s = _STEP_S * math.sqrt(2.0 * here / (count * bend))
     return Late(best + 0.5 * _STEP_S * (before - after) / bend, _TOGETHER * deviation_s)

@@ -22,13 +22,13 @@ from touchline.systems import RobotSetup, open_system
 from touchline.types import Estimate, Samples, Status
 
 _SYSTEM = "nubot-mti"  # that leaves the camera as it is told: one that learns its errors would hide them
-_MOST_FRAMES = 100  # enough to tell a calibration, and a few tenths of a second
+_MAX_FRAMES = 100  # enough to tell a calibration, and a few tenths of a second
 _BLOCKS = 5  # of consecutive frames that these are in, spread over the recording: it may begin with a robot that stands
-_LEAST_FRAMES = 5
+_MIN_FRAMES = 5
 _NEAR_M = 4.0
 _GOOD_M = 0.03  # a line's deviation at up to _NEAR_M with a good calibration; real robots have 0.02 to 0.04
 _POOR_M = 0.08
-_LEAST_NEAR = 0.75  # of the points, within a quarter metre; goals and clutter take a tenth
+_MIN_NEAR = 0.75  # of the points, within a quarter metre; goals and clutter take a tenth
 _TILT_DEG = 0.1
 _SCALE = 0.01
 _HEADING_DEG, _POOR_HEADING_DEG = 1.0, 3.0
@@ -65,11 +65,11 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
             tilt.update(estimate.observation.points, estimate.pose)
         if index == max(chosen):
             break
-    if looked < _LEAST_FRAMES:
-        what = f"too few images to tell whether the lines fit: {looked} usable, {_LEAST_FRAMES} are needed"
+    if looked < _MIN_FRAMES:
+        what = f"too few images to tell whether the lines fit: {looked} usable, {_MIN_FRAMES} are needed"
         yield Finding("lines", Severity.NOTE, FIELD, what, "Record more images, or mend what is wrong with these.")
         return
-    if len(estimates) < _LEAST_FRAMES:
+    if len(estimates) < _MIN_FRAMES:
         what = f"the lines fit no pose in {looked - len(estimates)} of {looked} images"
         advice = "Look at `touchline view --stages`; check the field, camera.yaml and whether the carpet is in view."
         yield Finding("lines", Severity.WARNING, FIELD, what, advice)
@@ -100,9 +100,9 @@ def _ends(estimates: list[Estimate]) -> Iterator[Finding]:
 
 def chosen_frames(frames: int) -> frozenset[int]:
     """Indices of the frames that are looked at: all of a short recording, else blocks of consecutive ones."""
-    if frames <= _MOST_FRAMES:
+    if frames <= _MAX_FRAMES:
         return frozenset(range(frames))
-    length = _MOST_FRAMES // _BLOCKS
+    length = _MAX_FRAMES // _BLOCKS
     starts = np.linspace(0, frames - length, _BLOCKS).round().astype(int).tolist()
     return frozenset(index for start in starts for index in range(start, start + length))
 
@@ -131,7 +131,7 @@ def _fit(off: FloatArray, near_a_line: float, tracked: str) -> Finding:
     typical = float(np.median(off))
     what = f"points lie {100 * typical:.1f} cm from the lines (median), {tracked}"
     advice = "Is it this field, and this camera's calibration?"
-    if near_a_line < _LEAST_NEAR:
+    if near_a_line < _MIN_NEAR:
         what += f"; but only {100 * near_a_line:.0f} % of them lie near a line at all"
         return Finding("lines", Severity.WARNING, FIELD, what, advice)
     if typical <= _GOOD_M:
@@ -181,7 +181,7 @@ def _headings(survey: Survey, estimates: list[Estimate]) -> Iterator[Finding]:
         return
     pairs = [(estimate.pose, truth.nearest(estimate.stamp_ns)) for estimate in estimates]
     near = [(pose, true) for pose, true in pairs if pose.distance_to(true) < _SAME_POSE_M]
-    if len(near) < _LEAST_FRAMES:
+    if len(near) < _MIN_FRAMES:
         return  # the other end of the field, or a truth of something else
     off_deg = np.degrees(wrap_angles([pose.heading - true.heading for pose, true in near]))
     middle = float(np.median(off_deg))

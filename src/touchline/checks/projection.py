@@ -20,14 +20,14 @@ from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA
 from touchline.types import ImageArray
 
-_LEAST_GROUND = 0.2  # of the image: less is sky
-_FRAMES, _LEAST_FRAMES = 24, 3
+_MIN_GROUND = 0.2  # of the image: less is sky
+_FRAMES, _MIN_FRAMES = 24, 3
 _STEP_M = 0.05
-_FARTHEST_M = 6.0
-_LEAST_PLACES = 40  # in one image, for three angles
+_MAX_M = 6.0
+_MIN_PLACES = 40  # in one image, for three angles
 _SEARCHED_PX = 20.0  # to each side of a line: 2° of a wide-angle camera
 _PROFILE_PX = 0.5
-_LEAST_CONTRAST = 40.0
+_MIN_CONTRAST = 40.0
 _NOTED_DEG, _POOR_DEG = 0.4, 1.5  # an IMU's tilt is good to half a degree
 _TURN_RAD = 1e-4
 
@@ -55,7 +55,7 @@ def check_view(survey: Survey) -> Iterator[Finding]:
         f"{camera.model}, {camera.width}×{camera.height} pixels, {place.translation_m[2]:.2f} m high, looking down by "
         f"{down_deg:.1f}°: {100 * ground:.0f} % of the image show the ground"
     )
-    if ground < _LEAST_GROUND:
+    if ground < _MIN_GROUND:
         yield Finding("camera", Severity.ERROR, CAMERA, what, "Positive mount: pitch looks down; it is in radians.")
         return
     yield Finding("camera", Severity.OK, CAMERA, what)
@@ -88,11 +88,11 @@ def check_projection(survey: Survey) -> Iterator[Finding]:
         if turn is not None:
             offsets.append(off[np.isfinite(off)])
             turns.append(turn)
-    if looked < _LEAST_FRAMES:
+    if looked < _MIN_FRAMES:
         what = f"too few images to tell whether the camera is mounted as camera.yaml says: {looked} usable"
         yield Finding("projection", Severity.NOTE, CAMERA, what)
         return
-    if len(turns) < max(_LEAST_FRAMES, looked // 2):
+    if len(turns) < max(_MIN_FRAMES, looked // 2):
         what = f"field lines are found in {len(turns)} of {looked} images where the true poses put them"
         advice = "Look at `touchline view`: are field and camera.yaml right? A head that moves needs camera_pose.csv."
         yield Finding("projection", Severity.WARNING, CAMERA, what, advice)
@@ -129,7 +129,7 @@ def project_places(camera: Camera, field: FieldModel, field_from_robot: Pose, ba
             half = 0.5 * np.abs(np.sum((left - right) * normal, axis=1))
             middle += np.sum((0.5 * (left + right) - middle) * normal, axis=1)[:, np.newaxis] * normal
         ground = to_base.transform(line)
-        seen = camera.sees(middle) & np.isfinite(normal).all(axis=1) & (np.hypot(*ground.T) < _FARTHEST_M)
+        seen = camera.sees(middle) & np.isfinite(normal).all(axis=1) & (np.hypot(*ground.T) < _MAX_M)
         seen &= (half > 0.6) & (half < 25.0)
         seen[:3] = seen[-3:] = False  # other lines meet it there
         found.append(np.column_stack((middle, normal, half, ground))[seen])
@@ -155,7 +155,7 @@ def line_offsets(image: ImageArray, places: Places) -> FloatArray:
     profiles = cv2.remap(white, path[..., 0], path[..., 1], cv2.INTER_LINEAR, borderValue=0).astype(np.float64)
     low, high = np.percentile(profiles, 15, axis=1), profiles.max(axis=1)
     edge = 0.5 * (low + high)
-    for k in np.flatnonzero(high - low > _LEAST_CONTRAST):
+    for k in np.flatnonzero(high - low > _MIN_CONTRAST):
         bright = np.flatnonzero(profiles[k] > edge[k])
         first, last = int(bright[0]), int(bright[-1])
         if first == 0 or last == len(steps) - 1 or len(bright) != last - first + 1:
@@ -183,7 +183,7 @@ def fitted_turn(camera: Camera, places: Places, offsets: FloatArray, base_from_c
     used &= np.isfinite(jacobian).all(axis=1)
     turn: FloatArray = np.zeros(3)
     for _ in range(5):
-        if used.sum() < _LEAST_PLACES:
+        if used.sum() < _MIN_PLACES:
             return None
         turn = np.linalg.lstsq(jacobian[used], offsets[used], rcond=None)[0]
         rest = np.abs(offsets - jacobian @ turn)

@@ -18,11 +18,11 @@ from touchline.sources.description import FIELD, finite_number
 from touchline.sources.folder import SENSOR_COLUMNS
 from touchline.sources.problems import Problem, ProblemKind
 
-_LEAST_STUCK_S = 0.5
-_LEAST_TRAVEL_M = 1.0
+_MIN_STUCK_S = 0.5
+_MIN_TRAVEL_M = 1.0
 _WINDOW_S = 1.0
 _STILL_M, _STILL_RAD = 0.0005, math.radians(0.1)
-_LEAST_STILL_S = 1.0
+_MIN_STILL_S = 1.0
 _NO_COMPASS = "A pose and the one at the other end of the field fit equally well: run with --own-half or --start."
 _ENDS_ALIKE = "Tell where the robot starts, --start X,Y,HEADING or --own-half; else each pose is named with its twin."
 
@@ -120,7 +120,7 @@ def check_stuck(survey: Survey) -> Iterator[Finding]:
             seen = float(np.nansum(others[own][start:stop]))  # a gyro may well be constant, in a steady turn
             witnesses = [steps[start:stop] for name, steps in others.items() if name != own]
             moved = [abs(np.nansum(steps) - seen) for steps in witnesses if np.isfinite(steps).all()]
-            if seconds >= _LEAST_STUCK_S and max(moved, default=0.0) > limit:
+            if seconds >= _MIN_STUCK_S and max(moved, default=0.0) > limit:
                 what = (
                     f"{' and '.join(names)} stay the same from t = {survey.stamps_s[start]:.2f} s for {seconds:.1f} s, "
                     f"while another sensor sees {max(moved):.2f} {unit} of motion"
@@ -160,7 +160,7 @@ def check_gyro_bias(survey: Survey) -> Iterator[Finding]:
     seconds = float(steps[still].sum())
     if not known.any():
         return
-    if seconds < _LEAST_STILL_S:
+    if seconds < _MIN_STILL_S:
         what, advice = (
             "the gyro's bias is not measured: the robot hardly ever stands still",
             "Record two seconds at rest to have it measured.",
@@ -184,8 +184,8 @@ def compare_travel(survey: Survey, subject: tuple[str, str, str, str], steps: Fl
     own, reference = (over_windows(values, survey.stamps_s) for values in (steps, _base_steps(survey)))
     good = np.isfinite(own) & np.isfinite(reference)
     a, b = reference[good], own[good]
-    if np.abs(a).sum() < _LEAST_TRAVEL_M and np.abs(b).sum() < _LEAST_TRAVEL_M:
-        what = f"odometry is not compared with {name}: the robot travels less than {_LEAST_TRAVEL_M:g} m"
+    if np.abs(a).sum() < _MIN_TRAVEL_M and np.abs(b).sum() < _MIN_TRAVEL_M:
+        what = f"odometry is not compared with {name}: the robot travels less than {_MIN_TRAVEL_M:g} m"
         yield Finding(check, Severity.NOTE, file, what, "Record a few metres of driving to have it compared.")
         return
     found, mirrored = _agreement(a, b), _agreement(np.conj(a), b)

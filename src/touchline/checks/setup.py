@@ -28,7 +28,7 @@ _RIM_OFF_PX = 3.0
 _RIM_SHAKES_PX = 0.5
 _SAME_LINE_M = 0.02
 _HALL_M = 5.0  # beyond the lines
-_LEAST_TURNS = 4
+_MIN_TURNS = 4
 _FASTEST_M_S = 7.0  # a true pose that moves faster was put elsewhere by hand
 
 
@@ -86,7 +86,7 @@ def check_handedness(survey: Survey) -> Iterator[Finding]:
     scores = survey.turn_score[np.isfinite(survey.turn_score)]
     if survey.omni is None:
         return
-    if len(scores) < _LEAST_TURNS or abs(float(np.mean(scores))) < 0.1:
+    if len(scores) < _MIN_TURNS or abs(float(np.mean(scores))) < 0.1:
         what = "handedness is not tested: the robot hardly turns from image to image"
         yield Finding("handedness", Severity.NOTE, CAMERA, what, "Record a turn on the spot to have it tested.")
     elif float(np.mean(scores)) > 0:

@@ -28,8 +28,8 @@ from touchline.systems import RobotSetup
 _SENSOR_STEP_S = (2.0e-3, 2.0)  # shortest and longest distance of two samples
 _IMAGE_STEP_S = (1.0e-2, 10.0)  # of two images; slower ones are rather a time lapse than milliseconds
 _ANGLES = {"gz": "imu.csv", "theta": "odometry.csv", "yaw": "imu.csv"}
-_LARGEST_RAD = 6.4  # of an angle that is counted within one turn
-_MOST_DEG = 361.0
+_MAX_RAD = 6.4  # of an angle that is counted within one turn
+_MAX_DEG = 361.0
 _FASTEST_RAD_S = 35.0  # a spin that no robot survives, and a slow turn in °/s
 _HARDLY_RAD = 0.02
 _TURNED_RAD = 0.3  # least turn that tells units of angles apart, 57 to 1
@@ -37,8 +37,8 @@ _ALIKE = 3.0  # how much further one sensor may say that the robot turns: slip, 
 _DEGREES = (20.0, 160.0)
 _FASTEST_M_S = 15.0
 _TRAVELLED_M = 0.3
-_FARTHEST_FOOT_M = 5.0  # where a mirror sees the ground beside the robot: 0.3 to 1 m
-_HIGHEST_M = 5.0  # of a camera on a robot
+_MAX_FOOT_M = 5.0  # where a mirror sees the ground beside the robot: 0.3 to 1 m
+_MAX_M = 5.0  # of a camera on a robot
 _CAMERA_ANGLES = ("roll", "pitch", "yaw")
 _LOOKED_AT = 5
 _GREY_LEVELS = 1.0  # mean difference of the channels; carpet in the dimmest light has 4
@@ -151,7 +151,7 @@ def _in_degrees(name: str, turned: dict[str, float], largest: float) -> bool:
     if name == "gz":
         return largest > _FASTEST_RAD_S
     counts_turns = any(turned[name] / _ALIKE < turn < turned[name] * _ALIKE for turn in others)
-    return _LARGEST_RAD < largest < _MOST_DEG and not counts_turns
+    return _MAX_RAD < largest < _MAX_DEG and not counts_turns
 
 
 def _turned(times_s: FloatArray, values: FloatArray, is_rate: bool) -> float:
@@ -163,7 +163,7 @@ def _turned(times_s: FloatArray, values: FloatArray, is_rate: bool) -> float:
     if is_rate:
         values = np.concatenate(([0.0], np.cumsum(values[1:] * np.diff(times_s))))
     else:
-        values = np.unwrap(values, period=360.0 if np.abs(values).max() > _LARGEST_RAD else 2.0 * math.pi)
+        values = np.unwrap(values, period=360.0 if np.abs(values).max() > _MAX_RAD else 2.0 * math.pi)
     return float(np.abs(np.diff(_each_second(times_s, values))).sum())
 
 
@@ -223,9 +223,9 @@ def _ranges(recording: Recording) -> Iterator[Slip]:
         return  # the check of the camera says so
     if isinstance(camera, OmniCamera):
         at_foot = float(np.interp(camera.inner_radius_px, camera.radius_px, camera.range_m.mean(axis=0)))
-        if at_foot > _FARTHEST_FOOT_M:
+        if at_foot > _MAX_FOOT_M:
             what = f"range_table has {at_foot:.4g} m at the robot's foot (inner_radius_px)"
-            unit = length_unit(at_foot, 0.3 * _FARTHEST_FOOT_M)
+            unit = length_unit(at_foot, 0.3 * _MAX_FOOT_M)
             yield Slip(CAMERA, what, f"It looks like {unit}; range_m is in metres.")
 
 
@@ -247,12 +247,12 @@ def _mounts(recording: Recording) -> Iterator[Slip]:
         if len(rows := np.abs(rows[np.isfinite(rows).all(axis=1)])):
             places.append((CAMERA_POSES, "table", float(np.median(rows[:, 0])), float(rows[:, 1:].max())))
     for file, name, height_m, largest_rad in places:
-        if height_m > _HIGHEST_M:
-            unit = length_unit(height_m, _HIGHEST_M)
+        if height_m > _MAX_M:
+            unit = length_unit(height_m, _MAX_M)
             yield Slip(
                 file, f"the {name} has the camera {height_m:.4g} m high", f"It looks like {unit}; z is in metres."
             )
-        if largest_rad > _LARGEST_RAD:
+        if largest_rad > _MAX_RAD:
             what = f"the {name}'s roll, pitch or yaw reaches {largest_rad:.3g}"
             yield Slip(file, what, "It looks like degrees; angles are in radians.")
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 RIM_IMAGES = 24  # images whose rim is fitted, spread over the recording
 MOTION_COLUMNS = ("x", "y", "theta", "a", "b", "roll", "pitch", "yaw", "gx", "gy", "gz")
-_LEAST_TURN_RAD, _MOST_TURN_RAD = np.radians(4.0), np.radians(40.0)
+_MIN_TURN_RAD, _MAX_TURN_RAD = np.radians(4.0), np.radians(40.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,5 +198,5 @@ class _ImageTaker:
             # The world stands still: seen from the robot it turns back, in the image by handedness more.
             turn = wrap_angle(-self._handedness * float(np.nan_to_num(survey.turn_rad[index])))
             score = self._gauge.preference(image, turn)
-            if _LEAST_TURN_RAD < abs(turn) < _MOST_TURN_RAD:
+            if _MIN_TURN_RAD < abs(turn) < _MAX_TURN_RAD:
                 survey.turn_score[index] = score

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from touchline.evaluation import ErrorTable
 
 DEBUG_VARIABLE = "TOUCHLINE_DEBUG"
-_NARROWEST, _USUAL = 20, 80  # columns of a terminal
+_MIN_COLUMNS, _USUAL_COLUMNS = 20, 80  # columns of a terminal
 
 
 class _Output(Console):
@@ -29,8 +29,8 @@ def output() -> Console:
     Raises BrokenPipeError if its reader has gone.
     """
     console = _Output(highlight=False, soft_wrap=True, markup=False)
-    if console.width < _NARROWEST:  # COLUMNS=0, as some services have it, left tables without columns
-        console.width = _USUAL
+    if console.width < _MIN_COLUMNS:  # COLUMNS=0, as some services have it, left tables without columns
+        console.width = _USUAL_COLUMNS
     return console
 
 

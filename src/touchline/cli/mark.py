@@ -13,7 +13,7 @@ from touchline.errors import InputError
 from touchline.files.new import write_new_file
 from touchline.messages import counted
 
-_MOST_IMAGES = 200
+_MAX_IMAGES = 200
 
 
 def mark(
@@ -85,8 +85,8 @@ def _pictures(images: list[Path], folder: Path) -> dict[str, bytes]:
 
     from touchline.files.images import read_image
 
-    if len(images) > _MOST_IMAGES:
-        raise InputError(f"{len(images)} images are too many to mark at once; {_MOST_IMAGES} are the most")
+    if len(images) > _MAX_IMAGES:
+        raise InputError(f"{len(images)} images are too many to mark at once; {_MAX_IMAGES} are the most")
     pictures: dict[str, bytes] = {}
     for path in images:
         inside = path.resolve().is_relative_to(folder.resolve())

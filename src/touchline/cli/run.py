@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from touchline.view.viewer import Screen
 
 EXAMPLE = "omni_msl_track_short"
-_MOST_SAID = 5  # phrases of a system; the report has more
+_MAX_SAID = 5  # phrases of a system; the report has more
 
 
 class InterruptedRun(TouchlineError):
@@ -235,7 +235,7 @@ def print_run(finished: Run) -> None:
         console.print(told, style="yellow", markup=False)
     if summary["status"]["tracking"] and (why := summary["why_not_localised"]):
         console.print(f"most images show nothing: {why}", style="yellow", markup=False)
-    for one in summary["said"][:_MOST_SAID]:
+    for one in summary["said"][:_MAX_SAID]:
         console.print(f"{one['t']:.2f} s: {one['what']}", style="yellow", markup=False)
     problems = summary["problems"]["counts"]
     if problems:

@@ -19,10 +19,10 @@ from touchline.geometry import FloatArray, wrap_angles
 from touchline.sources import Recording
 from touchline.types import Status
 
-MOST_RUNS = 6  # so many colours can be told apart
+MAX_RUNS = 6  # so many colours can be told apart
 COLUMNS = ("position", "largest", "heading", "tracked", "wrong", "time", "p99")
 UNITS = ("cm", "cm", "°", "%", "s", "ms", "ms")
-_MOST_STRETCHES = 5
+_MAX_STRETCHES = 5
 
 
 class Stretch(NamedTuple):
@@ -99,7 +99,7 @@ class Comparison:
             Stretch(float(times[a]), float(times[b - 1]), float(np.nanmax(distance[a:b])), int(b - a))
             for a, b in zip(edges[::2], edges[1::2], strict=True)
         ]
-        return sorted(sorted(found, key=lambda one: -one.images)[:_MOST_STRETCHES])
+        return sorted(sorted(found, key=lambda one: -one.images)[:_MAX_STRETCHES])
 
     def is_same(self, index: int) -> bool:
         """Whether a run has the same poses as the first, at the same images."""
@@ -117,8 +117,8 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
 
     Raises InputError for another number of runs, for runs of different recordings, and if theirs is not found any more.
     """
-    if not 2 <= len(folders) <= MOST_RUNS:
-        raise InputError(f"compare: expected two to {MOST_RUNS} runs, got {len(folders)}")
+    if not 2 <= len(folders) <= MAX_RUNS:
+        raise InputError(f"compare: expected two to {MAX_RUNS} runs, got {len(folders)}")
     runs = [Run(folder) for folder in folders]
     if len({run.folder.resolve() for run in runs}) < len(runs):
         raise InputError("compare: the same run is given twice")

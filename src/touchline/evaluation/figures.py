@@ -19,7 +19,7 @@ _WIDTH, _HEIGHT = 403.0, 202.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 8.0, 22.0, 38.0  # around the axes
 _LABEL = 90.0  # the longest label is not wider
 _BINS = 45
-_MOST_TICKS = 7
+_MAX_TICKS = 7
 
 
 def latency_figure(spent_ms: FloatArray, latency_ms: dict[str, Any]) -> str:
@@ -84,13 +84,13 @@ def _time_ticks(low: float, high: float) -> list[float]:
     if high > 8.0 * low:
         steps = (1, 2, 5) if high <= 300.0 * low else (1,)
         return [n * 10.0**k for k in range(-3, 6) for n in steps if low <= n * 10.0**k <= high]
-    step = _round_step((high - low) / _MOST_TICKS)
+    step = _round_step((high - low) / _MAX_TICKS)
     return [round(k * step, 9) for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
 def _count_axis(most: float) -> str:
     """Frames to the left, with the lines of the grid."""
-    drawn, step = [], max(_round_step(most / _MOST_TICKS), 1.0)
+    drawn, step = [], max(_round_step(most / _MAX_TICKS), 1.0)
     for k in range(math.floor(most / step) + 1):
         y = _up(k * step, most)
         drawn.append(f"<path d='M{_LEFT:g},{y:.1f}H{_WIDTH - _RIGHT:g}' stroke='var(--grid)' stroke-width='0.6'/>")

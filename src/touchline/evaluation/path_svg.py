@@ -13,7 +13,7 @@ from touchline.geometry import FloatArray
 from touchline.types import Mode, Status
 
 MODE_COLORS = {Mode.OMNIVISION: "omnivision", Mode.BOTH: "both", Mode.ODOMETRY: "odometry"}
-_MOST_DOTS = 4_000
+_MAX_DOTS = 4_000
 _TICK_M = 2.0
 
 
@@ -65,7 +65,7 @@ def truth_path(data: RunData) -> str:
         return ""
     poses = data.truth.values
     parts = np.split(poses, carried_rows(poses))
-    step = max(1, -(-len(poses) // _MOST_DOTS))
+    step = max(1, -(-len(poses) // _MAX_DOTS))
     text = " ".join("M" + " ".join(f"{x:.2f},{y:.2f}" for x, y in part[::step, :2]) for part in parts)
     return f"<path d='{text}' class='truth' stroke='var(--truth)'/>"
 
@@ -106,5 +106,5 @@ def _groups(data: RunData) -> list[tuple[str, str, npt.NDArray[np.bool_]]]:
 
 
 def _thinned(rows: npt.NDArray[np.generic]) -> FloatArray:
-    step = max(1, -(-len(rows) // _MOST_DOTS))
+    step = max(1, -(-len(rows) // _MAX_DOTS))
     return np.asarray(rows[::step, :2], dtype=np.float64)

@@ -27,7 +27,7 @@ ESTIMATES = "estimates.csv"
 SUMMARY = "summary.json"
 REPORT = "report.html"
 RUNS = Path("runs")
-_MOST_SUMMARY_BYTES = 20_000_000
+_MAX_SUMMARY_BYTES = 20_000_000
 UNFINISHED = "unfinished"
 """What summary.json says of a run that goes on, or was cut off: `ended`."""
 _BETWEEN_SYNCS_S = 0.9
@@ -190,7 +190,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     if not path.exists() and (folder / ESTIMATES).is_file():
         return {"ended": UNFINISHED}
     try:
-        loaded = json.loads(read_text(path, _MOST_SUMMARY_BYTES))
+        loaded = json.loads(read_text(path, _MAX_SUMMARY_BYTES))
     except UnreadableError as error:
         raise InputError(f"{error}; is {folder} the folder of a run?") from None
     except (ValueError, RecursionError):

@@ -21,8 +21,8 @@ from touchline.systems import RobotSetup
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Estimate, Frame, Mode, Prior, Status, System
 
-_MOST_PICTURES, _MOST_THUMBNAILS = 6, 100
-_MOST_SAID = 50  # phrases of a system that are kept
+_MAX_PICTURES, _MAX_THUMBNAILS = 6, 100
+_MAX_SAID = 50  # phrases of a system that are kept
 
 OnFrame = Callable[[Frame, Estimate], None]
 Particles = Callable[[], FloatArray | None]
@@ -120,7 +120,7 @@ class RunTally:
             self.either_side, self.other_side = self.either_side + 1, estimate.pose.mirrored()
             self.other_probability = estimate.twin_probability
         for phrase in estimate.problems:
-            if len(self.said) < _MOST_SAID:
+            if len(self.said) < _MAX_SAID:
                 self.said.setdefault(phrase, estimate.stamp_ns)
         self.times.add(estimate.perception_ms, estimate.localization_ms)
 
@@ -161,9 +161,9 @@ class FramePicker:
         self, expected_frames: int, particles: Particles = lambda: None, draw: Thumbnails = lambda *_: None
     ) -> None:
         self._particles, self._draw, self._leaning = particles, draw, LeanFilter()
-        count = min(_MOST_PICTURES - 1, expected_frames)
+        count = min(_MAX_PICTURES - 1, expected_frames)
         self._wanted = {round((i + 0.5) * expected_frames / count - 0.5) for i in range(count)}
-        self._every = max(1, -(-expected_frames // _MOST_THUMBNAILS))
+        self._every = max(1, -(-expected_frames // _MAX_THUMBNAILS))
         self.thumbnails: list[Thumbnail] = []
         self.spent_s = 0.0
         self._even: list[KeptFrame] = []
@@ -175,7 +175,7 @@ class FramePicker:
         if frame.image is None:
             return
         started_s = time.perf_counter()
-        if index % self._every == 0 and len(self.thumbnails) < _MOST_THUMBNAILS:
+        if index % self._every == 0 and len(self.thumbnails) < _MAX_THUMBNAILS:
             jpeg = self._draw(frame, estimate, self._leaning.lean(frame.stamp_ns))
             if jpeg is not None:
                 self.thumbnails.append(Thumbnail(frame.stamp_ns, jpeg))

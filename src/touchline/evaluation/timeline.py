@@ -22,7 +22,7 @@ from touchline.evaluation.runner import Thumbnail
 from touchline.geometry import FloatArray
 from touchline.types import Status
 
-MOST_ROWS = 2_000
+MAX_ROWS = 2_000
 _CUT = 1.6  # of the usual error: how far an axis reaches if few frames are far worse
 _USUAL_PERCENT = 98.0
 _EVENT_WORDS = {"slip": "shove", "kidnap": "kidnap", "occluded": "covered", "light_change": "light"}
@@ -56,12 +56,12 @@ class Chart:
 def shown_rows(data: RunData) -> npt.NDArray[np.int64]:
     """The rows of a run that a page shows: all, or of each stretch the first and that with the largest error."""
     count = len(data.table)
-    if count <= MOST_ROWS:
+    if count <= MAX_ROWS:
         return np.arange(count)
     size = np.zeros(count)
     if data.errors is not None:
         size[data.errors.rows] = data.errors.position_m()
-    edges = np.linspace(0, count, MOST_ROWS // 2 + 1).astype(np.int64)
+    edges = np.linspace(0, count, MAX_ROWS // 2 + 1).astype(np.int64)
     peaks = [first + int(np.argmax(size[first:last])) for first, last in pairwise(edges)]
     return np.unique(np.concatenate((edges[:-1], peaks)))
 

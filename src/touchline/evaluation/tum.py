@@ -13,12 +13,12 @@ from touchline.files.new import replace_file
 from touchline.files.opened import text_lines
 from touchline.geometry import Pose
 from touchline.messages import counted
-from touchline.sources.tables import LATEST_TIME_S
+from touchline.sources.tables import MAX_TIME_S
 from touchline.sources.truth import heading_of
 from touchline.types import Samples
 
 NS_PER_S = 1_000_000_000
-_MOST_DIGITS = 30  # of whole seconds, leading zeros among them
+_MAX_DIGITS = 30  # of whole seconds, leading zeros among them
 
 
 def tum_line(stamp_ns: int, field_from_robot: Pose) -> str:
@@ -55,11 +55,11 @@ def stamp_from_text(text: str) -> int:
     whole, _, decimals = text.strip().partition(".")
     digits = whole.lstrip("+-")
     plain = digits.isdecimal() and (decimals == "" or decimals.isdecimal())
-    if plain and len(digits) <= _MOST_DIGITS and int(digits) < LATEST_TIME_S:
+    if plain and len(digits) <= _MAX_DIGITS and int(digits) < MAX_TIME_S:
         stamp_ns = int(digits) * NS_PER_S + int(f"{decimals[:9]:0<9}")
         return -stamp_ns if whole.startswith("-") else stamp_ns
     value = float(text)
-    if not abs(value) < LATEST_TIME_S:
+    if not abs(value) < MAX_TIME_S:
         raise ValueError(f"{text[:30]} s is not a time")
     return round(value * NS_PER_S)
 

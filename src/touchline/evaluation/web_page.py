@@ -11,7 +11,7 @@ from pathlib import Path
 
 from touchline.files.opened import read_text
 
-_MOST_BYTES = 200_000
+_MAX_BYTES = 200_000
 _WEB = Path(__file__).parent / "web"
 
 
@@ -55,4 +55,4 @@ def time_panel(figure: str, has_images: bool, caption: str) -> str:
 
 
 def _file(name: str) -> str:
-    return read_text(_WEB / name, _MOST_BYTES)
+    return read_text(_WEB / name, _MAX_BYTES)

@@ -17,7 +17,7 @@ from touchline.errors import InputError, TouchlineError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-_MOST = 1024
+_MAX_WORKERS = 1024
 
 
 class Workers(Protocol):
@@ -63,8 +63,8 @@ def open_workers(count: int = 1, dask: str | None = None) -> Iterator[Workers]:
 
     Raises InputError for a number of workers that is none, where Dask is not installed, and where no scheduler answers.
     """
-    if not 1 <= count <= _MOST:
-        raise InputError(f"{count} workers: expected 1 to {_MOST}")
+    if not 1 <= count <= _MAX_WORKERS:
+        raise InputError(f"{count} workers: expected 1 to {_MAX_WORKERS}")
     if dask is not None:
         with _client(dask) as client:
             yield _Cluster(client)

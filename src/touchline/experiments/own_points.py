@@ -33,8 +33,8 @@ from touchline.types import LinePoints
 
 FRAMES = 300  # of a set
 SYSTEMS = (OWN, "nubot-mti")
-NEAREST_M, FARTHEST_M = 0.5, 6.0
-MOST_POINTS, FEWEST_POINTS = 100, 20  # of lines, in a frame
+MIN_M, MAX_M = 0.5, 6.0
+MAX_POINTS, MIN_POINTS = 100, 20  # of lines, in a frame
 SPACING_M = 0.02  # of the places on the lines that points are drawn from
 START_M, START_RAD = 0.15, math.radians(5.0)  # standard deviations of the pose that a search begins at
 COMPASS_RAD = math.radians(5.0)
@@ -305,16 +305,16 @@ def _seen(
     offsets = places - pose.as_array()[:2]
     ranges = np.hypot(offsets[:, 0], offsets[:, 1])
     bearings = np.remainder(np.arctan2(offsets[:, 1], offsets[:, 0]) - pose.heading + np.pi, 2.0 * np.pi) - np.pi
-    near = (ranges > NEAREST_M) & (ranges < FARTHEST_M) & (np.abs(bearings) <= 0.5 * view.angle_rad)
-    picked = np.flatnonzero(near & (rng.random(len(places)) < NEAREST_M / np.maximum(ranges, NEAREST_M)))
-    if len(picked) < FEWEST_POINTS:
+    near = (ranges > MIN_M) & (ranges < MAX_M) & (np.abs(bearings) <= 0.5 * view.angle_rad)
+    picked = np.flatnonzero(near & (rng.random(len(places)) < MIN_M / np.maximum(ranges, MIN_M)))
+    if len(picked) < MIN_POINTS:
         return None
-    picked = rng.permutation(picked)[:MOST_POINTS]
+    picked = rng.permutation(picked)[:MAX_POINTS]
     share, fixed_m, turn = USUAL_NOISE
     noisy = ranges[picked] + (share * ranges[picked] + fixed_m) * rng.standard_normal(len(picked))
     turned = bearings[picked] + turn * rng.standard_normal(len(picked))
     false = rng.random(len(picked)) < view.clutter
-    noisy[false] = rng.uniform(NEAREST_M, FARTHEST_M, np.count_nonzero(false))
+    noisy[false] = rng.uniform(MIN_M, MAX_M, np.count_nonzero(false))
     turned[false] = 0.5 * view.angle_rad * rng.uniform(-1.0, 1.0, np.count_nonzero(false))
     at = np.ascontiguousarray(np.column_stack((noisy * np.cos(turned), noisy * np.sin(turned))))
     n = len(at)

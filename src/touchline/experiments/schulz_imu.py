@@ -27,7 +27,7 @@ from touchline.types import ImageArray
 SCENARIO, SECONDS = "walk-in-place", 20.0
 LEANS_DEG = {"Pitch correction": (0.0, 3.0), "Roll correction": (3.0, 0.0), "Pitch+Roll correlated": (3.0, 3.0)}
 _SPACING_PX = 40
-_FARTHEST_M = 4.0
+_MAX_M = 4.0
 _NOTES = (
     f"The scenario {SCENARIO}: {SECONDS:g} s of walking in place before four marks, read to 0.15 px, with the "
     "simulated IMU; per seed. Its form here: matrix C of equation (2), as by `touchline calibrate imu --paper`. Ours: "
@@ -35,7 +35,7 @@ _NOTES = (
     "Sightings that fit far worse than most are left out of both figures of wandering, which are thus of fewer in its "
     "form than in ours.",
     "Against the geometry: root mean square over the image of what the correction leaves of the true shift (between a "
-    f"level camera and one that leans 3°), ground up to {_FARTHEST_M:g} m; in brackets the shift itself. Equation (2) "
+    f"level camera and one that leans 3°), ground up to {_MAX_M:g} m; in brackets the shift itself. Equation (2) "
     "alone is right about the rows of the marks and less so elsewhere.",
     "The picture is of the first seed: arrows from pixels to where the correction moves them, red for 3°, blue for "
     "-3°.",
@@ -114,7 +114,7 @@ def _pixels(camera: PinholeCamera, spacing: int) -> FloatArray:
     pixels = np.column_stack((u.ravel(), v.ravel()))
     ground = GroundView(camera).ground_from_image(pixels)
     away = np.hypot(*np.nan_to_num(ground, nan=np.inf).T)
-    near = away <= _FARTHEST_M
+    near = away <= _MAX_M
     return camera.undistorted(pixels[near])
 
 

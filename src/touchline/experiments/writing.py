@@ -12,7 +12,7 @@ from touchline.files.new import replace_file
 from touchline.files.opened import read_text
 
 PAGE = "results.md"
-_MOST_BYTES = 10_000_000
+_MAX_BYTES = 10_000_000
 _HEAD = (
     "# Results of the experiments",
     "",
@@ -38,7 +38,7 @@ def write_result(result: ExperimentResult, folder: Path, order: Sequence[str] = 
     """
     check_writable(folder)
     summary = folder / PAGE
-    before = read_text(summary, _MOST_BYTES) if summary.exists() else ""
+    before = read_text(summary, _MAX_BYTES) if summary.exists() else ""
     pictures = [folder / f"{result.name}-{name}.png" for name, _ in result.pictures]
     for path, (_, figure) in zip(pictures, result.pictures, strict=True):
         drawn = io.BytesIO()

@@ -34,7 +34,7 @@ COLORS: dict[str, Color] = {
 }
 _FINER = 4  # drawn this many times finer, then averaged: anti-aliased to the true coverage
 _SHIFT = 6  # OpenCV draws with 6 binary digits below the pixel
-_MOST_PIXELS = 30_000_000
+_MAX_PIXELS = 30_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def field_view(field: FieldModel, pixels_per_metre: float = 50.0, margin_m: floa
     if margin_m is None:
         half_x, half_y = max(half_x, need_x + 0.1), max(half_y, need_y + 0.1)
     width, height = (max(1, math.ceil(2.0 * half * pixels_per_metre)) for half in (half_x, half_y))
-    if width * height > _MOST_PIXELS:
+    if width * height > _MAX_PIXELS:
         raise InputError(f"field drawing: {pixels_per_metre:g} pixels per metre make a picture of {width} x {height}")
     return FieldView(width, height, float(pixels_per_metre))
 

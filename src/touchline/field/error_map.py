@@ -13,7 +13,7 @@ from touchline.field.model import FieldModel
 from touchline.geometry import FloatArray
 from touchline.types import ImageArray
 
-FARTHEST = 255  # the map's unit is this many times smaller than the distance at which it ends
+MAX_ERROR = 255  # the map's unit is this many times smaller than the distance at which it ends
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -51,7 +51,7 @@ def error_map(field: FieldModel, resolution_m: float = 0.05, farthest_m: float =
     if not 0.0 < farthest_m < float("inf"):
         raise InputError(f"error map: expected a positive distance at which it ends, found {farthest_m}")
     distances = field.distance_map(resolution_m, farthest_m)
-    values = np.rint(FARTHEST * np.minimum(distances.values[:, :, 0] / farthest_m, 1.0)).astype(np.uint8)
+    values = np.rint(MAX_ERROR * np.minimum(distances.values[:, :, 0] / farthest_m, 1.0)).astype(np.uint8)
     return ErrorMap(values, distances.origin_m, distances.resolution_m, farthest_m)
 
 

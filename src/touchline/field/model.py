@@ -29,8 +29,8 @@ from touchline.files.new import write_new_file
 from touchline.geometry import FloatArray
 from touchline.messages import length_unit
 
-LONGEST_M = 200.0  # of a field's sides: a football field for people has 120
-_WIDEST_LINE_M = 1.0
+MAX_M = 200.0  # of a field's sides: a football field for people has 120
+_MAX_LINE_M = 1.0
 MAX_LINES = 1_000  # of each kind: the crossings of all pairs are looked for
 MAX_MAP_MB = 500
 _SAMPLE_BYTES = 12
@@ -110,7 +110,7 @@ class FieldModel:
             value = float(getattr(self, key))
             if not math.isfinite(value) or value < 0.0 or (value == 0.0 and key != "border"):
                 raise InputError(f"{key}: expected a positive number of metres, found {getattr(self, key)!r}")
-            longest_m = _WIDEST_LINE_M if key == "line_width" else LONGEST_M
+            longest_m = _MAX_LINE_M if key == "line_width" else MAX_M
             if value > longest_m:
                 unit = length_unit(value, 0.3 * longest_m)
                 raise InputError(
@@ -260,8 +260,8 @@ def _check_places(key: str, posts: Sequence[Goal | Pole]) -> None:
     for number, post in enumerate(posts, start=1):
         for name, value in asdict(post).items():
             metres = [value] if isinstance(value, int | float) else value if name == "y_posts" else []
-            if any(not abs(number_m) <= LONGEST_M for number_m in metres):
-                raise InputError(f"{key}, row {number}: {name} is too far; a field has {LONGEST_M:g} m at most")
+            if any(not abs(number_m) <= MAX_M for number_m in metres):
+                raise InputError(f"{key}, row {number}: {name} is too far; a field has {MAX_M:g} m at most")
 
 
 def _checked_rows(key: str, rows: npt.ArrayLike, columns: int) -> FloatArray:
@@ -277,8 +277,8 @@ def _checked_rows(key: str, rows: npt.ArrayLike, columns: int) -> FloatArray:
         if not np.all(np.isfinite(row)):
             raise InputError(f"{key}, row {number}: holds a value that is not finite")
         metres = row[:3] if key == "arcs" else row
-        if np.abs(metres).max() > LONGEST_M:
-            what = f"{metres[np.abs(metres).argmax()]:g} m is too far; a field has {LONGEST_M:g} m at most"
+        if np.abs(metres).max() > MAX_M:
+            what = f"{metres[np.abs(metres).argmax()]:g} m is too far; a field has {MAX_M:g} m at most"
             raise InputError(f"{key}, row {number}: {what}")
         if key == "segments" and np.array_equal(row[:2], row[2:]):
             raise InputError(f"{key}, row {number}: both ends are the same point")

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from touchline.errors import InputError
 
-_MOST_ITEM_BYTES = 400  # a text of 100 letters
+_MAX_ITEM_BYTES = 400  # a text of 100 letters
 NOT_AN_ARCHIVE = (
     zipfile.BadZipFile,
     zlib.error,
@@ -50,7 +50,7 @@ def stored_array(
         raise InputError(f"'{name}' is an array of another version")
     found, _, kind = np.lib.format.read_array_header_1_0(array)
     fits = len(found) == len(shape) and all(want in (None, side) for want, side in zip(shape, found, strict=True))
-    if not fits or kind.itemsize > _MOST_ITEM_BYTES:
+    if not fits or kind.itemsize > _MAX_ITEM_BYTES:
         wanted = str(tuple("any" if side is None else side for side in shape)).replace("'", "")
         raise InputError(f"'{name}' has shape {found}, expected {wanted}")
     array.seek(0)

@@ -27,7 +27,7 @@ _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_ALONE = frozenset((0x00, 0x01, *range(0xD0, 0xD9)))  # markers without a segment
 _JPEG_ENDS = (0xD9, 0xDA)
 _JPEG_MARKER = re.compile(rb"\xff+([^\xff])")
-_MOST_SEGMENTS = 10_000
+_MAX_SEGMENTS = 10_000
 _PNM_HEADER = re.compile(rb"P[1-6](?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})\s")
 
 
@@ -124,7 +124,7 @@ def _png_claims_more(data: bytes) -> bool:
 
 def _jpeg(data: bytes) -> ImageSize | None:
     at = 2
-    for _ in range(_MOST_SEGMENTS):
+    for _ in range(_MAX_SEGMENTS):
         found = _JPEG_MARKER.search(data, at)  # what stands between segments is passed over, as the decoder does
         if found is None:
             return None

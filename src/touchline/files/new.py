@@ -8,13 +8,13 @@ from pathlib import Path
 
 from touchline.errors import InputError, TouchlineError
 
-_LONGEST_NAME = 200  # bytes; file systems take 255, and something is put behind it
+_MAX_NAME = 200  # bytes; file systems take 255, and something is put behind it
 
 
 def file_name(words: str) -> str:
     """A name as one file or folder can have it: no path, nothing that can't be printed, not too long."""
     plain = "".join("-" if letter in "/\\" or not letter.isprintable() else letter for letter in words)
-    return plain.encode()[:_LONGEST_NAME].decode(errors="ignore").strip(". -") or "unnamed"
+    return plain.encode()[:_MAX_NAME].decode(errors="ignore").strip(". -") or "unnamed"
 
 
 def check_new_file(path: Path, endings: tuple[str, ...], what: str = "the file") -> None:

@@ -11,7 +11,7 @@ from typing import BinaryIO, TextIO
 
 from touchline.errors import InputError
 
-LONGEST_LINE = 65536
+MAX_LINE = 65536
 _MEGABYTE = 1_000_000
 _KINDS = (
     (stat.S_ISFIFO, "a named pipe"),
@@ -110,15 +110,15 @@ def read_text(path: Path, max_bytes: int) -> str:
 def text_lines(path: Path, errors: str = "strict", newline: str | None = None) -> Iterator[str]:
     """The lines of a text file of any length, one by one. errors, newline: as of `open`.
 
-    Raises UnreadableError if it cannot be read, is no text, or has a line of more than LONGEST_LINE characters.
+    Raises UnreadableError if it cannot be read, is no text, or has a line of more than MAX_LINE characters.
     """
     with open_text(path, errors, newline) as file:
         number = 0
         try:
-            while line := file.readline(LONGEST_LINE + 1):
+            while line := file.readline(MAX_LINE + 1):
                 number += 1
-                if len(line) > LONGEST_LINE:
-                    raise UnreadableError(path, f"line {number} is longer than {LONGEST_LINE} characters")
+                if len(line) > MAX_LINE:
+                    raise UnreadableError(path, f"line {number} is longer than {MAX_LINE} characters")
                 yield line
         except OSError as error:
             raise _unreadable(path, error) from None

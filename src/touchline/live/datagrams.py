@@ -36,13 +36,13 @@ from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
 from touchline.live.heard import SENSORS, Heard, Reading, Sight, Start, Told
 from touchline.sources.observations import HEADER, observation_of, observation_rows
-from touchline.types import LARGEST, MAX_OBSERVED_POINTS, Evidence, Observation, points_at
+from touchline.types import MAX_OBSERVED_POINTS, MAX_VALUE, Evidence, Observation, points_at
 
 PART_BYTES = 48_000  # behind the line of one datagram, which holds 65,507 at most
-MOST_PARTS = 200
-MOST_BYTES = 65_000  # of a datagram
-_MOST_WAITING = 4  # images of which parts are missing
-_LATEST_NS = 2**62
+MAX_PARTS = 200
+MAX_BYTES = 65_000  # of a datagram
+_MAX_WAITING = 4  # images of which parts are missing
+_MAX_STAMP_NS = 2**62
 
 
 class Datagrams:
@@ -87,7 +87,7 @@ class Datagrams:
 
     def _image(self, said: Mapping[str, Any], behind: bytes) -> Heard | None:
         stamp_ns, part, parts = _stamp(said), said.get("part", 0), said.get("parts", 1)
-        if not (type(part) is int and type(parts) is int and 0 <= part < parts <= MOST_PARTS):
+        if not (type(part) is int and type(parts) is int and 0 <= part < parts <= MAX_PARTS):
             raise InputError("parts of an image that are none")
         if parts == 1:
             return _sight(said, image=behind)
@@ -96,7 +96,7 @@ class Datagrams:
         if len(found) == parts:
             del self._waiting[stamp_ns, parts]
             return _sight(said, image=b"".join(found[k] for k in sorted(found)))
-        while len(self._waiting) > _MOST_WAITING:
+        while len(self._waiting) > _MAX_WAITING:
             del self._waiting[next(iter(self._waiting))]
             self.refused["an image of which parts are missing"] += 1
         return None
@@ -112,7 +112,7 @@ def image_datagrams(stamp_ns: int, data: bytes, camera: Pose3 | None = None) -> 
         yield _line(said) + piece
 
 
-def seen_datagram(observation: Observation, camera: Pose3 | None = None, most_bytes: int = MOST_BYTES) -> bytes:
+def seen_datagram(observation: Observation, camera: Pose3 | None = None, most_bytes: int = MAX_BYTES) -> bytes:
     """The datagram of what a detector found. Of what does not fit every other row is left out."""
     columns = HEADER.split(",")[1:]
     rows = [dict(zip(columns, row.split(",")[1:], strict=True)) for row in observation_rows(observation)]
@@ -197,7 +197,7 @@ def _evidence(said: Mapping[str, Any]) -> Evidence:
 
 def _stamp(said: Mapping[str, Any]) -> int:
     stamp = said["stamp_ns"]
-    if not isinstance(stamp, int) or isinstance(stamp, bool) or abs(stamp) >= _LATEST_NS:
+    if not isinstance(stamp, int) or isinstance(stamp, bool) or abs(stamp) >= _MAX_STAMP_NS:
         raise InputError("a stamp that is no whole number of nanoseconds")
     return stamp
 
@@ -206,7 +206,7 @@ def _numbers(given: Any, count: int) -> tuple[float, ...]:
     if not isinstance(given, list) or not all(type(value) in (int, float) for value in given):
         raise InputError(f"not {count} numbers")
     values = tuple(float(value) for value in given)
-    if len(values) != count or not all(abs(value) < LARGEST for value in values):
+    if len(values) != count or not all(abs(value) < MAX_VALUE for value in values):
         raise InputError(f"not {count} numbers")
     return values
 

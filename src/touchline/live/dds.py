@@ -36,7 +36,7 @@ from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.with_rosbags import Codec
 
 _POLL_S = 0.0005
-_MOST_AT_ONCE = 100
+_MAX_AT_ONCE = 100
 _NODE = "touchline"
 _DISCOVERY, _DISCOVERY_KIND = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _LOOPBACK = """<CycloneDDS><Domain id="any"><General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
@@ -174,7 +174,7 @@ class DdsLink:
         self._node.close()
 
     def _discover(self) -> None:
-        for end in self._publishers.take(_MOST_AT_ONCE):
+        for end in self._publishers.take(_MAX_AT_ONCE):
             if isinstance(end, InvalidSample) or not (end.type_name and end.topic_name.startswith("rt/")):
                 continue
             kind, name = ros_name(end.type_name), end.topic_name[2:]
@@ -196,7 +196,7 @@ class DdsLink:
         self._readers[topic.name] = self._node.reader(topic.name, topic.type, qos)
 
     def _take(self, name: str) -> Iterator[Heard]:
-        for each in self._readers[name].take(_MOST_AT_ONCE):
+        for each in self._readers[name].take(_MAX_AT_ONCE):
             if not isinstance(each, InvalidSample):
                 yield from self._end.heard(name, each)
 

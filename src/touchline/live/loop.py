@@ -25,10 +25,10 @@ from touchline.localizer import Localizer
 from touchline.types import Estimate, Evidence, ImageArray
 
 HEARING_S = 0.1  # how long the loop may wait before it looks whether it shall end
-_MOST_ODOMETRY = 2_000
-_MOST_WAITING = 30  # images
+_MAX_ODOMETRY = 2_000
+_MAX_WAITING = 30  # images
 _REMEMBERED, _FIRST = 15, 3  # steps and arrivals that tell who is faster; steps until then, in which code is loaded
-_MOST_AGE_NS, _APART_NS = 1_000_000_000, 400_000_000  # of the newest sample; between two
+_MAX_AGE_NS, _APART_NS = 1_000_000_000, 400_000_000  # of the newest sample; between two
 
 
 class LiveLoop:
@@ -51,7 +51,7 @@ class LiveLoop:
         self._telling = threading.Lock()
         self._ended = False
         self._failure: Exception | None = None
-        self._odometry: deque[tuple[int, Pose]] = deque(maxlen=_MOST_ODOMETRY)
+        self._odometry: deque[tuple[int, Pose]] = deque(maxlen=_MAX_ODOMETRY)
         self.counts = Counter(images=0, dropped=0, readings=0, told=0)
 
     def run(self, stop: Callable[[], bool]) -> None:
@@ -86,7 +86,7 @@ class LiveLoop:
                 self.counts["images"] += 1
                 self._arrivals_s.append(heard.arrived_s)
                 self._waiting.append(heard)
-                if len(self._waiting) > (_MOST_WAITING if self._keeps_up() else 1):
+                if len(self._waiting) > (_MAX_WAITING if self._keeps_up() else 1):
                     self.counts["dropped"] += len(self._waiting) - 1
                     self._waiting = deque([heard])
                 self._changed.notify()
@@ -151,7 +151,7 @@ class LiveLoop:
         Of an image that is newer than all samples, by the pose at the newest: what comes later is not known yet.
         """
         samples = list(self._odometry)
-        if not samples or abs(samples[-1][0] - estimate.stamp_ns) > _MOST_AGE_NS:
+        if not samples or abs(samples[-1][0] - estimate.stamp_ns) > _MAX_AGE_NS:
             return None
         newest_ns, newest = max(samples, key=itemgetter(0))
         if newest_ns <= estimate.stamp_ns:

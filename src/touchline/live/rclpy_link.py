@@ -22,7 +22,7 @@ from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.with_rosbags import Codec
 
 _LOOK_S = 0.5  # for new topics
-_MOST_AT_ONCE, _DEPTH = 100, 100
+_MAX_AT_ONCE, _DEPTH = 100, 100
 _NODE = "touchline"
 
 
@@ -70,7 +70,7 @@ class RclpyLink:
         while True:
             self._discover()
             self._rclpy.spin_once(self._node, timeout_sec=min(max(ends_s - time.monotonic(), 0.0), 0.01))
-            for _ in range(_MOST_AT_ONCE):  # what else is there
+            for _ in range(_MAX_AT_ONCE):  # what else is there
                 before = len(self._came)
                 self._rclpy.spin_once(self._node, timeout_sec=0.0)
                 if len(self._came) == before:

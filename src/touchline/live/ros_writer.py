@@ -39,7 +39,7 @@ from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import Status
 
 _INERTIAL = ("gyro", "compass", "attitude")
-_MOST_BYTES = 8_000_000  # of what a detector found
+_MAX_BYTES = 8_000_000  # of what a detector found
 _LEVELS = {Status.TRACKING: 0, Status.SEARCHING: 1, Status.LOST: 2}
 
 
@@ -90,7 +90,7 @@ class RosWriter:
             stamp_ns = max(event.stamp_ns, 0)
             if event.observation is not None:
                 found = replace(event.observation, stamp_ns=event.stamp_ns)
-                yield self._said(SEEN_TOPIC, seen_datagram(found, event.base_from_camera, _MOST_BYTES))
+                yield self._said(SEEN_TOPIC, seen_datagram(found, event.base_from_camera, _MAX_BYTES))
             elif event.data is not None:
                 if event.base_from_camera is not None:
                     optical = event.base_from_camera.compose(BODY_FROM_OPTICAL)

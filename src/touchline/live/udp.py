@@ -12,9 +12,9 @@ from touchline.live.datagrams import Datagrams, image_datagrams, reading_datagra
 from touchline.live.heard import Heard, Picture, Reading, Told
 
 LOOPBACK, PORT, ANSWERS_PORT = "127.0.0.1", 28400, 28401
-_LARGEST = 65_536
+_MAX_DATAGRAM = 65_536
 _BUFFER_BYTES = 8_000_000  # of the kernel's: some images
-_MOST_AT_ONCE = 1_000
+_MAX_AT_ONCE = 1_000
 
 
 class UdpLink:
@@ -115,9 +115,9 @@ def bound(here: tuple[str, int]) -> socket.socket:
 def received(opened: socket.socket, timeout_s: float) -> Iterator[bytes]:
     """Datagrams that have come, the first one waited for."""
     opened.settimeout(timeout_s)
-    for _ in range(_MOST_AT_ONCE):
+    for _ in range(_MAX_AT_ONCE):
         try:
-            yield opened.recv(_LARGEST)
+            yield opened.recv(_MAX_DATAGRAM)
         except (TimeoutError, BlockingIOError):
             return
         except OSError:  # an answer that could not be delivered, told by the kernel

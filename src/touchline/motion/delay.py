@@ -14,12 +14,12 @@ import numpy as np
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.types import Estimate, Samples
 
-LATEST_S = 0.4  # that is looked for
+MAX_DELAY_S = 0.4  # that is looked for
 _STEP_S = 0.01
 _LEVER_M = 1.0  # a turn by one radian counts like so much way
 _KEPT = 0.9  # of the steps: the worst are shoves
-_LEAST_STEPS = 20
-_LONGEST_S = 2.0  # between two estimates: over a longer step odometry's own errors are what is seen
+_MIN_STEPS = 20
+_MAX_S = 2.0  # between two estimates: over a longer step odometry's own errors are what is seen
 
 
 class Delay(NamedTuple):
@@ -35,17 +35,17 @@ def find_delay(estimates: list[Estimate], odometry: Samples) -> Delay | None:
     Steps across a gap between the estimates don't count. None where too little is compared. How sure the delay is tells
     by how much the steps change with it: of a robot that stands, or goes at one speed, they don't.
     """
-    if len(estimates) <= _LEAST_STEPS or len(odometry) < 2:
+    if len(estimates) <= _MIN_STEPS or len(odometry) < 2:
         return None
     stamps_s = 1e-9 * np.array([estimate.stamp_ns - estimates[0].stamp_ns for estimate in estimates])
     times_s = 1e-9 * (odometry.stamp_ns - estimates[0].stamp_ns).astype(np.float64)
     path = np.column_stack((odometry.values[:, :2], np.unwrap(odometry.values[:, 2])))
     seen = _steps(np.array([estimate.pose for estimate in estimates]))
     steps_s = np.diff(stamps_s)
-    inside = (stamps_s[:-1] - LATEST_S >= times_s[0]) & (steps_s <= _LONGEST_S)
-    if np.count_nonzero(inside) < _LEAST_STEPS:
+    inside = (stamps_s[:-1] - MAX_DELAY_S >= times_s[0]) & (steps_s <= _MAX_S)
+    if np.count_nonzero(inside) < _MIN_STEPS:
         return None
-    shifts = np.arange(-0.1, LATEST_S + 1e-9, _STEP_S)
+    shifts = np.arange(-0.1, MAX_DELAY_S + 1e-9, _STEP_S)
     costs = np.array([_disagreement(seen, _shifted(path, times_s, stamps_s - shift), inside) for shift in shifts])
     k = int(np.argmin(costs))
     if not 0 < k < len(shifts) - 1:

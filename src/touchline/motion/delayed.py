@@ -14,7 +14,7 @@ from touchline.motion.samples import NANOSECONDS
 
 _MEAN_S = 0.2  # over which a speed is a mean: shorter, and odometry's noise is what changes it
 _MEAN_NS = int(_MEAN_S * NANOSECONDS)
-_LONGEST_PAUSE_NS = int(0.25 * NANOSECONDS)  # of the odometry, over which a speed is one
+_MAX_PAUSE_NS = int(0.25 * NANOSECONDS)  # of the odometry, over which a speed is one
 _CLEARLY = 2.5  # standard deviations of odometry's noise from which a change of speed is one
 
 
@@ -40,7 +40,7 @@ def delayed(history: MotionHistory, start_ns: int, end_ns: int, late_s: float) -
     before, after = (_velocity(history, stamp_ns - late_ns + ahead_ns) for stamp_ns in (start_ns, end_ns))
     by_delay: FloatArray = np.zeros(3)
     pause_ns = history.odometry.samples.longest_pause_ns(start_ns - late_ns - _MEAN_NS, end_ns - late_ns)
-    if motion.missing_s == 0.0 and pause_ns <= _LONGEST_PAUSE_NS:
+    if motion.missing_s == 0.0 and pause_ns <= _MAX_PAUSE_NS:
         cosine, sine = math.cos(motion.pose.heading), math.sin(motion.pose.heading)
         by_delay = by_begin(motion.pose, before)
         by_delay[0] -= cosine * after[0] - sine * after[1]

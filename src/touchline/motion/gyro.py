@@ -11,7 +11,7 @@ from touchline.config import Settings, constants_now
 from touchline.geometry import FloatArray
 from touchline.motion.integrated import IntegratedSensor
 from touchline.motion.samples import NANOSECONDS
-from touchline.types import LARGEST, Samples
+from touchline.types import MAX_VALUE, Samples
 
 NOISE_RAD = 0.002  # random heading error after one second, growing with the root of the time
 GAP_S = 0.25  # time without a reading after which the turn in it is unknown: two of a slow one
@@ -48,7 +48,7 @@ class IntegratedGyro:
         """Append readings gx, gy, gz (rad/s). Rows without a usable gz, or not later than the newest, are dropped."""
         s, known = self.settings, self.integral.samples
         for stamp_ns, reading in zip(samples.stamp_ns.tolist(), samples.values[:, 2].tolist(), strict=True):
-            if not abs(reading) < LARGEST or (len(known) and stamp_ns <= known.last_ns):
+            if not abs(reading) < MAX_VALUE or (len(known) and stamp_ns <= known.last_ns):
                 self.dropped += 1
                 continue
             rate_rad_s = s.scale * (reading - s.bias_rad_s)

@@ -18,7 +18,7 @@ from touchline.motion.wheels import WheelSettings
 from touchline.types import Frame, Samples
 
 _KEPT_NS = int(5.0 * NANOSECONDS)  # before the last frame: images come late by some tenths of a second
-_LONGEST_NS = int(60.0 * NANOSECONDS)  # without any frame, so that memory stays bounded
+_MAX_NS = int(60.0 * NANOSECONDS)  # without any frame, so that memory stays bounded
 
 
 class Orientation(NamedTuple):
@@ -106,7 +106,7 @@ class MotionHistory:
         self._take(name, samples)
         newest_ns = self.clocks.newest_ns(name)
         if newest_ns is not None:
-            self._sensors[name].forget_before(newest_ns - _LONGEST_NS)
+            self._sensors[name].forget_before(newest_ns - _MAX_NS)
 
     def _take(self, name: str, samples: Samples | None) -> None:
         sensor = self._sensors.get(name)

@@ -13,7 +13,7 @@ import numpy as np
 
 from touchline.geometry import FloatArray
 from touchline.motion.samples import NANOSECONDS
-from touchline.types import LARGEST, Frame, Samples
+from touchline.types import MAX_VALUE, Frame, Samples
 
 LAG_S = 0.02  # of roll and pitch behind the rates: what an attitude filter takes
 MEMORY_S = 0.5  # over which angles are averaged: noise of 0.3° becomes 0.06°, and a bias of 0.5° per second 0.25°
@@ -103,5 +103,5 @@ def _rows(samples: Samples | None, end_ns: int) -> list[tuple[int, list[float]]]
     return [
         (stamp_ns, row)
         for stamp_ns, row in each
-        if stamp_ns <= end_ns and all(abs(value) < LARGEST for value in row[:2])
+        if stamp_ns <= end_ns and all(abs(value) < MAX_VALUE for value in row[:2])
     ]

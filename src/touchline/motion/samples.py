@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from touchline.geometry import FloatArray
-from touchline.types import LARGEST, Samples
+from touchline.types import MAX_VALUE, Samples
 
 NANOSECONDS = 1e9
 EXTRAPOLATION_S = 0.1  # how long the last motion is believed to go on without samples: one image period
@@ -55,7 +55,9 @@ class SampleHistory:
             return
         for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
             row = values[: self._columns]
-            if not all(abs(value) < LARGEST for value in row) or (self._stamps_ns and stamp_ns <= self._stamps_ns[-1]):
+            if not all(abs(value) < MAX_VALUE for value in row) or (
+                self._stamps_ns and stamp_ns <= self._stamps_ns[-1]
+            ):
                 self.dropped += 1
                 continue
             for column in self._angles:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from touchline.errors import InputError
 
-_LEAST_ANGLE_RAD = math.radians(10.0)
+_MIN_ANGLE_RAD = math.radians(10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +28,11 @@ class WheelPair:
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (self.a_dir_rad, self.b_dir_rad, self.a_lever_m, self.b_lever_m))):
             raise InputError("measuring wheels: rolling directions and levers have to be finite numbers (rad, m)")
-        if abs(math.sin(self.b_dir_rad - self.a_dir_rad)) < math.sin(_LEAST_ANGLE_RAD):
+        if abs(math.sin(self.b_dir_rad - self.a_dir_rad)) < math.sin(_MIN_ANGLE_RAD):
             a_deg, b_deg = math.degrees(self.a_dir_rad), math.degrees(self.b_dir_rad)
             raise InputError(
                 f"measuring wheels: the rolling directions {a_deg:.1f}° (a) and {b_deg:.1f}° (b) are parallel, or "
-                f"nearer than {math.degrees(_LEAST_ANGLE_RAD):.0f}° to it: such wheels can't tell forward from "
+                f"nearer than {math.degrees(_MIN_ANGLE_RAD):.0f}° to it: such wheels can't tell forward from "
                 "sideways; correct a_dir_rad and b_dir_rad (radians)"
             )
 

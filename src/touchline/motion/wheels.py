@@ -11,7 +11,7 @@ from touchline.config import Settings, added, constants_now
 from touchline.motion.integrated import IntegratedSensor
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS
 from touchline.motion.wheel_pair import WheelPair
-from touchline.types import LARGEST, Samples
+from touchline.types import MAX_VALUE, Samples
 
 _ZEROED_M_S = 1.0  # a step to exactly zero at less than this speed is no restart but a robot that rolls about
 
@@ -84,7 +84,7 @@ class WheelCounters:
         known = self.integral.samples
         for stamp_ns, values in zip(samples.stamp_ns.tolist(), samples.values.tolist(), strict=True):
             counted = values[:2]
-            if not all(abs(value) < LARGEST for value in counted) or (len(known) and stamp_ns <= known.last_ns):
+            if not all(abs(value) < MAX_VALUE for value in counted) or (len(known) and stamp_ns <= known.last_ns):
                 self.dropped += 1
                 continue
             if len(known) == 0:

@@ -24,9 +24,9 @@ OTHER, GREEN, WHITE = 0, 1, 2
 _BITS = 6  # of the look-up table per channel: 64³ bytes stay in the second-level cache
 _DARKEST_SUM = 40.0  # of B, G and R: below, the steps of the grey levels leave no colour
 SMOOTH_NOISE = 2.5  # grey levels of noise that a blur leaves
-_LEAST_GREEN_TO_BLUE = (0.95, 0.8)  # of G against B of carpet: the second where a blue cast leaves none for the first
+_MIN_GREEN_TO_BLUE = (0.95, 0.8)  # of G against B of carpet: the second where a blue cast leaves none for the first
 _CELLS = 64  # of the chromaticity histogram per axis
-_LEAST_EXCESS = 0.01  # of G over the mean of B and R, as a share of their sum: a blue cast leaves carpet little
+_MIN_EXCESS = 0.01  # of G over the mean of B and R, as a share of their sum: a blue cast leaves carpet little
 
 
 class NoCarpetError(TouchlineError):
@@ -121,7 +121,7 @@ def chromaticity(colours: FloatArray) -> FloatArray:
 def _most_frequent_green(pixels: FloatArray) -> FloatArray:
     """Chromaticity (2,) of the most frequent greenish colour among pixels (N, 3)."""
     usable = (pixels[:, 1] > 1.06 * pixels[:, 2]) & (pixels.max(axis=1) < 250) & (pixels.sum(axis=1) > _DARKEST_SUM)
-    for least in _LEAST_GREEN_TO_BLUE:
+    for least in _MIN_GREEN_TO_BLUE:
         greenish = usable & (pixels[:, 1] > least * pixels[:, 0])
         if greenish.sum() >= 0.05 * max(len(pixels), 1):
             break
@@ -136,7 +136,7 @@ def _most_frequent_green(pixels: FloatArray) -> FloatArray:
     # each counts as much as it is green: a grey thing before the camera that is hardly greenish has a narrow mode
     shares = 0.5 * (edges[1:] + edges[:-1])
     excess = 1.0 - 1.5 * (shares[:, np.newaxis] + shares)
-    i, j = _climb(smooth, np.unravel_index(int(np.argmax(smooth * np.maximum(excess, _LEAST_EXCESS))), smooth.shape))
+    i, j = _climb(smooth, np.unravel_index(int(np.argmax(smooth * np.maximum(excess, _MIN_EXCESS))), smooth.shape))
     return np.array([edges[i] + edges[i + 1], edges[j] + edges[j + 1]]) / 2.0
 
 

@@ -18,7 +18,7 @@ USUAL_BLACK = 0.45  # of the carpet's luminance
 _BLACKEST_CARPET = 0.8  # carpet is not black, whatever was marked
 _COLOURLESS = 12.0  # distance from white in U, V
 _DIMMEST, _BRIGHTEST = 0.4, 1.4  # light on the shadow side, and on the side of the lamps, against what was seen
-_NEAREST_WHITE = 16.0  # U, V that every class keeps away from white
+_MIN_FROM_WHITE = 16.0  # U, V that every class keeps away from white
 _ACROSS_SIGMAS, _ACROSS_LEAST = 3.0, 6.0  # across the ray of one hue; JPEG and mosaic blur the chroma
 _TO_SIGMA = 1.4826  # from the median deviation
 
@@ -98,7 +98,7 @@ def learned_ellipse(tinted: FloatArray, prior: Ellipse, prior_pixels: float) -> 
     middle = np.median(tinted[:, 1:], axis=0)
     ray = middle / max(float(np.hypot(*middle)), 1e-9)
     along, across = tinted[:, 1:] @ ray, tinted[:, 1:] @ np.array([-ray[1], ray[0]])
-    near = max(_DIMMEST * float(np.quantile(along, 0.1)), _NEAREST_WHITE)
+    near = max(_DIMMEST * float(np.quantile(along, 0.1)), _MIN_FROM_WHITE)
     far = max(_BRIGHTEST * float(np.quantile(along, 0.9)), 2.0 * near)
     half_along = 0.5 * (far - near)
     half_across = _ACROSS_SIGMAS * _TO_SIGMA * float(np.median(np.abs(across - np.median(across)))) + _ACROSS_LEAST

@@ -26,8 +26,11 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "ellipses": (len(COLOURED), len(Ellipse._fields)),
     "black": (),
 }
-_MOST, _THINNEST = 512.0**2, 1.0  # of an ellipse: all its numbers, and its shape's smaller eigenvalue, in U, V squared
-_MOST_BYTES = 4_000_000  # the table as float64, and room to spare
+_MAX_VARIANCE, _MIN_VARIANCE = (
+    512.0**2,
+    1.0,
+)  # of an ellipse: all its numbers, and its shape's smaller eigenvalue, in U, V squared
+_MAX_BYTES = 4_000_000  # the table as float64, and room to spare
 
 
 def save_colours(model: ColourModel, path: Path) -> None:
@@ -41,12 +44,12 @@ def save_colours(model: ColourModel, path: Path) -> None:
 def load_colours(path: str | Path) -> ColourModel:
     """The colour model of a file that `touchline calibrate colour` wrote. Raises InputError for any other file."""
     path = Path(path)
-    data = read_bytes(path, _MOST_BYTES)
+    data = read_bytes(path, _MAX_BYTES)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as stored:
-            written = str(stored_array(stored, "format", (), _MOST_BYTES))
+            written = str(stored_array(stored, "format", (), _MAX_BYTES))
             shapes = _SHAPES if written == _FORMAT else {}
-            arrays = {name: stored_array(stored, name, shape, _MOST_BYTES) for name, shape in shapes.items()}
+            arrays = {name: stored_array(stored, name, shape, _MAX_BYTES) for name, shape in shapes.items()}
     except InputError as error:
         raise InputError(f"{path}: is damaged: {error}") from None
     except NOT_AN_ARCHIVE:
@@ -76,6 +79,6 @@ def _ellipses(rows: FloatArray, path: Path) -> Ellipses:
     """Of rows (5, 7). Raises InputError for one that is no ellipse within U, V."""
     ellipses = tuple(Ellipse(*map(float, row)) for row in rows)
     for name, ellipse in zip(COLOURED, ellipses, strict=True):
-        if np.abs(ellipse).max() > _MOST or np.linalg.eigvalsh(ellipse.shape)[0] < _THINNEST:
+        if np.abs(ellipse).max() > _MAX_VARIANCE or np.linalg.eigvalsh(ellipse.shape)[0] < _MIN_VARIANCE:
             raise InputError(f"{path}: is damaged: the ellipse of {name} in 'ellipses' is none")
     return ellipses

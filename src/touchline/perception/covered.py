@@ -7,7 +7,7 @@ from numba import njit
 
 from touchline.types import ImageArray
 
-LEAST_CONTRAST = 1.5  # grey levels between parts of the image: a covered one has 0.3, the dimmest usable one 3
+MIN_CONTRAST = 1.5  # grey levels between parts of the image: a covered one has 0.3, the dimmest usable one 3
 
 
 def contrast(image: ImageArray) -> float:
@@ -17,7 +17,7 @@ def contrast(image: ImageArray) -> float:
 
 def is_covered(image: ImageArray) -> bool:
     """Whether an image (H, W, 3) shows nothing but noise, as under a covered lens; a dim hall has contrast."""
-    enough = LEAST_CONTRAST**2
+    enough = MIN_CONTRAST**2
     return bool(_variance(np.ascontiguousarray(image), enough) < enough)
 
 

@@ -47,7 +47,7 @@ from touchline.perception.stages import (
 )
 from touchline.types import Frame, ImageArray, LinePoints, Observation
 
-_MOST_RUNS = 2048
+_MAX_RUNS = 2048
 _COARSE = 2  # the hull is looked for at half the resolution
 _ROWS = 8  # every eighth row tells the noise
 _THIN = 4  # every fourth pixel both ways is plenty for a histogram
@@ -158,7 +158,7 @@ class HsvLineDetector:
             cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (px // _COARSE | 1, px // _COARSE | 1))
             for px in (CLOSING_PX, OPENING_PX)
         )
-        self._found = np.empty((_MOST_RUNS, RUN_COLUMNS))
+        self._found = np.empty((_MAX_RUNS, RUN_COLUMNS))
         self.thresholds: Thresholds | None = None
         """Of the last image."""
 

@@ -22,7 +22,7 @@ _FAINT = 0.06  # saturation of the greyest carpet: one real one has 0.07 to 0.2,
 _MORE = 4.0  # by so much pixels of a faint green must outnumber the vivid ones to be the carpet
 _FAINT_SHARE = 0.2  # of faintly green pixels about the robot: noise makes some of every grey
 _DARKEST = 20  # value, of 255: below, hue is noise
-_LEAST_SHARE = 0.05  # of greenish pixels about the robot: less, and no carpet is seen
+_MIN_SHARE = 0.05  # of greenish pixels about the robot: less, and no carpet is seen
 
 
 # greatest HSL saturation of white: paint has less than 0.4, blurred with carpet too; carpet in the sun has 0.7 and
@@ -128,7 +128,7 @@ def automatic_thresholds(
     s = settings
     hue, saturation, value = hsv.T
     vivid, faint = (_most_frequent_green(hue, saturation, value, least) for least in (_VIVID, _FAINT))
-    enough = np.count_nonzero(vivid.greenish) >= _LEAST_SHARE * max(len(hue), 1)
+    enough = np.count_nonzero(vivid.greenish) >= _MIN_SHARE * max(len(hue), 1)
     counts = [np.count_nonzero(found.carpet) for found in (vivid, faint)]
     if (not enough or counts[1] > _MORE * counts[0]) and counts[1] >= _FAINT_SHARE * max(len(hue), 1):
         mode, carpet, _ = faint

@@ -34,7 +34,7 @@ from touchline.perception.colour_ellipses import (
 from touchline.types import ImageArray
 
 CLASSES = ("green", "white", "black", *COLOURED)
-LEAST_PIXELS = 30
+MIN_PIXELS = 30
 _CODES = {"green": GREEN, "white": WHITE}
 _CELLS = 64
 
@@ -63,20 +63,20 @@ def marked_colour_model(images: Mapping[str, ImageArray], regions: Sequence[Regi
     """
     pixels = {kind: _pixels_of(images, regions, kind) for kind in CLASSES}
     green = pixels["green"]
-    if len(green) < LEAST_PIXELS:
-        raise InputError(f"colours: {len(green)} pixels are marked green, at least {LEAST_PIXELS} are needed")
+    if len(green) < MIN_PIXELS:
+        raise InputError(f"colours: {len(green)} pixels are marked green, at least {MIN_PIXELS} are needed")
     shares = chromaticity(green)
     spread = np.cov(shares.T) + np.eye(2) * 0.004**2
     noise = _noise(images, regions)
     carpet = Carpet(green, np.median(green, axis=0), shares.mean(axis=0), spread, noise)
-    white = np.median(pixels["white"], axis=0) if len(pixels["white"]) >= LEAST_PIXELS else None
+    white = np.median(pixels["white"], axis=0) if len(pixels["white"]) >= MIN_PIXELS else None
     if white is not None and float(white.sum()) <= 1.1 * float(carpet.green.sum()):
         raise InputError(
             "colours: what is marked white is hardly brighter than what is marked green; are they swapped?"
         )
     model = colour_model(carpet, white)
     black = USUAL_BLACK
-    if len(pixels["black"]) >= LEAST_PIXELS:
+    if len(pixels["black"]) >= MIN_PIXELS:
         luma, _, _ = luma_chroma(np.vstack((model.green, pixels["black"])))
         black = learned_black(luma[1:], float(luma[0]))
     return replace(model, table=_with_votes(model.table, pixels), ellipses=_ellipses(pixels, model), black=black)
@@ -86,7 +86,7 @@ def _ellipses(pixels: Mapping[str, FloatArray], model: ColourModel) -> Ellipses:
     """Those of the marked classes from their marks alone, fixed ones for all others."""
     return tuple(
         learned_ellipse(tinted_chroma(pixels[name], model.white), fixed, 0.0)
-        if len(pixels[name]) >= LEAST_PIXELS
+        if len(pixels[name]) >= MIN_PIXELS
         else fixed
         for name, fixed in zip(COLOURED, FIXED, strict=True)
     )

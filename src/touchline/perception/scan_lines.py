@@ -16,7 +16,7 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray
 
 FILL_FROM = 0.5  # share of the outer radius from which short rays stand between the others
-_MOST_SAMPLES = 10_000_000
+_MAX_SAMPLES = 10_000_000
 _CIRCLE_OVERLAP_PX = 60  # a circle goes on past its start so that a line lying there is seen whole
 
 
@@ -50,10 +50,10 @@ def build_scan_lines(
     Raises InputError for more than 10⁷ samples.
     """
     count = 2.0 * radial * (outer_px - inner_px) + circles * (np.pi * (inner_px + outer_px) + _CIRCLE_OVERLAP_PX)
-    if count > _MOST_SAMPLES:
+    if count > _MAX_SAMPLES:
         raise InputError(
             f"{radial} radial scan lines and {circles} circles up to {outer_px:g} px have {count:.2g} samples; "
-            f"{_MOST_SAMPLES} are the most"
+            f"{_MAX_SAMPLES} are the most"
         )
     u0, v0 = camera.center
     paths: list[FloatArray] = []

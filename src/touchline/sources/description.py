@@ -18,7 +18,7 @@ FORMAT = 1
 NO_CAMERA = "none"
 CAMERA_KINDS = ("omni", "pinhole", NO_CAMERA)
 SEQUENCE, CAMERA, FIELD = "sequence.yaml", "camera.yaml", "field.yaml"
-_LONGEST_NAME = 200
+_MAX_NAME = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ def _image_size(model: Mapping[str, Any]) -> tuple[int, int] | None:
 
 def _printable(name: str) -> str:
     """The name without what a terminal would obey, on one line."""
-    return "".join(letter if letter.isprintable() else " " for letter in name[:_LONGEST_NAME])
+    return "".join(letter if letter.isprintable() else " " for letter in name[:_MAX_NAME])
 
 
 def _field_source(folder: OwnFolder, path: Path, name: object) -> str | Path:

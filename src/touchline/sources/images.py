@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.files.opened import LONGEST_LINE, open_bytes
+from touchline.files.opened import MAX_LINE, open_bytes
 from touchline.geometry import FloatArray
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
@@ -52,7 +52,7 @@ class ImageList:
         with open_bytes(self.table.path) as file:
             for offset in self.offsets[start:]:
                 file.seek(offset)
-                yield _file_cell(self.table, file.readline(LONGEST_LINE).decode("utf-8", errors="replace"))
+                yield _file_cell(self.table, file.readline(MAX_LINE).decode("utf-8", errors="replace"))
 
     def listed(self) -> Iterator[tuple[int, str]]:
         """Row (from 0, the line after the header) and file of every line that names one, usable or not."""

@@ -31,7 +31,7 @@ from touchline.sources.tables import (
 )
 from touchline.sources.units import advice_on_times
 from touchline.types import (
-    LARGEST,
+    MAX_VALUE,
     CrossingKind,
     Crossings,
     LandmarkKind,
@@ -48,7 +48,7 @@ POINT, LINE, BOUNDARY, NOTHING = "point", "line", "boundary", "none"
 KINDS = (POINT, LINE, *CrossingKind, *LandmarkKind, BOUNDARY, NOTHING)
 SAME_TIME_NS = 500_000  # an image and its rows may be written with a different number of digits
 _UNKNOWN = (math.nan, math.nan, math.nan)
-_MOST_BYTES = 4_000_000  # of one image's rows: memory stays bounded whatever the file holds
+_MAX_BYTES = 4_000_000  # of one image's rows: memory stays bounded whatever the file holds
 
 
 class _RowError(Exception):
@@ -101,9 +101,9 @@ class ObservationList:
         """What was found in one image; `file` is the table, opened. Rows that can't be used go to the log."""
         start, end = int(self.offsets[index]), int(self.ends[index])
         file.seek(start)
-        texts = file.read(min(end - start, _MOST_BYTES)).decode("latin-1").split("\n")
-        if end - start > _MOST_BYTES:
-            what = f"more than {_MOST_BYTES // 1_000_000} MB of rows at one time; the rest of them are left out"
+        texts = file.read(min(end - start, _MAX_BYTES)).decode("latin-1").split("\n")
+        if end - start > _MAX_BYTES:
+            what = f"more than {_MAX_BYTES // 1_000_000} MB of rows at one time; the rest of them are left out"
             log.add(ProblemKind.BROKEN_ROW, self.table.name, what, line=int(self.lines[index]))
             texts.pop()
         found: defaultdict[str, list[_Seen]] = defaultdict(list)
@@ -266,7 +266,7 @@ def _optional(row: Mapping[str, str], name: str) -> float:
     value = to_number(cell)
     if value is None:
         raise _RowError(f"column '{name}' reads {shown(cell)}, which is not a number")
-    if not math.isfinite(value) or abs(value) >= LARGEST:
+    if not math.isfinite(value) or abs(value) >= MAX_VALUE:
         raise _RowError(f"column '{name}' is {value:g}, which is no measurement")
     return value
 

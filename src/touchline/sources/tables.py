@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.errors import InputError
-from touchline.files.opened import LONGEST_LINE, UnreadableError, open_bytes
+from touchline.files.opened import MAX_LINE, UnreadableError, open_bytes
 from touchline.geometry import FloatArray
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.types import LARGEST
+from touchline.types import MAX_VALUE
 
 BLOCK_BYTES = 16384
-LATEST_TIME_S = 9.0e9  # int64 nanoseconds end there
+MAX_TIME_S = 9.0e9  # int64 nanoseconds end there
 
 StampArray = npt.NDArray[np.int64]
 
@@ -64,7 +64,7 @@ def open_table(path: Path, needed: Sequence[str]) -> Table:
     """Read the header; TableError if it can't be read or lacks a needed column."""
     try:
         with open_bytes(path) as file:
-            header = file.readline(LONGEST_LINE)
+            header = file.readline(MAX_LINE)
     except UnreadableError as error:
         raise TableError(path, error.what) from None
     try:
@@ -89,7 +89,7 @@ def open_table(path: Path, needed: Sequence[str]) -> Table:
 def read_lines(table: Table) -> Iterator[list[Line]]:
     """The lines after the header, in lists of about BLOCK_BYTES; blank lines are skipped.
 
-    A line longer than LONGEST_LINE comes as its first LONGEST_LINE bytes: it can't be a row.
+    A line longer than MAX_LINE comes as its first MAX_LINE bytes: it can't be a row.
     """
     with open_bytes(table.path) as file:
         offset = file.seek(table.start)
@@ -104,9 +104,9 @@ def read_lines(table: Table) -> Iterator[list[Line]]:
                 skipping = False
                 offset += len(text) + 1
                 number += 1
-            if len(carry) > LONGEST_LINE:
+            if len(carry) > MAX_LINE:
                 if not skipping:
-                    lines.append(Line(number, offset, carry[:LONGEST_LINE]))
+                    lines.append(Line(number, offset, carry[:MAX_LINE]))
                 offset += len(carry)
                 carry, skipping = "", True
             if lines:
@@ -119,7 +119,7 @@ def read_blocks(table: Table, names: Sequence[str], log: ProblemLog, optional: C
     """The named columns as numbers, block by block; broken rows go to the log.
 
     An empty cell (or NaN) of an optional column is NaN and breaks no row. The first named column is the time (s), which
-    has to lie within ±LATEST_TIME_S, the others within ±LARGEST.
+    has to lie within ±MAX_TIME_S, the others within ±MAX_VALUE.
     """
     wanted = [table.columns[name] for name in names]
     for lines in read_lines(table):
@@ -127,7 +127,7 @@ def read_blocks(table: Table, names: Sequence[str], log: ProblemLog, optional: C
         if values is not None:
             picked = values[:, wanted]
             sizes = np.abs(picked)  # a comparison with NaN is False
-            if (sizes[:, 0] < LATEST_TIME_S).all() and (sizes[:, 1:] < LARGEST).all():
+            if (sizes[:, 0] < MAX_TIME_S).all() and (sizes[:, 1:] < MAX_VALUE).all():
                 yield Block(np.array([line.number for line in lines], dtype=np.int64), picked)
                 continue
         parsed = ((line.number, parse_row(table, line, names, log, optional)) for line in lines)
@@ -163,7 +163,7 @@ def parse_row(
             what = f"column '{name}' is {value}; the row is left out"
             log.add(ProblemKind.NOT_A_NUMBER, table.name, what, line=line.number)
             return None
-        if abs(value) >= (LARGEST if row else LATEST_TIME_S):
+        if abs(value) >= (MAX_VALUE if row else MAX_TIME_S):
             what = f"column '{name}' is {value:g}, beyond any measurement; the row is left out"
             log.add(ProblemKind.BROKEN_ROW, table.name, what, line=line.number)
             return None

@@ -14,8 +14,8 @@ from touchline.messages import counted
 from touchline.sources.problems import ProblemKind, ProblemLog
 from touchline.sources.sensors import increasing_rows
 from touchline.sources.source import Truth
-from touchline.sources.tables import LATEST_TIME_S, StampArray, to_number, to_stamps
-from touchline.types import LARGEST
+from touchline.sources.tables import MAX_TIME_S, StampArray, to_number, to_stamps
+from touchline.types import MAX_VALUE
 
 TRUTH = "ground_truth.tum"
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -73,7 +73,7 @@ def _pose_row(file: str, number: int, text: str, log: ProblemLog) -> tuple[float
             return None
         values.append(value)
     time_s, x, y, _, qx, qy, qz, qw = values
-    if abs(time_s) >= LATEST_TIME_S or max(map(abs, values[1:])) >= LARGEST or math.hypot(qz, qw) < 1e-6:
+    if abs(time_s) >= MAX_TIME_S or max(map(abs, values[1:])) >= MAX_VALUE or math.hypot(qz, qw) < 1e-6:
         what = "needs a time of a clock, metres and a rotation about z; the pose is left out"
         log.add(ProblemKind.BROKEN_ROW, file, what, line=number)
         return None

@@ -14,7 +14,7 @@ from touchline.motion.samples import NANOSECONDS
 from touchline.types import Estimate, Frame, Prior, Samples, Status, System
 
 _POSE_KEPT = 10  # frames without tracking after which the last pose says nothing of where the robot is: one second
-_MOST_DROPPED = 20  # frames whose samples wait: two seconds
+_MAX_DROPPED = 20  # frames whose samples wait: two seconds
 _AHEAD_NS = int(1.0 * NANOSECONDS)  # samples may be newer than the image that they come with, by its delay
 _SENSORS = ("odometry", "wheels", "gyro", "compass", "tilt")
 
@@ -46,7 +46,7 @@ class OrderedSystem:
         self._prior = prior or Prior()
         self._clock = FrameClock()
         self._last: Estimate | None = None
-        self._dropped: deque[Frame] = deque(maxlen=_MOST_DROPPED)
+        self._dropped: deque[Frame] = deque(maxlen=_MAX_DROPPED)
         self._untracked = 0
 
     def step(self, frame: Frame) -> Estimate:

@@ -45,7 +45,7 @@ WIDE_M = 0.2  # standard deviation of a position from which on one line may be t
 BLIND_S = 4.0  # without a feature from which on a pose is in doubt: the robot may have fallen, and been carried
 MEMORY = 0.4  # share of an image in how much is explained of late
 USUAL = 0.85  # share of what an image shows that a right pose explains: other places are looked for where it is less
-FEWEST = 0.5  # features, or line points by their shares, without which an image tells nothing
+MIN_SEEN = 0.5  # features, or line points by their shares, without which an image tells nothing
 TOLD = 3.0  # log-odds of an end that a person tells: one start in twenty is told wrongly
 UNDECIDED_S = 10.0  # after which it is said, and said again, that nothing tells the ends apart
 
@@ -108,7 +108,7 @@ class TouchlinePerspective:
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)
         points = self.features.points_of(observation)
         seen = seen_points(observation, points, optical_axis(self.setup.camera, frame))
-        if _count(seen) >= FEWEST:
+        if _count(seen) >= MIN_SEEN:
             blind = self._is_blind(frame.stamp_ns)
             doubt = self._is_in_doubt()
             view = self.features.of(observation, self.known.state[3:5]) if doubt or self.tells_ends else None
@@ -221,7 +221,7 @@ class TouchlinePerspective:
         best = self.hypotheses.best
         if best is None:
             return
-        if _count(seen) >= FEWEST:
+        if _count(seen) >= MIN_SEEN:
             memory = 1.0 if self.images == 0 or self._is_blind(stamp_ns) else MEMORY
             self.explained += memory * (best.explained - self.explained)
             self.images += 1

@@ -31,7 +31,7 @@ BELIEF_COLOR, PARTICLE_COLOR = (255, 200, 0), (170, 255, 150)  # BGR; orange are
 GUESS_COLOR = (245, 190, 240)  # pale: of a robot that is not located, and of the twin
 _STEP_M, _HEADINGS = 0.25, 48
 _BEYOND_M = 0.5
-_LEAST = 0.02  # likelihood, beside the highest, that is drawn
+_MIN_LIKELIHOOD = 0.02  # likelihood, beside the highest, that is drawn
 _SIDE_PX = 1200
 _SHIFT = 4
 
@@ -112,7 +112,7 @@ def belief_picture(
 def _draw_belief(picture: ImageArray, view: FieldView, belief: Belief) -> None:
     reach = 0.5 * _STEP_M
     for (x, y, heading), likelihood in zip(belief.poses, belief.likelihoods, strict=True):
-        if likelihood < _LEAST:
+        if likelihood < _MIN_LIKELIHOOD:
             continue
         size = reach * math.sqrt(float(likelihood))
         nose = (x + 2.0 * size * math.cos(heading), y + 2.0 * size * math.sin(heading))

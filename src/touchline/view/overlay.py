@@ -20,7 +20,7 @@ ON_LINE_COLOR = (255, 200, 0)
 OFF_LINE_COLOR = (0, 120, 255)
 UNRATED_COLOR = (255, 200, 0)
 _STEP_M = 0.05
-_LONGEST_STEP_PX = 40.0
+_MAX_STEP_PX = 40.0
 _SHIFT = 4  # OpenCV draws with 4 binary digits below the pixel
 _DARK = (20, 20, 20)
 
@@ -71,7 +71,7 @@ def _visible_pieces(view: GroundView, pixels: FloatArray) -> list[FloatArray]:
     seen = view.sees(pixels)
     step = np.hypot(*np.diff(pixels, axis=0).T)
     with np.errstate(invalid="ignore"):
-        broken = ~(seen[:-1] & seen[1:] & (step <= _LONGEST_STEP_PX))
+        broken = ~(seen[:-1] & seen[1:] & (step <= _MAX_STEP_PX))
     runs = np.split(np.arange(len(pixels)), np.flatnonzero(broken) + 1)
     return [pixels[run] for run in runs if len(run) > 1]
 

@@ -24,7 +24,7 @@ USUAL_SCALE = 0.01  # of a scale of all ranges, where nobody has said how sure t
 CURVE = 0.005  # of that scale's change from 3 m to 6 m
 CURVE_AT_M = 3.0
 RULES_M = 0.01  # half of all sizes are this near to the rules, by tape; the tails are long
-FARTHEST_M = 0.6  # a size that is farther from the rules is another field's: lines are not told apart beyond
+MAX_M = 0.6  # a size that is farther from the rules is another field's: lines are not told apart beyond
 WIDE_M = 0.3  # standard deviation of a size in the first steps
 WIDTHS_M = (0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15, 0.15, 0.15)  # of the robust weights, step by step
 REPEATED = 3.0  # neighbours on a line err together
@@ -83,7 +83,7 @@ def fit_sizes(places: Sequence[Place], sizes: FieldSizes, scale: float = USUAL_S
         if k == len(WIDTHS_M):
             repeated = max(REPEATED, _disagreement(sums, _prior(common, camera, wide=False)))
         step = _best_common(sums, common, camera, repeated, wide=k < _WIDE_STEPS) - common
-        step[_CAMERA:] = np.clip(common[_CAMERA:] + step[_CAMERA:], -FARTHEST_M, FARTHEST_M) - common[_CAMERA:]
+        step[_CAMERA:] = np.clip(common[_CAMERA:] + step[_CAMERA:], -MAX_M, MAX_M) - common[_CAMERA:]
         common = common + step
         for i, (solved, slope) in enumerate(sums.own_steps):
             own[i] += solved - slope @ step

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from touchline.calibration.field_sizes.fit import USUAL_SCALE, SizeFit, fit_sizes
-from touchline.calibration.field_sizes.places import FARTHEST_M, MIN_POINTS, better_preset, find_places
+from touchline.calibration.field_sizes.places import MAX_M, MIN_POINTS, better_preset, find_places
 from touchline.calibration.field_sizes.sizes import FieldSizes, Size, sizes_of
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
@@ -64,7 +64,7 @@ def measure_field(
     Raises NoFitError where they don't tell, with the reason.
     """
     places = find_places(seen, field)
-    told = [points for points in seen if len(points.usable(FARTHEST_M)) >= MIN_POINTS]
+    told = [points for points in seen if len(points.usable(MAX_M)) >= MIN_POINTS]
     if not places or len(places) < MIN_FITTING_RATIO * len(told):
         raise NoFitError(_misfit(len(places), seen, field))
     sizes = sizes_of(field)

@@ -27,7 +27,7 @@ from touchline.types import ImageArray, LinePoints
 MAX_PLACES = 60  # spread over a recording: more only take longer
 MIN_POINTS = 20
 MAX_POINTS = 200  # of a place, evenly over the ground
-FARTHEST_M = 8.0  # points farther than this say more about the mirror than about the field
+MAX_M = 8.0  # points farther than this say more about the mirror than about the field
 NEAR_M, MIN_NEAR_RATIO = 0.35, 0.7  # share of a place's points that must lie so near to lines of the field as given
 _TRIED_ON = 10  # observations that other fields are tried on
 _BETTER = 1.25  # times as many places make another field worth naming
@@ -65,7 +65,7 @@ def find_places(seen: Iterable[LinePoints], field: FieldModel) -> list[Place]:
     matcher = Matcher(field.distance_map())
     places = []
     for points in seen:
-        near = points.usable(FARTHEST_M)
+        near = points.usable(MAX_M)
         if len(near) < MIN_POINTS:
             continue
         kept = thinned_to(near.positions_m, MAX_POINTS)

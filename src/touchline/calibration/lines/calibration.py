@@ -31,7 +31,7 @@ _BESIDE_M = 0.3  # beside the field, where no line point can be
 _ASIDE_M = 0.2  # a line that lies so far from where the field has it is another
 _GAP_M, _GAP_RATIO = 0.15, 0.1  # between points along a line that is seen: rays 5 degrees apart
 _SPOT_M = 0.02  # poses of a robot that turned on the spot agree to this
-_FARTHEST_ORIGIN_M = 0.15
+_MAX_ORIGIN_M = 0.15
 _MAP_M, _BEYOND_M = 0.05, 3.0
 _ONE_ROBOT = "Are all images of one robot, its mirror not touched meanwhile? Calibrate each robot by its own images"
 
@@ -230,7 +230,7 @@ def turning_axis(poses: FloatArray) -> tuple[FloatArray, float | None]:
     matrix, vector = np.array(rows), np.array(values)
     solution, _, rank, singular = np.linalg.lstsq(matrix, vector, rcond=None)
     off = float(np.sqrt(np.mean((matrix @ solution - vector) ** 2)))
-    told = rank == 4 and singular[-1] > 0.5 and off < _SPOT_M and np.hypot(*solution[2:]) < _FARTHEST_ORIGIN_M
+    told = rank == 4 and singular[-1] > 0.5 and off < _SPOT_M and np.hypot(*solution[2:]) < _MAX_ORIGIN_M
     return (solution[2:], off) if told else (np.zeros(2), None)
 
 

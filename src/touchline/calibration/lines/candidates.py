@@ -27,7 +27,7 @@ _CANDIDATES = 4  # different mirrors of an image that all images judge
 _SAME_PX, _SAME_RATIO = 4.0, 0.06  # two mirrors are one: centres, and ranges where points are
 _HELD = 1e12
 _ROW_PX, _ROW_WIDTH_PX, _ROW_NEIGHBOURS, _ROW_DIRECTIONS = 20.0, 1.2, 3, 24  # what points in a row are
-_LEAST_POINTS = 60  # that are searched with, in rows or not
+_MIN_POINTS = 60  # that are searched with, in rows or not
 _POINTS_RADIUS = 95  # percentile of the points' radii: what lies beyond may be the hall
 
 
@@ -73,7 +73,7 @@ def _few(pixels: FloatArray, rng: np.random.Generator) -> FloatArray:
         aside = np.abs(steps[..., 0] * np.sin(angle) - steps[..., 1] * np.cos(angle))
         best = np.maximum(best, np.sum(near & (aside < _ROW_WIDTH_PX), axis=1))
     order = np.argsort(best < _ROW_NEIGHBOURS, kind="stable")
-    in_rows = max(int(np.sum(best >= _ROW_NEIGHBOURS)), min(len(mixed), _LEAST_POINTS))
+    in_rows = max(int(np.sum(best >= _ROW_NEIGHBOURS)), min(len(mixed), _MIN_POINTS))
     few: FloatArray = np.ascontiguousarray(mixed[order[: min(in_rows, SEARCH_POINTS)]])
     return few
 

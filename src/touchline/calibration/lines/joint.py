@@ -21,7 +21,7 @@ STRAIGHT_M = 1e-6  # of lines that lie where the field says
 HELD = 1e12
 _ANYWHERE = 1e-4  # of a pose, where no line says: within 100 m
 _CLOSE_PX = 6.0  # where the next line is so near, blur draws a point aside: it counts half
-_LEAST_GAP_M, _MOST_CROWDED = 0.001, 1000.0
+_MIN_GAP_M, _MAX_CROWDED = 0.001, 1000.0
 _STEPS = 60
 _SETTLED = 1e-3
 
@@ -137,8 +137,8 @@ def crowding(seen: Sequence[Seen], fit: JointFit, lines: Lines) -> FloatArray:
     """
     points = linearise(seen, fit, lines)
     _, _, next_m = sides_of(lines.tables, points.places)
-    near = np.where(np.isfinite(points.sigmas_m), _CLOSE_PX * points.sigmas_m / np.maximum(next_m, _LEAST_GAP_M), 0.0)
-    factor: FloatArray = np.minimum(1.0 + near**4, _MOST_CROWDED)
+    near = np.where(np.isfinite(points.sigmas_m), _CLOSE_PX * points.sigmas_m / np.maximum(next_m, _MIN_GAP_M), 0.0)
+    factor: FloatArray = np.minimum(1.0 + near**4, _MAX_CROWDED)
     return factor
 
 

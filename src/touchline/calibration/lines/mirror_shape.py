@@ -23,8 +23,8 @@ from touchline.geometry import FloatArray, wrap_angles
 
 _DIRECTIONS = 72
 _STEP_PX = 2.0
-_LARGEST_OFFSET_RAD = 0.19  # a camera.yaml holds 0.2 at most
-_LEAST_RISE_M = 1e-4  # of the range from radius to radius
+_MAX_OFFSET_RAD = 0.19  # a camera.yaml holds 0.2 at most
+_MIN_RISE_M = 1e-4  # of the range from radius to radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +90,8 @@ class MirrorShape:
         ground = self.ground(pixels.reshape(-1, 2)).reshape(len(bearings), len(radii), 2)
         ranges = np.hypot(ground[..., 0], ground[..., 1])
         offsets = wrap_angles(np.arctan2(ground[..., 1], ground[..., 0]) - bearings[:, np.newaxis])
-        fine = (np.abs(offsets) < _LARGEST_OFFSET_RAD).all(axis=0)
-        fine &= np.concatenate(([True], (np.diff(ranges, axis=1) > _LEAST_RISE_M).all(axis=0)))
+        fine = (np.abs(offsets) < _MAX_OFFSET_RAD).all(axis=0)
+        fine &= np.concatenate(([True], (np.diff(ranges, axis=1) > _MIN_RISE_M).all(axis=0)))
         first, last = _longest_run(fine)
         kept = slice(first, last)
         rows = np.mod(bearings + mount_yaw_rad, 2.0 * np.pi)

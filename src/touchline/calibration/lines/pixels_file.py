@@ -15,7 +15,7 @@ from touchline.files.opened import text_lines
 from touchline.geometry import FloatArray
 from touchline.types import MAX_OBSERVED_POINTS
 
-_LARGEST_PX = 20_000.0
+_MAX_PX = 20_000.0
 _COLUMNS = ("u_px", "v_px")
 
 
@@ -34,7 +34,7 @@ def read_pixels(path: Path) -> FloatArray:
             pair = [float(row.split(",")[column]) for column in columns]
         except (ValueError, IndexError):
             pair = [np.nan]
-        if not (np.all(np.isfinite(pair)) and max(map(abs, pair)) < _LARGEST_PX):
+        if not (np.all(np.isfinite(pair)) and max(map(abs, pair)) < _MAX_PX):
             raise InputError(f"{path}, line {number}: expected two numbers, u_px and v_px, found {row!r}")
         pixels.append(pair)
     if len(pixels) > MAX_OBSERVED_POINTS:
@@ -52,7 +52,7 @@ def image_size(text: str | None, pixels: Sequence[FloatArray]) -> tuple[int, int
         width, height = (16 * int(np.ceil((float(value) + 17.0) / 16.0)) for value in farthest)
         return width, height
     match = re.fullmatch(r"([0-9]{1,5})[xX]([0-9]{1,5})", text.strip())
-    if match is None or max(map(int, match.groups())) > _LARGEST_PX:
+    if match is None or max(map(int, match.groups())) > _MAX_PX:
         raise InputError(f"--size: expected WIDTHxHEIGHT, 640x480 for instance, found {text[:50]!r}")
     width, height = int(match[1]), int(match[2])
     if farthest[0] > width - 0.5 or farthest[1] > height - 0.5:

@@ -16,10 +16,10 @@ from touchline.messages import shown
 from touchline.perception.marked_colours import CLASSES
 
 REGIONS, PIXELS = "regions.yaml", "pixels.csv"
-_MOST = 10_000  # of each kind
-_LARGEST_PX = 20_000.0
-_LARGEST_M = 1_000.0
-_LONGEST_NAME = 60
+_MAX_CLICKS = 10_000  # of each kind
+_MAX_PX = 20_000.0
+_MAX_M = 1_000.0
+_MAX_NAME = 60
 
 
 class Point(NamedTuple):
@@ -89,21 +89,21 @@ def _rows(tree: dict[str, Any], key: str) -> list[dict[str, Any]]:
     rows = tree.get(key, [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{key}: expected a list of marks, found {shown(rows)}")
-    if len(rows) > _MOST:
-        raise InputError(f"{key}: {len(rows)} are too many; {_MOST} are the most")
+    if len(rows) > _MAX_CLICKS:
+        raise InputError(f"{key}: {len(rows)} are too many; {_MAX_CLICKS} are the most")
     return rows
 
 
 def _point(row: dict[str, Any], files: Sequence[str]) -> Point:
     name = row.get("name")
-    if not isinstance(name, str) or not name.strip() or len(name) > _LONGEST_NAME:
-        raise InputError(f"points: a name has 1 to {_LONGEST_NAME} letters, found {shown(name)}")
+    if not isinstance(name, str) or not name.strip() or len(name) > _MAX_NAME:
+        raise InputError(f"points: a name has 1 to {_MAX_NAME} letters, found {shown(name)}")
     if any(letter in ',"' or not letter.isprintable() for letter in name):
         raise InputError(f"points: a name has no commas and no quotes, found {shown(name)}")
     x, y = row.get("x"), row.get("y")
     if (x is None) != (y is None):
         raise InputError(f"points: {name} needs both x and y, or neither")
-    place = None if x is None else (_number(x, f"x of {name}", _LARGEST_M), _number(y, f"y of {name}", _LARGEST_M))
+    place = None if x is None else (_number(x, f"x of {name}", _MAX_M), _number(y, f"y of {name}", _MAX_M))
     return Point(_file(row, files), name.strip(), _pixel(row, "u"), _pixel(row, "v"), place)
 
 
@@ -111,11 +111,11 @@ def _region(row: dict[str, Any], files: Sequence[str]) -> tuple[str, str, tuple[
     kind, corners = row.get("class"), row.get("polygon")
     if kind not in CLASSES:
         raise InputError(f"regions: a class is one of {', '.join(CLASSES)}, found {shown(kind)}")
-    if not isinstance(corners, list) or not 3 <= len(corners) <= _MOST:
+    if not isinstance(corners, list) or not 3 <= len(corners) <= _MAX_CLICKS:
         raise InputError(f"regions: a polygon needs at least three corners, found {shown(corners)}")
     if not all(isinstance(corner, list) and len(corner) == 2 for corner in corners):
         raise InputError("regions: a corner is [u, v]")
-    pixels = tuple((_number(u, "u", _LARGEST_PX), _number(v, "v", _LARGEST_PX)) for u, v in corners)
+    pixels = tuple((_number(u, "u", _MAX_PX), _number(v, "v", _MAX_PX)) for u, v in corners)
     return _file(row, files), str(kind), pixels
 
 
@@ -126,7 +126,7 @@ def _file(row: dict[str, Any], files: Sequence[str]) -> str:
 
 
 def _pixel(row: dict[str, Any], key: str) -> float:
-    return _number(row.get(key), key, _LARGEST_PX)
+    return _number(row.get(key), key, _MAX_PX)
 
 
 def _number(value: Any, what: str, largest: float) -> float:

@@ -14,7 +14,7 @@ from touchline.files.opened import read_text
 from touchline.perception.marked_colours import CLASSES
 
 _PAGE = Path(__file__).parent / "page.html"
-_MOST_BYTES = 4_000_000
+_MAX_BYTES = 4_000_000
 _LOOPBACK = "127.0.0.1"
 _SILENCE_S = 10.0
 
@@ -32,7 +32,7 @@ class MarkServer:
     def __init__(self, images: Mapping[str, bytes], save: Save, port: int = 0, page: str | None = None) -> None:
         names = list(images)
         told = json.dumps({"files": names, "classes": CLASSES}).replace("</", "<\\/")
-        text = (read_text(_PAGE, _MOST_BYTES) if page is None else page).replace("/*TOLD*/", told)
+        text = (read_text(_PAGE, _MAX_BYTES) if page is None else page).replace("/*TOLD*/", told)
         self._token = secrets.token_urlsafe(16)
         self._server = ThreadingHTTPServer((_LOOPBACK, port), self._handler(text, list(images.values()), save))
         self._server.daemon_threads = True
@@ -72,7 +72,7 @@ class MarkServer:
 
             def do_POST(self) -> None:
                 length = self.headers.get("Content-Length", "")
-                if self._asked() != "save" or not length.isdecimal() or int(length[:12]) > _MOST_BYTES:
+                if self._asked() != "save" or not length.isdecimal() or int(length[:12]) > _MAX_BYTES:
                     self._answer(404, "text/plain", b"not here")
                     return
                 try:

@@ -24,7 +24,7 @@ from touchline.field import FieldModel
 from touchline.geometry import Pose
 from touchline.types import LinePoints
 
-_LONGEST_ANSWER = 1000
+_MAX_ANSWER = 1000
 
 
 class OutsideProgram:
@@ -71,9 +71,9 @@ class OutsideProgram:
         numbers = " ".join(map(repr, points.positions_m.ravel().tolist()))
         self._tell(f"{begin} {len(points)} {numbers}\n")
         assert self._process.stdout is not None
-        answer = self._process.stdout.readline(_LONGEST_ANSWER)
+        answer = self._process.stdout.readline(_MAX_ANSWER)
         if not answer.endswith("\n"):
-            ended = "ended" if len(answer) < _LONGEST_ANSWER else "answered with a line that does not end"
+            ended = "ended" if len(answer) < _MAX_ANSWER else "answered with a line that does not end"
             raise TouchlineError(f"--program {self.command}: {ended} after '{begin}'")
         if answer.strip() == "none":
             return None

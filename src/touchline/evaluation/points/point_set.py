@@ -20,8 +20,8 @@ from touchline.geometry import FloatArray, Pose
 from touchline.localization.registration.bound import bound_covariance, mean_errors
 from touchline.types import LinePoints
 
-MOST_BYTES = 200_000_000
-MOST_FRAMES = 1_000_000
+MAX_BYTES = 200_000_000
+MAX_FRAMES = 1_000_000
 LINE_WIDTH_M = 0.125  # which the file does not tell; nothing but drawings and the field's outer size depend on it
 USUAL_NOISE = (0.02, 0.01, math.radians(0.5))  # of the range: a share, and m; of the bearing: rad
 _SHAPES: dict[str, tuple[int | None, ...]] = {
@@ -76,7 +76,7 @@ class PointSet:
 
 def read_point_set(path: Path) -> PointSet:
     """A point set. Raises InputError for any other file."""
-    data = read_bytes(path, MOST_BYTES)
+    data = read_bytes(path, MAX_BYTES)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as stored:
             arrays = {name: _numbers(stored, name, shape) for name, shape in _SHAPES.items()}
@@ -111,7 +111,7 @@ def _numbers(stored: zipfile.ZipFile, name: str, shape: tuple[int | None, ...]) 
     """An array of finite numbers."""
     if f"{name}.npy" not in stored.namelist():
         raise InputError(f"is no point set: it has no '{name}'")
-    values = stored_array(stored, name, shape, MOST_BYTES)
+    values = stored_array(stored, name, shape, MAX_BYTES)
     if values.dtype.kind not in "iufb" or not np.isfinite(values).all():
         raise InputError(f"'{name}' holds something else than finite numbers")
     return values
@@ -126,7 +126,7 @@ def _point_set(
 ) -> PointSet:
     points, offsets = arrays["points"].astype(np.float64), arrays["offsets"].astype(np.int64)
     count = len(offsets) - 1
-    if not 1 <= count <= MOST_FRAMES or offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets) < 1).any():
+    if not 1 <= count <= MAX_FRAMES or offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets) < 1).any():
         raise InputError(f"'offsets' does not cut the {len(points)} points into frames of at least one")
     for key in ("truth", "init", "compass"):
         if len(arrays[key]) != count:

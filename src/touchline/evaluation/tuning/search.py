@@ -25,7 +25,7 @@ from touchline.files.new import replace_file
 from touchline.files.opened import read_text
 
 JOURNAL = "trials.jsonl"
-_MOST_BYTES = 100_000_000
+_MAX_BYTES = 100_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def best_of(trials: Sequence[Trial]) -> int:
 
 def read_journal(journal: Path, search: Search) -> list[Trial]:
     """The trials of whole lines. Raises InputError if the journal is that of another search, or none."""
-    head, *lines = read_text(journal, _MOST_BYTES).splitlines() or [""]
+    head, *lines = read_text(journal, _MAX_BYTES).splitlines() or [""]
     try:
         differing = [key for key, value in _as_read(search.to_dict()).items() if json.loads(head).get(key) != value]
         trials = [_trial(json.loads(line)) for line in lines if line.endswith("}")]

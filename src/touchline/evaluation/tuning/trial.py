@@ -25,7 +25,7 @@ from touchline.systems import RobotSetup, open_system, system_info
 from touchline.systems.ordered import OrderedSystem
 from touchline.types import Frame, Status
 
-MOST_M = 1.0
+MAX_M = 1.0
 """What an image costs at most, and one that is not tracked; a radian of heading costs as much as a metre."""
 
 
@@ -159,9 +159,9 @@ def _scored(frames: Iterable[Frame], truth: Truth, system: OrderedSystem) -> Sco
     match = associate(np.array(stamps, np.int64), truth.stamp_ns)
     known = match >= 0
     if not known.any():
-        return Score(MOST_M, 0.0, float("nan"))
+        return Score(MAX_M, 0.0, float("nan"))
     errors = np.array(poses)[known] - truth.poses[match[known]]
     apart_m, located = np.hypot(errors[:, 0], errors[:, 1]), np.array(tracked)[known]
-    cost = np.where(located, np.minimum(apart_m + np.abs(wrap_angles(errors[:, 2])), MOST_M), MOST_M)
+    cost = np.where(located, np.minimum(apart_m + np.abs(wrap_angles(errors[:, 2])), MAX_M), MAX_M)
     mean_m = float(apart_m[located].mean()) if located.any() else float("nan")
     return Score(float(cost.mean()), float(located.mean()), mean_m)

@@ -21,12 +21,12 @@ from touchline.localization.registration.mirror_kernels import StateFit, StatePr
 from touchline.localization.registration.registration import SETTLED, SHAKEN, UNSETTLED, USUAL_NOISE, Head
 
 VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from image to image, at first: 0.06 degrees
-LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
+MIN_VIBRATION_PER_M, MAX_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
 GAIN = 0.05  # share of a new image in what is learned
 # by how much mirrors shift the ground about the robot beyond these errors, median of five shapes: per 1/m of g, per px
 MISFIT_M2, MISFIT_M_PER_PX = 0.08, 0.0003
 SETTLED_PER_M = 0.007  # standard deviation of an image's g below which its tilt is known beforehand: 0.15 degrees
-LEAST_NOISE, MOST_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
+MIN_NOISE, MAX_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
 REPEATED = 2.6  # so many points err together: neighbours on a line, and the same place in the next image
 UNTOLD = CameraUncertainty(USUAL_TILT_DEG, 0.0, USUAL_RANGE_RATIO)  # of a camera that nobody tells of
 FEW = 20  # of so few points twice as many: the ends of a lone line tell most, and may be none
@@ -107,11 +107,11 @@ class MirrorHead:
         told, lean2 = shown_of(self.swing, expected.information, fit.information, fit.state - expected.mean)
         free = max(count / self._repeated(count), 1.0)
         free /= max(free - told, 0.25 * free)
-        noise = min(max(free * fit.noise / USUAL_NOISE, LEAST_NOISE), MOST_NOISE)
+        noise = min(max(free * fit.noise / USUAL_NOISE, MIN_NOISE), MAX_NOISE)
         self.noise += GAIN * (noise - self.noise)
         if self.shakes:
             variance = self.vibration_per_m**2 + GAIN * (lean2 - self.vibration_per_m**2)
-            self._shake(min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M))
+            self._shake(min(max(math.sqrt(variance), MIN_VIBRATION_PER_M), MAX_VIBRATION_PER_M))
 
     @staticmethod
     def _repeated(count: int) -> float:

@@ -19,8 +19,8 @@ from touchline.localization.published.nubot.mirror_fit import SCALE_STEP_M
 HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
 APEX_M = 0.1  # of the mirror above the lens
 FOCAL_RATIO = 2.5  # focal length by the mirror's outer radius in the image
-FARTHEST_M = 20.0  # of the table of responses
-_NEAREST_M, _LEAST = 0.2, 3  # a table is read from there on, if so many of its pixels see ground
+MAX_M = 20.0  # of the table of responses
+_MIN_M, _MIN_PIXELS = 0.2, 3  # a table is read from there on, if so many of its pixels see ground
 _SMOOTHED_M = 0.05  # to both sides of a range: tables have steps of their own
 _ROUNDS = 4  # of solving for the mirror's height, on which its slope hardly depends
 _PIXEL = 8  # of the camera's fine table
@@ -56,9 +56,9 @@ class _Surface(NamedTuple):
 
 def mirror_response(camera: OmniCamera | None) -> Response:
     """That of a camera's mirror, the mean of all directions; without a mirror, or ground in it, nothing is moved."""
-    count = int(FARTHEST_M / SCALE_STEP_M) + 1
+    count = int(MAX_M / SCALE_STEP_M) + 1
     radii_px, ranges_m = (np.zeros(0), np.zeros(0)) if camera is None else _table(camera)
-    if camera is None or len(radii_px) < _LEAST:
+    if camera is None or len(radii_px) < _MIN_PIXELS:
         return Response(HEIGHT_M, np.zeros((count, 4)))
     focal_px = FOCAL_RATIO * max(camera.outer_radius_px, float(radii_px[-1]))
     surface = _surface(radii_px / focal_px, ranges_m)
@@ -80,7 +80,7 @@ def _table(camera: OmniCamera) -> tuple[FloatArray, FloatArray]:
     """Radii (N,) of a pixel each, and the ranges (m) that a camera shows there, the mean of all directions."""
     ranges_m = np.exp(np.log(np.maximum(camera.lookup_table[0, :, ::_PIXEL], 1e-3)).mean(axis=0))
     radii_px = camera.radius_px[0] + camera.lookup_constants[5] * _PIXEL * np.arange(len(ranges_m))
-    used = (ranges_m > _NEAREST_M) & (ranges_m < 1.5 * FARTHEST_M) & (radii_px >= 1.0)
+    used = (ranges_m > _MIN_M) & (ranges_m < 1.5 * MAX_M) & (radii_px >= 1.0)
     return radii_px[used], ranges_m[used]
 
 

@@ -17,8 +17,8 @@ from touchline.types import Samples
 
 FAULT_EVERY_S, FAULT_S = 600.0, 10.0  # mean times until a fault begins, and until it ends
 UNLIKELY = 0.05  # of what a state does not lead to, in one image: the compass is late, or the robot turns
-LONGEST_S = 0.2  # between two images, as far as it counts: what a compass said in a pause is not known
-MOST = 10.0  # log-odds that a minute of agreement comes to
+MAX_S = 0.2  # between two images, as far as it counts: what a compass said in a pause is not known
+MAX_LOG_ODDS = 10.0  # log-odds that a minute of agreement comes to
 SUSPECT = 0.2  # probability of a failed compass from which it is not asked where a lost robot is
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
 # rows right and wrong end, columns a working and a failed compass: of four numbers NumPy takes several times as long
@@ -110,7 +110,7 @@ class CompassWitness:
         speaks = speaks_for(error_rad)
         if speaks is None:
             return
-        elapsed_s = min(max(seconds, 0.0), LONGEST_S)
+        elapsed_s = min(max(seconds, 0.0), MAX_S)
         failing, ending = elapsed_s / FAULT_EVERY_S, elapsed_s / FAULT_S
         # a failed compass that agrees with an end does so by chance, as long as the robot does not turn
         lasting = math.exp(-elapsed_s / FAULT_S) if speaks else 1.0
@@ -144,9 +144,9 @@ def _weighed(states: _States, likely: _States) -> _States:
 
 
 def _bounded(states: _States) -> _States:
-    """States that sum to one, with no more odds between the ends than MOST, so that nothing is certain for ever."""
+    """States that sum to one, with log-odds of MAX_LOG_ODDS between the ends at most: nothing is certain for ever."""
     ends = [sum(end) for end in states]
-    least, total = math.exp(-MOST) * max(ends), sum(ends)
+    least, total = math.exp(-MAX_LOG_ODDS) * max(ends), sum(ends)
     right, wrong = (
         (works * max(end, least) / (end * total), failed * max(end, least) / (end * total))
         for (works, failed), end in zip(states, ends, strict=True)

@@ -25,7 +25,7 @@ from touchline.localization.registration.mirror_kernels import log_determinant
 # standard deviations of what an exact one still seems to differ by, as a detector shifts the edges of lines by a
 # twentieth of a pixel: tilt (deg), centre (share of the outer radius), ranges
 EXACT_TILT_DEG, EXACT_CENTER_RATIO, EXACT_RANGE_RATIO = 0.02, 0.0005, 0.002
-MOST_LOG_ODDS = 30.0
+MAX_LOG_ODDS = 30.0
 
 
 class ExactMirror:
@@ -50,7 +50,7 @@ class ExactMirror:
         )
         if not math.isfinite(evidence):  # information too close to singular to be compared
             return one.pose, one.covariance
-        log_odds = min(max(0.5 * self._prior + float(evidence), -MOST_LOG_ODDS), MOST_LOG_ODDS)
+        log_odds = min(max(0.5 * self._prior + float(evidence), -MAX_LOG_ODDS), MAX_LOG_ODDS)
         share = 1.0 / (1.0 + math.exp(-log_odds))
         x, y, heading = (share * shift).tolist()
         spread = one.covariance + share * (covariance - one.covariance) + share * (1.0 - share) * np.outer(shift, shift)

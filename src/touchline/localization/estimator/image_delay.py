@@ -9,10 +9,10 @@ knows yet.
 from __future__ import annotations
 
 UNKNOWN_S = 0.06  # standard deviation of the delay, at first
-LEAST_S = 0.012  # that is corrected: 4 cm at 3 m/s
+MIN_S = 0.012  # that is corrected: 4 cm at 3 m/s
 SURE = 4.0  # standard deviations from none
 LASTING = 5  # images
-DOUBTED = 2.0  # standard deviations from none, or less than half of LEAST_S, from which it is none after all
+DOUBTED = 2.0  # standard deviations from none, or less than half of MIN_S, from which it is none after all
 WANDERING_S = 0.01  # standard deviation of stamps on arrival about their mean: drivers, buses, other processes
 SAID_EVERY = 200  # images
 
@@ -36,10 +36,10 @@ class ImageDelay:
     def update(self, late_s: float, deviation_s: float) -> str | None:
         """What a filter has found by an image. What is to be told: at first and every SAID_EVERY images."""
         if self.late_s:
-            if late_s < max(DOUBTED * deviation_s, 0.5 * LEAST_S):
+            if late_s < max(DOUBTED * deviation_s, 0.5 * MIN_S):
                 self.reset()
         else:
-            self._sure = self._sure + 1 if late_s > max(SURE * deviation_s, LEAST_S) else 0
+            self._sure = self._sure + 1 if late_s > max(SURE * deviation_s, MIN_S) else 0
         if not self.late_s and self._sure < LASTING:
             return None
         self.late_s, self.deviation_s = late_s, deviation_s

@@ -14,9 +14,9 @@ from touchline.geometry import FloatArray
 
 LAGS_S = np.arange(-0.05, 0.26, 0.01)  # by how much stamps may be late: a driver that waits, a network
 MEMORY_IMAGES = 150  # over which it is averaged
-LEAST_IMAGES = 40  # five seconds
+MIN_IMAGES = 40  # five seconds
 CLOCK_S = 0.005  # standard deviation of what an IMU's own stamps err by
-LARGEST_RAD = 0.15  # error of a lean beyond which an image was taken for another place's
+MAX_RAD = 0.15  # error of a lean beyond which an image was taken for another place's
 
 
 class LeanDelay:
@@ -34,13 +34,13 @@ class LeanDelay:
         """lean_rad (2,): by how much the camera leans further than the IMU says at the stamp, by the lines, what it is
         askew by left out. turned_rad (L, 2): by how much the IMU says it leant further at each of LAGS_S before it.
         """
-        if not np.isfinite(turned_rad).all() or np.abs(lean_rad).max() > LARGEST_RAD:
+        if not np.isfinite(turned_rad).all() or np.abs(lean_rad).max() > MAX_RAD:
             return
         kept = 1.0 - 1.0 / MEMORY_IMAGES
         self._squares = kept * self._squares + ((lean_rad - turned_rad) ** 2).sum(axis=1)
         self._images = kept * self._images + 1.0
         best = int(np.argmin(self._squares))
-        if self._images < LEAST_IMAGES or best in (0, len(LAGS_S) - 1):
+        if self._images < MIN_IMAGES or best in (0, len(LAGS_S) - 1):
             self.late_s, self.deviation_s = 0.0, math.inf
             return
         below, least, above = self._squares[best - 1 : best + 2]

@@ -20,7 +20,7 @@ from touchline.localization.registration.perspective_registration import Perspec
 from touchline.motion.odometry import Motion
 from touchline.types import Evidence
 
-MOST_GAIN = 4.0  # logarithm of the odds by which one image speaks at most: its features err together
+MAX_GAIN = 4.0  # logarithm of the odds by which one image speaks at most: its features err together
 CARRIED_AWAY = -8.0  # that the robot was moved unfelt, at an image that makes one search
 FALLEN = -3.0  # the same after some seconds in which nothing was seen
 SHOVE = -7.0  # that it was shoved, or has fallen, since the last image
@@ -33,7 +33,7 @@ MIN_EXPLAINED = 0.4  # share below which an image says nothing of a pose
 CONFIRMING = 1  # images beside the one that a pose was found in, until it is believed
 CONTESTED = 0.15  # share by which another pose explains more of an image from which the likeliest one is in doubt
 UNLIKELY = 12.0  # logarithm of odds against the best from which a hypothesis is dropped
-MOST = 10  # hypotheses
+MAX_HYPOTHESES = 10  # hypotheses
 ANYWHERE = np.diag([0.1, 0.1, 0.3, 50.0, 50.0, 50.0, 50.0]) ** 2  # information of a pose that is not known, camera too
 SAME_M, SAME_RAD = 0.25, 0.15  # hypotheses nearer than this are one
 
@@ -118,7 +118,7 @@ class PerspectiveHypotheses:
         if not told:
             return
         for one, evidence in zip(self.members, told, strict=True):
-            one.log_odds += max(evidence - max(told), -MOST_GAIN)
+            one.log_odds += max(evidence - max(told), -MAX_GAIN)
         self._settle()
 
     def hear(self, evidence: Sequence[Evidence], share: float) -> None:
@@ -162,7 +162,7 @@ class PerspectiveHypotheses:
     def _settle(self) -> None:
         """Sort, drop the unlikely, take those that have come together for one."""
         self.members = settled(
-            self.members, MOST, UNLIKELY, lambda one, other: _same(one.filter.pose, other.filter.pose)
+            self.members, MAX_HYPOTHESES, UNLIKELY, lambda one, other: _same(one.filter.pose, other.filter.pose)
         )
 
 

@@ -35,7 +35,7 @@ SHOVE_ON = -1.0  # the same in the image after one: a shove lasts longer than a 
 SHOVE_M, SHOVE_RAD = 0.6, 0.8  # how far a shove moves and turns the robot at most
 SHOVED = np.diag(np.square([0.15, 0.15, 0.12]))  # covariance of what one does
 UNLIKELY = 9.0  # logarithm of odds against the best from which a member is dropped
-MOST = 12  # members
+MAX_HYPOTHESES = 12  # members
 SAME_M, SAME_RAD = 0.25, 0.1  # members nearer than this are one
 FEW = 5.0  # points that alone show a direction, of which half is believed
 MIN_EXPLAINED = 0.4  # share of the points that a pose has to explain to be corrected by them
@@ -76,7 +76,7 @@ class PoseHypotheses:
         self.registration, self._lines = registration, lines
         self.start, self.head = start, head
         self.gate = gate
-        self.most, self.sees_shoves = MOST, True
+        self.most, self.sees_shoves = MAX_HYPOTHESES, True
         self.members: list[Member] = []
         self.confirmed = False
         self._wander: FloatArray | None = None  # (3,) by how much the image's pose is off, robot frame

@@ -27,7 +27,7 @@ RANGE_NOISE_RATIO = 0.02  # generic noise of a point, of its range, beside RANGE
 SCALE_RATIO = 0.03  # standard deviation of a scale error of all ranges: marks that a tape has put wrong
 BEND_PER_M = 0.015  # the same of the bend: a mirror 0.3 degrees askew, or 3 pixels off its centre
 ASKEW_DEG, CENTER_RATIO = 0.3, 0.015  # of the mirror, and of its outer radius, that BEND_PER_M stands for
-LEAST_RATIO = 1e-4  # of what a camera that is said to be exact may be wrong by
+MIN_RATIO = 1e-4  # of what a camera that is said to be exact may be wrong by
 # how far a bend may move the ground beside what it shows (m² per unit of bend): a mirror beside its centre moves all
 # ground by a² of its range function r = a tan(b rho), 2 to 4 m², one that leans by its height squared
 SHIFT_M2 = 2.0
@@ -62,7 +62,7 @@ class Spread(NamedTuple):
             return cls()
         stated = camera.uncertainty
         askew = stated.tilt_deg / ASKEW_DEG, stated.center_px / (CENTER_RATIO * camera.outer_radius_px)
-        return cls(max(stated.range_ratio, LEAST_RATIO), BEND_PER_M * max(float(np.hypot(*askew)), LEAST_RATIO))
+        return cls(max(stated.range_ratio, MIN_RATIO), BEND_PER_M * max(float(np.hypot(*askew)), MIN_RATIO))
 
 
 USUAL = Spread()

@@ -16,11 +16,11 @@ from touchline.types import Crossings, LandmarkKind, Landmarks, Lines, Observati
 
 _POSTS = (LandmarkKind.POST.value, LandmarkKind.GOAL.value)
 _MARKS = (LandmarkKind.PENALTY_MARK.value, LandmarkKind.CIRCLE.value)
-FARTHEST_M = 10.0  # of the observation range, whose measure is the uniform density of section 5.3
-SHORTEST_M = 0.05  # a line without length has no direction
+MAX_M = 10.0  # of the observation range, whose measure is the uniform density of section 5.3
+MIN_M = 0.05  # a line without length has no direction
 MODEL_M = 0.03  # error of a feature's place on the field: paint, carpet, lens; added to covariances
 MODEL_RAD = 0.02  # the same of a line's direction
-LEAST_RATIO = 1e-6  # of the normal observation: a confidence of 0 is no division by it
+MIN_RATIO = 1e-6  # of the normal observation: a confidence of 0 is no division by it
 
 
 class FeatureKinds(Settings):
@@ -132,10 +132,10 @@ class Features:
         own_information = np.linalg.inv(covariances)
         information = np.linalg.inv(covariances + self._lean_covariances(positions))
         if self.settings.paper.covariances:
-            uniform = 1.0 / (math.pi * FARTHEST_M**2)
+            uniform = 1.0 / (math.pi * MAX_M**2)
             densities = np.sqrt(np.linalg.det(information)) / (2.0 * math.pi)
         else:
-            uniform = 1.0 / (2.0 * math.pi * FARTHEST_M)
+            uniform = 1.0 / (2.0 * math.pi * MAX_M)
             densities = 1.0 / (2.0 * math.pi * sigmas[:, 0] * sigmas[:, 1])
         sizes = np.cumsum([0, *(len(a.candidates) for a in found)], dtype=np.int64)
         sets = np.array([(a.table, a.sets, first, end) for a, first, end in zip(found, sizes, sizes[1:], strict=False)])
@@ -175,7 +175,7 @@ class Features:
         length = np.hypot(along[:, 0], along[:, 1])
         middles = 0.5 * (lines.ends_m[:, 0] + lines.ends_m[:, 1])
         ranges = np.hypot(middles[:, 0], middles[:, 1])
-        kept = np.full(len(lines), s.use.lines) & (length > SHORTEST_M)
+        kept = np.full(len(lines), s.use.lines) & (length > MIN_M)
         kept &= (length >= s.short_line_m) | (ranges < s.far_line_m)
         ends, along, length, trust = lines.ends_m[kept], along[kept], length[kept], lines.confidences[kept]
         own, leaning = self._line_sigmas(ends, lines.covariances_m2[kept], along, length)
@@ -183,7 +183,7 @@ class Features:
         if not s.paper.covariances:
             nearest = closest_ranges(ends)
             sigmas = np.column_stack((n.sigma_l_m + n.range_ratio * nearest, np.full(len(ends), n.sigma_beta_rad)))
-        uniform = 1.0 / (2.0 * math.pi * FARTHEST_M)
+        uniform = 1.0 / (2.0 * math.pi * MAX_M)
         densities = 1.0 / (2.0 * math.pi * sigmas[:, 0] * sigmas[:, 1])
         return LineFeatures(ends, sigmas, own, *self._mixture(trust, uniform, densities), trust)
 
@@ -210,7 +210,7 @@ class Features:
     def _mixture(self, confidences: FloatArray, uniform: float, densities: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Densities of the uniform and of the normal observation with the shares of section 5.3."""
         base = self.settings.noise.uniform_floor
-        share = np.clip(base + (1.0 - base) * (1.0 - confidences), base, 1.0 - LEAST_RATIO)
+        share = np.clip(base + (1.0 - base) * (1.0 - confidences), base, 1.0 - MIN_RATIO)
         return share * uniform, (1.0 - share) * densities
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.field.distance_map import DistanceMap
-from touchline.field.error_map import FARTHEST, ErrorMap
+from touchline.field.error_map import MAX_ERROR, ErrorMap
 from touchline.geometry import FloatArray, Pose
 
 View_contra = TypeVar("View_contra", contravariant=True)
@@ -99,7 +99,7 @@ class ErrorMapModel:
     sigma_units: σ of equation (8) in units of the map. max_units: error from which a point counts no worse.
     """
 
-    def __init__(self, error_map: ErrorMap, sigma_units: float, max_units: float = FARTHEST) -> None:
+    def __init__(self, error_map: ErrorMap, sigma_units: float, max_units: float = MAX_ERROR) -> None:
         self.map = error_map
         origin_x, origin_y = error_map.origin_m
         squares = np.minimum(error_map.values.astype(np.float32), np.float32(max_units)) ** 2
@@ -113,7 +113,7 @@ class ErrorMapModel:
 
     def errors_m(self, points: FloatArray, pose: Pose) -> FloatArray:
         """Errors (M,) of points (M, 2) seen from a pose, in metres: distances, but for the map's steps and its end."""
-        errors: FloatArray = self.map.look_up(pose.transform(points)) * (self.map.farthest_m / FARTHEST)
+        errors: FloatArray = self.map.look_up(pose.transform(points)) * (self.map.farthest_m / MAX_ERROR)
         return errors
 
 

@@ -16,7 +16,7 @@ from touchline.field.offset_map import look_up_offset
 from touchline.geometry import FloatArray
 
 _DAMPING = 1.0  # 1/m²: a step along what no line observes; a single point at 0.1 m weighs a hundred times as much
-_LEAST_RANGE2_M2 = 0.01
+_MIN_RANGE2_M2 = 0.01
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
 _TINY2_M2 = 1e-12
 
@@ -73,7 +73,7 @@ def _seen_from(points, covariances, i, table, place, floor_m2):  # type: ignore[
     d2 = ox * ox + oy * oy + _TINY2_M2
     rx, ry = cosine * ox + sine * oy, cosine * oy - sine * ox  # the offset in the robot frame
     lx, ly = px - rx, py - ry
-    ratio = (lx * lx + ly * ly + _LEAST_RANGE2_M2) / (px * px + py * py + _LEAST_RANGE2_M2)
+    ratio = (lx * lx + ly * ly + _MIN_RANGE2_M2) / (px * px + py * py + _MIN_RANGE2_M2)
     spread = rx * rx * covariances[i, 0, 0] + 2.0 * rx * ry * covariances[i, 0, 1] + ry * ry * covariances[i, 1, 1]
     return ox, oy, oy * turned_x - ox * turned_y, d2, min(max(ratio, 0.5), 2.0) * spread + floor_m2 * d2
 

@@ -25,7 +25,7 @@ from touchline.geometry import FloatArray
 from touchline.localization.published.nubot.mirror_fit import MIN_DEPTH, SCALE_STEP_M, STATE, inverse
 
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
-_LEAST_RANGE2_M2 = 0.01
+_MIN_RANGE2_M2 = 0.01
 _TINY2_M2 = 1e-12
 
 
@@ -164,7 +164,7 @@ def _equations(seen, table, state, square, plan, width_m, sums):  # type: ignore
         nx, ny = ox / distance, oy / distance
         rx, ry = cosine * nx + sine * ny, cosine * ny - sine * nx  # the normal in the robot frame
         lx, ly = bx - rx * distance, by - ry * distance
-        ratio = (lx * lx + ly * ly + _LEAST_RANGE2_M2) / (px * px + py * py + _LEAST_RANGE2_M2)
+        ratio = (lx * lx + ly * ly + _MIN_RANGE2_M2) / (px * px + py * py + _MIN_RANGE2_M2)
         spread = rx * rx * covariances[i, 0, 0] + 2.0 * rx * ry * covariances[i, 0, 1] + ry * ry * covariances[i, 1, 1]
         variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
         rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by

@@ -22,7 +22,7 @@ from touchline.localization.particles.feature_model import PointFeatures, best_p
 STATES = 7
 _EXPLAINED2 = 9.0  # squared standard deviations within which a point is one of its line
 _TINY2_M2 = 1e-12
-_MOST_STEP = 0.5  # of a state in one Gauss-Newton step
+_MAX_STEP = 0.5  # of a state in one Gauss-Newton step
 
 
 class SeenPoints(NamedTuple):
@@ -243,7 +243,7 @@ def register_leaning(seen, ground, start, known, plan):  # type: ignore[no-untyp
                 normal[a, b] += known.information[a, b]
         _solve(normal, right)
         for a in range(STATES):
-            state[a] += min(max(right[a], -_MOST_STEP), _MOST_STEP)
+            state[a] += min(max(right[a], -_MAX_STEP), _MAX_STEP)
     normal, _ = _equations(seen, ground, state, plan, 0.0, judged)
     share = judged[0] / judged[1] if judged[1] > 0.0 else 0.0
     residual = judged[2] / judged[3] if judged[3] > 0.0 else np.nan

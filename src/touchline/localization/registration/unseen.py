@@ -23,7 +23,7 @@ from touchline.geometry import FloatArray
 UNSEEN = 1.0
 RAYS = 72  # bearings, 5 degrees apart
 GAP = 8  # so many rays between two that saw points, at most, were looked along, too
-_NEAREST_M, _RINGS, _PER_RING = 0.3, 40, math.log(1.1)  # cells: a tenth longer from ring to ring, up to 13 m
+_MIN_M, _RINGS, _PER_RING = 0.3, 40, math.log(1.1)  # cells: a tenth longer from ring to ring, up to 13 m
 
 
 class View(NamedTuple):
@@ -70,7 +70,7 @@ def _filled(looked):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
 def _ring(range_m):  # type: ignore[no-untyped-def]
-    return min(max(int(math.log(max(range_m, 1e-3) / _NEAREST_M) / _PER_RING), 0), _RINGS - 1)
+    return min(max(int(math.log(max(range_m, 1e-3) / _MIN_M) / _PER_RING), 0), _RINGS - 1)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -9,7 +9,7 @@ import numpy as np
 from touchline.errors import InputError
 from touchline.localization.published.nubot.global_search import sample_positions
 
-_LEAST_SPACING_RAD = 1e-3
+_MIN_SPACING_RAD = 1e-3
 
 
 class PoseGrid:
@@ -29,8 +29,8 @@ class PoseGrid:
         tolerance_rad: float = math.pi,
     ) -> None:
         """length_m, width_m: of the field. heading, tolerance_rad: search only this far to each side of a heading."""
-        if spacing_rad < _LEAST_SPACING_RAD:
-            raise InputError(f"headings {spacing_rad:g} rad apart are too many; {_LEAST_SPACING_RAD:g} is the least")
+        if spacing_rad < _MIN_SPACING_RAD:
+            raise InputError(f"headings {spacing_rad:g} rad apart are too many; {_MIN_SPACING_RAD:g} is the least")
         self.spacing_m = spacing_m
         self.spacing_rad = spacing_rad
         self.positions = sample_positions(length_m, width_m, spacing_m, beyond_m)

@@ -31,19 +31,19 @@ WIDTH_M = 0.25  # of the coarse error function
 # poses of the grid that are registered, and of those the likeliest distinct ones that are registered to the end; of a
 # whole view, and as many times more of a narrower one, which fits more places
 STARTS, FINISHED = 50, 24
-NARROWEST = 0.25  # of the whole view, beyond which there are no more of them
+MIN_VIEW_RATIO = 0.25  # of the whole view, beyond which there are no more of them
 CLOSE_STARTS = 30  # so many of the starts may be neighbours on the grid
 NEAR_STARTS = 25  # of a search near a pose
 UNLIKELY = 7.0  # logarithm of odds against the best from which a mode is dropped
 SAME = 0.1, 0.05  # m, rad: poses nearer than this are one mode
 COARSE_POINTS = 90  # so many at most, evenly taken, tell the coarse errors
 SEARCH_POINTS = 60  # and so many, of a narrower view as many times fewer, which starts are worth more
-FEWEST_POINTS = 20  # that tell that
+MIN_POINTS = 20  # that tell that
 HOPELESS = 25.0  # logarithm of odds against the best from which a start is not
 # so many points tell as one: what the likelihoods leave out is shared between points. Fitted to how often modes of half
 # views and sectors of 120 degrees are right (temperature scaling: Guo et al. 2017)
 TEMPERATURE = 1.5
-MOST_CONTRADICTION = 4.0  # what something known speaks against a pose, at most: one compass in fifty is false
+MAX_CONTRADICTION = 4.0  # what something known speaks against a pose, at most: one compass in fifty is false
 
 
 class Known(NamedTuple):
@@ -131,10 +131,10 @@ class PoseSearch:
         if len(points) == 0:
             return ()
         view: View = view_of(points)
-        share = max(float(view.looked.mean()), NARROWEST)
+        share = max(float(view.looked.mean()), MIN_VIEW_RATIO)
         most_starts, most_finished = (round(count / share) for count in most)
         starts = self._starts(points, window, most_starts)
-        few = max(round(SEARCH_POINTS * share), FEWEST_POINTS)
+        few = max(round(SEARCH_POINTS * share), MIN_POINTS)
         some, spreads = _some(points, few), _some(covariances, few)
         first = self.registration.register_all(some, spreads, starts, SEARCHING)
         first = self._likely(first, view, len(some) / len(points))
@@ -204,4 +204,4 @@ def contradiction(pose: Pose, known: Known) -> float:
     """How much something known speaks against a pose: logarithm of a likelihood ratio."""
     away = pose.as_array() - known.pose
     away[2] = wrap_angle(float(away[2]))
-    return min(0.5 * float(away @ known.information @ away), MOST_CONTRADICTION)
+    return min(0.5 * float(away @ known.information @ away), MAX_CONTRADICTION)

@@ -20,7 +20,7 @@ from touchline.perception.line_graph.structure import Structure
 
 _RADIUS, _SAMPLES = 4.0, 40  # of the circle, in cells
 _WHITE, _GREEN = 0.2 * FULL, 0.5 * FULL  # pixels of a cell from which on it is
-_LEAST_KNOWN = 0.5  # share of the samples that is either
+_MIN_KNOWN = 0.5  # share of the samples that is either
 _WAY_NODES = 3  # that a way is followed for
 _PALEST = 0.25  # least whiteness along a way, as a share of the node's
 # arms go straight on or stand at right angles to within this, by their number: a T's node may lie beside its bar
@@ -59,7 +59,7 @@ def white_runs(counts: CountArray, column: float, row: float) -> FloatArray:
         return np.empty(0)
     white = counts[WHITE, rows, columns] >= _WHITE
     known = white | (counts[GREEN, rows, columns] >= _GREEN)
-    if known.mean() < _LEAST_KNOWN or white[known].all() or not white[known].any():
+    if known.mean() < _MIN_KNOWN or white[known].all() or not white[known].any():
         return np.empty(0)
     state, angles = white[known], angles[known]
     begins = np.flatnonzero(state & ~np.roll(state, 1))

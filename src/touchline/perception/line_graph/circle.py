@@ -17,14 +17,14 @@ from touchline.perception.line_graph.graph import Graph
 from touchline.types import LandmarkKind, Landmarks, Lines, no_landmarks
 
 _SECTORS = 24
-_FEWEST_SECTORS = 7  # 105° of the circle
+_MIN_SECTORS = 7  # 105° of the circle
 _NEAR_M, _NEAR_RATIO = 0.05, 0.012  # how far a node may lie off the circle, and how much more per metre of range
 _TANGENT_COS = math.cos(math.radians(16.0))
 _ROUNDS = 4
 _LONG = 1.4  # of a line, in radii
 _EVERY = 3  # so many nodes apart are those that propose a middle
 _ARC_SAMPLES, _ARC_SHARE, _ARC_COS = 11, 0.6, 0.7  # so much of an arc lies on the circle, and not radially
-_LEAST_M = 0.02  # standard deviation of the best middle
+_MIN_M = 0.02  # standard deviation of the best middle
 
 
 class Circle(NamedTuple):
@@ -50,7 +50,7 @@ def circle_landmark(circle: Circle | None) -> Landmarks:
     """The middle of the circle; none without one. Its error is that of a few independent nodes, not of all."""
     if circle is None:
         return no_landmarks()
-    deviation = _LEAST_M + circle.deviation_m / math.sqrt(circle.sectors / 4.0)
+    deviation = _MIN_M + circle.deviation_m / math.sqrt(circle.sectors / 4.0)
     return Landmarks(
         np.array([LandmarkKind.CIRCLE.value]),
         np.array([[circle.x, circle.y]]),
@@ -147,11 +147,11 @@ def _best_circle(ground: FloatArray, tangents: FloatArray, radius_m: float, foun
             if sectors > best:
                 best = sectors
                 found[0], found[1] = x, y
-    if best < _FEWEST_SECTORS:
+    if best < _MIN_SECTORS:
         return False
     for _ in range(_ROUNDS):
         best = _members(ground, tangents, radius_m, found[0], found[1], use)
-        if best < _FEWEST_SECTORS:
+        if best < _MIN_SECTORS:
             return False
         a, b, c, p, q, squares, count = 1e-9, 0.0, 1e-9, 0.0, 0.0, 0.0, 0
         for node in range(len(ground)):

@@ -31,11 +31,11 @@ FULL = CELL_PX * CELL_PX  # pixels of a cell
 FIRST_WHITE = 16  # codes of the table from here on tell how white a colour is
 WHITE_STEPS = 100.0  # such codes between carpet and paint
 HALF_WHITE = 0.5  # a pixel that is half paint is white: edges lie at half height
-_LEAST_WHITE = 0.15  # colours less white than this are never white, whatever the light
+_MIN_WHITE = 0.15  # colours less white than this are never white, whatever the light
 _EVERY = 4  # pixels between the samples that tell the light
 _LIGHT_REACH = 6  # cells to each side that the light is averaged over
 _PALEST = 1.25  # paint is brighter than the carpet beside it by at least this factor
-_FEWEST = 30  # pixels that paint is learned from
+_MIN_PIXELS = 30  # pixels that paint is learned from
 _BESIDE_PX = 15  # paint lies within so many pixels of carpet
 _FAINTEST_PAINT = 0.2  # of the way from carpet to a guessed white
 _PAINT_ROUNDS = 3
@@ -94,7 +94,7 @@ def relative_table(model: ColourModel) -> npt.NDArray[np.uint8]:
     table = colour_codes(colours, model)
     whiteness = (colours - model.green) @ model.signal
     pale = (table == OTHER) | (table == BLACK)
-    table = np.where(pale & (whiteness > _LEAST_WHITE), _codes(whiteness), table)
+    table = np.where(pale & (whiteness > _MIN_WHITE), _codes(whiteness), table)
     is_green = model.classify(colours.astype(np.uint8)) == IS_GREEN
     return np.where(is_green, GREEN, table).astype(np.uint8)
 
@@ -158,7 +158,7 @@ def _learn_paint(images: Sequence[ImageArray], around: npt.NDArray[np.bool_], mo
     for _ in range(_PAINT_ROUNDS):
         # the brighter third: edges of lines and threads of nets are white, too, but mixed with what is behind them
         pale = found[whiteness > least]
-        if len(pale) < _FEWEST:
+        if len(pale) < _MIN_PIXELS:
             return None
         brightness = pale.sum(axis=1)
         paint: FloatArray = np.median(pale[brightness >= np.quantile(brightness, _EDGES)], axis=0)

@@ -34,15 +34,15 @@ COLOURS = {"yellow": YELLOW, "blue": BLUE}
 _NAMES = {code: name for name, code in COLOURS.items()}
 _BIN_PX = 6.0
 _FILLED = 0.25  # share of colour from which on a cell counts
-_FEWEST_CELLS = 3
+_MIN_CELLS = 3
 _NEARBY, _STANDS_OUT = 10, 0.3  # bins to each side, and of the most of these what stands out
 _GAP_ROWS = 2
 _GOES_ON = 0.5  # of a colour's usual amount in a row: with less of it another band begins
-_LEAST_HEIGHT, _MOST_WIDTH = 0.5, 2.2  # of what is expected
-_MOST_BESIDE = 0.8  # of its rows: its colour may go on there, a crossbar or something behind
+_MIN_HEIGHT, _MAX_WIDTH = 0.5, 2.2  # of what is expected
+_MAX_BESIDE = 0.8  # of its rows: its colour may go on there, a crossbar or something behind
 _LONG_ROWS = 9  # from so many rows on a band has two at least
 _EQUAL_BANDS = 2.0
-_MOST, _MOST_BANDS = 20, 5
+_MAX_UPRIGHTS, _MAX_BANDS = 20, 5
 _U, _V, _HEIGHT, _WIDTH, _CUT, _BANDS = range(6)  # columns of what is found; the colours of the bands follow
 _LOW_ROWS, _PER_ROW = 10, 2  # rows of cells that tell the axis, and rows of pixels in each
 _ACROSS = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the width: where it is looked for its foot
@@ -73,7 +73,7 @@ def coloured_uprights(
     if not coloured:
         return []
     limits = np.array([min(post.height for post in coloured), max(post.diameter for post in coloured)])
-    found = np.empty((_MOST, _BANDS + 1 + _MOST_BANDS))
+    found = np.empty((_MAX_UPRIGHTS, _BANDS + 1 + _MAX_BANDS))
     count = _find(pixels, classes.table, structure.counts, structure.ends, plane, limits, found)
     uprights = []
     for row in found[:count]:
@@ -105,7 +105,7 @@ def _find(
                 if not math.isnan(turn):
                     cells[number, 0], cells[number, 1], turns[number] = row, column, turn
                     number += 1
-    if number < _FEWEST_CELLS:
+    if number < _MIN_CELLS:
         return 0
     step, least = _BIN_PX / plane.lens.pinhole[0], turns[:number].min()
     sums = np.zeros(int((turns[:number].max() - least) / step) + 1)
@@ -118,7 +118,7 @@ def _find(
         strong = False
         if k < len(sums):
             nearby = sums[max(k - _NEARBY, 0) : k + _NEARBY + 1].max()
-            strong = sums[k] > max(_FEWEST_CELLS, _STANDS_OUT * nearby)
+            strong = sums[k] > max(_MIN_CELLS, _STANDS_OUT * nearby)
         if strong and first < 0:
             first = k
         if not strong and first >= 0:
@@ -181,7 +181,7 @@ def _measure(
             if 0 <= column < columns:
                 beside += counts[kind, row, column] > _FILLED * FULL
     width = area / max(size, 1)
-    if size < max(_FEWEST_CELLS, 1.5 * width) or bottom >= rows - 1 or beside > _MOST_BESIDE * size:
+    if size < max(_MIN_CELLS, 1.5 * width) or bottom >= rows - 1 or beside > _MAX_BESIDE * size:
         return False
     if not _foot(pixels, table, plane, spans[:size], bottom, out):
         return False
@@ -193,7 +193,7 @@ def _measure(
         return False  # above the horizon, or it stands beyond the field
     cells = plane.lens.pinhole[0] / CELL_PX / away
     out[_CUT] = 1.0 if top == 0 else 0.0
-    if width > _MOST_WIDTH * limits[1] * cells + 2.0 or (size < _LEAST_HEIGHT * limits[0] * cells and top > 0):
+    if width > _MAX_WIDTH * limits[1] * cells + 2.0 or (size < _MIN_HEIGHT * limits[0] * cells and top > 0):
         return False
     top = _bands(spans[:size], out)
     out[_HEIGHT] = _height(plane, out[_U], CELL_PX * top, away)
@@ -290,14 +290,14 @@ def _bands(spans: npt.NDArray[np.int64], out: FloatArray) -> int:
     unequal heights, as a poster behind a post.
     """
     least, top = 1 if len(spans) < _LONG_ROWS else 2, spans[0, 3]
-    sizes, count, run = np.zeros(_MOST_BANDS, dtype=np.int64), 0, 0
+    sizes, count, run = np.zeros(_MAX_BANDS, dtype=np.int64), 0, 0
     for k in range(len(spans)):
         run += 1
         if k + 1 < len(spans) and spans[k + 1, 2] == spans[k, 2]:
             continue
         if count and out[_BANDS + count] == spans[k, 2]:
             sizes[count - 1] += run
-        elif (run >= least or count == 0) and count < _MOST_BANDS:
+        elif (run >= least or count == 0) and count < _MAX_BANDS:
             out[_BANDS + 1 + count], sizes[count] = spans[k, 2], run
             count += 1
         if count == 1:

@@ -40,8 +40,8 @@ from touchline.types import Crossings, Lines, no_crossings
 
 _SAMPLES = 96
 _KINDS = {2: "L", 3: "T", 4: "X"}  # by the number of arms
-_MOST_CROSSINGS = 40
-_MOST_ARMS = 6
+_MAX_CROSSINGS = 40
+_MAX_ARMS = 6
 _WHITE, _GREEN = 0.45, 0.35  # signal above which paint and below which carpet is seen
 _RIGHT_RAD = math.radians(60.0)  # lines that meet at less are no candidates
 _SLACK_M = 0.25  # how far beyond a line's visible end it may meet another
@@ -50,9 +50,9 @@ _SAME_WIDTHS = 4.0  # candidates closer than so many line widths are one crossin
 # about the crossing itself, beside a post only narrow ones show nothing else
 _CIRCLES = ((3.0, 5.0, 0.9), (5.0, 8.0, 0.9), (2.0, 3.2, 0.7))
 _TURNS = 4
-_FARTHEST_MOVE, _SETTLED = 5.0, 0.3  # line widths
+_MAX_MOVE, _SETTLED = 5.0, 0.3  # line widths
 _STRAY_RAD = math.radians(30.0)  # an arm's directions on both circles differ by no more
-_NARROWEST, _WIDEST, _BLUR_PX = 0.55, 1.6, 2.0  # of an arc, in line widths and pixels: a post is wider
+_MIN_WIDTH, _MAX_WIDTH, _BLUR_PX = 0.55, 1.6, 2.0  # of an arc, in line widths and pixels: a post is wider
 _PATH_FIRST, _PATH_STEP, _PATH_STEPS = 2.0, 1.0, 9  # of profiles along an arm, in line widths
 _PATH_ENOUGH, _PATH_NEAR, _PATH_BARE = 4, 5, 2
 _CARPET = 0.7  # least share of carpet in what is no paint
@@ -68,7 +68,7 @@ def find_crossings(
     ends_m = lines.ends_m
     meetings = _meetings(ends_m if settings.paper.meetings else ends_m[:0], _SLACK_M)
     at_nodes = grounds_from_pixels(plane, cell_pixels(corners[:, :2]))
-    found = np.empty((_MOST_CROSSINGS, 5))
+    found = np.empty((_MAX_CROSSINGS, 5))
     candidates = np.concatenate((meetings, at_nodes))
     by_paths = len(meetings) if settings.paper.paths else 0
     count = _verify(pixels, plane, candidates, by_paths, ends_m, settings.crossing_m, found)
@@ -137,7 +137,7 @@ def verified(pixels: Pixels, plane: ImagePlane, x: float, y: float, found: Float
     The candidate is moved to where the arms meet, and looked at again. Beside a goal post only the smaller circles
     show nothing else. Writes number of arms, x, y, orientation and confidence into found (5,).
     """
-    inner, outer = np.empty((_MOST_ARMS, 3)), np.empty((_MOST_ARMS, 3))
+    inner, outer = np.empty((_MAX_ARMS, 3)), np.empty((_MAX_ARMS, 3))
     for radii in _CIRCLES:
         cx, cy = x, y
         for turn in range(_TURNS):
@@ -146,7 +146,7 @@ def verified(pixels: Pixels, plane: ImagePlane, x: float, y: float, found: Float
                 break
             ax, ay = arms_meet(inner[:count], outer[:count])
             moved, cx, cy = math.hypot(ax - cx, ay - cy), ax, ay
-            if not moved < _FARTHEST_MOVE * pixels.width_m:
+            if not moved < _MAX_MOVE * pixels.width_m:
                 break
             if moved < _SETTLED * pixels.width_m or turn == _TURNS - 1:
                 one, _ = judge_arms(inner[:count, 0].copy(), STRAIGHT_RAD)
@@ -233,7 +233,7 @@ def _both_circles(pixels, plane, x, y, radii, inner, outer):  # type: ignore[no-
 def walk_round(
     pixels: Pixels, plane: ImagePlane, x: float, y: float, radius_m: float, arms: FloatArray
 ) -> tuple[int, bool]:
-    """Walk round a ground point; writes angle, x and y of the middle of each white arc into arms (MOST, 3).
+    """Walk round a ground point; writes angle, x and y of the middle of each white arc into arms (MAX_ARMS, 3).
 
     Returns how many there are, -1 where the circle leaves the image or shows much that is neither paint nor carpet; and
     whether there were arcs wider than a line, which are left out.
@@ -267,10 +267,10 @@ def walk_round(
             end = k - 1 + (before - 0.5 * (_WHITE + _GREEN)) / max(before - here, 1e-6)
             scale = _metres_per_pixel(places, start + int(begin), radius_m)
             arc_m = (end - begin) * 2.0 * math.pi * radius_m / _SAMPLES
-            if arc_m > _WIDEST * pixels.width_m + _BLUR_PX * scale:
+            if arc_m > _MAX_WIDTH * pixels.width_m + _BLUR_PX * scale:
                 wide = True
                 continue
-            if arc_m < _NARROWEST * pixels.width_m - 0.5 * _BLUR_PX * scale:
+            if arc_m < _MIN_WIDTH * pixels.width_m - 0.5 * _BLUR_PX * scale:
                 return -1, wide
             if count == len(arms):
                 return -1, wide

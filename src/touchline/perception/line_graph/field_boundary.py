@@ -32,7 +32,7 @@ _EDGES = 3  # of the carpet in one image
 _FREE, _ON_EDGE, _BEYOND = range(3)  # of where a column ends: below all edges, on one, above one or unknown
 _ON, _ABOVE = 0.75, 1.5  # cells from an edge: up to here on it, from here on above it
 _PAIRS_APART, _EVERY = 8, 3  # columns between two that an edge is laid through; every such column is tried
-_LEAST_ON = 0.12  # share of the columns that show an edge
+_MIN_ON = 0.12  # share of the columns that show an edge
 _SOLID = 0.3  # share of green in a cell of carpet that is not beside its edge
 _CARPET_COUNTS = 3  # a column with carpet above an edge speaks against it as so many do that end above it
 _LOWERED = 4  # steps: the lens bends edges a little
@@ -193,7 +193,7 @@ def _next_edge(
                     on += state[k] == _FREE and abs(y - points[k, 1]) < _ON * cell
                     if y - points[k, 1] > _ABOVE * cell:
                         against += _CARPET_COUNTS if y - carpet[k] > _ABOVE * cell else 1
-            if on - against > best and on >= _LEAST_ON * columns:
+            if on - against > best and on >= _MIN_ON * columns:
                 best = on - against
                 edge[0], edge[1] = offset, slope
     for k in range(columns):

@@ -26,14 +26,14 @@ from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.structure import Structure
 from touchline.types import LinePoints, Lines
 
-_MOST_POINTS = 2000
+_MAX_POINTS = 2000
 _COVERED_PX = 3.0  # a candidate whose ends lie this close to a line that is placed already is part of it
 _ROUGH_M = 0.35  # a shorter line has no direction by the cells alone
 _BENT = 0.6  # of the sagitta that a chord of the field's circle has: what bends so much is no line
-_LEAST_SAGITTA_PX = 0.7
+_MIN_SAGITTA_PX = 0.7
 # least mean of contrast times width against the expected: a net's threads are fainter and thinner. As a share of the
 # strongest line's where that is below 1, as for narrow or worn lines and rough camera poses; and at all
-_LEAST_PAINT, _LEAST_EVER = 0.65, 0.35
+_MIN_PAINT, _MIN_EVER = 0.65, 0.35
 
 
 class LineLimits(NamedTuple):
@@ -78,7 +78,7 @@ def find_lines(
     subpixel = settings.paper.subpixel
     least_m = max(settings.min_line_m, 0.0 if subpixel else _ROUGH_M)
     limits = LineLimits(subpixel, radius_m, least_m, settings.min_line_px, settings.farthest_m)
-    points, confidences = np.empty((_MOST_POINTS, POINT_COLUMNS)), np.empty(len(candidates))
+    points, confidences = np.empty((_MAX_POINTS, POINT_COLUMNS)), np.empty(len(candidates))
     lines, total = _place_lines(pixels, plane, candidates, limits, confidences, points)
     return _without_faint(FoundLines(candidates[:lines], confidences[:lines], points[:total]))
 
@@ -89,7 +89,7 @@ def _without_faint(found: FoundLines) -> FoundLines:
         return found
     numbers = found.points[:, 2].astype(np.int64)
     paint = np.bincount(numbers, found.points[:, 3] * found.points[:, 4]) / np.bincount(numbers)
-    kept = paint >= _LEAST_PAINT * min(1.0, float(paint.max()))
+    kept = paint >= _MIN_PAINT * min(1.0, float(paint.max()))
     if kept.all():
         return found
     points = found.points[kept[numbers]]
@@ -137,7 +137,7 @@ def _place_lines(pixels, plane, candidates, limits, confidences, points):  # typ
         for point in own:
             point[2] = kept
             paint, contrast = paint + point[3] * point[4], contrast + point[3]
-        if paint < _LEAST_EVER * count or not _is_long(line, plane, limits) or _is_bent(own, line, plane, limits):
+        if paint < _MIN_EVER * count or not _is_long(line, plane, limits) or _is_bent(own, line, plane, limits):
             continue
         if is_thread(pixels, plane, line, contrast / count):
             continue
@@ -194,4 +194,4 @@ def _is_bent(points: FloatArray, line: FloatArray, plane: ImagePlane, limits: Li
     if chord > 2.0 * limits.radius_m:
         return False
     in_image = sagitta(points[:, :2].copy()) * plane.lens.pinhole[0] * math.hypot(line[2] - line[0], line[3] - line[1])
-    return bool(in_image > _LEAST_SAGITTA_PX and sagitta(places) > _BENT * chord / (8.0 * limits.radius_m))
+    return bool(in_image > _MIN_SAGITTA_PX and sagitta(places) > _BENT * chord / (8.0 * limits.radius_m))

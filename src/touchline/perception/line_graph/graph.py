@@ -17,14 +17,14 @@ from touchline.geometry import FloatArray
 from touchline.perception.line_graph.skeleton import NO_SKELETON
 from touchline.perception.line_graph.sorting import order_of
 
-MOST_NODES = 1500
-MOST_LINKS = 8
-MOST_DEGREE = 4  # more lines never meet
+MAX_NODES = 1500
+MAX_LINKS = 8
+MAX_DEGREE = 4  # more lines never meet
 _RANKS = 3
 _REACH = 6.0  # cells that a candidate connection may bridge
 _BESIDE = 1.0  # cells: a connection that passes a node by so closely leads through it
 _TURN = math.radians(40.0)  # by how much a line may turn where a connection continues it
-_MOST_CANDIDATES = 4096
+_MAX_CANDIDATES = 4096
 _PALEST = 0.25  # least whiteness along a candidate connection, as a share of its nodes'
 
 IntArray = npt.NDArray[np.int64]
@@ -48,10 +48,10 @@ def line_graph(smooth: FloatArray, ranks: npt.NDArray[np.uint8], bridge: bool = 
     bridge: whether candidate connections over gaps are judged.
     """
     node_at = np.full(ranks.shape, -1, dtype=np.int64)
-    cells = np.empty((MOST_NODES, 2), dtype=np.int64)
+    cells = np.empty((MAX_NODES, 2), dtype=np.int64)
     count = place_nodes(ranks, node_at, cells)
-    graph = Graph(np.empty((MOST_NODES, 2)), np.empty((MOST_NODES, MOST_LINKS), dtype=np.int64),
-                  np.zeros(MOST_NODES, dtype=np.int64))  # fmt: skip
+    graph = Graph(np.empty((MAX_NODES, 2)), np.empty((MAX_NODES, MAX_LINKS), dtype=np.int64),
+                  np.zeros(MAX_NODES, dtype=np.int64))  # fmt: skip
     graph.places[:count] = cells[:count]
     connect_regions(ranks, node_at, graph)
     remove_triangles(graph, count)
@@ -99,7 +99,7 @@ def connected(graph: Graph, a: int, b: int) -> bool:
 @njit(cache=True)
 def connect(graph: Graph, a: int, b: int) -> None:
     """Connect two nodes, if they are not and have room."""
-    if a == b or graph.degrees[a] == MOST_LINKS or graph.degrees[b] == MOST_LINKS or connected(graph, a, b):
+    if a == b or graph.degrees[a] == MAX_LINKS or graph.degrees[b] == MAX_LINKS or connected(graph, a, b):
         return
     graph.links[a, graph.degrees[a]] = b
     graph.links[b, graph.degrees[b]] = a
@@ -245,7 +245,7 @@ def _is_continued(graph: Graph, node: int, x: float, y: float) -> bool:
             or _turn(graph, a, node, x, y) < _TURN
             or _turn(graph, b, node, x, y) < _TURN
         )
-    return bool(degree < MOST_DEGREE)
+    return bool(degree < MAX_DEGREE)
 
 
 @njit(cache=True)
@@ -277,7 +277,7 @@ def _cost(smooth: FloatArray, graph: Graph, end: int, other: int) -> float:
 @njit(cache=True)
 def _may_bridge(graph: Graph, end: int, other: int) -> bool:
     """Whether a candidate connection is to be judged at all: degrees, and no triangle (simplicity)."""
-    if end == other or graph.degrees[end] > 1 or graph.degrees[other] >= MOST_DEGREE:
+    if end == other or graph.degrees[end] > 1 or graph.degrees[other] >= MAX_DEGREE:
         return False
     return graph.degrees[end] == 0 or not connected(graph, graph.links[end, 0], other)
 
@@ -285,7 +285,7 @@ def _may_bridge(graph: Graph, end: int, other: int) -> bool:
 @njit(cache=True)
 def bridge_gaps(smooth: FloatArray, graph: Graph, count: int) -> None:
     """Make the candidate connections of end nodes that fit, those that fit best first."""
-    costs, pairs = np.empty(_MOST_CANDIDATES), np.empty((_MOST_CANDIDATES, 2), dtype=np.int64)
+    costs, pairs = np.empty(_MAX_CANDIDATES), np.empty((_MAX_CANDIDATES, 2), dtype=np.int64)
     found = 0
     for end in range(count):
         if graph.degrees[end] > 1:
@@ -294,7 +294,7 @@ def bridge_gaps(smooth: FloatArray, graph: Graph, count: int) -> None:
         for other in range(count):
             if abs(graph.places[other, 0] - x) > _REACH or abs(graph.places[other, 1] - y) > _REACH:
                 continue
-            if found == _MOST_CANDIDATES or not _may_bridge(graph, end, other):
+            if found == _MAX_CANDIDATES or not _may_bridge(graph, end, other):
                 continue
             cost = _cost(smooth, graph, end, other)
             if cost < np.inf:
@@ -316,7 +316,7 @@ def bridge_gaps(smooth: FloatArray, graph: Graph, count: int) -> None:
 def lead_through(graph: Graph, count: int) -> None:
     """Lead connections that pass a node by through it (simplicity), as where the end of a line lies on another one."""
     for node in range(count):
-        if graph.degrees[node] == 0 or graph.degrees[node] >= MOST_DEGREE:
+        if graph.degrees[node] == 0 or graph.degrees[node] >= MAX_DEGREE:
             continue
         x, y = graph.places[node, 0], graph.places[node, 1]
         for a in range(count):

@@ -14,9 +14,9 @@ from touchline.geometry import FloatArray
 from touchline.perception.line_graph.chains import Chains
 from touchline.perception.line_graph.graph import IntArray
 
-MOST_LINES = 64
-_FEWEST_NODES = 3
-_MOST_STACK = 256
+MAX_LINES = 64
+_MIN_NODES = 3
+_MAX_STACK = 256
 _SAME_RAD = math.radians(4.0)  # directions of two components that may be merged
 _BESIDE = 1.5  # how far, in splitting distances, one may lie off the other's line
 
@@ -27,8 +27,8 @@ def split_and_merge(nodes: FloatArray, chains: Chains, split: float, corners: bo
     split: distance from the fitted line from which on a component is split. corners: whether one whose end is farthest
     off is split at its corner; else it loses that end.
     """
-    found = np.empty((MOST_LINES, 4))
-    parts = np.empty((MOST_LINES, 2), dtype=np.int64)
+    found = np.empty((MAX_LINES, 4))
+    parts = np.empty((MAX_LINES, 2), dtype=np.int64)
     count = _split(nodes, chains, split, corners, parts)
     members = np.arange(count)
     _merge(nodes, chains, split, parts[:count], members)
@@ -53,8 +53,8 @@ def fit_line(points: FloatArray, use: IntArray) -> tuple[float, float, float, fl
 
 @njit(cache=True)
 def _split(nodes: FloatArray, chains: Chains, split: float, corners: bool, parts: IntArray) -> int:
-    """First and last place in chains.nodes of every straight part, into parts (MOST_LINES, 2); returns how many."""
-    stack = np.empty((_MOST_STACK, 2), dtype=np.int64)
+    """First and last place in chains.nodes of every straight part, into parts (MAX_LINES, 2); returns how many."""
+    stack = np.empty((_MAX_STACK, 2), dtype=np.int64)
     count = 0
     for chain in range(len(chains.starts) - 1):
         stack[0, 0], stack[0, 1] = chains.starts[chain], chains.starts[chain + 1] - 1
@@ -62,7 +62,7 @@ def _split(nodes: FloatArray, chains: Chains, split: float, corners: bool, parts
         while depth > 0:
             depth -= 1
             first, last = stack[depth, 0], stack[depth, 1]
-            if last - first + 1 < _FEWEST_NODES:
+            if last - first + 1 < _MIN_NODES:
                 continue
             x, y, dx, dy = fit_line(nodes, chains.nodes[first : last + 1])
             worst, at = 0.0, first
@@ -75,7 +75,7 @@ def _split(nodes: FloatArray, chains: Chains, split: float, corners: bool, parts
                 if count < len(parts):
                     parts[count, 0], parts[count, 1] = first, last
                     count += 1
-            elif depth + 2 <= _MOST_STACK:
+            elif depth + 2 <= _MAX_STACK:
                 end = at in (first, last)
                 if end and not corners:
                     stack[depth, 0], stack[depth, 1] = first + (at == first), last - (at == last)

@@ -17,7 +17,7 @@ from touchline.perception.line_graph.profiles import Pixels, cut_across, signal_
 
 _BESIDE_PX = 4.0  # from a line's edge to where others that cross it are looked for
 _WHITE, _BARE = 0.4, 0.25  # of the line's contrast: from where on another thread begins, and has ended
-_FEWEST, _PER_M = 3, 3.0  # of threads that cross one; meshes have 10 cm at most
+_MIN_THREADS, _PER_M = 3, 3.0  # of threads that cross one; meshes have 10 cm at most
 
 
 @njit(cache=True, error_model="numpy")
@@ -50,4 +50,4 @@ def is_thread(pixels: Pixels, plane: ImagePlane, line: FloatArray, contrast: flo
             elif signal < _BARE * contrast:
                 white = False
     fewer = min(counts[0], counts[1])
-    return bool(fewer >= _FEWEST and fewer >= _PER_M * length_m)
+    return bool(fewer >= _MIN_THREADS and fewer >= _PER_M * length_m)

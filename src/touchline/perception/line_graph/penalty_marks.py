@@ -15,12 +15,12 @@ from touchline.geometry import FloatArray
 from touchline.perception.line_graph.colour_classes import CELL_PX, FULL, GREEN, WHITE, CountArray
 from touchline.perception.line_graph.image_plane import ImagePlane, ground_from_pixel
 
-_LEAST = 8  # white pixels from which on a cell is a patch's
+_MIN_WHITE_PIXELS = 8  # white pixels from which on a cell is a patch's
 _CARPET = 0.5  # share of green that each cell about a patch has
-_SMALLEST, _LARGEST = 0.5, 1.7  # area against what is expected
-_LEAST_PX = 20.0  # of that area
+_MIN_AREA_RATIO, _MAX_AREA_RATIO = 0.5, 1.7  # area against what is expected
+_MIN_PX = 20.0  # of that area
 _STANDING = 2.0  # what stands is higher than this, against a mark that lies
-_MOST_CELLS = 100
+_MAX_CELLS = 100
 
 
 @njit(cache=True, error_model="numpy")
@@ -29,14 +29,14 @@ def find_penalty_marks(counts: CountArray, ends: FloatArray, plane: ImagePlane, 
     rows, columns = counts.shape[1:]
     visited = np.zeros((rows, columns), dtype=np.bool_)
     stack = np.empty((rows * columns, 2), dtype=np.int64)
-    found = np.empty((_MOST_CELLS, 2))
+    found = np.empty((_MAX_CELLS, 2))
     count = 0
     for row in range(1, rows - 1):
         for column in range(1, columns - 1):
-            if visited[row, column] or counts[WHITE, row, column] < _LEAST or rows - row > ends[column]:
+            if visited[row, column] or counts[WHITE, row, column] < _MIN_WHITE_PIXELS or rows - row > ends[column]:
                 continue
             sums = _patch(counts, visited, stack, row, column)
-            if sums[0] > 0.0 and count < _MOST_CELLS and _is_mark(sums, plane, diameter):
+            if sums[0] > 0.0 and count < _MAX_CELLS and _is_mark(sums, plane, diameter):
                 found[count] = sums[1:3]
                 count += 1
     return found[:count]
@@ -64,15 +64,15 @@ def _patch(
         alone = alone and 0 < r < rows - 1 and 0 < c < columns - 1
         for nr in range(max(r - 1, 0), min(r + 2, rows)):
             for nc in range(max(c - 1, 0), min(c + 2, columns)):
-                if visited[nr, nc] and counts[WHITE, nr, nc] >= _LEAST:
+                if visited[nr, nc] and counts[WHITE, nr, nc] >= _MIN_WHITE_PIXELS:
                     continue
-                if counts[WHITE, nr, nc] >= _LEAST:
+                if counts[WHITE, nr, nc] >= _MIN_WHITE_PIXELS:
                     visited[nr, nc] = True
                     stack[count] = nr, nc
                     count += 1
                 else:
                     alone = alone and counts[GREEN, nr, nc] + counts[WHITE, nr, nc] >= _CARPET * FULL
-    if not alone or count > _MOST_CELLS:
+    if not alone or count > _MAX_CELLS:
         return np.zeros(5)
     sums[1:] /= sums[0]
     sums[3] -= sums[1] ** 2
@@ -89,7 +89,7 @@ def _is_mark(sums: FloatArray, plane: ImagePlane, diameter: float) -> bool:
     vx, vy = ground_from_pixel(plane, u, v + 1.0)
     per_pixel = abs((ux - x) * (vy - y) - (uy - y) * (vx - x))
     expected = 0.25 * math.pi * diameter**2 / per_pixel
-    if not (expected >= _LEAST_PX and _SMALLEST * expected <= sums[0] <= _LARGEST * expected):
+    if not (expected >= _MIN_PX and _MIN_AREA_RATIO * expected <= sums[0] <= _MAX_AREA_RATIO * expected):
         return False
     across, up = 0.5 * diameter / math.hypot(ux - x, uy - y), 0.5 * diameter / math.hypot(vx - x, vy - y)
     blur = CELL_PX**2 / 12.0

@@ -53,7 +53,7 @@ _KEYS: dict[int, tuple[str, Paint]] = {
     3: ("three lines: T?", (0, 170, 255)),
     4: ("four lines: X?", (0, 0, 255)),
 }
-_MOST_DEGREE = 4
+_MAX_DEGREE = 4
 
 
 def step_pictures(
@@ -135,7 +135,7 @@ def _with_links(picture: ImageArray, graph: Graph) -> ImageArray:
 def _with_nodes(picture: ImageArray, graph: Graph) -> ImageArray:
     for place, degree in zip(cell_pixels(graph.places), graph.degrees, strict=True):
         if degree > 0:
-            cv2.circle(picture, _large(place), 6, _NODES[min(int(degree), _MOST_DEGREE)][1], -1, cv2.LINE_AA)
+            cv2.circle(picture, _large(place), 6, _NODES[min(int(degree), _MAX_DEGREE)][1], -1, cv2.LINE_AA)
     return picture
 
 
@@ -146,7 +146,7 @@ def _with_keys(image: ImageArray, graph: Graph, corners: FloatArray) -> ImageArr
         cv2.circle(picture, _large(place), 7, _KEYS[1][1], -1, cv2.LINE_AA)
     for place, degree in zip(cell_pixels(corners[:, :2]), corners[:, 2], strict=True):
         cv2.circle(picture, _large(place), 12, (20, 20, 20), -1, cv2.LINE_AA)
-        cv2.circle(picture, _large(place), 10, _KEYS[min(int(degree), _MOST_DEGREE)][1], -1, cv2.LINE_AA)
+        cv2.circle(picture, _large(place), 10, _KEYS[min(int(degree), _MAX_DEGREE)][1], -1, cv2.LINE_AA)
     return picture
 
 

@@ -20,7 +20,7 @@ OUTSIDE, NO_LINE, LINE = 0, 1, 2
 """What a profile shows: it leaves the image, no line, a line."""
 NEAR_PX = 2.0
 """How far off a line that other profiles have placed is looked for."""
-_MOST_SAMPLES = 160
+_MAX_SAMPLES = 160
 _FLANK_PX = 3  # carpet looked at on each side
 _FAINTEST = 0.25  # least contrast of a line
 _PALE_FLANK = 0.3  # what is beside a line is no whiter than this share of its contrast
@@ -116,7 +116,7 @@ def read_profile(
     if not cut.width_px > 0.0:
         return OUTSIDE
     height, width = pixels.image.shape[0], pixels.image.shape[1]
-    steps = int(min(cut.width_px * 1.3 + 2.0 + reach_px, 0.5 * _MOST_SAMPLES - 2))
+    steps = int(min(cut.width_px * 1.3 + 2.0 + reach_px, 0.5 * _MAX_SAMPLES - 2))
     samples = np.full(2 * steps + 1, np.nan)  # NaN beyond the image's edge
     for k in range(-steps, steps + 1):
         u, v = cut.u + k * cut.du, cut.v + k * cut.dv

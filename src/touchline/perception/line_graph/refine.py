@@ -16,16 +16,16 @@ from touchline.perception.line_graph.profiles import LINE, NEAR_PX, NO_LINE, OUT
 from touchline.perception.line_graph.sorting import median_of
 
 _CELLS_PX = 0.5 * CELL_PX + 1.0  # how far off the cells may have a line
-_MOST_MISSED = 0.25  # profiles of such a line without paint, as a share of those with
+_MAX_MISSED = 0.25  # profiles of such a line without paint, as a share of those with
 _STEP_PX = 6.0  # between profiles
-_FEWEST, _MOST = 6, 48
-_LEAST_POINTS = 4
+_MIN_PROFILES, _MAX_PROFILES = 6, 48
+_MIN_POINTS = 4
 _ROUNDS = 3
 _OUTLIER_PX = 2.0
 _MISSES, _GAP_WIDTHS = 2, 4.0  # so many profiles and line widths in a row without a line: it has ended
-_MOST_BEYOND = 60
+_MAX_BEYOND = 60
 _ROW = 6
-_MOST_LEAN_PX = 1.0  # of both halves of a line's points against the whole; the lens leaves less
+_MAX_LEAN_PX = 1.0  # of both halves of a line's points against the whole; the lens leaves less
 
 POINT_COLUMNS = 5
 """Of a point of a line: pixel u, v, the line's number, contrast, width against the expected."""
@@ -39,19 +39,19 @@ def refine_line(pixels: Pixels, plane: ImagePlane, line: FloatArray, points: Flo
     0 where it is none, and how many points there are.
     """
     focal = plane.lens.pinhole[0]
-    rows = np.empty((_MOST + 2 * _MOST_BEYOND, _ROW))
+    rows = np.empty((_MAX_PROFILES + 2 * _MAX_BEYOND, _ROW))
     sure, hits, misses = _along(pixels, plane, line, NEAR_PX, rows)
     if not sure:  # thin lines may lie beside where the cells have them
         sure, hits, misses = _along(pixels, plane, line, _CELLS_PX, rows)
         if sure:
             sure, hits, misses = _along(pixels, plane, line, NEAR_PX, rows)
-            sure = sure and misses <= _MOST_MISSED * hits  # else it may be drawn from one line to another
+            sure = sure and misses <= _MAX_MISSED * hits  # else it may be drawn from one line to another
     if not sure:
         return 0.0, 0
     for backward in (True, False):
         hits += _extend(pixels, plane, line, backward, rows[hits:])
     use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
-    if focal * _lean_of_halves(rows, use, line) > _MOST_LEAN_PX:
+    if focal * _lean_of_halves(rows, use, line) > _MAX_LEAN_PX:
         return 0.0, 0
     count = min(len(use), len(points))
     for k in range(count):
@@ -94,7 +94,7 @@ def _along(
     """
     focal = plane.lens.pinhole[0]
     steps = int(focal * math.hypot(line[2] - line[0], line[3] - line[1]) / _STEP_PX)
-    steps = min(max(steps, _FEWEST), _MOST)
+    steps = min(max(steps, _MIN_PROFILES), _MAX_PROFILES)
     found = np.empty(5)
     hits, misses = 0, 0
     for k in range(steps):
@@ -103,10 +103,10 @@ def _along(
             _write(plane, found, rows[hits])
             hits += 1
         misses += shown == NO_LINE
-    if hits < _LEAST_POINTS or hits < misses or hits < 0.4 * steps:
+    if hits < _MIN_POINTS or hits < misses or hits < 0.4 * steps:
         return False, hits, misses
     use = _fit_robustly(rows[:hits], _OUTLIER_PX / focal, line)
-    return len(use) >= max(_LEAST_POINTS, 0.6 * hits), hits, misses
+    return len(use) >= max(_MIN_POINTS, 0.6 * hits), hits, misses
 
 
 @njit(cache=True, error_model="numpy")
@@ -199,7 +199,7 @@ def _extend(pixels: Pixels, plane: ImagePlane, line: FloatArray, backward: bool,
     if backward:
         step, begin = -step, 0.0
     missed, hit, count = 0, 0, 0
-    for k in range(1, _MOST_BEYOND):
+    for k in range(1, _MAX_BEYOND):
         shown = _read_at(pixels, plane, line, begin + k * step, NEAR_PX, found)
         if shown == OUTSIDE:
             break

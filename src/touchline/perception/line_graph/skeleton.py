@@ -11,7 +11,7 @@ from touchline.perception.line_graph.colour_classes import WHITE, CountArray
 
 NO_SKELETON = 9
 """Rank of a cell that is not on the skeleton."""
-_MOST_EQUAL = 3  # a cell with fewer neighbours that are as white or whiter is on the skeleton
+_MAX_EQUAL = 3  # a cell with fewer neighbours that are as white or whiter is on the skeleton
 
 
 @njit(cache=True)
@@ -70,5 +70,5 @@ def rank_cells(smooth: FloatArray, ranks: npt.NDArray[np.uint8], least: float) -
                     beyond = smooth[min(max(r, 0), rows - 1), min(max(c, 0), columns - 1)]
                     if (r != row or c != column) and beyond >= here:
                         count += 1
-            if count < _MOST_EQUAL:
+            if count < _MAX_EQUAL:
                 ranks[row, column] = count

@@ -25,16 +25,16 @@ from touchline.perception.colour_ellipses import (
 )
 from touchline.types import ImageArray
 
-_LEAST_PIXELS = 100  # of one colour; fewer teach nothing
+_MIN_PIXELS = 100  # of one colour; fewer teach nothing
 _PRIOR_PIXELS = 200.0  # what the fixed ellipse counts for beside them
 _REACH = 1.3  # times the fixed ellipses: a colour that lies half outside is found whole
-_LEAST_PX = 60  # of one thing
+_MIN_PX = 60  # of one thing
 _FOOT = 0.15  # of a thing's height
 _BESIDE_PX = 8
 _GREEN_BESIDE = 0.5
 _LINE_PX = 21  # lines on the carpet are bridged
 _SAME_HUE = 0.87  # least cosine, 30 degrees
-_WIDEST = 2.0  # times the foot: wider rows are crossbars, or grown together with what is behind
+_MAX_WIDTH_RATIO = 2.0  # times the foot: wider rows are crossbars, or grown together with what is behind
 
 Mask = npt.NDArray[np.bool_]
 
@@ -51,7 +51,7 @@ def standing_ellipses(images: Sequence[ImageArray], around: Mask, model: ColourM
 
 def _ellipse_of(things: list[FloatArray], kind: int) -> Ellipse:
     pixels = np.concatenate(things) if things else np.zeros((0, 3))
-    return learned_ellipse(pixels, FIXED[kind], _PRIOR_PIXELS) if len(pixels) >= _LEAST_PIXELS else FIXED[kind]
+    return learned_ellipse(pixels, FIXED[kind], _PRIOR_PIXELS) if len(pixels) >= _MIN_PIXELS else FIXED[kind]
 
 
 def _coloured(white: FloatArray) -> Mask:
@@ -72,7 +72,7 @@ def _standing(image: ImageArray, around: Mask, model: ColourModel, may_be: Mask)
     found = []
     for label in range(1, len(boxes)):
         left, top, width, height, area = (int(value) for value in boxes[label])
-        if area < _LEAST_PX:
+        if area < _MIN_PX:
             continue
         thing = labels[top : top + height, left : left + width] == label
         standing = _as_wide_as_its_foot(thing, ground, left, top)
@@ -107,5 +107,5 @@ def _as_wide_as_its_foot(thing: Mask, ground: Mask, left: int, top: int) -> Mask
     )
     if not all(part.size and part.mean() >= _GREEN_BESIDE for part in beside):
         return np.zeros_like(thing)
-    narrow: Mask = thing & (thing.sum(axis=1) <= _WIDEST * len(columns))[:, np.newaxis]
+    narrow: Mask = thing & (thing.sum(axis=1) <= _MAX_WIDTH_RATIO * len(columns))[:, np.newaxis]
     return narrow

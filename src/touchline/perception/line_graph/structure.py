@@ -35,8 +35,8 @@ from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_graph.skeleton import low_pass, rank_cells, white_inside
 from touchline.types import ImageArray
 
-_MOST_PASSES = 8
-_LEAST_WHITE = 0.75  # white pixels after the low-pass that count: less is a stray
+_MAX_PASSES = 8
+_MIN_WHITE = 0.75  # white pixels after the low-pass that count: less is a stray
 _DARKEST, _BRIGHTEST = 0.25, 3.0  # of the carpet's light against that of learning
 
 
@@ -75,7 +75,7 @@ def find_structure(
     passes = np.ones(rows, dtype=np.int64) if settings.paper.fixed_low_pass else _passes(plane, rows, line_width_m)
     low_pass(white, passes, smooth)
     ranks = np.empty((rows, columns), dtype=np.uint8)
-    rank_cells(smooth, ranks, _LEAST_WHITE if settings.paper.strays else 0.0)
+    rank_cells(smooth, ranks, _MIN_WHITE if settings.paper.strays else 0.0)
     graph = line_graph(smooth, ranks)
     sees_ground = np.arange(rows)[:, np.newaxis] >= horizon
     return Structure(counts, light, ends, sees_ground, smooth, ranks, graph, find_chains(graph))
@@ -120,5 +120,5 @@ def _passes(plane: ImagePlane, rows: int, line_width_m: float) -> npt.NDArray[np
         ax, ay = ground_from_pixel(plane, middle + 1.0, v)
         per_px = math.hypot(ax - x, ay - y)
         if per_px > 0.0:
-            passes[row] = min(max(1, int(line_width_m / per_px / CELL_PX + 0.5)), _MOST_PASSES)
+            passes[row] = min(max(1, int(line_width_m / per_px / CELL_PX + 0.5)), _MAX_PASSES)
     return passes

@@ -22,12 +22,12 @@ from touchline.types import Lines
 _BEYOND_M = 0.3  # a line that was found may end short of a post
 _STEP = 0.15  # of a post's diameter
 _SAMPLES = 32  # up the post
-_LOWEST, _FOOT, _HIGHEST = -0.25, 0.25, 1.3  # of its height: what is looked at, and the top of its foot
-_LOWEST_FREE, _FIRST = 0.08, 0.05  # of its height below and above 0: there is the line
+_MIN_HEIGHT, _FOOT, _MAX_HEIGHT = -0.25, 0.25, 1.3  # of its height: what is looked at, and the top of its foot
+_MIN_FREE, _FIRST = 0.08, 0.05  # of its height below and above 0: there is the line
 _GLANCE = 0.15  # of its height: where it is white at any rate
 _ENOUGH = 0.7  # share of the samples that are a ridge
-_LEAST_M, _LEAST_PX = 0.4, 24.0  # of a post that must be visible
-_LEAST_WIDTH_PX = 5.0
+_MIN_M, _MIN_PX = 0.4, 24.0  # of a post that must be visible
+_MIN_WIDTH_PX = 5.0
 _WHITE, _CONTRAST = 0.4, 0.05  # whiteness of a post, and how much whiter than both its sides it is
 _STRONG, _STRONG_SHARE = 0.15, 0.25  # and much whiter at some of the samples
 _INSIDE = 0.2  # of the width to each side of the middle: white, too; the threads of a net are thinner
@@ -90,7 +90,7 @@ def _ridges(pixels: Pixels, plane: ImagePlane, places: FloatArray, diameter: flo
             continue
         away = math.sqrt((places[i, 0] - foot[0]) ** 2 + (places[i, 1] - foot[1]) ** 2 + above**2)
         width = plane.lens.pinhole[0] * diameter / away
-        if width < _LEAST_WIDTH_PX:
+        if width < _MIN_WIDTH_PX:
             continue
         rows[i, 2], rows[i, 3] = u, v
         rows[i, 0], rows[i, 1] = _rising(pixels, plane, above, places[i], np.array([height, width]))
@@ -109,9 +109,9 @@ def _rising(
     strong = behind = 0
     contrast, lowest, highest = 0.0, -1e9, 1e9
     for k in range(_SAMPLES):
-        z = _LOWEST + (_HIGHEST - _LOWEST) * k / (_SAMPLES - 1)
+        z = _MIN_HEIGHT + (_MAX_HEIGHT - _MIN_HEIGHT) * k / (_SAMPLES - 1)
         part = 0 if z < 0.0 else 1 if z < _FOOT else 2 if z < 1.0 else 3
-        if -_LOWEST_FREE < z < _FIRST or 1.0 <= z < 1.1:
+        if -_MIN_FREE < z < _FIRST or 1.0 <= z < 1.1:
             continue
         u, v = _pixel_above(plane, above, place, z * size[0])
         rises, bare = _ridge(pixels, plane, above, place, np.array([z * size[0], size[1], u, v]))
@@ -129,7 +129,7 @@ def _rising(
         if part == 2 and (seen[1] < 2 or risen[1] < _ENOUGH * seen[1] or 3 * risen[0] > seen[0]):
             return 0.0, 0.0
     total = seen[1] + seen[2]
-    long_enough = total * size[0] * (_HIGHEST - _LOWEST) / _SAMPLES >= _LEAST_M and lowest - highest >= _LEAST_PX
+    long_enough = total * size[0] * (_MAX_HEIGHT - _MIN_HEIGHT) / _SAMPLES >= _MIN_M and lowest - highest >= _MIN_PX
     if not long_enough or behind < _BEHIND or strong < _STRONG_SHARE * total or 2 * risen[3] > seen[3]:
         return 0.0, 0.0
     return (risen[1] + risen[2]) / total, contrast

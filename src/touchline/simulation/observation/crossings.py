@@ -14,7 +14,7 @@ from numba import njit
 
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
-from touchline.simulation.observation.runs import BAR, MOST_PER_PATH, circle_runs, near_paint, ray_runs, turned
+from touchline.simulation.observation.runs import BAR, MAX_PER_PATH, circle_runs, near_paint, ray_runs, turned
 
 # of a crossing: x, y (m, base frame), path, paint along the path (m), metres per pixel along it, what it is (LINE, BAR,
 # DISC), where it truly begins along the path (pixels; rays only), width of the paint (pixels, at right angles to it),
@@ -240,7 +240,7 @@ def _on_rays(pose, ground, paint, bodies, sectors, out):  # type: ignore[no-unty
     x, y, heading = pose
     view = (x, y)
     width, steepest, blur_px, bridged_px, apart_px = ground.limits
-    runs, shadows, found = np.empty((MOST_PER_PATH, 4)), np.empty((len(bodies), 2)), 0
+    runs, shadows, found = np.empty((MAX_PER_PATH, 4)), np.empty((len(bodies), 2)), 0
     for p in range(len(rays)):
         first, last = rays[p, 1], rays[p, 2]
         grazed = False
@@ -295,7 +295,7 @@ def _on_circles(pose, ground, paint, bodies, sectors, out, found):  # type: igno
     x, y, heading = pose
     view = (x, y)
     width, steepest, blur_px, bridged_px, apart_px = ground.limits
-    runs, near = np.empty((MOST_PER_PATH, 4)), np.empty((len(bodies), 4))
+    runs, near = np.empty((MAX_PER_PATH, 4)), np.empty((len(bodies), 4))
     for q in range(len(circles)):
         reach, scale = circles[q, 0], circles[q, 0] / circles[q, 1]
         count = circle_runs(x, y, reach, paint, width, runs)

@@ -28,7 +28,7 @@ _STEP_M = 0.05
 _FALSE_M, _FALSE_RAD, _FALSE_LENGTH_M = 6.0, 0.65, (0.4, 2.0)  # of false lines: how far, how far aside, how long
 _THREAD_M = 0.12  # height of a net's lowest thread
 _ON_RING = 8  # places about a crossing that must be in view
-_ON_CIRCLE, _FEWEST_ON_CIRCLE = 24, 7  # places on the centre circle, and how many of these the detector needs
+_ON_CIRCLE, _MIN_ON_CIRCLE = 24, 7  # places on the centre circle, and how many of these the detector needs
 
 
 class _Mark(NamedTuple):
@@ -153,7 +153,7 @@ class ObservedFeatures:
         cx, cy, radius = self.field.circles[0]
         turns = 2.0 * math.pi * np.arange(_ON_CIRCLE) / _ON_CIRCLE
         places = np.array([cx, cy]) + radius * np.column_stack((np.cos(turns), np.sin(turns)))
-        return int(self.view.shows(looking, places, self.noise.farthest_crossing_m).sum()) >= _FEWEST_ON_CIRCLE
+        return int(self.view.shows(looking, places, self.noise.farthest_crossing_m).sum()) >= _MIN_ON_CIRCLE
 
     def visible_lines(self, looking: Looking) -> list[FloatArray]:
         """Of each straight line, then of each net's lowest thread, the ends (2, 2), field frame, of the longest stretch

@@ -36,7 +36,7 @@ from touchline.types import LinePoints, empty_points
 _BAR_M = (0.12, 0.05)  # a goal's bar on the ground as seen from above, with its side: width, how far behind its middle
 _MARK_M = 0.06  # by so much blur lets a path pass beside a round mark and still meet it
 _STEP_PX = 4.0  # between the nodes of what a camera as built sees elsewhere
-_MOST_ANYWHERE = 32  # false points of an image, elsewhere
+_MAX_ANYWHERE = 32  # false points of an image, elsewhere
 _NO_BODIES = np.zeros((0, 4))
 
 
@@ -136,7 +136,7 @@ class ObservedLines:
         )  # fmt: skip
         self._built, self._beside = as_built, np.zeros((0, 4)) if beside is None or paths.hull else beside
         self._found = np.empty((2048, COLUMNS))
-        self._places = np.empty((PLACES * len(goals) + _MOST_ANYWHERE + len(self._rays), 2))
+        self._places = np.empty((PLACES * len(goals) + _MAX_ANYWHERE + len(self._rays), 2))
 
     def crossings(
         self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
@@ -165,7 +165,7 @@ class ObservedLines:
         """
         n, sectors = self.noise, self._sectors(black_rad)
         covered = black_rad is not None and len(black_rad) > 0
-        anywhere = min(int(rng.poisson(n.false_points)), _MOST_ANYWHERE)
+        anywhere = min(int(rng.poisson(n.false_points)), _MAX_ANYWHERE)
         count, false_count = _seen(
             (pose.x, pose.y, pose.heading), self._ground,
             (self._posts, _NO_BODIES if bodies is None else bodies, n.height_m), sectors, rng.random((anywhere, 2)),

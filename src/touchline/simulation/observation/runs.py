@@ -10,7 +10,7 @@ from numba import njit
 from touchline.geometry import FloatArray
 
 LINE, BAR, DISC = 0.0, 1.0, 2.0  # kinds of paint
-MOST_PER_PATH = 64
+MAX_PER_PATH = 64
 
 
 @njit(cache=True, error_model="numpy")

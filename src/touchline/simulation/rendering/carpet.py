@@ -11,7 +11,7 @@ from touchline.geometry import FloatArray
 
 _TILE_TEXELS, _LEVELS = 512, 9  # of the pile's pyramid
 _TEXEL_M = 0.006  # of its finest level: a tile of 3 m
-_SMALLEST = _TILE_TEXELS >> (_LEVELS - 1)
+_MIN_TILE_TEXELS = _TILE_TEXELS >> (_LEVELS - 1)
 PILE = 0.10  # standard deviation of the pile's brightness at its finest texel
 SEAM_M = 0.012  # width of a seam between two strips of carpet
 SEAM_OFFSET = 0.37  # of the strips from the middle of the field, in strips
@@ -57,7 +57,7 @@ def pile_at(pyramid: npt.NDArray[np.float32], x: float, y: float, square: float)
     Between the texels of the level whose texel is the next larger, without kinks.
     """
     start, size, texel = 0, _TILE_TEXELS, _TEXEL_M
-    while texel * texel < square and size > _SMALLEST:
+    while texel * texel < square and size > _MIN_TILE_TEXELS:
         start += size * size
         size >>= 1
         texel *= 2.0

@@ -16,13 +16,13 @@ from touchline.geometry import FloatArray
 from touchline.sources.bags import roles
 from touchline.sources.bags.team_features import (
     CROSSING_OF_RAYS,
-    LARGEST_MARK_M,
+    MAX_MARK_M,
     FeatureRow,
     feature_row,
     orientation,
     unit_vector,
 )
-from touchline.types import LARGEST, LandmarkKind
+from touchline.types import MAX_VALUE, LandmarkKind
 
 _RAY_PX = 1.0
 _EDGE_PX = 2.0  # a post whose box ends at the image's border goes on below it
@@ -43,7 +43,7 @@ def _markings(message: Any, view: GroundView) -> Iterator[FeatureRow]:
         (u, v), box = _pixel(ellipse.center), ellipse.bb
         half = 0.5 * float(box.size_x) + abs(float(_box_center(box)[0]) - u)
         center, side = _ground(view, np.array([(u, v), (u + half, v)]))
-        small = 2.0 * math.hypot(*(side - center)) < LARGEST_MARK_M
+        small = 2.0 * math.hypot(*(side - center)) < MAX_MARK_M
         mark = LandmarkKind.PENALTY_MARK if small else LandmarkKind.CIRCLE
         yield from feature_row(mark, center, ellipse.confidence.confidence)
     for crossing in message.intersections:
@@ -51,7 +51,7 @@ def _markings(message: Any, view: GroundView) -> Iterator[FeatureRow]:
             continue
         kind, at = CROSSING_OF_RAYS[crossing.num_rays], _pixel(crossing.center)
         headings = np.asarray(crossing.heading_rays, dtype=np.float64).reshape(-1)[:4]
-        headings = headings if (np.abs(headings) < LARGEST).all() else headings[:0]  # False for NaN
+        headings = headings if (np.abs(headings) < MAX_VALUE).all() else headings[:0]  # False for NaN
         ends = at + _RAY_PX * np.column_stack((np.cos(headings), np.sin(headings)))
         center, *ways = _ground(view, np.vstack((at, ends)))
         turn = orientation(kind, [unit_vector(way - center) for way in ways])
@@ -86,7 +86,7 @@ def _box_center(box: Any) -> FloatArray:
 
 def _ground(view: GroundView, pixels: FloatArray) -> FloatArray:
     """(N, 2) places of pixels (N, 2); NaN where there is none."""
-    known = (np.abs(pixels) < LARGEST).all(axis=1)  # False for NaN
+    known = (np.abs(pixels) < MAX_VALUE).all(axis=1)  # False for NaN
     places = np.full(pixels.shape, np.nan)
     if known.any():
         places[known] = view.ground_from_image(pixels[known])

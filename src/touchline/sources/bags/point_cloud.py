@@ -9,7 +9,7 @@ import numpy as np
 from touchline.geometry import FloatArray
 
 _TYPES = {7: "f4", 8: "f8"}
-_MOST_POINTS = 2_000_000
+_MAX_POINTS = 2_000_000
 
 
 def cloud_points(message: Any) -> FloatArray | str:
@@ -21,7 +21,7 @@ def cloud_points(message: Any) -> FloatArray | str:
     width, height, step = int(message.width), int(message.height), int(message.point_step)
     data = np.asarray(message.data, dtype=np.uint8)
     line = int(message.row_step) if height > 1 else width * step
-    if width * height > _MOST_POINTS or line < width * step or len(data) < line * (height - 1) + width * step:
+    if width * height > _MAX_POINTS or line < width * step or len(data) < line * (height - 1) + width * step:
         return f"holds {len(data)} bytes, not those of {width}×{height} points"
     order = ">" if message.is_bigendian else "<"
     formats = [f"{order}{_TYPES[fields[name].datatype]}" for name in "xyz"]

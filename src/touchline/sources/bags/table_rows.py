@@ -7,9 +7,9 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import NamedTuple
 
-from touchline.files.opened import LONGEST_LINE, open_bytes
+from touchline.files.opened import MAX_LINE, open_bytes
 
-LATEST_NS = 2**63 - 1
+MAX_STAMP_NS = 2**63 - 1
 
 
 class Rows(NamedTuple):
@@ -27,7 +27,7 @@ def decimal_ns(text: str) -> int | None:
     """Seconds as decimal text in nanoseconds; None if it is none, or beyond what 63 bits hold."""
     try:
         exact = Decimal(text.strip()) * 1_000_000_000
-        if not abs(exact) < LATEST_NS:  # NaN compares as an error
+        if not abs(exact) < MAX_STAMP_NS:  # NaN compares as an error
             return None
         return int(exact.to_integral_value())
     except InvalidOperation:
@@ -51,11 +51,11 @@ def read_rows(path: Path) -> Iterator[Rows]:
     first: tuple[str, ...] = ()
     with open_bytes(path) as file:
         if not spaces:
-            header = file.readline(LONGEST_LINE).decode("utf-8", errors="replace")
+            header = file.readline(MAX_LINE).decode("utf-8", errors="replace")
             names = [name.strip().strip('"') for name in header.lstrip("\ufeff").split(",")]
             position = names.index("t") if "t" in names else 0
-            yield Rows(LATEST_NS, header, True, tuple(names))
-        while line := file.readline(LONGEST_LINE).decode("utf-8", errors="replace"):
+            yield Rows(MAX_STAMP_NS, header, True, tuple(names))
+        while line := file.readline(MAX_LINE).decode("utf-8", errors="replace"):
             cells = tuple(line.split() if spaces else (cell.strip() for cell in line.split(",")))
             stamp = decimal_ns(cells[position]) if position < len(cells) else None
             if waiting and stamp is not None and stamp != last:

@@ -14,7 +14,7 @@ import numpy as np
 
 from touchline.geometry import FloatArray, Pose3
 from touchline.sources.bags import roles
-from touchline.types import LARGEST, CrossingKind, LandmarkKind
+from touchline.types import MAX_VALUE, CrossingKind, LandmarkKind
 
 FeatureRow: TypeAlias = dict[str, str]
 _LABELS = {
@@ -25,7 +25,7 @@ _LABELS = {
     "Goalpost": LandmarkKind.POST,
 }
 CROSSING_OF_RAYS = {2: CrossingKind.L, 3: CrossingKind.T, 4: CrossingKind.X}
-LARGEST_MARK_M = 0.35  # diameter: a larger ellipse is the centre circle
+MAX_MARK_M = 0.35  # diameter: a larger ellipse is the centre circle
 
 
 def feature_rows(role: str, message: Any, base_from_sensor: Pose3) -> list[FeatureRow]:
@@ -48,7 +48,7 @@ def _line_segments(message: Any, base_from_sensor: Pose3) -> Iterator[FeatureRow
 
 def _markings(message: Any, base_from_sensor: Pose3) -> Iterator[FeatureRow]:
     for ellipse in message.ellipses:
-        mark = LandmarkKind.PENALTY_MARK if ellipse.diameter < LARGEST_MARK_M else LandmarkKind.CIRCLE
+        mark = LandmarkKind.PENALTY_MARK if ellipse.diameter < MAX_MARK_M else LandmarkKind.CIRCLE
         yield from feature_row(mark, _placed(base_from_sensor, ellipse.center.position), ellipse.confidence.confidence)
     for crossing in message.intersections:
         if crossing.num_rays in CROSSING_OF_RAYS:
@@ -82,7 +82,7 @@ def feature_row(
     numbers = {"x_m": place[0], "y_m": place[1]}
     if end is not None:
         numbers |= {"x2_m": end[0], "y2_m": end[1]}
-    if not all(abs(value) < LARGEST for value in numbers.values()):  # False for NaN
+    if not all(abs(value) < MAX_VALUE for value in numbers.values()):  # False for NaN
         return ()
     if math.isfinite(turn):
         numbers["orientation_rad"] = turn
@@ -93,7 +93,7 @@ def feature_row(
 
 def _placed(base_from_sensor: Pose3, point: Any) -> FloatArray:
     place = np.array([[point.x, point.y, point.z]], dtype=np.float64)
-    if not (np.abs(place) < LARGEST).all():  # False for NaN
+    if not (np.abs(place) < MAX_VALUE).all():  # False for NaN
         return np.full(2, math.nan)
     placed: FloatArray = base_from_sensor.transform(place)[0, :2]
     return placed
@@ -102,7 +102,7 @@ def _placed(base_from_sensor: Pose3, point: Any) -> FloatArray:
 def _turned(base_from_sensor: Pose3, ray: Any) -> FloatArray:
     """A direction on the ground, of length 1; NaN for none."""
     way = np.array([ray.x, ray.y, ray.z], dtype=np.float64)
-    return unit_vector((base_from_sensor.rotation @ way)[:2] if (np.abs(way) < LARGEST).all() else np.zeros(2))
+    return unit_vector((base_from_sensor.rotation @ way)[:2] if (np.abs(way) < MAX_VALUE).all() else np.zeros(2))
 
 
 def unit_vector(way: FloatArray) -> FloatArray:

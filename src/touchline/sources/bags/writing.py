@@ -25,7 +25,7 @@ from touchline.sources.bags.layout import (
     WHOLE,
 )
 from touchline.sources.bags.standard import BASE, BODY_FROM_OPTICAL, OPTICAL, StandardMessages
-from touchline.sources.bags.table_rows import LATEST_NS, Rows, read_rows
+from touchline.sources.bags.table_rows import MAX_STAMP_NS, Rows, read_rows
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.sources.camera_poses import CAMERA_POSES
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
@@ -34,7 +34,7 @@ from touchline.sources.tables import to_number
 from touchline.sources.truth import TUM_COLUMNS, heading_of
 
 _TF = "tf2_msgs/msg/TFMessage"
-_MOST_BYTES = 8_000_000  # of a file that becomes one message
+_MAX_BYTES = 8_000_000  # of a file that becomes one message
 
 
 class Outgoing(NamedTuple):
@@ -90,7 +90,7 @@ class _Outgoing:
         for name, topic in WHOLE.items():
             path = self._recording.folder / name
             if path.exists():
-                yield self._string(topic, self._start_ns, read_text(self._recording.file(name), _MOST_BYTES))
+                yield self._string(topic, self._start_ns, read_text(self._recording.file(name), _MAX_BYTES))
         yield from self._camera()
         streams = [
             self._images(path) if topic == IMAGE_ROWS else self._table(path, topic)
@@ -100,7 +100,7 @@ class _Outgoing:
 
     def _log_ns(self, stamp_ns: int) -> int:
         """The time at which a message is logged: no bag has one before 0."""
-        return min(max(stamp_ns + self._epoch_ns, 0), LATEST_NS)
+        return min(max(stamp_ns + self._epoch_ns, 0), MAX_STAMP_NS)
 
     def _string(self, topic: str, log_ns: int, text: str) -> Outgoing:
         return Outgoing(log_ns, topic, STRING, self._codec.encode(STRING, self._codec.make(STRING, data=text)))
@@ -193,4 +193,4 @@ class _Outgoing:
 def epoch_ns(recording: Recording) -> int:
     """What the clock of the bag, from which a recording came, showed at t = 0; 0 of other recordings."""
     value = recording.sequence.get(EPOCH_KEY, 0)
-    return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= LATEST_NS else 0
+    return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_STAMP_NS else 0

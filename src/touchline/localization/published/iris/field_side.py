@@ -15,7 +15,7 @@ from touchline.geometry import wrap_angle
 HEADING_FRAMES = 5
 # by so many images a contradiction has to last longer than the agreement before it, to be believed after all: 20 s
 PATIENCE_FRAMES = 200
-MOST_AGREED = 600  # images of agreement that count: a minute
+MAX_AGREED = 600  # images of agreement that count: a minute
 # images in which a compass kept its difference from the pose, up to KEPT_RAD, after which that is its jump
 STEADY_FRAMES = 15
 KEPT_RAD = 0.35
@@ -81,7 +81,7 @@ class FieldSide:
             self._straight, self._turned, self._against = 0, self._turned + 1, self._against + 1
         else:
             self._steady = 0
-            self._straight, self._turned, self._agreed = self._straight + 1, 0, min(self._agreed + 1, MOST_AGREED)
+            self._straight, self._turned, self._agreed = self._straight + 1, 0, min(self._agreed + 1, MAX_AGREED)
         if self._straight >= HEADING_FRAMES:
             self._had_agreed = True
             if not self._unsettled or self._had_turned or self._agreed > PATIENCE_FRAMES:

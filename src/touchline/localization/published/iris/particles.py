@@ -17,7 +17,7 @@ from pydantic import Field
 
 from touchline.config import Settings, added, constants_now
 from touchline.field import FieldModel
-from touchline.field.error_map import FARTHEST, error_map
+from touchline.field.error_map import MAX_ERROR, error_map
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
@@ -49,7 +49,7 @@ class MeasuredMotionNoise(MotionNoise):
     )
 
 
-FARTHEST_M = 1.0  # distance from a line at which the map's error is 255: half way between most lines
+MAX_M = 1.0  # distance from a line at which the map's error is 255: half way between most lines
 MAP_M = 0.05  # distance of the error map's samples: a thin line's width
 NEARBY_M = 0.25  # standard deviation of their x and y: a shove is 0.1 to 0.3
 NEARBY_RAD = 0.05  # standard deviation of their heading: the gyro feels turns
@@ -62,7 +62,7 @@ class IrisParticlePaper(Settings):
         128.0,
         paper=255.0,
         gt=0,
-        le=FARTHEST,
+        le=MAX_ERROR,
         description="error (units of the map) from which a point counts no worse: points on goals, robots and beyond "
         "the field lie on no line, many of them on one side; half a metre still leads to the lines; 255 is the paper's",
     )
@@ -140,7 +140,7 @@ class IrisParticles:
         self.rng = rng
         self.symmetric = field.is_symmetric
         self._reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
-        self.sensor_model = ErrorMapModel(error_map(field, MAP_M, FARTHEST_M), s.sigma_units, s.paper.max_units)
+        self.sensor_model = ErrorMapModel(error_map(field, MAP_M, MAX_M), s.sigma_units, s.paper.max_units)
         self.particles = ParticleSet(np.zeros((1, 3)))
         self.filter: ParticleFilter[LineView] = ParticleFilter(
             self.particles,

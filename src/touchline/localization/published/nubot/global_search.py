@@ -18,7 +18,7 @@ from touchline.localization.published.nubot.kernels import grid_errors
 from touchline.localization.published.nubot.matcher import Match, Matcher, as_pose, checked_points
 
 BEYOND_M = 1.0  # how far beyond the field the samples reach; the paper's
-_MOST_POSITIONS = 10_000_000
+_MAX_POSITIONS = 10_000_000
 SHIFT_M = 0.35  # shift of all samples in x and in y from round to round; the paper's
 # width c of the error function that ranks the samples: the paper's C = 255 read in cm, its unit of length; the nearest
 # sample is up to 0.7 m away, where the 0.25 m of matching can't tell near from far
@@ -268,8 +268,8 @@ def sample_positions(length_m: float, width_m: float, spacing_m: float, beyond_m
     Raises InputError for more than 10⁷ of them.
     """
     count = (length_m + 2.0 * beyond_m + spacing_m) * (width_m + 2.0 * beyond_m + spacing_m) / spacing_m / spacing_m
-    if count > _MOST_POSITIONS:
-        raise InputError(f"the search: positions {spacing_m:g} m apart are {count:.1g}; {_MOST_POSITIONS} are the most")
+    if count > _MAX_POSITIONS:
+        raise InputError(f"the search: positions {spacing_m:g} m apart are {count:.1g}; {_MAX_POSITIONS} are the most")
     axes = []
     for size_m in (length_m, width_m):
         reach_m = size_m / 2 + beyond_m

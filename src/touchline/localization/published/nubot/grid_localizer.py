@@ -12,7 +12,7 @@ from touchline.localization.published.nubot.pose_filter import fused_covariance
 from touchline.motion import Motion
 from touchline.types import Hypothesis
 
-MOST_HYPOTHESES = 5  # that are named beside the pose: those refined in one round
+MAX_HYPOTHESES = 5  # that are named beside the pose: those refined in one round
 # frames that a rival counts after it was last seen: of a lone line the search comes to other places now and then only
 RIVAL_FRAMES = 5
 
@@ -68,7 +68,7 @@ class GridLocalizer:
         """Refined samples elsewhere that explain the points nearly as well as the chosen pose."""
         matcher, positions_m = self.search.matcher, view.positions_m
         found: list[Hypothesis] = []
-        for candidate in fix.rivals(chosen.pose, chosen.error)[:MOST_HYPOTHESES]:
+        for candidate in fix.rivals(chosen.pose, chosen.error)[:MAX_HYPOTHESES]:
             match = matcher.assess(positions_m, view.weights, candidate.pose.as_array(), candidate.error)
             found.append(Hypothesis(candidate.pose, match.mean_distance_m, covariance=match.covariance))
         return tuple(found)

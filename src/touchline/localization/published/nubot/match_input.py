@@ -18,7 +18,7 @@ from touchline.types import LinePoints, Observation
 
 MEDIAN_CHI2 = 0.455  # median of a squared normal deviate
 REPEATED = 4.0  # so many points or images err together: neighbours on a line, a head that shakes
-MOST_INFLATION = 40.0  # beyond it the points are none
+MAX_INFLATION = 40.0  # beyond it the points are none
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -126,4 +126,4 @@ def _inflated(matcher: Matcher, view: MatchInput, positions_m: FloatArray, match
     median = 0.5 * float(ratios[(len(ratios) - 1) // 2] + ratios[len(ratios) // 2])  # np.median takes ten times longer
     excess = median / MEDIAN_CHI2 - 1.0
     covariance = match.covariance + view.tilt.shaken
-    return replace(match, covariance=covariance, inflation=1.0 + min(max(REPEATED * excess, 0.0), MOST_INFLATION))
+    return replace(match, covariance=covariance, inflation=1.0 + min(max(REPEATED * excess, 0.0), MAX_INFLATION))

@@ -35,9 +35,9 @@ from touchline.localization.published.nubot.mirror_fit import (
 from touchline.types import LinePoints
 
 MAX_ERROR = 0.1  # mean error of most points above which the lines are too uncertain to tell a tilt
-MOST_POINTS = 0.75  # of the points, the nearest to lines, are those; the others may be nets, or lines of a field beside
+MAX_POINTS = 0.75  # of the points, the nearest to lines, are those; the others may be nets, or lines of a field beside
 VIBRATION_PER_M = 0.003  # standard deviation of g about its mean from frame to frame, at first: 0.06 degrees
-LEAST_VIBRATION_PER_M, MOST_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
+MIN_VIBRATION_PER_M, MAX_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of it
 VIBRATION_GAIN = 0.05  # share of a new image in it
 # a mirror turns about its apex: by how much that displaces its image, as a share of its outer radius, per 1/m of g
 APEX_RATIO_M = 0.35
@@ -53,7 +53,7 @@ FIRST_ITERATIONS = 3  # Gauss-Newton steps per frame with the first width: from 
 ITERATIONS = 2  # those after them
 REPEATED_POINTS, REPEATED_IMAGES = 2.0, 3.0  # so many err together: neighbours on a line, and the same place seen again
 MIN_NOISE, MAX_NOISE, NOISE_GAIN = 0.2, 25.0, 0.05  # limits of what is learned of the noise; share of a new image
-FARTHEST_M = 20.0  # of the table of scales
+MAX_M = 20.0  # of the table of scales
 
 
 class MirrorTiltPaper(Settings):
@@ -145,7 +145,7 @@ class MirrorTilt:
         that the errors are those of the mirror.
         """
         squares = np.square(self._field.line_distances(Pose(*pose.tolist()).transform(positions_m)))
-        nearest = np.sort(squares)[: max(int(MOST_POINTS * len(squares)), 1)]
+        nearest = np.sort(squares)[: max(int(MAX_POINTS * len(squares)), 1)]
         return float(np.mean(nearest / (nearest + FIRST_WIDTH_M**2))) < MAX_ERROR
 
     @property
@@ -242,13 +242,13 @@ def vibration_after(vibration_per_m: float, deviation: FloatArray, image: FloatA
     """
     seen = 0.5 * (float(deviation @ deviation) + image[0, 0] + image[1, 1])
     variance = vibration_per_m**2 + VIBRATION_GAIN * (seen - vibration_per_m**2)
-    return min(max(math.sqrt(variance), LEAST_VIBRATION_PER_M), MOST_VIBRATION_PER_M)
+    return min(max(math.sqrt(variance), MIN_VIBRATION_PER_M), MAX_VIBRATION_PER_M)
 
 
 def ground_scales(camera: OmniCamera) -> FloatArray:
     """(K, 2) of `mirror_fit.Mirror.scales`: the mean of all directions."""
     ranges_m = np.exp(np.log(np.maximum(camera.range_m, 1e-3)).mean(axis=0))
-    places = SCALE_STEP_M * np.arange(int(FARTHEST_M / SCALE_STEP_M) + 1)
+    places = SCALE_STEP_M * np.arange(int(MAX_M / SCALE_STEP_M) + 1)
     inside = np.clip(places, max(ranges_m[0], 0.05), ranges_m[-1] - 0.1)
     radii = np.interp(inside, ranges_m, camera.radius_px)
     ahead, behind = (np.interp(inside + step, ranges_m, camera.radius_px) for step in (0.05, -0.05))
