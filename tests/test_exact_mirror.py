@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from touchline.motion.driven import Scales
 
 from touchline.camera import OmniCamera
 from touchline.experiments.reliability_runs import driven
@@ -13,7 +14,6 @@ from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors.mirror_head import MirrorHead
 from touchline.localization.estimator.exact_mirror import ExactMirror, as_exact
 from touchline.localization.estimator.joint_filter import JointFilter, Unknown
-from touchline.localization.published.nubot.pose_filter import Scales
 
 
 @pytest.fixture(scope="module")

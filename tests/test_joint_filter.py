@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from touchline.motion.driven import Scales
 
 from touchline.experiments.nees import CONDITIONS, Condition, honesty
 from touchline.experiments.reliability_runs import driven
@@ -13,7 +14,6 @@ from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.localization.camera_errors.mirror_head import MirrorHead
 from touchline.localization.estimator.joint_filter import JointFilter, Unknown
-from touchline.localization.published.nubot.pose_filter import Scales
 from touchline.localization.registration.mirror_kernels import upright_points
 from touchline.localization.registration.registration import SETTLED, Head, Registration
 from touchline.systems import RobotSetup, open_system

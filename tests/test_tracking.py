@@ -18,8 +18,9 @@ from touchline.localization.published.nubot.compass_correction import CompassCor
 from touchline.localization.published.nubot.match_input import MatchInput
 from touchline.localization.published.nubot.matcher import Match
 from touchline.localization.published.nubot.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
-from touchline.localization.published.nubot.pose_filter import BETTER_MARGIN, Fusion, Scales, equal_error
+from touchline.localization.published.nubot.pose_filter import BETTER_MARGIN, Fusion, equal_error
 from touchline.localization.published.nubot.tracker import Tracker
+from touchline.motion.driven import Scales
 from touchline.types import points_at
 
 FIELD = open_field("msl-18x12")

@@ -22,12 +22,12 @@ from touchline.localization.estimator.exact_mirror import ExactMirror
 from touchline.localization.estimator.image_delay import UNKNOWN_S, ImageDelay
 from touchline.localization.estimator.joint_filter import JointFilter, Unknown
 from touchline.localization.estimator.pose_hypotheses import Member, PoseHypotheses, is_shove
-from touchline.localization.published.nubot.pose_filter import Scales
 from touchline.localization.registration.covariance import is_observed
 from touchline.localization.registration.registration import Registration
 from touchline.localization.search.pose_search import Known, Mode, PoseSearch, contradiction
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.motion.delayed import Delayed, delayed, until_stamp
+from touchline.motion.driven import Scales
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text

@@ -16,9 +16,9 @@ import numpy as np
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.estimator.joint_kernels import carried, correction_of, expected_information, innovation_of
 from touchline.localization.published.nubot.mirror_fit import ERRORS
-from touchline.localization.published.nubot.pose_filter import SCALE_DRIFT, Scales, driven
 from touchline.localization.registration.mirror_kernels import StateFit, StatePrior
 from touchline.motion.delayed import Delayed
+from touchline.motion.driven import SCALE_DRIFT, Scales, driven
 from touchline.types import OdometryScales
 
 ERROR_DRIFT = 0.003  # drift of the errors per image, as a share of what was unknown at first: a loosening mount

@@ -17,6 +17,7 @@ from touchline.config import Settings, added, constants_now
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.localization.registration.covariance import widest_m
+from touchline.motion.driven import EXACT_SCALES, driven
 from touchline.motion.odometry import Motion
 from touchline.types import Mode
 
@@ -372,12 +373,8 @@ class SensorFusion:
 
     def _moved(self, covariance: FloatArray, motion: Motion, dependent: bool) -> FloatArray:
         """A covariance (3, 3) of the pose after a motion."""
-        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
-        by_pose = np.eye(3)
-        by_pose[0, 2] = -sine * motion.pose.x - cosine * motion.pose.y
-        by_pose[1, 2] = cosine * motion.pose.x - sine * motion.pose.y
-        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        p, q = by_pose @ covariance @ by_pose.T, turn @ motion.covariance @ turn.T
+        step = driven(self.pose, EXACT_SCALES, motion.pose)
+        p, q = step.by_pose @ covariance @ step.by_pose.T, step.by_motion @ motion.covariance @ step.by_motion.T
         if not (dependent and p.any() and q.any()):
             moved: FloatArray = p + q
             return moved
