@@ -47,8 +47,8 @@ from touchline.motion import (
 )
 from touchline.motion.samples import NANOSECONDS
 from touchline.perception import HsvLineDetector, HsvLineSettings, observe
-from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import (
     Estimate,
     Frame,

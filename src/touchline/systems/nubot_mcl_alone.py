@@ -30,8 +30,9 @@ from touchline.localization.published.nubot.pose_filter import FusionSettings, P
 from touchline.localization.published.nubot.weights import WeightSettings
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
-from touchline.systems.report import Stopwatch, report
+from touchline.systems.report import report
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 

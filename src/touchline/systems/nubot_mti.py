@@ -30,8 +30,9 @@ from touchline.localization.published.nubot.tracker import Tracker
 from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
 from touchline.systems.nubot_settings import NubotSettings
-from touchline.systems.report import Stopwatch, report
+from touchline.systems.report import report
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Hypothesis, Prior, Status, as_prior
 
 

@@ -23,7 +23,6 @@ from touchline.localization.published.nubot.mirror_fit import (
     STATE,
     FitPlan,
     Mirror,
-    inverse,
     moved,
     normal_equations,
 )
@@ -36,6 +35,7 @@ from touchline.localization.published.nubot.mirror_tilt import (
     vibration_after,
 )
 from touchline.localization.registration.covariance import widest_m
+from touchline.matrices import inverse
 from touchline.types import LinePoints
 
 HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
