@@ -31,7 +31,7 @@ from touchline.motion.delayed import Delayed
 from touchline.types import Evidence
 
 EVIDENCE_RATIO = 0.7  # of what an image tells of a pose, in how likely it makes a hypothesis: clutter repeats itself
-CARRIED_AWAY = -6.0  # logarithm of the odds that the robot was moved unfelt, in an image that makes one search
+CARRIED_AWAY = -8.0  # logarithm of the odds that the robot was moved unfelt, in an image that makes one search
 CARRIED_BLIND = -3.0  # the same after seconds in which nothing was seen: it may have fallen
 SHOVE = -5.0  # and that it was shoved since the last image, against the odometry being right: every twenty seconds
 SHOVE_ON = -1.0  # the same in the image after one: a shove lasts longer than a tenth of a second
@@ -139,7 +139,7 @@ class Bank:
         best = self.best
         if best is None or best.images < self.trust.confirming_images:
             return False
-        others = [one.explained for one in self.members[1:] if one.images > 1]
+        others = [one.explained for one in self.members[1:] if one.log_odds > CARRIED_AWAY + 1.0]
         return best.explained + CONTESTED >= max(others, default=0.0)
 
     @property

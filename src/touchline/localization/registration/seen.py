@@ -33,7 +33,8 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
     return Seen(
         np.ascontiguousarray(points.positions_m),
         np.ascontiguousarray(points.covariances_m2),
-        shares / noise,
+        shares,
+        noise,
         found._replace(positions_m=found.positions_m.copy()),
         np.ascontiguousarray(found.positions_m),
         FEATURE_SHARE,
