@@ -7,14 +7,13 @@ the odometry carries the pose on.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from enum import Enum
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import FloatArray, Pose, wrap_angle
 
 # a match beyond the gate is believed if the prediction's mean error is more than this factor, or BETTER_MARGIN, above
@@ -55,14 +54,6 @@ class FusionPaper(Settings):
 
 class FusionSettings(Settings):
     """The Kalman filter. The paper leaves all of it open."""
-
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(__name__, "better_factor", "better_margin"),
-        **constants_now("touchline.localization.published.nubot.matcher", "poor_error"),
-        **constants_now(
-            "touchline.localization.published.nubot.tracker", "shove_position_m", "shove_heading_rad", "shoved_rad"
-        ),
-    }
 
     gate: float = Field(
         16.3,
