@@ -11,7 +11,7 @@ import pytest
 from fakes import write_recording
 
 NAME = "Übung-auf-dem-großen-Feld-mit-einem-Namen-von-mehr-als-sechzig-Zeichen"
-TOUCHLINE = f"{sys.executable} -m touchline.cli"
+TOUCHLINE = f"{sys.executable} -m touchline"
 
 
 def ended(command: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[bytes]:
