@@ -28,9 +28,9 @@ from typing import NamedTuple
 from test_house import ROOMS, room_of
 
 ROOT = Path(__file__).parents[1]
-_SECONDS = 40.0
+_SECONDS = 60.0
 _WORKERS = 2
-_MAX_TESTS = 8
+_MAX_TESTS = 6
 _MAX_DISTANCE = 9
 _FLIPPED = {
     **{ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq},
@@ -150,7 +150,8 @@ def modules() -> dict[str, Module]:
         for path in sorted((ROOT / folder).rglob("*.py")):
             name = ".".join(path.relative_to(ROOT / folder).with_suffix("").parts).removesuffix(".__init__")
             tree = ast.parse(path.read_text(encoding="utf-8"))
-            defined: dict[str, ast.AST] = {}
+            calls = [node for node in tree.body if isinstance(node, ast.Expr)]  # as of a command that joins the others
+            defined: dict[str, ast.AST] = {"": ast.Module(body=calls, type_ignores=[])}
             for node in tree.body:
                 if isinstance(node, ast.FunctionDef | ast.ClassDef):
                     defined[node.name] = node
@@ -177,6 +178,12 @@ def _origin(of: Definition) -> Definition:
     return of
 
 
+def _parts(of: Definition) -> list[Definition]:
+    """All definitions of a module that is imported whole; else the one."""
+    whole = f"{of.module}.{of.name}"
+    return [Definition(whole, name) for name in modules()[whole].defined] if whole in modules() else [of]
+
+
 @cache
 def users() -> dict[Definition, set[Definition]]:
     """Of each definition those that name it."""
@@ -185,18 +192,18 @@ def users() -> dict[Definition, set[Definition]]:
         for user, node in module.defined.items():
             names = {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
             names |= {each.arg for each in ast.walk(node) if isinstance(each, ast.arg)}  # a test's fixtures
+            found[Definition(name, "")].add(Definition(name, user))
             for used in names - {user}:
-                if used in module.defined:
-                    found[Definition(name, used)].add(Definition(name, user))
-                elif used in module.imported:
-                    found[_origin(module.imported[used])].add(Definition(name, user))
+                of = Definition(name, used) if used in module.defined else module.imported.get(used)
+                for each in _parts(_origin(of)) if of is not None else ():
+                    found[each].add(Definition(name, user))
     return found
 
 
 def tests_of(fault: Fault) -> list[str]:
     """Those tests that lead to a function on the shortest way, as pytest is told them; those of its name first."""
     start = Definition(fault.module, fault.function.partition(".")[0])
-    stem, name = modules()[fault.module].path.stem.strip("_"), fault.function.rpartition(".")[2].strip("_")
+    words, name = _words(fault.module), fault.function.rpartition(".")[2].strip("_")
     seen, edge = {start}, {start}
     ranked: list[tuple[object, ...]] = []
     for distance in range(_MAX_DISTANCE):
@@ -206,18 +213,21 @@ def tests_of(fault: Fault) -> list[str]:
             module = modules()[test.module]
             if module.path.name.startswith("test_") and test.name.startswith("test_"):
                 text = ast.unparse(module.defined[test.name])
-                by_name = stem in module.path.stem, re.search(rf"\b{name}\b", text) is not None
-                rank = (distance - 2 * sum(by_name), len(module.imported), test)
+                by_name = len(words & _words(test.module)) + 2 * (re.search(rf"\b{name}\b", text) is not None)
+                rank = (distance - by_name, len(module.imported), test)
                 ranked.append((*rank, f"tests/{module.path.name}::{test.name}"))
     return [str(each[-1]) for each in sorted(ranked)[:_MAX_TESTS]] or _file_named_like(fault.module)
 
 
 def _file_named_like(module: str) -> list[str]:
     """The file of tests that shares most words with a module's name; none if there is no such word."""
-    words = set(re.split(r"[._]", module.removeprefix("touchline.")))
-    files = sorted((ROOT / "tests").glob("test_*.py"))
-    best = max(files, key=lambda path: len(words & set(path.stem.split("_"))))
-    return [f"tests/{best.name}"] if words & set(best.stem.split("_")) else []
+    best = max((ROOT / "tests").glob("test_*.py"), key=lambda path: len(_words(module) & _words(path.stem)))
+    return [f"tests/{best.name}"] if _words(module) & _words(best.stem) else []
+
+
+def _words(name: str) -> set[str]:
+    """The words of a module's name, or what is the same of `calibrate` and `calibration`."""
+    return {word[:5] for word in re.split(r"[._]", name)} - {"test", "touch"}
 
 
 def compiled_with(fault: Fault) -> set[Definition]:
