@@ -30,12 +30,12 @@ def test_only_calibration_bags_and_statistics_import_scipy_and_inside_their_func
 
 
 def test_a_run_needs_none_of_scipys_parts(small_data: Path, tmp_path: Path) -> None:
-    """Numba imports the bare package, which is nothing."""
+    """Numba by itself looks into scipy.linalg for the BLAS."""
     run = ["run", str(small_data / "omni_9x6_points"), "--output", str(tmp_path / "run")]
     code = (
         f"import sys\nfrom touchline.cli import main\nassert main({run!r}) == 0\n"
-        "print([name for name in sys.modules if name.startswith(('scipy.linalg', 'scipy.optimize', 'scipy.sparse', "
-        "'scipy.spatial', 'scipy.stats'))])"
+        "print([name for name in sys.modules if name.startswith(('scipy.optimize', 'scipy.sparse', 'scipy.spatial', "
+        "'scipy.stats'))])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
