@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from touchline.calibration.bundle import Block, NormalEquations, entries, prior_block, residual_block
-from touchline.camera import OmniCamera
+from touchline.camera import Camera, OmniCamera
 from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
@@ -44,6 +44,9 @@ _OWN_PRIOR = np.array([1e-3, 1e-3, 1e-3, SHAKING_PER_M**-2.0, SHAKING_PER_M**-2.
 _BEARINGS = 72  # directions of the table that is written
 
 
+C = TypeVar("C", bound=Camera)
+
+
 class View(NamedTuple):
     """One image: its line points, and the pose (3,) that a system has found."""
 
@@ -52,19 +55,53 @@ class View(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class SelfCalibration:
-    """The camera; errors (5,) and range corrections (knots,) with their covariance; poses (V, 3) of the views.
+class SelfCalibration(Generic[C]):
+    """camera: corrected. shared (S,): what the old one errs by, with its covariance; as the module of its kind says.
 
-    before, after: share of the points on lines and the root of their mean square distance (m).
+    points_m, poses: of the views (N, 2), (V, 3), before and after, robot and field frame; of line points and features.
+    before, after: share of what is seen that lies where it should, and its distance from there (m).
     """
 
-    camera: OmniCamera
+    camera: C
     shared: FloatArray
     covariance: FloatArray
-    views: tuple[View, ...]
-    poses: FloatArray
+    points_m: tuple[Sequence[FloatArray], Sequence[FloatArray]]
+    poses: tuple[FloatArray, FloatArray]
     before: tuple[float, float]
     after: tuple[float, float]
+
+    @property
+    def deviations(self) -> FloatArray:
+        """(S,) standard deviations of `shared`."""
+        deviations: FloatArray = np.sqrt(np.diag(self.covariance))
+        return deviations
+
+    def check(self, seen: str, instead: str, bounds: Sequence[tuple[str, float, float, str]]) -> None:
+        """Raises NoFitError with the reason where a calibration is none.
+
+        seen, instead: in words, what was seen and which command needs no camera. bounds: of what is written a name,
+        its standard deviation, the largest one, and their unit.
+        """
+        if self.after[0] < MIN_ON_LINES:
+            raise NoFitError(
+                f"only {100 * self.after[0]:.0f} % of {seen}, {100 * MIN_ON_LINES:.0f} % are needed. Is it the right "
+                f"field, and a camera.yaml that is about right? touchline calibrate {instead} needs none"
+            )
+        for what, deviation, limit, unit in bounds:
+            if deviation > limit:
+                raise NoFitError(
+                    f"the recording leaves {what} uncertain by ± {deviation:.2g}{unit}, {limit:.2g}{unit} are needed: "
+                    "the robot must see more lines, near ones and far ones, from more places and with more headings"
+                )
+
+
+def require_views(count: int) -> None:
+    """Raises NoFitError for too few images."""
+    if count < MIN_IMAGES:
+        raise NoFitError(
+            f"{count} images with a known pose that lie apart are too few, {MIN_IMAGES} are needed: the robot must "
+            "move about and see lines"
+        )
 
 
 def spread_views(estimates: Sequence[Estimate], count: int = IMAGES) -> tuple[View, ...]:
@@ -87,25 +124,30 @@ def spread_views(estimates: Sequence[Estimate], count: int = IMAGES) -> tuple[Vi
     return tuple(found[k] for k in chosen)
 
 
-def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel) -> SelfCalibration:
+def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel) -> SelfCalibration[OmniCamera]:
     """The camera that puts the line points of all views on the field's lines. Raises NoFitError with the reason."""
-    if len(views) < MIN_IMAGES:
-        raise NoFitError(
-            f"{len(views)} images with a known pose that lie apart are too few, {MIN_IMAGES} are needed: the robot "
-            "must drive about and see lines"
-        )
+    require_views(len(views))
     bundle = _Views(views, MirrorHead(camera), field)
     state = bundle.start()
-    before = bundle.quality(state)
+    before, starts = bundle.quality(state), state[bundle.own[:, :3]]
     for width_m in WIDTHS_M:
         equations = NormalEquations(bundle.blocks(state, width_m))
         state = state + equations.step()
     shared, covariance = state[bundle.shared], equations.covariance(bundle.shared)
-    found = SelfCalibration(
-        _camera(camera, shared, covariance, bundle.mirror), shared, covariance, tuple(views),
-        state[bundle.own[:, :3]], before, bundle.quality(state),
-    )  # fmt: skip
-    _check(found)
+    better = _camera(camera, shared, covariance, bundle.mirror)
+    seen = [one.points.positions_m for one in views], [better.ground_from_image(one.points.pixels) for one in views]
+    poses = starts, state[bundle.own[:, :3]]
+    found = SelfCalibration(better, shared, covariance, seen, poses, before, bundle.quality(state))
+    sure = better.uncertainty
+    found.check(
+        "the line points lie on lines with the best mirror",
+        "lines",
+        (
+            ("the mirror's lean", sure.tilt_deg, MAX_TILT_DEG, "°"),
+            ("the centre", sure.center_px, MAX_CENTER_PX, " px"),
+            ("ranges", 100.0 * sure.range_ratio, 100.0 * MAX_RANGE_RATIO, " %"),
+        ),
+    )
     return found
 
 
@@ -206,26 +248,3 @@ def _uncertainty(shared: FloatArray, covariance: FloatArray) -> CameraUncertaint
     tilt_rad = 0.5 * HEIGHT_M * math.sqrt(float(variances[:2].mean()) + unseen2)
     range_ratio = math.sqrt(float(variances[4] + variances[ERRORS:].mean()))
     return CameraUncertainty(math.degrees(tilt_rad), math.sqrt(float(variances[2:4].mean())), range_ratio)
-
-
-def _check(found: SelfCalibration) -> None:
-    """Raises NoFitError with the reason where a calibration is none."""
-    if found.after[0] < MIN_ON_LINES:
-        raise NoFitError(
-            f"only {100 * found.after[0]:.0f} % of the line points lie on lines with the best mirror, "
-            f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field, and a camera.yaml that is about right? "
-            "touchline calibrate lines needs none"
-        )
-    sure = found.camera.uncertainty
-    what = (
-        "the mirror's lean uncertain by ± {:.2f}°",
-        "the centre uncertain by ± {:.1f} px",
-        "ranges uncertain by ± {:.1f} %",
-    )
-    limits, values = (MAX_TILT_DEG, MAX_CENTER_PX, MAX_RANGE_RATIO), (sure.tilt_deg, sure.center_px, sure.range_ratio)
-    for text, limit, value, unit in zip(what, limits, values, (1.0, 1.0, 100.0), strict=True):
-        if value > limit:
-            raise NoFitError(
-                f"the recording leaves {text.format(unit * value)}: the robot must see more lines, from more places "
-                "and with more headings"
-            )

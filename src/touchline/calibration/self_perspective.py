@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.calibration.bundle import Block, NormalEquations, entries, prior_block
-from touchline.calibration.self_calibration import MIN_IMAGES, MIN_ON_LINES
+from touchline.calibration.self_calibration import SelfCalibration, require_views
 from touchline.camera import PinholeCamera
-from touchline.errors import NoFitError
 from touchline.geometry import FloatArray, Pose3
 from touchline.localization.registration.perspective_kernels import STATES, Known, LeanFit, SeenPoints
 from touchline.localization.registration.perspective_registration import PerspectiveRegistration, seen_points
@@ -48,29 +47,12 @@ class PerspectiveView(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PerspectiveSelfCalibration:
-    """camera: corrected. shared (4,): roll and pitch (rad) by which the old one leans more than it says, relative
-    errors of its height and of the tangents that it sees; covariance (4, 4).
-
-    points_m, poses: of the views (N, 2), (V, 3), before and after, robot and field frame; of line points and features.
-    before, after: share of what is seen that lies where it should, and its mean distance from there (m). lean_rad: by
-    which roll and pitch err in one image.
+class PerspectiveSelfCalibration(SelfCalibration[PinholeCamera]):
+    """shared (4,): roll and pitch (rad) by which the old camera leans more than it says, relative errors of its height
+    and of the tangents that it sees. lean_rad: by which roll and pitch err in one image.
     """
 
-    camera: PinholeCamera
-    shared: FloatArray
-    covariance: FloatArray
     lean_rad: float
-    points_m: tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]
-    poses: tuple[FloatArray, FloatArray]
-    before: tuple[float, float]
-    after: tuple[float, float]
-
-    @property
-    def deviations(self) -> FloatArray:
-        """(4,) standard deviations of `shared`."""
-        deviations: FloatArray = np.sqrt(np.diag(self.covariance))
-        return deviations
 
 
 def perspective_views(system: TouchlinePerspective, frames: Iterable[Frame]) -> tuple[PerspectiveView, ...]:
@@ -91,11 +73,7 @@ def calibrate_self_perspective(
     views: Sequence[PerspectiveView], camera: PinholeCamera, registration: PerspectiveRegistration
 ) -> PerspectiveSelfCalibration:
     """The camera that puts what all views show where it is on the field. Raises NoFitError with the reason."""
-    if len(views) < MIN_IMAGES:
-        raise NoFitError(
-            f"{len(views)} images with a known pose that lie apart are too few, {MIN_IMAGES} are needed: the robot "
-            "must walk about and see lines"
-        )
+    require_views(len(views))
     shared_at, own = entries(len(SHARED), len(views), _OWN)
     state, lean_rad = np.zeros(own[-1, -1] + 1), LEAN_RAD
     state[own[:, :3]] = [one.pose for one in views]
@@ -112,11 +90,13 @@ def calibrate_self_perspective(
     right = tuple(levelled(each, shared, eye, one.seen.axis) for each, one in zip(seen, views, strict=True))
     tangents = np.concatenate([_tangents(each, eye, one.seen.axis) for each, one in zip(seen, views, strict=True)])
     found = PerspectiveSelfCalibration(
-        corrected_camera(camera, shared, tangents), shared, covariance, lean_rad, (seen, right),
+        corrected_camera(camera, shared, tangents), shared, covariance, (seen, right),
         (np.array([fit.state[:3] for fit in fits_before]), np.array([fit.state[:3] for fit in fits])),
-        _quality(fits_before), _quality(fits),
+        _quality(fits_before), _quality(fits), lean_rad,
     )  # fmt: skip
-    _check(found)
+    names, scales = [f"the camera's {name}" for name in SHARED], np.array([*np.degrees([1.0, 1.0]), 100.0, 100.0])
+    bounds = zip(names, scales * found.deviations, scales * MAX_DEVIATIONS, ("°", "°", " %", " %"), strict=True)
+    found.check("what was seen lies on the field with the best camera", "camera", tuple(bounds))
     return found
 
 
@@ -224,22 +204,3 @@ def _quality(fits: Sequence[LeanFit]) -> tuple[float, float]:
     explained = np.array([fit.explained for fit in fits])
     residuals = np.nan_to_num([fit.residual_m for fit in fits])
     return float(of @ explained / of.sum()), float((of * explained) @ residuals / max(float(of @ explained), 1e-9))
-
-
-def _check(found: PerspectiveSelfCalibration) -> None:
-    """Raises NoFitError with the reason where a calibration is none."""
-    if found.after[0] < MIN_ON_LINES:
-        raise NoFitError(
-            f"only {100 * found.after[0]:.0f} % of what was seen lies on the field with the best camera, "
-            f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field, and a camera.yaml that is about right? "
-            "touchline calibrate camera needs none"
-        )
-    units = ((180.0 / math.pi, "°"), (180.0 / math.pi, "°"), (100.0, " %"), (100.0, " %"))
-    rows = zip(SHARED, found.deviations, MAX_DEVIATIONS, units, strict=True)
-    for what, deviation, limit, (scale, unit) in rows:
-        if deviation > limit:
-            raise NoFitError(
-                f"the recording leaves the camera's {what} uncertain by ± {scale * deviation:.1f}{unit}, "
-                f"{scale * limit:.1f}{unit} are needed: the robot must see more lines, near ones and far ones, "
-                "from more places and with more headings"
-            )
