@@ -25,6 +25,8 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 NEAR_M, NEAR_RAD = 0.3, math.radians(10.0)  # within it a robot is found
 WRONG_M, WRONG_RAD = 0.5, 0.5  # beyond it a pose is wrong
 KIDNAP_M, KIDNAP_RAD, TWIN_M = 1.0, math.radians(30.0), 0.5  # kidnaps that count: so far, and not to the twin
+KIDNAP_EVERY_S = 3.0
+KIDNAPS = (f"disturbances.kidnap_every_s={KIDNAP_EVERY_S:g}", "disturbances.covered_images=0")
 WITHIN_FRAMES, FOOLED_FRAMES = 10, 5  # found again in time; so many frames in a row wrong while tracking are too many
 
 
@@ -72,7 +74,8 @@ def driven(scenario: str, seed: int, seconds: float | None, *changes: str) -> Dr
     return drive_of(Simulation(open_scenario(scenario, seed, seconds, changes), level="points"))
 
 
-_NO_ROWS: Any = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+def _no_rows() -> Any:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -87,9 +90,9 @@ class Track:
     poses: FloatArray
     truth: FloatArray
     tracking: BoolArray
-    covariances: FloatArray = _NO_ROWS
-    points: npt.NDArray[np.int64] = _NO_ROWS
-    twin_named: BoolArray = _NO_ROWS
+    covariances: FloatArray = field(default_factory=_no_rows)
+    points: npt.NDArray[np.int64] = field(default_factory=_no_rows)
+    twin_named: BoolArray = field(default_factory=_no_rows)
 
     @property
     def errors(self) -> FloatArray:

@@ -151,6 +151,13 @@ def rate(successes: int, tries: int) -> str:
     return f"{100.0 * successes / tries:.1f} % [{100.0 * low:.1f}, {100.0 * high:.1f}]"
 
 
+def paper_cells(said: Sequence[float] | None, cell: Callable[[Result, str], str], *forms: Result) -> list[str]:
+    """Of x, y and heading what a paper says, and the figure of each form (cell(form, name)); of the position theirs."""
+    known = [NONE] * 3 if said is None else [f"{value:g}" for value in said]
+    papers = {"x": [known[0]], "y": [known[1]], "heading": [known[2]], "position": []}
+    return [text for name, paper in papers.items() for text in (*paper, *(cell(form, name) for form in forms))]
+
+
 def wilson(successes: int, tries: int) -> tuple[float, float]:
     """Bounds of a binomial share with 95 % (Wilson, 1927)."""
     share, square = successes / tries, _Z**2 / tries

@@ -96,7 +96,7 @@ def _three_tracks(driven: iris.IrisDrive) -> Figure:
 
 
 def from_a_to_b(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper: bool = False) -> iris.IrisDrive:
-    """A drive across the 9 x 6 m field during which the camera is iris.covered twice; level: `images` or `points`."""
+    """A drive across the 9 x 6 m field during which the camera is covered twice; level: `images` or `points`."""
     simulation, setup, frames = _driven(seed, level, changes)
     return iris.drive(frames, simulation.truth.samples(), setup, seed, paper)
 

@@ -111,6 +111,11 @@ def dots(axes: Axes, poses: FloatArray, color: str, size: float = 4.0, **more: A
     axes.plot(*poses[:, :2].T, more.pop("marker", "o"), color=color, markersize=size, **more)
 
 
+def robot_dots(axes: Axes, values: Sequence[float], height: float, color: str, label: str | None = None) -> None:
+    """A dot for each robot, at a height of its condition."""
+    axes.plot(values, [height] * len(values), "o", color=color, markersize=3.5, alpha=0.8, label=label)
+
+
 def image_figure(images: Sequence[ImageArray], size_in: tuple[float, float]) -> tuple[Figure, list[Axes]]:
     """Images (BGR) side by side."""
     figure, axes = new_figure(1, len(images), size_in)
