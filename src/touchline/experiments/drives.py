@@ -121,7 +121,8 @@ class Track:
     def squares(self) -> FloatArray:
         """(N,) squared errors in the measure of the stated covariances."""
         errors = self.errors
-        return np.einsum("ni,ni->n", errors, np.linalg.solve(self.covariances, errors[:, :, None])[:, :, 0])
+        solved = np.linalg.solve(self.covariances, errors[:, :, None])[:, :, 0]
+        return np.asarray(np.einsum("ni,ni->n", errors, solved), dtype=np.float64)
 
     def within(self, distance_m: float, turn_rad: float) -> BoolArray:
         """(N,) whether the pose is so near the truth."""
@@ -237,7 +238,7 @@ def kidnaps_of(drive: Drive, track: Track) -> list[Kidnapped]:
     """Of every kidnap that counts what came of it until the next one."""
     begins = np.searchsorted(drive.times_s, drive.times_of("kidnap")).tolist()
     found = []
-    for begin, end in zip(begins, [*begins[1:], len(drive.times_s)], strict=True):
+    for begin, end in zip(begins, [*begins[1:], len(drive.times_s)], strict=False):
         until = begin + WITHIN_FRAMES
         if end >= until and counts(Pose(*drive.truth[begin - 1]), Pose(*drive.truth[begin])):
             right, wrong = bool(track.found[begin:until].any()), track.wrong[begin:end]

@@ -127,7 +127,8 @@ def _rows(case: Case, control: bool, runs: Runs) -> list[Row]:
     said = case.paper if control else None
     for k, (title, key) in enumerate((("mean", "mean"), ("std", "std_signed"), ("max", "max"))):
         cells = paper_cells(said and said[k], partial(_figure, key=key), paper, ours)
-        head, more, last = ("", ""), ("",) * 6, ""
+        head, last = ("", ""), ""
+        more: Row = ("",) * 6
         if k == 0:
             theirs = NONE if said is None else f"{paper_ratio(case):.2f}"
             ratios = (_of_the_first(some, runs[form]) for some, form in ((paper, "paper"), (ours, "ours")))

@@ -211,7 +211,7 @@ def _of(runs: Runs, condition: Condition, figure: str) -> dict[str, list[float]]
 
 def _rows(condition: Condition, runs: Runs) -> list[Row]:
     mean, p99 = (NONE, NONE) if condition.asked_cm is None else (f"≤ {bound:g}" for bound in condition.asked_cm)
-    rows = []
+    rows: list[Row] = []
     for figure, name, asked in (
         ("mean_cm", "mean (cm)", mean), ("p99_cm", "99 % (cm)", p99), ("heading_deg", "heading (°)", NONE),
         ("tracked", "tracked (%)", NONE),
@@ -237,7 +237,7 @@ def _paper_rows(conditions: Sequence[Condition], runs: Runs) -> list[Row]:
     last = {c.title: {s: float(np.mean(each)) for s, each in _of(runs, c, "p99_cm").items()} for c in papers}
     less = [name for name, of in means.items() if all(_is_less(np.subtract(of[OWN], of[s])) for s in OTHERS)]
     no_more = [name for name, of in last.items() if all(of[OWN] <= of[s] for s in OTHERS if np.isfinite(of[s]))]
-    rows = []
+    rows: list[Row] = []
     for figure, kept in (("mean less than every other's", less), ("99 % no more than the best other's", no_more)):
         missed = [name for name in means if name not in kept]
         said = f"{len(kept)} of {len(papers)}" + (f"; not: {'; '.join(missed)}" if missed else "")

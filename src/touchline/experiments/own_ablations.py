@@ -117,7 +117,7 @@ def without_parts(seed: int) -> list[tuple[str, str, Driven]]:
     """Part, condition or view, and what came of it, of one robot's drives and its runs with kidnaps."""
     drives = [(c.name, c.scenario, seed, SECONDS, c.changes) for c in CONDITIONS]
     for view, runs in KIDNAP_RUNS.items():
-        changes = KIDNAPS if view == "full view" else (*KIDNAPS, *_SECTOR)
+        changes: tuple[str, ...] = KIDNAPS if view == "full view" else (*KIDNAPS, *_SECTOR)
         drives += [(view, "match", run, KIDNAP_SECONDS, changes) for run in range(runs * seed, runs * (seed + 1))]
     found = []
     for where, scenario, number, seconds, changes in drives:

@@ -88,7 +88,7 @@ def cases() -> list[Case]:
 def schulz_accuracy(seeds: int) -> ExperimentResult:
     """Walks at the observation level, then the recordings."""
     places = list(product(dict.fromkeys((case.robot, case.field) for case in cases()), range(seeds)))
-    walks = together(_walked(*place, seed) for place, seed in follow(places, "walks"))
+    walks = together(_walked(place, seed) for place, seed in follow(places, "walks"))
     tracks = {case: walks[case] for case in cases()}
     false = list(product(FIELDS, range(seeds)))
     with_false = together(_with_false(*each) for each in follow(false, "walks, false crossings"))

@@ -242,7 +242,7 @@ def xiong_timing(seeds: int) -> ExperimentResult:
         together(_whole_frames(seed, best) for seed in follow(range(seeds), name))
         for best, name in ((False, "drives"), (True, "ideal robots"))
     )
-    parts = [[built[what, form] for form in ("ours", "paper")] + [ideal[what, "ours"]] for what in (True, False)]
+    searching, tracking = ((built[s, "ours"], built[s, "paper"], ideal[s, "ours"]) for s in (True, False))
     shown = [
         (built[True, "ours"][0], RED, 1.0, "global localization"),
         (built[False, "ours"][0], BLUE, 1.0, "tracking"),
@@ -253,12 +253,12 @@ def xiong_timing(seeds: int) -> ExperimentResult:
         "Figure 11 of Xiong et al.: time of a whole frame in global localization and in tracking",
         COLUMNS,
         (
-            _row("whole frame, global localization", "35-45 ms", *parts[0]),
-            _row("whole frame, tracking", "18-24 ms", *parts[1]),
+            _row("whole frame, global localization", "35-45 ms", *searching),
+            _row("whole frame, tracking", "18-24 ms", *tracking),
         ),
         Headline("whole frame searching; tracking (median)", "35-45 ms; 18-24 ms",
-                 f"{_median(parts[0][0])}; {_median(parts[1][0])}; its form {_median(parts[0][1])}; "
-                 f"{_median(parts[1][1])}"),
+                 f"{_median(searching[0])}; {_median(tracking[0])}; its form {_median(searching[1])}; "
+                 f"{_median(tracking[1])}"),
         (
             "Rendered images of 480 x 480 pixels on one core, from the image array to the pose, processor time; the "
             f"paper's times include grabbing the image, on a 1.66 GHz processor. Robots as built, {FRAMES} frames "
