@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings
 from touchline.geometry import wrap_angle
 from touchline.motion.gyro import IntegratedGyro
 from touchline.motion.samples import NANOSECONDS, SampleHistory
@@ -21,8 +18,6 @@ MAX_AGE_S = 0.3  # age of the newest sample beyond which there is no heading: th
 
 class CompassTrackSettings(Settings):
     """How the heading at a stamp follows from samples before it."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "rate_window_s", "oldest_s")
 
     lag_s: float = Field(
         0.02,

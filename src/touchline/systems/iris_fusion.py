@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.localization.published.iris.field_side import FieldSide
@@ -89,16 +88,6 @@ class IrisPaper(Settings):
 class IrisFusionSettings(Settings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
-    renamed: ClassVar = {
-        "wheels.wheel_error": "wheels.scale_error",
-        "wheels.gyro_scale": "gyro.scale",
-        "wheels.gyro_bias_rad_s": "gyro.bias_rad_s",
-        "wheels.gyro_error": "gyro.scale_error",
-        "wheels.gyro_bias_error_rad_s": "gyro.bias_error_rad_s",
-        "wheels.fallback": "odometry",
-        "most_points": "max_points",
-    }
-    removed: ClassVar = constants_now(__name__, "own_half_m")
     lines: HsvLineSettings = HsvLineSettings()
     max_points: int = Field(
         100,

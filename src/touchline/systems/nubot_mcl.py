@@ -12,9 +12,6 @@ soccer robots, Advanced Robotics 2013, figure 3.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 
 from touchline.localization.published.nubot.belief import Belief
@@ -44,12 +41,6 @@ from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 class NubotMclSettings(ParticleSearchSettings, NubotSettings):
     """Everything that the paper fixes, and everything that it leaves open."""
-
-    removed: ClassVar[Mapping[str, str]] = {
-        **ParticleSearchSettings.removed,
-        **NubotSettings.removed,
-        "followed_by": "to follow the robot by particles alone run the system nubot-mcl-alone",
-    }
 
 
 class NubotMcl:

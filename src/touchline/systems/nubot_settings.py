@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
-from touchline.config import Settings, constants_now
+from touchline.config import Settings
 from touchline.localization.published.nubot.compass_correction import CompassSettings
 from touchline.localization.published.nubot.failure import FailureSettings
 from touchline.localization.published.nubot.matcher import MatchingSettings
@@ -18,8 +15,6 @@ from touchline.perception import LearningSettings, LinePointSettings
 
 class NubotSettings(Settings):
     """What both papers fix of perception, matching and tracking, and what they leave open."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now("touchline.field.model", "map")
 
     line_points: LinePointSettings = LinePointSettings()
     learning: LearningSettings = LearningSettings()

@@ -7,13 +7,13 @@ image ─▶ line points ─▶ registration from every hypothesis ─▶ filter
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar, Protocol
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.mirror_head import MirrorHead
 from touchline.localization.estimator.compass_witness import CompassPulse
@@ -44,10 +44,6 @@ UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may
 
 class TouchlineSettings(Settings):
     """The few things that somebody would tune; all else are constants beside their use."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        "touchline.localization.estimator.pose_hypotheses", "shove_m", "shove_rad"
-    )
 
     min_points: int = Field(10, ge=1, le=10_000, description="line points without which an image tells nothing")
     min_explained: float = Field(

@@ -7,13 +7,12 @@ fusion takes one of the two, complementary fusion both. docs/method.md states it
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.localization.registration.covariance import widest_m
@@ -88,32 +87,6 @@ class SensorFusionSettings(Settings):
 
     Of each pair of limits the stricter one lets an image be used, the looser one lets it go on: hysteresis.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "found_share": "found_ratio",
-        "accepted_share": "accepted_ratio",
-        "beta_period_s": "paper.beta_period_s",
-        "bias_gain_per_s": "paper.bias_gain_per_s",
-    }
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(
-            __name__,
-            "most_bias_rad_s",
-            "enough_points",
-            "least_points",
-            "doubt",
-            "least_share",
-            "narrow_m",
-            "widest_m",
-            "narrow_rad",
-            "widest_rad",
-            "agreement_m",
-            "agreement_rad",
-            "turned_rad",
-            "frames",
-        ),
-        **constants_now("touchline.systems.iris_fusion", "near_m"),
-    }
 
     beta: float = Field(
         0.5,

@@ -9,13 +9,11 @@ particles ─▶ motion from odometry ─▶ points to the field (7) ─▶ erro
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.field import FieldModel
 from touchline.field.error_map import MAX_ERROR, error_map
 from touchline.geometry import FloatArray, Pose
@@ -94,20 +92,6 @@ class IrisParticlePaper(Settings):
 
 class IrisParticleSettings(Settings):
     """The paper gives 600 particles, 256 steps of the map, the models and the resampling; nothing else."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "least_effective": "paper.tempering_threshold",
-        "nearby_share": "paper.nearby_ratio",
-        "worst_units": "paper.max_units",
-        "max_units": "paper.max_units",
-        "tempering_threshold": "paper.tempering_threshold",
-        "roughening": "paper.roughening",
-        "nearby_ratio": "paper.nearby_ratio",
-    }
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(__name__, "beyond_m", "farthest_m", "map_m", "nearby_m", "nearby_rad"),
-        **constants_now("touchline.systems.iris_fusion", "known_heading_rad"),
-    }
 
     particles: int = Field(600, ge=1, le=10_000_000, description="particles; the paper's 600")
     particles_all_headings: int = Field(

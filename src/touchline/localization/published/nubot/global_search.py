@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.errors import InputError
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -59,10 +57,6 @@ class GlobalSearchPaper(Settings):
 
 class GlobalSearchSettings(Settings):
     """The sampled search of section 4.1. On the 18 x 12 m field it has 315 samples."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__, "beyond_m", "shift_m", "sample_c_m", "rival_factor", "rival_margin"
-    )
 
     spacing_m: float = Field(1.0, gt=0, description="distance of the samples (m); the paper's")
     candidates: int = Field(

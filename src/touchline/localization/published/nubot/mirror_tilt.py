@@ -10,15 +10,13 @@ number of images averages it out.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from touchline.camera import Camera, OmniCamera
 from touchline.camera.uncertainty import USUAL_TILT_DEG
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.published.nubot.mirror_fit import (
@@ -74,21 +72,6 @@ class MirrorTiltPaper(Settings):
 
 class MirrorTiltSettings(Settings):
     """How much tilt is expected, and how fast it may change. None of this is in the paper."""
-
-    renamed: ClassVar[Mapping[str, str]] = {"enabled": "paper.enabled"}
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__,
-        "most_error",
-        "unknown_per_m",
-        "vibration_per_m",
-        "drift_per_m",
-        "width_m",
-        "first_width_m",
-        "least_noise_m",
-        "loose_position_m",
-        "loose_heading_rad",
-        "iterations",
-    )
 
     height_m: float = Field(0.75, ge=0, description="height of the mirror (m): MSL robots may be 0.8 m high")
     paper: MirrorTiltPaper = MirrorTiltPaper()

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import Pose
 from touchline.localization.published.nubot.doubt import stands_alone
 from touchline.localization.published.nubot.failure import MAX_HEADING_ERROR_RAD
@@ -59,13 +56,6 @@ class ParticleSearchPaper(Settings):
 
 class ParticleSearchSettings(Settings):
     """When particles start anew, and when the pose that they agree on is believed."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "most_cycles": "max_cycles",
-        "keep_unless_better": "paper.keep_unless_better",
-        "widening": "paper.widening",
-    }
-    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "confirmations", "same_m")
 
     particles: NubotParticleSettings = NubotParticleSettings()
     accepted_error: float = Field(

@@ -6,14 +6,12 @@ the odometry carries the pose on.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from enum import Enum
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.motion.driven import EXACT_SCALES, SCALE_DRIFT, Scales, driven
 
@@ -54,14 +52,6 @@ class FusionPaper(Settings):
 
 class FusionSettings(Settings):
     """The Kalman filter. The paper leaves all of it open."""
-
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(__name__, "better_factor", "better_margin"),
-        **constants_now("touchline.localization.published.nubot.matcher", "poor_error"),
-        **constants_now(
-            "touchline.localization.published.nubot.tracker", "shove_position_m", "shove_heading_rad", "shoved_rad"
-        ),
-    }
 
     gate: float = Field(
         16.3,

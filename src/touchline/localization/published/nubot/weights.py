@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import FloatArray
 from touchline.types import LinePoints
 
@@ -27,8 +24,6 @@ class WeightPaper(Settings):
 
 class WeightSettings(Settings):
     """Weights of line points. The paper weighs all alike; range precision falls with range on every mirror."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "range_noise_m")
 
     floor_m: float = Field(
         0.03,
