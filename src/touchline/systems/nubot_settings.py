@@ -5,8 +5,8 @@ from __future__ import annotations
 from touchline.config import Settings
 from touchline.localization.published.nubot.compass_correction import CompassSettings
 from touchline.localization.published.nubot.failure import FailureSettings
+from touchline.localization.published.nubot.match_input import MirrorTiltSettings
 from touchline.localization.published.nubot.matcher import MatchingSettings
-from touchline.localization.published.nubot.mirror_tilt import MirrorTiltSettings
 from touchline.localization.published.nubot.pose_filter import FusionSettings
 from touchline.localization.published.nubot.weights import WeightSettings
 from touchline.motion import CompassTrackSettings, OdometrySettings

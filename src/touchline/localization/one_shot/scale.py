@@ -72,6 +72,6 @@ def fit_scale(
         fit = camera_fit(field, factor * seen, pose, Spread(scale=_LOOSE))
         if fit is None:
             break
-        pose, factor = fit.pose, factor * (1.0 + float(fit.errors[4]))
+        pose, factor = as_pose(fit.pose), factor * (1.0 + float(fit.errors[4]))
         deviation = factor * float(np.sqrt(fit.covariance[7, 7]))
     return Scale(factor, deviation)
