@@ -91,8 +91,10 @@ def humanoids() -> Rows:
 def point_sets() -> Rows:
     from touchline.field import open_field
     from touchline.geometry import Pose
-    from touchline.localization import GlobalSearch, Matcher, WeightSettings, range_weights
+    from touchline.localization.published.nubot.global_search import GlobalSearch
+    from touchline.localization.published.nubot.matcher import Matcher
     from touchline.localization.published.nubot.particles import NubotParticles, NubotParticleSettings
+    from touchline.localization.registration.weights import WeightSettings, range_weights
 
     path = DATA / "points" / "msl_18x12.npz"
     if not path.is_file():

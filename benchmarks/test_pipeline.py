@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from touchline.localization.published.nubot.weights import precision_weights
 from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.localization.registration.weights import precision_weights
 from touchline.perception.path_samples import no_samples, sample_paths
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system

@@ -13,9 +13,9 @@ from touchline.camera import OmniCamera
 from touchline.camera.uncertainty import USUAL_TILT_DEG
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
-from touchline.localization.published.iris.field_side import COMPASS_FALSE
 from touchline.localization.published.iris.image_doubt import ImageMirror
 from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system

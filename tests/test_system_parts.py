@@ -11,25 +11,22 @@ from line_scenes import view as points_seen
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization import (
-    CompassCorrection,
-    FailureSettings,
-    GlobalSearch,
-    GlobalSearchSettings,
-    Matcher,
-)
-from touchline.localization.particles import NubotParticles
 from touchline.localization.published.nubot import failure
+from touchline.localization.published.nubot.compass_correction import CompassCorrection
+from touchline.localization.published.nubot.failure import FailureSettings
 from touchline.localization.published.nubot.failure_monitor import FailureMonitor
 from touchline.localization.published.nubot.global_localizer import GlobalLocalizer, Localization, Prediction
+from touchline.localization.published.nubot.global_search import GlobalSearch, GlobalSearchSettings
 from touchline.localization.published.nubot.grid_localizer import GridLocalizer
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
+from touchline.localization.published.nubot.matcher import Matcher
 from touchline.localization.published.nubot.particle_follower import ParticleFollower
 from touchline.localization.published.nubot.particle_localizer import (
     ParticleLocalizer,
     ParticleSearch,
     ParticleSearchSettings,
 )
+from touchline.localization.published.nubot.particles import NubotParticles
 from touchline.localization.published.nubot.pose_filter import Fusion
 from touchline.localization.published.nubot.tracker import MAX_UNSETTLED, Tracker
 from touchline.localization.registration.covariance import is_one_line

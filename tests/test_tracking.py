@@ -13,13 +13,19 @@ from line_scenes import lone_line, view
 
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization import FusionSettings, Matcher, PoseFilter, WeightSettings, range_weights
 from touchline.localization.published.nubot.compass_correction import CompassCorrection, CompassSettings
 from touchline.localization.published.nubot.match_input import MatchInput
-from touchline.localization.published.nubot.matcher import Match
-from touchline.localization.published.nubot.pose_filter import BETTER_MARGIN, Fusion, equal_error
+from touchline.localization.published.nubot.matcher import Match, Matcher
+from touchline.localization.published.nubot.pose_filter import (
+    BETTER_MARGIN,
+    Fusion,
+    FusionSettings,
+    PoseFilter,
+    equal_error,
+)
 from touchline.localization.published.nubot.tracker import Tracker
 from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.localization.registration.weights import WeightSettings, range_weights
 from touchline.motion.driven import Scales
 from touchline.types import points_at
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from touchline.evaluation import evaluate
     from touchline.field import open_field
     from touchline.geometry import Pose
-    from touchline.localization import locate
+    from touchline.localization.one_shot.locate import locate
     from touchline.localizer import Localizer
     from touchline.sources import open_source
     from touchline.systems import RobotSetup, open_system

@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import Field
 
 from touchline.config import Settings, added
+from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.camera_errors.mirror_response import HEIGHT_M
 from touchline.localization.particles.particle_set import ParticleEstimate
@@ -27,7 +28,6 @@ from touchline.localization.published.iris.image_doubt import ImageMirror
 from touchline.localization.published.iris.modes import MIN_POINTS, SensorFusion, SensorFusionSettings
 from touchline.localization.published.iris.particles import IrisParticles, IrisParticleSettings
 from touchline.localization.published.iris.restart import RestartRule, RestartSettings
-from touchline.localization.published.nubot.global_search import OWN_HALF
 from touchline.localization.registration.covariance import is_one_line
 from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.motion import (
@@ -41,8 +41,8 @@ from touchline.motion import (
 )
 from touchline.motion.samples import NANOSECONDS
 from touchline.perception import HsvLineDetector, HsvLineSettings, observe
-from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import (
     Estimate,
     Frame,

@@ -19,6 +19,7 @@ import numpy as np
 from touchline.camera import PinholeCamera
 from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
+from touchline.field.region import OWN_HALF, Region
 from touchline.geometry import Pose
 from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.particles.features import Features, FeatureSettings
@@ -27,11 +28,10 @@ from touchline.localization.published.nimbro.feature_filter import FeatureFilter
 from touchline.localization.published.nimbro.feature_tracker import FeatureTracker
 from touchline.localization.published.nimbro.particles import NimbroParticles, NimbroParticleSettings
 from touchline.localization.published.nimbro.twin_odds import TwinOdds
-from touchline.localization.published.nubot.global_search import OWN_HALF, Region
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
-from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Observation, Prior, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where nobody tells: that of a robot between kid and adult size

@@ -32,9 +32,9 @@ from touchline.localization.published.nubot.pose_filter import Fusion
 from touchline.localization.published.nubot.tracker import Tracker
 from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
-from touchline.systems.nubot_settings import NubotSettings
-from touchline.systems.report import Stopwatch, report
+from touchline.systems.nubot import NubotSettings, report
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 

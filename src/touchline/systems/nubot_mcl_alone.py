@@ -26,12 +26,13 @@ from touchline.localization.published.nubot.particle_follower import ParticleFol
 from touchline.localization.published.nubot.particle_localizer import ParticleSearch, ParticleSearchSettings
 from touchline.localization.published.nubot.particles import NubotParticles
 from touchline.localization.published.nubot.pose_filter import FusionSettings, PoseFilter
-from touchline.localization.published.nubot.weights import WeightSettings
 from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.localization.registration.weights import WeightSettings
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
-from touchline.systems.report import Stopwatch, report
+from touchline.systems.nubot import report
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 

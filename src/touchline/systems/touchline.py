@@ -29,8 +29,8 @@ from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettin
 from touchline.motion.delayed import Delayed, delayed, until_stamp
 from touchline.motion.driven import Scales
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
-from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 
 WIDE = 0.6  # standard deviation (m, rad) of a told pose from which it is a zone: registration reaches no farther

@@ -34,8 +34,8 @@ from touchline.motion import LeanFilter, MotionHistory
 from touchline.motion.lean import LAG_S
 from touchline.motion.odometry import Motion
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
-from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.systems.touchline import SAID_OFTEN, UNKNOWN, Touchline, TouchlineSettings
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 

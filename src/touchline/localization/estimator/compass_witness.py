@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from touchline.geometry import wrap_angle
-from touchline.localization.published.iris.field_side import COMPASS_FALSE
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.types import Samples
 
 FAULT_EVERY_S, FAULT_S = 600.0, 10.0  # mean times until a fault begins, and until it ends

@@ -17,9 +17,9 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.one_shot.thinning import thinned_to
 from touchline.localization.published.nubot.kernels import moments
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.weights import RANGE_NOISE_M
 from touchline.localization.registration.covariance import UNKNOWN_POSITION_M, principal_information
 from touchline.localization.registration.learned_mirror import ImageFit, LearnedMirror
+from touchline.localization.registration.weights import RANGE_NOISE_M
 from touchline.types import LinePoints
 
 MAX_POINTS = 500  # points, evenly over the ground, that tell of the camera: neighbours tell the same

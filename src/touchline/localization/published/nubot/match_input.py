@@ -13,9 +13,9 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
 from touchline.localization.published.nubot.matcher import Match, Matcher
-from touchline.localization.published.nubot.weights import WeightSettings, precision_weights
 from touchline.localization.registration.covariance import MIN_RESIDUAL_M, is_observed
 from touchline.localization.registration.learned_mirror import Expected, LearnedMirror
+from touchline.localization.registration.weights import WeightSettings, precision_weights
 from touchline.motion import MotionHistory
 from touchline.types import LinePoints, Observation
 
