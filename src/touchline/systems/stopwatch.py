@@ -1,4 +1,4 @@
-"""The time that a step takes."""
+"""The time that a step takes, perception and localization apart."""
 
 from __future__ import annotations
 

@@ -16,18 +16,19 @@ import numpy as np
 from touchline.camera import Camera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.camera_errors.mirror_head import MISFIT_M2, MISFIT_M_PER_PX, VIBRATION_PER_M, MirrorHead
+from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.camera_errors.mirror import MirrorErrors
 from touchline.localization.camera_errors.mirror_response import HEIGHT_M
 from touchline.localization.registration.covariance import widest_m
+from touchline.localization.registration.joint import StatePrior
 from touchline.localization.registration.kernels import Plan
-from touchline.localization.registration.mirror_kernels import StatePrior, upright_points
-from touchline.localization.registration.registration import SETTLED, SHAKEN, UNSETTLED, USUAL_NOISE, Head, Registration
+from touchline.localization.registration.registration import SETTLED, SHAKEN, UNSETTLED, USUAL_NOISE, Registration
+from touchline.localization.registration.seen import seen_points
 from touchline.types import LinePoints
 
 ERRORS = 5
 UNKNOWN_PER_M = 0.015  # standard deviation of g of a mirror 0.3 degrees off: what is known better is settled
 DRIFT = 0.003  # drift of the mean per image, as a share of what was unknown at first: a loosening mount
-MIN_VIBRATION_PER_M, MAX_VIBRATION_PER_M = 0.002, 0.02  # limits of what is learned of a head's shaking
 MIN_NOISE, MAX_NOISE = 0.2, 25.0  # limits of what is learned of the points' noise
 GAIN = 0.05  # share of a new image in either
 REPEATED_POINTS, REPEATED_IMAGES = 2.0, 3.0  # so many err together: neighbours on a line, and the same place seen again
@@ -87,8 +88,8 @@ class LearnedMirror:
         """
         self.enabled, self.field = enabled, field
         self._registration = Registration(field.distance_map())
-        head = MirrorHead(camera)
-        self._mirror, self._unknown = head.mirror._replace(height_m=height_m), head.unknown
+        self.errors = MirrorErrors.of(camera)
+        self._mirror, self._unknown = self.errors.mirror._replace(height_m=height_m), self.errors.prior
         displaced, scaled = looked_for
         which = np.array([True, True, displaced, displaced, scaled]) & enabled
         self._which = which & (np.diag(self._unknown) > 0.0)
@@ -100,7 +101,7 @@ class LearnedMirror:
         """Nothing has been seen yet."""
         self.mean, self.believed = np.zeros(ERRORS), np.zeros(ERRORS)
         self.covariance: FloatArray = self._unknown * self._open
-        self.vibration_per_m, self.noise = VIBRATION_PER_M if self.enabled else 0.0, 1.0
+        self.vibration_per_m, self.noise = self.errors.lean.first if self.enabled else 0.0, 1.0
         self.fit: ImageFit | None = None
 
     @property
@@ -118,14 +119,13 @@ class LearnedMirror:
         if errors is None and not self.enabled:
             return np.ascontiguousarray(positions_m)
         chosen = self.believed if errors is None else errors
-        points: FloatArray = upright_points(np.ascontiguousarray(positions_m), chosen, self._mirror)
+        points: FloatArray = placed_points(np.ascontiguousarray(positions_m), chosen, self._mirror)
         return points
 
     @property
     def misfit(self) -> FloatArray:
         """Covariance (3, 3) of what a mirror does to every pose alike beyond the errors looked for, in (m, m, rad)."""
-        lean2, aside2 = self.believed[:2] @ self.believed[:2], self.believed[2:4] @ self.believed[2:4]
-        shift2 = 0.5 * (MISFIT_M2**2 * lean2 + MISFIT_M_PER_PX**2 * aside2)
+        shift2 = 0.5 * float(((self.errors.misfit * self.believed) ** 2).sum())
         shift = np.diag([shift2, shift2, 0.0])
         return shift if self.fit is None else shift + self.fit.lever @ self._not_looked_for @ self.fit.lever.T
 
@@ -157,8 +157,8 @@ class LearnedMirror:
         information[:3, :3] = np.linalg.inv(place.covariance)
         information[3:, 3:] = np.linalg.inv(spread + _EXACT2 * np.eye(ERRORS))
         start = np.array([*pose, *self.believed])
-        head, prior = Head(self._mirror, REPEATED_POINTS * self.noise), StatePrior(mean, information)
-        found = self._registration.fit_state(points, start, prior, self._plan(spread), head)
+        seen, prior = seen_points(points, 1.0 / (REPEATED_POINTS * self.noise)), StatePrior(mean, information)
+        found = self._registration.fit_state(seen, start, prior, self._plan(spread), self._mirror)
         if not math.isfinite(found.state.sum() + found.information.sum()):
             return None
         state, said, matrix, loose = found.state, found.gradient, found.information, np.diag(LOOSE**-2.0)
@@ -200,7 +200,7 @@ class LearnedMirror:
         seen = 0.5 * (float(deviation @ deviation) + fit.own[0, 0] + fit.own[1, 1])
         variance = self.vibration_per_m**2 + GAIN * (seen - self.vibration_per_m**2)
         share = np.linalg.inv(REPEATED_IMAGES * np.eye(ERRORS) + fit.information @ self.swing)
-        self.vibration_per_m = min(max(math.sqrt(variance), MIN_VIBRATION_PER_M), MAX_VIBRATION_PER_M)
+        self.vibration_per_m = min(max(math.sqrt(variance), self.errors.lean.min), self.errors.lean.max)
         gain = self.covariance @ np.linalg.inv(np.eye(ERRORS) + share @ fit.information @ self.covariance)
         self.mean = self.mean + gain @ (share @ (fit.vector - fit.information @ self.mean))
         drift = np.diag(np.square(DRIFT) * np.diag(self._unknown))

@@ -15,7 +15,7 @@ import numpy as np
 
 from touchline.field.association import AssociationTables
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.particles.feature_model import FeatureView, best_line, best_place, line_table
+from touchline.localization.registration.feature_model import FeatureView, best_line, best_place, line_table
 from touchline.motion.driven import EXACT_SCALES, driven
 from touchline.motion.odometry import Motion
 

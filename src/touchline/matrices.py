@@ -1,14 +1,11 @@
-"""Numba loops over small matrices, and the numbers of a mirror's errors."""
+"""Numba loops over small matrices, for which NumPy takes longer than their sums."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
-
-ERRORS = 5
-STATE = 3 + ERRORS
-MIN_DEPTH = 0.2  # of 1 - g·p: beyond it is the horizon
-SCALE_STEP_M = 0.1  # between the rows of a table of responses
 
 
 @njit(cache=True)
@@ -49,3 +46,16 @@ def times(a, b):  # type: ignore[no-untyped-def]
             for j in range(b.shape[1]):
                 out[i, j] += a[i, k] * b[k, j]
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def log_determinant(matrix):  # type: ignore[no-untyped-def]
+    """Logarithm of the determinant of a positive definite matrix, by elimination."""
+    left, log = matrix.copy(), 0.0
+    for k in range(len(left)):
+        log += math.log(abs(left[k, k]))
+        for i in range(k + 1, len(left)):
+            factor = left[i, k] / left[k, k]
+            for j in range(k + 1, len(left)):
+                left[i, j] -= factor * left[k, j]
+    return log

@@ -1,4 +1,4 @@
-"""What a compass says of the end of the field, as log-odds: a witness that now and then fails for a while.
+"""What a compass says of the end of the field, as log-odds: a sensor that now and then fails for a while.
 
 A robot that is followed from image to image does not change its end, and a compass either works or has failed, then
 stuck or turned by half a circle. So there are four states, right or wrong end with a working or a failed compass, and a
@@ -37,13 +37,13 @@ _LIKELY: dict[int, _States] = {
 }
 
 # the word with which a pose was found: a failed compass has led the search to the other end, or happens to be right
-_FIRST_WORD: dict[int, _States] = {
+_FIRST_READING: dict[int, _States] = {
     1: ((1.0, 0.25), (1e-6, 1.0)),
     -1: ((1e-6, 1.0), (1.0, 0.25)),
 }
 
 
-class CompassPulse:
+class StuckCompass:
     """Whether a compass sticks: one whose readings have always differed a little says exactly the same again and again.
 
     A compass of whole degrees repeats itself while the robot stands; of that nothing is concluded.
@@ -53,7 +53,7 @@ class CompassPulse:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing was heard."""
+        """Nothing is known."""
         self._last_rad = math.nan
         self._repeats = self._pairs = self._differing = 0
 
@@ -62,8 +62,8 @@ class CompassPulse:
         """Whether it does now."""
         return self._repeats >= REPEATS and self._pairs >= PAIRS and self._differing >= DIFFERING * self._pairs
 
-    def hear(self, compass: Samples | None) -> None:
-        """The readings (M, 1) since the image before."""
+    def update(self, compass: Samples | None) -> None:
+        """Take the readings (M, 1) since the image before."""
         for reading_rad in [] if compass is None else compass.values[:, 0].tolist():
             same, self._last_rad = reading_rad == self._last_rad, reading_rad
             self._repeats = self._repeats + 1 if same else 0
@@ -72,14 +72,14 @@ class CompassPulse:
                 self._differing += not same
 
 
-class CompassWitness:
+class CompassFaultFilter:
     """Log-odds of the pose's end against the other by the compass alone."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing was heard."""
+        """Nothing is known."""
         self._states = _both_ends(COMPASS_FALSE)
 
     @property
@@ -101,24 +101,24 @@ class CompassWitness:
     def begin(self, error_rad: float | None) -> None:
         """A pose was found anew that a compass differs from: of its end nothing else is known."""
         self._states = _both_ends(self._failed)
-        speaks = speaks_for(error_rad)
-        if speaks:
-            self._states = _weighed(self._states, _FIRST_WORD[speaks])
+        support = supports(error_rad)
+        if support:
+            self._states = _weighed(self._states, _FIRST_READING[support])
 
-    def hear(self, error_rad: float | None, seconds: float) -> None:
-        """What it says of the pose now; None: nothing. seconds: since it was heard last."""
-        speaks = speaks_for(error_rad)
-        if speaks is None:
+    def update(self, error_rad: float | None, seconds: float) -> None:
+        """Take its difference from the pose's heading; None: no reading. seconds: since the one before."""
+        support = supports(error_rad)
+        if support is None:
             return
         elapsed_s = min(max(seconds, 0.0), MAX_S)
         failing, ending = elapsed_s / FAULT_EVERY_S, elapsed_s / FAULT_S
         # a failed compass that agrees with an end does so by chance, as long as the robot does not turn
-        lasting = math.exp(-elapsed_s / FAULT_S) if speaks else 1.0
+        lasting = math.exp(-elapsed_s / FAULT_S) if support else 1.0
         right, wrong = (
             (works * (1.0 - failing) + failed * ending, (works * failing + failed * (1.0 - ending)) * lasting)
             for works, failed in self._states
         )
-        self._states = _bounded(_weighed((right, wrong), _LIKELY[speaks]))
+        self._states = _bounded(_weighed((right, wrong), _LIKELY[support]))
 
     def doubt(self) -> None:
         """It has turned round in the image in which the pose jumped."""
@@ -154,7 +154,7 @@ def _bounded(states: _States) -> _States:
     return right, wrong
 
 
-def speaks_for(error_rad: float | None) -> int | None:
+def supports(error_rad: float | None) -> int | None:
     """1 for the pose's end, -1 against it, 0 for neither, of a compass that differs by an angle from its heading."""
     if error_rad is None:
         return None

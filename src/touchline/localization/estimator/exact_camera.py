@@ -1,4 +1,4 @@
-"""A mirror that may be just as its camera.yaml says, or as robots are built: two models, weighed by the images.
+"""A camera that may be just as its camera.yaml says, or as robots are built: two models, weighed by the images.
 
 A file that says nothing of its uncertainty may come from a simulator, or from a head that was adjusted until nothing
 was left to see; else it is a drawing of a mirror that leans and stands aside by what is usual. Both models are the
@@ -14,39 +14,30 @@ import math
 import numpy as np
 from numba import njit
 
-from touchline.camera import Camera, OmniCamera
-from touchline.camera.uncertainty import CameraUncertainty
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.camera_errors.mirror_head import MirrorHead
-from touchline.localization.estimator.joint_filter import JointFilter
-from touchline.localization.published.nubot.mirror_fit import inverse, times
-from touchline.localization.registration.mirror_kernels import log_determinant
+from touchline.localization.camera_errors.base import CameraErrors
+from touchline.localization.estimator.filter import Filter
+from touchline.matrices import inverse, log_determinant, times
 
-# standard deviations of what an exact one still seems to differ by, as a detector shifts the edges of lines by a
-# twentieth of a pixel: tilt (deg), centre (share of the outer radius), ranges
-EXACT_TILT_DEG, EXACT_CENTER_RATIO, EXACT_RANGE_RATIO = 0.02, 0.0005, 0.002
 MAX_LOG_ODDS = 30.0
 
 
-class ExactMirror:
+class ExactCamera:
     """Gives the pose of a filter under both models. Where the file states its uncertainty, that alone holds."""
 
-    def __init__(self, camera: Camera | None, head: MirrorHead) -> None:
-        self.is_possible = isinstance(camera, OmniCamera) and camera.stated_uncertainty is None
-        if not (isinstance(camera, OmniCamera) and self.is_possible):
-            return
-        center_px = EXACT_CENTER_RATIO * camera.outer_radius_px
-        exact = head.stated(CameraUncertainty(EXACT_TILT_DEG, center_px, EXACT_RANGE_RATIO))
-        self._built, self._exact = np.linalg.inv(head.unknown), np.linalg.inv(exact)
-        # before the first image both are equally probable
-        self._prior = float(np.linalg.slogdet(head.unknown)[1] - np.linalg.slogdet(exact)[1])
+    def __init__(self, errors: CameraErrors) -> None:
+        self._more: FloatArray | None = None
+        if errors.exact is not None:
+            self._more = errors.exact - np.linalg.inv(errors.prior)
+            # before the first image both are equally probable
+            self._prior = float(np.linalg.slogdet(errors.prior)[1] + np.linalg.slogdet(errors.exact)[1])
 
-    def pose_of(self, one: JointFilter) -> tuple[Pose, FloatArray]:
+    def pose_of(self, one: Filter) -> tuple[Pose, FloatArray]:
         """Pose and covariance (3, 3), (m, m, rad), field frame: the mean of both models."""
-        if not (self.is_possible and one.unknown.learned):
+        if self._more is None or not one.unknown.learned:
             return one.pose, one.covariance
         shift, covariance, evidence = as_exact(
-            one.covariance, one.error_crossed, one.error_covariance, one.errors, self._exact - self._built
+            one.covariance, one.error_crossed, one.error_covariance, one.errors, self._more
         )
         if not math.isfinite(evidence):  # information too close to singular to be compared
             return one.pose, one.covariance

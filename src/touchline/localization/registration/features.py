@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from pydantic import Field
 from touchline.config import Settings, added
 from touchline.field.association import Association, FieldAssociations
 from touchline.geometry import FloatArray
-from touchline.localization.particles.feature_model import FeatureView, LineFeatures, PointFeatures
+from touchline.localization.registration.feature_model import FeatureView, LineFeatures, PointFeatures
 from touchline.types import Crossings, LandmarkKind, Landmarks, Lines, Observation
 
 _POSTS = (LandmarkKind.POST.value, LandmarkKind.GOAL.value)
@@ -21,6 +22,12 @@ MIN_M = 0.05  # a line without length has no direction
 MODEL_M = 0.03  # error of a feature's place on the field: paint, carpet, lens; added to covariances
 MODEL_RAD = 0.02  # the same of a line's direction
 MIN_RATIO = 1e-6  # of the normal observation: a confidence of 0 is no division by it
+
+
+NO_POINTS = PointFeatures(
+    np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0),
+    np.zeros((0, 4), np.int64), np.zeros(0), np.zeros(0, np.int64),
+)  # fmt: skip
 
 
 class FeatureKinds(Settings):
@@ -97,19 +104,20 @@ class Features:
         self.height_m = height_m
         self.model_m = model_m
 
-    def of(self, seen: Observation, lean: FloatArray | None = None) -> FeatureView:
-        """What counts of an observation. lean (2,): roll and pitch that it is known to lack (rad), to first order."""
-        lines, positions = seen.lines.ends_m, np.concatenate((seen.crossings.positions_m, seen.landmarks.positions_m))
-        if lean is not None:
-            lines, positions = (ground - lean_jacobians(ground, self.height_m) @ lean for ground in (lines, positions))
+    def of(self, seen: Observation, placed: Callable[[FloatArray], FloatArray] | None = None) -> FeatureView:
+        """What counts of an observation. placed: ground points (N, 2) without the camera's errors that are known."""
+        lines, positions = seen.lines.ends_m, _positions(seen)
+        if placed is not None:
+            lines, positions = placed(lines.reshape(-1, 2)).reshape(-1, 2, 2), placed(positions)
         return FeatureView(
             self._points(seen.crossings, seen.landmarks, positions), self._lines(replace(seen.lines, ends_m=lines))
         )
 
     def points_of(self, seen: Observation) -> PointFeatures:
         """The crossings and landmarks of it alone."""
-        positions = np.concatenate((seen.crossings.positions_m, seen.landmarks.positions_m))
-        return self._points(seen.crossings, seen.landmarks, positions)
+        if not len(seen.crossings) and not len(seen.landmarks):
+            return NO_POINTS
+        return self._points(seen.crossings, seen.landmarks, _positions(seen))
 
     @property
     def tell_ends_apart(self) -> bool:
@@ -214,6 +222,11 @@ class Features:
         return share * uniform, (1.0 - share) * densities
 
 
+def _positions(seen: Observation) -> FloatArray:
+    """(M, 2) of crossings and landmarks, in C order."""
+    return np.concatenate((seen.crossings.positions_m, seen.landmarks.positions_m))
+
+
 def lean_jacobians(points: FloatArray, height_m: float) -> FloatArray:
     """(..., 2, 2): by how much ground points (..., 2), robot frame, move per rad of roll and of pitch that the camera
     leans more than it is thought to.
@@ -222,6 +235,12 @@ def lean_jacobians(points: FloatArray, height_m: float) -> FloatArray:
     by_roll = np.stack((-x * y / height_m, -height_m - y * y / height_m), axis=-1)
     by_pitch = np.stack((height_m + x * x / height_m, x * y / height_m), axis=-1)
     return np.stack((by_roll, by_pitch), axis=-1)
+
+
+def levelled(ground: FloatArray, height_m: float, lean: FloatArray) -> FloatArray:
+    """Ground points (..., 2) without roll and pitch (2,) that the camera is known to lack (rad), to first order."""
+    points: FloatArray = ground - lean_jacobians(ground, height_m) @ lean
+    return points
 
 
 def closest_ranges(ends: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from touchline.geometry import FloatArray
+from touchline.motion import LeanFilter
 
 LAGS_S = np.arange(-0.05, 0.26, 0.01)  # by how much stamps may be late: a driver that waits, a network
 MEMORY_IMAGES = 150  # over which it is averaged
@@ -19,7 +20,7 @@ CLOCK_S = 0.005  # standard deviation of what an IMU's own stamps err by
 MAX_RAD = 0.15  # error of a lean beyond which an image was taken for another place's
 
 
-class LeanDelay:
+class SwayDelay:
     """`late_s`, `deviation_s`: what it is, and its standard deviation; infinite while nothing is known."""
 
     def __init__(self) -> None:
@@ -30,10 +31,18 @@ class LeanDelay:
         self.late_s, self.deviation_s = 0.0, math.inf
         self._squares, self._images = np.zeros(len(LAGS_S)), 0.0
 
-    def update(self, lean_rad: FloatArray, turned_rad: FloatArray) -> None:
-        """lean_rad (2,): by how much the camera leans further than the IMU says at the stamp, by the lines, what it is
-        askew by left out. turned_rad (L, 2): by how much the IMU says it leant further at each of LAGS_S before it.
+    def update(self, lean_rad: FloatArray, leaning: LeanFilter, stamp_ns: int, lag_s: float) -> tuple[float, float]:
+        """Take an image stamped so; returns `late_s` and `deviation_s`.
+
+        lean_rad (2,): by how much the camera leans further than the IMU says lag_s before the stamp, by the lines, what
+        it is askew by left out. leaning: what the IMU says.
         """
+        turned = [leaning.turned(stamp_ns - round(1e9 * late_s)) for late_s in LAGS_S]
+        self._add(lean_rad, np.array(turned) - leaning.turned(stamp_ns - round(1e9 * lag_s)))
+        return self.late_s, self.deviation_s
+
+    def _add(self, lean_rad: FloatArray, turned_rad: FloatArray) -> None:
+        """turned_rad (L, 2): by how much the IMU says it leant further at each of LAGS_S before the stamp."""
         if not np.isfinite(turned_rad).all() or np.abs(lean_rad).max() > MAX_RAD:
             return
         kept = 1.0 - 1.0 / MEMORY_IMAGES
