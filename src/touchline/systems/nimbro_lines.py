@@ -19,13 +19,13 @@ import numpy as np
 from touchline.camera import PinholeCamera
 from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
+from touchline.field.region import OWN_HALF, Region
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.published.nimbro.feature_belief import BeliefSettings
 from touchline.localization.published.nimbro.feature_filter import FeatureFilter
 from touchline.localization.published.nimbro.feature_tracker import FeatureTracker
 from touchline.localization.published.nimbro.particles import NimbroParticles, NimbroParticleSettings
 from touchline.localization.published.nimbro.twin_odds import TwinOdds
-from touchline.localization.published.nubot.global_search import OWN_HALF, Region
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.registration.features import Features, FeatureSettings, levelled
 from touchline.motion import LeanFilter, MotionHistory

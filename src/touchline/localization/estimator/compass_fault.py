@@ -12,10 +12,9 @@ from __future__ import annotations
 import math
 
 from touchline.geometry import wrap_angle
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.types import Samples
 
-# probability that a compass is false from the first image on, built in or given the wrong way round
-COMPASS_FALSE = 0.02
 FAULT_EVERY_S, FAULT_S = 600.0, 10.0  # mean times until a fault begins, and until it ends
 UNLIKELY = 0.05  # of what a state does not lead to, in one image: the compass is late, or the robot turns
 MAX_S = 0.2  # between two images, as far as it counts: what a compass said in a pause is not known

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from touchline.geometry import FloatArray
-from touchline.localization.registration.features import Features
+from touchline.localization.registration.features import NO_POINTS, Features
 from touchline.localization.registration.joint import Seen
 from touchline.types import LinePoints, Lines, Observation
 
@@ -39,6 +39,13 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
         np.ascontiguousarray(found.positions_m),
         FEATURE_SHARE,
     )
+
+
+def seen_points(points: LinePoints, share: float) -> Seen:
+    """Line points alone, each of which counts as so many independent ones."""
+    positions_m = np.ascontiguousarray(points.positions_m)
+    shares, covariances_m2 = np.full(len(positions_m), share), np.ascontiguousarray(points.covariances_m2)
+    return Seen(positions_m, covariances_m2, shares, NO_POINTS, NO_POINTS.positions_m, 0.0)
 
 
 def points_on(lines: Lines) -> tuple[LinePoints, FloatArray]:

@@ -10,10 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, as_pose, wrap_angle
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
-from touchline.localization.published.nubot.matcher import POOR_ERROR, Match, Matcher, as_pose
-from touchline.localization.published.nubot.mirror_fit import Expected
+from touchline.localization.published.nubot.matcher import POOR_ERROR, Match, Matcher
 from touchline.localization.published.nubot.pose_filter import Fusion, FusionSettings, PoseFilter, equal_error
 from touchline.localization.registration.covariance import (
     MAX_DEVIATION_OF_POSITION_M,
@@ -21,6 +20,7 @@ from touchline.localization.registration.covariance import (
     is_observed,
     widest_m,
 )
+from touchline.localization.registration.learned_mirror import Expected
 from touchline.motion import Motion, OdometrySettings
 from touchline.motion.driven import EXACT_SCALES, Scales
 from touchline.types import Prior
