@@ -32,8 +32,9 @@ _MAX_STEP = 0.5  # of the pose in one Gauss-Newton step (m, m, rad)
 
 class Seen(NamedTuple):
     """What an image shows, robot frame: line points positions_m (N, 2), covariances_m2 (N, 2, 2), and shares (N,): as
-    how many independent ones each counts; noise: by how much larger their variances are than they say. features: crossings
-    and landmarks, whose `positions_m` are overwritten by every fit; raw_m (M, 2): those as seen; feature_share: of each.
+    how many independent ones each counts; noise: by how much larger their variances are than they say. features:
+    crossings and landmarks, whose `positions_m` are overwritten by every fit; raw_m (M, 2): those as seen;
+    feature_share: of each.
     """
 
     positions_m: FloatArray

@@ -25,8 +25,8 @@ MIN_POINTS = 10  # with which a grid is searched
 
 class Searched(NamedTuple):
     """An image to be searched for: what it shows, the same as features without the lean that is known, its line points
-    (N, 2) without the camera's errors that are known, and what is expected of pose and camera. all_round: whether it shows
-    the whole field; pairs of the lines of a sector fit fewer places than its points.
+    (N, 2) without the camera's errors that are known, and what is expected of pose and camera. all_round: whether it
+    shows the whole field; pairs of the lines of a sector fit fewer places than its points.
     """
 
     seen: Seen
