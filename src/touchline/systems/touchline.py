@@ -32,6 +32,7 @@ from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter, Unknown
+from touchline.localization.estimator.measurement import MEASUREMENTS
 from touchline.localization.estimator.stamp_delay import UNKNOWN_S, StampDelay
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
@@ -193,6 +194,7 @@ class Touchline:
         clock, seconds = Stopwatch(), self._seconds(frame)
         # predict: the odometry carries every hypothesis on
         shift = self._predict(frame, seconds)
+        self.bank.measure(frame, MEASUREMENTS)  # measure: by further sensors
         # observe: line points, lines, crossings, landmarks, at the lean of the image
         frame = self.leaning.carried(frame, round(1e9 * self._late_s))
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)
