@@ -32,7 +32,7 @@ from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter, Unknown
-from touchline.localization.estimator.measurement import MEASUREMENTS
+from touchline.localization.estimator.measurements import MEASUREMENTS
 from touchline.localization.estimator.stamp_delay import UNKNOWN_S, StampDelay
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
