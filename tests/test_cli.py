@@ -22,7 +22,7 @@ from touchline.evaluation import write_tum
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo
 from touchline.types import Estimate, Frame, Hypothesis
 
-HEAVY = ("numpy", "numba", "cv2", "matplotlib", "pydantic", "yaml")
+HEAVY = ("numpy", "numba", "cv2", "matplotlib", "pydantic", "scipy", "yaml")
 
 
 class FakeSettings(Settings):

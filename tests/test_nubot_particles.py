@@ -9,12 +9,12 @@ import pytest
 from line_scenes import lone_line, view
 
 from touchline.field import FieldModel, open_field
+from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.particles.motion_model import move
 from touchline.localization.particles.particle_set import mean_and_covariance, normalize
 from touchline.localization.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
 from touchline.localization.particles.sensor_models import SquaredErrors, log_likelihoods
-from touchline.localization.published.nubot.global_search import OWN_HALF
 from touchline.localization.published.nubot.matcher import Matcher
 from touchline.localization.published.nubot.particles import (
     PAPER_FORM,

@@ -13,11 +13,11 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.localization.published.iris.field_side import COMPASS_FALSE
 from touchline.localization.published.nubot.belief import Belief
 from touchline.localization.published.nubot.global_localizer import Localization
 from touchline.localization.published.nubot.matcher import Match
 from touchline.localization.published.nubot.pose_filter import PoseFilter
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import SYSTEMS, LocalizationSystem, RobotSetup, open_system

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from touchline.evaluation import evaluate
     from touchline.field import open_field
     from touchline.geometry import Pose
-    from touchline.localization import locate
+    from touchline.localization.one_shot.locate import locate
     from touchline.localizer import Localizer
     from touchline.simulation.run import Simulation
     from touchline.simulation.scenario import open_scenario

@@ -27,8 +27,8 @@ from touchline.field import FieldModel, open_field
 from touchline.field.svg import field_svg
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_seed
-from touchline.localization.published.nubot.pose_filter import PoseFilter
 from touchline.motion import FrameOrder, MotionHistory
+from touchline.motion.driven import EXACT_SCALES, driven
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
 from touchline.systems.game_states import game_prior
 from touchline.systems.ordered import OrderedSystem
@@ -434,13 +434,12 @@ def _carried(last: Estimate, history: MotionHistory, stamp_ns: int) -> Estimate:
         c, s = math.cos(step.heading), math.sin(step.heading)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         covariance = turn @ covariance @ turn.T
-    carried = PoseFilter(last.pose, last.covariance)
-    carried.predict(step, covariance)
+    carried = driven(last.pose, EXACT_SCALES, step)
     guessed = abs(stamp_ns - last.stamp_ns) > _PREDICTED_NS or motion.missing_s > _MISSING_S
     return Estimate(
         stamp_ns,
         carried.pose,
-        carried.covariance,
+        carried.by_pose @ last.covariance @ carried.by_pose.T + carried.by_motion @ covariance @ carried.by_motion.T,
         Status.SEARCHING if guessed else last.status,
         hypotheses=tuple(replace(other, pose=other.pose.compose(step)) for other in last.hypotheses),
         probability=last.probability,

@@ -14,6 +14,9 @@ from touchline.types import Samples
 # noise of half a degree
 RATE_WINDOW_S = 0.1
 MAX_AGE_S = 0.3  # age of the newest sample beyond which there is no heading: three image periods
+# probability that a compass is false from the first image on, built in or told the wrong way round: the pose's twin has
+# it as long as nothing but the compass tells the end
+COMPASS_FALSE = 0.02
 
 
 class CompassTrackSettings(Settings):

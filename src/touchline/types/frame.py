@@ -6,7 +6,8 @@ Time stamps are integer nanoseconds of one clock. Arrays are not copied: treat t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -94,7 +95,8 @@ class Frame:
     image. base_from_camera: pose of the camera body in the base frame at this stamp, lean of the body included; it
     takes the place of the camera's mount and of `tilt`. odometry: x, y, theta in the odometry frame.
     wheels: a, b travelled (m). gyro: gx, gy, gz (rad/s). compass: yaw in the field frame (rad).
-    tilt: roll, pitch (rad). evidence: what others say of the pose. `problem` says why an expected image is missing.
+    tilt: roll, pitch (rad). evidence: what others say of the pose. measurements: of further sensors, arrays by their
+    names. `problem` says why an expected image is missing.
     Anything but the stamp may be missing (None).
     """
 
@@ -112,6 +114,7 @@ class Frame:
     name: str = ""
     problem: str | None = None
     evidence: tuple[Evidence, ...] = ()
+    measurements: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         image = "no image" if self.image is None else f"image {self.image.shape[1]}×{self.image.shape[0]}"

@@ -23,7 +23,7 @@ from touchline.localization.one_shot.permutation_test import CANDIDATES, Permuta
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.thinning import different, sampled, thinned_to
 from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
-from touchline.localization.published.nubot.weights import WeightSettings, normalized, range_weights
+from touchline.localization.registration.weights import WeightSettings, normalized, range_weights
 from touchline.localization.search.coarse_search import CoarseSearch
 from touchline.localization.search.pose_grid import PoseGrid
 from touchline.types import Hypothesis, LinePoints, Observation, check_point_count

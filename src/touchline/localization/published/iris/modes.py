@@ -7,7 +7,6 @@ fusion takes one of the two, complementary fusion both. docs/method.md states it
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -15,7 +14,9 @@ from pydantic import Field
 from touchline.config import Settings, added
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.particle_set import ParticleEstimate
+from touchline.localization.published.iris.image_doubt import ImageDoubt, difference, shared_out
 from touchline.localization.registration.covariance import widest_m
+from touchline.motion.driven import EXACT_SCALES, driven
 from touchline.motion.odometry import Motion
 from touchline.types import Mode
 
@@ -115,27 +116,6 @@ class SensorFusionSettings(Settings):
         "which an image contradicts it, however unsure it is: a shove, twice",
     )
     paper: SensorFusionPaper = SensorFusionPaper()
-
-
-class ImageDoubt(NamedTuple):
-    """How unsure the pose is that the particles say of an image.
-
-    covariance (3, 3): of it, in (m, m, rad), where no pose was known before. information (3, 3): what the image's lines
-    alone say of it. beside (3, 3): covariance of what no line shows.
-    """
-
-    covariance: FloatArray
-    information: FloatArray
-    beside: FloatArray
-
-    def after(self, covariance: FloatArray, spread: FloatArray) -> FloatArray:
-        """Covariance (3, 3) where the odometry's pose has a covariance (3, 3) and the particles a spread (3, 3).
-
-        What lines leave open, particles have from the odometry: along a lone line they err as it does.
-        """
-        weighed = np.linalg.inv(np.eye(3) + spread @ self.information)  # share of the odometry
-        left: FloatArray = weighed @ (covariance + spread @ self.information @ spread) @ weighed.T + self.beside
-        return left
 
 
 class SensorFusion:
@@ -345,12 +325,8 @@ class SensorFusion:
 
     def _moved(self, covariance: FloatArray, motion: Motion, dependent: bool) -> FloatArray:
         """A covariance (3, 3) of the pose after a motion."""
-        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
-        by_pose = np.eye(3)
-        by_pose[0, 2] = -sine * motion.pose.x - cosine * motion.pose.y
-        by_pose[1, 2] = cosine * motion.pose.x - sine * motion.pose.y
-        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        p, q = by_pose @ covariance @ by_pose.T, turn @ motion.covariance @ turn.T
+        step = driven(self.pose, EXACT_SCALES, motion.pose)
+        p, q = step.by_pose @ covariance @ step.by_pose.T, step.by_motion @ motion.covariance @ step.by_motion.T
         if not (dependent and p.any() and q.any()):
             moved: FloatArray = p + q
             return moved
@@ -368,17 +344,6 @@ def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:
         beta * odometry.y + (1.0 - beta) * particles.y,
         wrap_angle(math.atan2(sine, cosine)),
     )
-
-
-def difference(one: Pose, other: Pose) -> FloatArray:
-    """One less the other (3,), m, m, rad."""
-    return np.array([one.x - other.x, one.y - other.y, wrap_angle(one.heading - other.heading)])
-
-
-def shared_out(apart: FloatArray) -> FloatArray:
-    """Covariance (3, 3) by which a difference (3,) is as far off as a pose errs on average."""
-    shared: FloatArray = np.outer(apart, apart) / len(apart)
-    return shared
 
 
 def _spread_m(covariance: FloatArray) -> float:

@@ -16,6 +16,7 @@ from pydantic import Field
 from touchline.config import Settings, added
 from touchline.field import FieldModel
 from touchline.field.error_map import MAX_ERROR, error_map
+from touchline.field.region import Region
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
@@ -23,7 +24,6 @@ from touchline.localization.particles.particle_set import ParticleEstimate, Part
 from touchline.localization.particles.random_particles import BEYOND_M, UniformPoses
 from touchline.localization.particles.resampling import EVERY_CYCLE, Resampling
 from touchline.localization.particles.sensor_models import ErrorMapModel, LineView
-from touchline.localization.published.nubot.global_search import Region
 from touchline.motion.odometry import Motion
 
 

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from touchline.config import Settings, added
 from touchline.field.distance_map import DistanceMap
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.published.nubot.kernels import RpropSchedule, error_and_gradient, moments, rprop
 from touchline.localization.registration.covariance import UncertaintySettings, visual_covariance
 
@@ -144,11 +144,6 @@ class Matcher:
         weights, distances_m = weights[order], distances_m[order]
         kept = np.cumsum(weights) <= CLUTTERED
         return float(weights[kept] @ distances_m[kept]) < CLUTTERED_M * float(weights[kept].sum())
-
-
-def as_pose(pose: FloatArray) -> Pose:
-    """A pose (3,) with its heading wrapped."""
-    return Pose(float(pose[0]), float(pose[1]), wrap_angle(float(pose[2])))
 
 
 def checked_points(positions_m: FloatArray, weights: FloatArray | None) -> tuple[FloatArray, FloatArray]:

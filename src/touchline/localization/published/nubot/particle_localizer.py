@@ -5,13 +5,14 @@ from __future__ import annotations
 from pydantic import Field
 
 from touchline.config import Settings, added
-from touchline.geometry import Pose
+from touchline.field.region import Region
+from touchline.geometry import Pose, as_pose
 from touchline.localization.published.nubot.doubt import stands_alone
 from touchline.localization.published.nubot.failure import MAX_HEADING_ERROR_RAD
 from touchline.localization.published.nubot.global_localizer import Localization, Prediction
-from touchline.localization.published.nubot.global_search import GlobalSearch, Region
+from touchline.localization.published.nubot.global_search import GlobalSearch
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
-from touchline.localization.published.nubot.matcher import Match, as_pose
+from touchline.localization.published.nubot.matcher import Match
 from touchline.localization.published.nubot.particles import NubotParticles, NubotParticleSettings
 from touchline.localization.registration.covariance import is_one_line
 from touchline.motion import Motion

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from touchline.config import PAPER, Settings, added, load_settings
+from touchline.field.region import Region
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
@@ -19,7 +20,6 @@ from touchline.localization.particles.particle_set import ParticleEstimate, Part
 from touchline.localization.particles.random_particles import BEYOND_M, InjectionUntilConverged, UniformPoses
 from touchline.localization.particles.resampling import BIN_M, BIN_RAD, AdaptiveSettings, KldNumber, Resampling
 from touchline.localization.particles.sensor_models import DistanceMapModel, LineView
-from touchline.localization.published.nubot.global_search import Region
 from touchline.localization.published.nubot.matcher import Matcher, checked_points
 from touchline.motion.odometry import Motion
 
