@@ -35,6 +35,7 @@ ROOMS = (
     "files",
     "palette",
     "geometry",
+    "matrices",
     "types",
     "config",
     "field",

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from touchline.config import Settings, fill_in, load_settings
+from touchline.config import Settings, load_settings, merged
 from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.simulation.robot.sensors import Range, SensorSettings
@@ -257,9 +257,8 @@ class Scenario(Settings):
         """Put in what isn't named: of a robot as built, or what the scenario says of an ideal one under `ideally`."""
         if not isinstance(values, dict):
             return values
-        filled = deepcopy({key: value for key, value in values.items() if key != "ideally"})
-        fill_in(filled, values.get("ideally", {}) if filled.get("ideal") is True else _as_built(filled))
-        return filled
+        named = {key: value for key, value in values.items() if key != "ideally"}
+        return merged(_group(values, "ideally") if named.get("ideal") is True else _as_built(named), named)
 
     @field_validator("name")
     @classmethod
