@@ -15,8 +15,7 @@ from touchline.calibration.self_calibration import SelfCalibration, calibrate_se
 from touchline.camera import OmniCamera
 from touchline.cli.commands import app
 from touchline.errors import NoFitError
-from touchline.experiments.faults import Drive
-from touchline.experiments.reliability_runs import driven
+from touchline.experiments.drives import Drive, driven
 from touchline.geometry import Pose
 from touchline.simulation.cameras.factory import open_simulated_camera
 from touchline.simulation.cameras.mirror_rays import MirrorMount
@@ -33,7 +32,8 @@ ASKEW = (
 
 @pytest.fixture(scope="module")
 def robot() -> tuple[Drive, RobotSetup, list[Estimate]]:
-    drive, setup, _ = driven("match", 4, 10.0, *ASKEW)
+    drive = driven("match", 4, 10.0, *ASKEW)
+    setup = drive.setup
     assert isinstance(setup.camera, OmniCamera)
     setup = replace(setup, camera=replace(setup.camera, stated_uncertainty=None))  # a table that nobody has touched
     system = open_system("touchline", setup)

@@ -22,8 +22,8 @@ from touchline.localization.one_shot.locate import LocateSettings
 from touchline.localization.one_shot.scale import QuickSearch
 from touchline.localization.one_shot.thinning import thinned_to
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.weights import normalized
 from touchline.localization.registration.covariance import is_observed
+from touchline.localization.registration.weights import normalized
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import NoCarpetError
 from touchline.perception.covered import is_covered
