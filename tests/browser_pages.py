@@ -17,8 +17,6 @@ import pytest
 from fakes import FakeSource, FakeSystem, true_samples, write_recording
 from test_compare import Shifted, made
 
-from touchline.calibration.marking import server
-from touchline.calibration.marking.clicks import Clicks, read_clicks
 from touchline.evaluation.compare import compare
 from touchline.evaluation.compare_page import comparison_page
 from touchline.evaluation.estimates import read_estimates
@@ -28,6 +26,8 @@ from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
 from touchline.field import open_field
+from touchline.view.marking import server
+from touchline.view.marking.clicks import Clicks, read_clicks
 
 COUNT = 200
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")

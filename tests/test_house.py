@@ -433,7 +433,7 @@ def test_nothing_unpickles_evaluates_or_reaches_the_network() -> None:
     # a localizer of the user's own, named on the command line: no file says what is started
     # and a page to mark images on, on the loopback alone; the viewer that is an extra, and its page, there, too
     assert found == {
-        "calibration/marking/server.py": ["http.server"],
+        "view/marking/server.py": ["http.server"],
         "evaluation/points/outside_program.py": ["subprocess"],
         "live/udp.py": ["socket"],
         "view/viewer/page_server.py": ["http.client", "http.server"],
