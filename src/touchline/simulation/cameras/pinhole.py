@@ -16,7 +16,6 @@ from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose3
 from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
-from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.rendering.rendering import RayGrid
 
 
@@ -26,23 +25,16 @@ class SimulatedPinholeCamera(SimulatedCameraModel):
     Raises InputError if its lens maps no ray to some pixel of the image.
     """
 
-    def __init__(
-        self,
-        design: PinholeCamera | None = None,
-        sensor: ImageSensor | None = None,
-        side: int = 2,
-        blur_steps: int = 5,
-        readout_s: float = 0.0,
-    ) -> None:
+    def __init__(self, design: PinholeCamera | None = None, **options: Any) -> None:
+        """options: of `SimulatedCameraModel`."""
         self.design = design or humanoid_camera()
         _check_lens(self.design)
-        super().__init__(lambda: _ray_grid(self.design), sensor or ImageSensor(), side, blur_steps, readout_s)
+        super().__init__(lambda: _ray_grid(self.design), **options)
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> SimulatedPinholeCamera:
         """From a camera.yaml with `model: pinhole`. Raises InputError naming file and key."""
-        path = Path(path)
-        return cls.from_mapping(read_yaml_mapping(path), path, **options)
+        return cls.from_mapping(read_yaml_mapping(Path(path)), Path(path), **options)
 
     @classmethod
     def from_mapping(
