@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from touchline.experiments import faults
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Drive, Track, track_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, together
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, interval, together
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.experiments.schulz_runs import FIELDS, RECORDINGS, right_of, tracked, walk
 from touchline.geometry import Pose
@@ -88,10 +88,8 @@ CASES = (
 
 def own_humanoids(seeds: int) -> ExperimentResult:
     """Walks of robots as built with what may happen to them, the ideal ones beside them, and the recordings."""
-    walks = follow(list(product(FIELDS, range(seeds))), "walks")
-    measured = [(field, *_of_walk(field, seed)) for field, seed in walks]
-    tracks = together({(case, field, system): t for (case, system), t in of.items()} for field, of, _ in measured)
-    waits = together({field: wait} for field, _, wait in measured)
+    measured = list(computed(_of_walk, list(product(FIELDS, range(seeds))), "walks"))
+    tracks, waits = together(tracks for tracks, _ in measured), together(waits for _, waits in measured)
     built = [tracks["as built", field, system] for system in SYSTEMS for field in FIELDS]
     return ExperimentResult(
         "Our own system, touchline, on walking humanoids, beside nimbro-lines on the same walks",
@@ -119,18 +117,19 @@ def _tracked(walked: Drive, name: str, seed: int, prior: Prior | None = None) ->
     return tracked(walked, seed, without, prior, system=OWN if without else name)
 
 
-def _of_walk(field: str, seed: int) -> tuple[dict[tuple[str, str], Track], Waits]:
-    """Tracks by case and system of one robot, as built and ideal, and what it takes to be found."""
+def _of_walk(task: tuple[str, int]) -> tuple[dict[tuple[str, str, str], Track], dict[str, Waits]]:
+    """Tracks by case, field and system of one robot, as built and ideal, and what it takes to be found."""
+    field, seed = task
     tracks = {}
     walked = _built(field, seed, SECONDS)
     for case in CASES:
         changed = case.change(walked, seed)
         for system in case.systems:
-            tracks[case.name, system] = _after(_tracked(changed, system, seed), case.from_s)
+            tracks[case.name, field, system] = _after(_tracked(changed, system, seed), case.from_s)
     beside = {STRAIGHT: humanoids.AS_BUILT, "ideal": humanoids.IDEAL}
     walks = {name: walk(field, robot, seed, SECONDS) for name, robot in beside.items()}
-    tracks |= {(name, s): _tracked(each, s, seed) for s in SYSTEMS for name, each in walks.items()}
-    return tracks, _waits(walked, seed)
+    tracks |= {(name, field, s): _tracked(each, s, seed) for s in SYSTEMS for name, each in walks.items()}
+    return tracks, {field: _waits(walked, seed)}
 
 
 def _after(track: Track, from_s: float) -> Track:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Track
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, percent, spread, together
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, gathered, percent, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure
 from touchline.experiments.schulz_runs import FIELDS, OURS, PAPER, RECORDINGS, tracked, walk
 from touchline.systems.nimbro_lines import NimbroLinesSettings
@@ -76,12 +76,12 @@ def cases() -> list[Case]:
 def schulz_accuracy(seeds: int) -> ExperimentResult:
     """Walks at the observation level, then the recordings."""
     places = list(product(dict.fromkeys((case.robot, case.field) for case in cases()), range(seeds)))
-    walks = together(_walked(place, seed) for place, seed in follow(places, "walks"))
+    walks = gathered(_walked, places, "walks")
     tracks = {case: walks[case] for case in cases()}
     false = list(product(FIELDS, range(seeds)))
-    with_false = together(_with_false(*each) for each in follow(false, "walks, false crossings"))
+    with_false = gathered(_with_false, false, "walks, false crossings")
     starts = list(product(FIELDS, range(seeds * STARTS_FROM_NOWHERE)))
-    nowhere = together({field: _wait(field, n)} for field, n in follow(starts, "starts from nowhere"))
+    nowhere = gathered(_wait, starts, "starts from nowhere")
     recorded = recorded_rows()
     built = {case: some for case, some in tracks.items() if case.robot is humanoids.AS_BUILT and case.system == OURS}
     ours = ["{} cm, {}".format(*_cells(some)) for case, some in built.items() if case.features == LINES]
@@ -104,29 +104,32 @@ def schulz_accuracy(seeds: int) -> ExperimentResult:
     )
 
 
-def _walked(place: tuple[humanoids.Robot, str], seed: int) -> dict[Case, Track]:
+def _walked(task: tuple[tuple[humanoids.Robot, str], int]) -> dict[Case, Track]:
     """Every case of a robot on a field."""
-    walked = walk(place[1], place[0], seed, SECONDS)
-    return {case: tracked(walked, seed, _settings(case)) for case in cases() if case[:2] == place}
+    (robot, field), seed = task
+    walked = walk(field, robot, seed, SECONDS)
+    return {case: tracked(walked, seed, _settings(case)) for case in cases() if case[:2] == (robot, field)}
 
 
 def _settings(case: Case) -> NimbroLinesSettings:
     return humanoids.settings(case.system, *(humanoids.WITHOUT_LINES if case.features == NO_LINES else ()))
 
 
-def _with_false(field: str, seed: int) -> dict[tuple[str, str], Track]:
+def _with_false(task: tuple[str, int]) -> dict[tuple[str, str], Track]:
     """A longer walk whose crossings are partly none."""
+    field, seed = task
     walked = walk(field, humanoids.AS_SIMULATED, seed, SECONDS_WITH_FALSE)
     false = {share: humanoids.with_false_crossings(walked, share, seed) for share in FALSE_SHARES}
     return {(f"{100 * share:.0f} % false crossings", field): tracked(each, seed) for share, each in false.items()}
 
 
-def _wait(field: str, number: int) -> float:
-    """Seconds until the pose is right without being told any."""
+def _wait(task: tuple[str, int]) -> dict[str, float]:
+    """Seconds until the pose is right without being told any, by the field."""
+    field, number = task
     areas = humanoids.random_areas(field, number)
     walked = walk(field, humanoids.AS_SIMULATED, number, SECONDS_FROM_NOWHERE, areas)
     track = tracked(walked, number, prior=Prior())
-    return humanoids.time_until_right(humanoids.either_end(track) if walked.field.is_symmetric else track)
+    return {field: humanoids.time_until_right(humanoids.either_end(track) if walked.field.is_symmetric else track)}
 
 
 def _cells(tracks: Sequence[Track]) -> Row:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -151,8 +151,13 @@ def _source(name: str, seed: int | None) -> Recording | Simulation:
 
 def _together(one: FeatureScores, other: FeatureScores) -> FeatureScores:
     """Sums of both."""
-    lists = (getattr(one, name) + getattr(other, name) for name in ("landmarks_m", "boundary_px", "time_ms"))
-    both = FeatureScores(one.tallies, *lists, one.picture if one.picture is not None else other.picture)
+    both = replace(
+        one,
+        landmarks_m=one.landmarks_m + other.landmarks_m,
+        boundary_px=one.boundary_px + other.boundary_px,
+        time_ms=one.time_ms + other.time_ms,
+        picture=other.picture if one.picture is None else one.picture,
+    )
     both.add(other.tallies)
     return both
 

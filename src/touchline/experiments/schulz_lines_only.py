@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Track
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, percent, spread, together
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, percent, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure, way
 from touchline.experiments.schulz_runs import OURS, PAPER, believed, tracked, walk
 from touchline.field import FieldModel, open_field
@@ -41,7 +41,7 @@ Tracks = Mapping[str, Track]  # by condition
 def schulz_lines_only(seeds: int) -> ExperimentResult:
     """Ten minutes per seed, three conditions."""
     walks = list(product((AS_BUILT, AS_SIMULATED, IDEAL), range(seeds)))
-    found = together(_tracks(robot, seed) for robot, seed in follow(walks, "walks"))
+    found = gathered(_tracks, walks, "walks")
     built = found[CASES[0]]
     pairs = ((ONLY, TRUTH), (ALL, ONLY))
     to_truth, to_all = (spread([100.0 * _apart(tracks, *pair)[0] for tracks in built], 1) for pair in pairs)
@@ -60,8 +60,9 @@ def schulz_lines_only(seeds: int) -> ExperimentResult:
     )
 
 
-def _tracks(robot: humanoids.Robot, seed: int) -> dict[tuple[humanoids.Robot, str], Tracks]:
+def _tracks(task: tuple[humanoids.Robot, int]) -> dict[tuple[humanoids.Robot, str], Tracks]:
     """Of one walk by both forms of the system."""
+    robot, seed = task
     walked = walk(FIELD, robot, seed, SECONDS)
     return {
         (robot, system): {
@@ -69,7 +70,7 @@ def _tracks(robot: humanoids.Robot, seed: int) -> dict[tuple[humanoids.Robot, st
             for name, off in CONDITIONS.items()
         }
         for chosen, system in CASES
-        if chosen is robot
+        if chosen == robot
     }
 
 
