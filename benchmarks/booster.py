@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from team_writing import TeamMessages
 
 from touchline.evaluation.runner import robot_setup
 from touchline.experiments.drives import Drive
@@ -28,10 +29,9 @@ from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.motion import MotionHistory
 from touchline.sources import Recording, open_source
-from touchline.sources.bags.mcap_writer import McapWriter
 from touchline.sources.bags.roles import BagOptions
-from touchline.sources.bags.team_writing import TeamMessages
 from touchline.sources.bags.with_rosbags import Codec
+from touchline.sources.bags.writing import McapWriter
 from touchline.systems import open_system
 from touchline.types import Observation, Prior, Samples, Status
 

@@ -91,7 +91,7 @@ def test_lean_and_how_sure_it_is_are_told(found: SelfCalibration) -> None:
 def test_too_few_places_and_another_field_are_refused(robot: tuple[Drive, RobotSetup, list[Estimate]]) -> None:
     _, setup, estimates = robot
     assert isinstance(setup.camera, OmniCamera)
-    with pytest.raises(NoFitError, match="too few, 12 are needed: the robot must drive about"):
+    with pytest.raises(NoFitError, match="too few, 12 are needed: the robot must move about"):
         calibrate_self(spread_views(estimates[60:64]), setup.camera, setup.field)
     views = [one._replace(pose=one.pose + np.array([1.0, 1.0, 0.3])) for one in spread_views(estimates)]
     with pytest.raises(NoFitError, match="% of the line points lie on lines with the best mirror"):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from touchline.systems.touchline_perspective import TouchlinePerspective
 from typer.testing import CliRunner
 
 from touchline.calibration import self_perspective
@@ -27,7 +28,6 @@ from touchline.experiments.schulz_runs import AS_SIMULATED, walk
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.touchline_perspective import TouchlinePerspective
 from touchline.types import Frame, Prior
 
 ASKEW = np.array([0.01, -0.02, 0.025, 0.03])

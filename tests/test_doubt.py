@@ -23,9 +23,9 @@ from touchline.experiments.faults import (
     uniform_points,
 )
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization import CompassCorrection
-from touchline.localization.published.iris.field_side import COMPASS_FALSE
+from touchline.localization.published.nubot.compass_correction import CompassCorrection
 from touchline.localization.published.nubot.pose_filter import Fusion, PoseFilter
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system

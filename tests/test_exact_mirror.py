@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from touchline.localization.camera_errors.mirror_head import MirrorHead
+from touchline.localization.estimator.exact_mirror import ExactMirror, as_exact
+from touchline.localization.estimator.joint_filter import JointFilter, Unknown
 
 from touchline.camera import OmniCamera
 from touchline.experiments.drives import driven
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.camera_errors.mirror_head import MirrorHead
-from touchline.localization.estimator.exact_mirror import ExactMirror, as_exact
-from touchline.localization.estimator.joint_filter import JointFilter, Unknown
-from touchline.localization.published.nubot.pose_filter import Scales
+from touchline.motion.driven import Scales
 
 
 @pytest.fixture(scope="module")

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from touchline.localization.camera_errors.mirror_head import MirrorHead
+from touchline.localization.estimator.joint_filter import JointFilter, Unknown
+from touchline.localization.registration.mirror_kernels import upright_points
 
 from touchline.experiments.drives import driven
 from touchline.experiments.nees import CONDITIONS, Condition, honesty
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.localization.camera_errors.mirror_head import MirrorHead
-from touchline.localization.estimator.joint_filter import JointFilter, Unknown
-from touchline.localization.published.nubot.pose_filter import Scales
-from touchline.localization.registration.mirror_kernels import upright_points
 from touchline.localization.registration.registration import SETTLED, Head, Registration
+from touchline.motion.driven import Scales
 from touchline.systems import RobotSetup, open_system
 from touchline.types import LinePoints
 

@@ -10,6 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from touchline.localization.estimator.lean_delay import LAGS_S, LeanDelay
+from touchline.localization.estimator.perspective_filter import Fitted, PerspectiveFilter
+from touchline.localization.registration.perspective_kernels import Known, LeanFit
+from touchline.localization.registration.perspective_registration import PerspectiveRegistration, seen_points
+from touchline.systems.touchline_perspective import TouchlinePerspective
 
 from touchline.evaluation.runner import robot_setup
 from touchline.experiments.drives import Drive
@@ -18,11 +23,7 @@ from touchline.experiments.schulz_runs import with_false_crossings
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.estimator.lean_delay import LAGS_S, LeanDelay
-from touchline.localization.estimator.perspective_filter import Fitted, PerspectiveFilter
-from touchline.localization.particles.features import Features
-from touchline.localization.registration.perspective_kernels import Known, LeanFit
-from touchline.localization.registration.perspective_registration import PerspectiveRegistration, seen_points
+from touchline.localization.registration.features import Features
 from touchline.motion.odometry import Motion
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.simulation.observation.features import leaning
@@ -30,7 +31,6 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system, touchline_perspective
-from touchline.systems.touchline_perspective import TouchlinePerspective
 from touchline.types import Estimate, Evidence, Frame, Lines, Observation, Prior, Status, no_landmarks
 
 COLOURED, WHITE = "indoor-9x6", "humanoid-kid-9x6"

@@ -13,11 +13,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from touchline.localization.estimator.compass_witness import CompassWitness
 
 from touchline.experiments.drives import driven
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.estimator.compass_witness import CompassWitness
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.search.pose_search import PoseSearch
 from touchline.palette import BLUE, GREEN, ORANGE, VERMILLION

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.calibration.range_figure import range_figure
 from touchline.calibration.range_regression import RangeRegression
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
@@ -22,6 +21,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import MotionSettings, OthersSettings, open_scenario
 from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
 from touchline.types import ImageArray, LinePoints
+from touchline.view.range_figure import range_figure
 
 FIELD = "indoor-9x6"
 CONDITIONS = {

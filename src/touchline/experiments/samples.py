@@ -15,7 +15,7 @@ from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.published.nubot.global_search import GlobalSearch, SearchRound
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.weights import precision_weights
+from touchline.localization.registration.weights import precision_weights
 from touchline.systems import paper_settings
 from touchline.systems.nubot_mti import NubotMtiSettings
 

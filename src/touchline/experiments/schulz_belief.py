@@ -17,8 +17,8 @@ from touchline.experiments.schulz_runs import OURS, PAPER
 from touchline.field import FieldModel, open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angles
-from touchline.localization.particles.feature_model import FeatureModel, field_lines
-from touchline.localization.particles.features import Features
+from touchline.localization.registration.feature_model import FeatureModel, field_lines
+from touchline.localization.registration.features import Features
 from touchline.types import LandmarkKind, Observation
 
 FIELD = "indoor-9x6"
