@@ -49,7 +49,7 @@ _PLACES = {
     "run": ("touchline.api", "run"),
     "evaluate": ("touchline.evaluation", "evaluate"),
     "Localizer": ("touchline.localizer", "Localizer"),
-    "locate": ("touchline.localization", "locate"),
+    "locate": ("touchline.localization.one_shot.locate", "locate"),
     "open_camera": ("touchline.camera", "open_camera"),
     "open_field": ("touchline.field", "open_field"),
     "open_source": ("touchline.sources", "open_source"),
