@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from touchline.experiments.drives import Drive, drive_of
 from touchline.experiments.faults import (
-    Drive,
     Fault,
     blob,
     false_line,
@@ -40,7 +40,7 @@ BOTH = pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl"])
 def driven(seed: int) -> Drive:
     """Four seconds of a match."""
     run = Simulation(open_scenario("match", seed, 4.0, ["ideal=true"]), level="points")
-    return Drive(list(run), np.asarray(run.truth.poses), run.field)
+    return drive_of(run)
 
 
 def localized(name: str, drive: Drive, *settings: str) -> list[Estimate]:

@@ -67,6 +67,16 @@ def test_a_system_takes_frames_with_points_with_images_and_with_neither(name: st
     assert all(np.isfinite(estimate.covariance).all() for estimate in estimates)
 
 
+@every_system
+def test_poses_hold_plain_floats(name: str) -> None:
+    """Of NumPy's scalars some JSON writers, and `is True` after a comparison, make something else."""
+    run = Simulation(open_scenario("tour-20", 1, 0.5, ["ideal=true"]), level="points")
+    made = open_system(name, RobotSetup(run.field, None, run.wheel_directions_rad))
+    frames = (replace(frame, observation=replace(run.features(k), points=run.points(k))) for k, frame in enumerate(run))
+    poses = [each.pose for frame in frames for one in [made.step(frame)] for each in (one, *one.hypotheses)]
+    assert {type(value) for pose in poses for value in pose} == {float}
+
+
 # ---- the belief in a pose --------------------------------------------------------------------------------------------
 
 HERE = Pose(1.0, 2.0, 0.3)

@@ -17,8 +17,9 @@ from touchline.localization.registration.perspective_registration import Perspec
 from touchline.systems.touchline_perspective import TouchlinePerspective
 
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.own_walks import FALL_S, fallen
-from touchline.experiments.schulz_runs import Walk, with_false_crossings
+from touchline.experiments.drives import Drive
+from touchline.experiments.faults import FALL_S, fallen
+from touchline.experiments.schulz_runs import with_false_crossings
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -187,7 +188,7 @@ def test_a_robot_put_down_elsewhere_is_found() -> None:
 def test_a_fall_is_absorbed_within_two_images() -> None:
     truth, frames = walk(COLOURED)
     setup = RobotSetup(open_field(COLOURED), height_m=HEIGHT_M)
-    down = fallen(Walk(setup, frames, truth), (2.0,), np.random.default_rng(1))
+    down = fallen(Drive(setup, frames, truth), (2.0,), np.random.default_rng(1))
     estimates = localized(COLOURED, near_start(COLOURED), down.frames)
     away = errors_m(truth, estimates)
     stands = int(np.flatnonzero(down.times_s >= 2.0 + FALL_S)[0])
@@ -200,7 +201,11 @@ def test_a_fall_is_absorbed_within_two_images() -> None:
 
 def test_false_crossings_move_nothing() -> None:
     truth, frames = walk(WHITE)
-    estimates = localized(WHITE, near_start(WHITE), with_false_crossings(frames, 0.5, 1))
+    estimates = localized(
+        WHITE,
+        near_start(WHITE),
+        with_false_crossings(Drive(RobotSetup(open_field(WHITE)), frames, truth), 0.5, 1).frames,
+    )
     assert errors_m(truth, estimates)[5:].max() < 0.15
 
 

@@ -7,6 +7,7 @@ next estimate. Only mistakes of the program itself (an unknown field, a start po
 from __future__ import annotations
 
 import copy
+import html
 import logging
 import math
 import operator
@@ -23,6 +24,7 @@ from touchline.camera import Camera, open_camera
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
+from touchline.field.svg import field_svg
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_seed
 from touchline.motion import FrameOrder, MotionHistory
@@ -43,6 +45,7 @@ from touchline.types import (
     Status,
     points_at,
 )
+from touchline.types.drawing import estimate_html, estimate_marks
 
 _SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
 _MAX_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
@@ -106,6 +109,16 @@ class Localizer:
         self._predicting = threading.Lock()
         self._prior = Prior()
         self._last: Estimate | None = None
+
+    def __repr__(self) -> str:
+        return f"Localizer({self.system!r}: {self._last or 'no image yet'})"
+
+    def _repr_html_(self) -> str:
+        """The field with the last estimate on it."""
+        last = self._last
+        if last is None:
+            return f"<p>{html.escape(repr(self))}</p>{field_svg(self.field)}"
+        return estimate_html(last, field_svg(self.field, marks=estimate_marks(last)))
 
     def add_odometry(self, stamp_ns: int, x: float, y: float, theta: float) -> None:
         """Dead reckoning: the pose in the odometry frame (m, m, rad)."""

@@ -31,6 +31,11 @@ class OdometrySettings(Settings):
     sideways_scale: float = Field(0.03, ge=0, description="relative error of sideways travel: as forward")
     turn_scale: float = Field(0.03, ge=0, description="relative error of rotation: as forward")
 
+    @property
+    def scales(self) -> tuple[float, float, float]:
+        """Relative errors of travel ahead, travel aside and turns."""
+        return self.forward_scale, self.sideways_scale, self.turn_scale
+
 
 class Motion(NamedTuple):
     """Motion between two stamps: `before_from_after`, covariance (3, 3) in the robot frame before it (m, m, rad).

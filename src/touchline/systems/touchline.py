@@ -32,6 +32,7 @@ from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter, Unknown
+from touchline.localization.estimator.measurement import MEASUREMENTS
 from touchline.localization.estimator.stamp_delay import UNKNOWN_S, StampDelay
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
@@ -60,6 +61,7 @@ HOPELESS = 40.0  # logarithm of odds against the pose that is followed from whic
 PLACE_M = 0.01  # error of a crossing's place on the field
 BEYOND_M = 1.0  # so far outside of the field a robot may stand
 BLIND_S = 4.0  # without anything that the pose explains, after which it is in doubt: the robot may have been carried
+STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
 YAW_RATE_RAD_S = 0.003  # drift of the heading by a walking robot's odometry: ten degrees a minute
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
@@ -153,7 +155,8 @@ class Touchline:
         s, walks = self.settings, self.setup.walks
         self.errors, self.trust = errors, errors.trust
         self.features = Features(self.places, None, errors.height_m, PLACE_M)
-        scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
+        more = STEPS_RATIO if walks else 1.0
+        scales = Scales(*(more * scale for scale in s.odometry.scales))
         self.unknown = Unknown(
             scales, errors.prior, errors.drift, errors.learned if s.self_calibration else 0.0,
             YAW_RATE_RAD_S if walks else 0.0, 0.0 if walks else UNKNOWN_S,
@@ -191,6 +194,7 @@ class Touchline:
         clock, seconds = Stopwatch(), self._seconds(frame)
         # predict: the odometry carries every hypothesis on
         shift = self._predict(frame, seconds)
+        self.bank.measure(frame, MEASUREMENTS)  # measure: by further sensors
         # observe: line points, lines, crossings, landmarks, at the lean of the image
         frame = self.leaning.carried(frame, round(1e9 * self._late_s))
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)
@@ -284,7 +288,8 @@ class Touchline:
         self.since_search, best, knowing = 0, self.bank.best, self.bank.knowing
         expected = knowing.prior(self.statistics.per_image)
         view = self._view(observation, knowing, frame)
-        searched = Searched(image.seen, view, self.bank.upright(image), expected, image.response)
+        upright = self.bank.upright(image)
+        searched = Searched(image.seen, view, upright, expected, image.response, self.trust is ALL_ROUND)
         known = self._known(self._compass(frame))
         modes = self.search.modes(searched, known, part)
         if part != WHOLE and best is not None and best.fit is not None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 from numba.extending import overload
 
 from touchline.camera import Camera, OmniCamera
@@ -143,7 +143,7 @@ def _nearer(qx, qy, errors):  # type: ignore[no-untyped-def]
 
 
 def _is_mirror(response: Any) -> bool:
-    return isinstance(response, types.BaseNamedTuple) and response.instance_class is MirrorResponse
+    return getattr(response, "instance_class", None) is MirrorResponse
 
 
 @overload(prepare, jit_options={"error_model": "numpy"})

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numba.extending import overload
 
 from touchline.camera import Camera, ground_view
@@ -101,7 +100,7 @@ class PerspectiveErrors:
 
 
 def _is_perspective(response: Any) -> bool:
-    return isinstance(response, types.BaseNamedTuple) and response.instance_class is PerspectiveResponse
+    return getattr(response, "instance_class", None) is PerspectiveResponse
 
 
 @overload(prepare, jit_options={"error_model": "numpy"})

@@ -19,6 +19,7 @@ from touchline.field.distances import LineTables
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors.base import Response, placed_points
 from touchline.localization.estimator.filter import Filter
+from touchline.localization.estimator.measurement import Measurement
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.registration.joint import Seen, StateFit, StatePrior
@@ -28,10 +29,10 @@ from touchline.localization.registration.unseen import UNSEEN, unseen, view_of
 from touchline.localization.search.feature_search import pose_of
 from touchline.localization.search.pose_search import Mode
 from touchline.motion.delayed import Delayed
-from touchline.types import Evidence
+from touchline.types import Evidence, Frame
 
 EVIDENCE_RATIO = 0.7  # of what an image tells of a pose, in how likely it makes a hypothesis: clutter repeats itself
-CARRIED_AWAY = -6.0  # logarithm of the odds that the robot was moved unfelt, in an image that makes one search
+CARRIED_AWAY = -8.0  # logarithm of the odds that the robot was moved unfelt, in an image that makes one search
 CARRIED_BLIND = -3.0  # the same after seconds in which nothing was seen: it may have fallen
 SHOVE = -5.0  # and that it was shoved since the last image, against the odometry being right: every twenty seconds
 SHOVE_ON = -1.0  # the same in the image after one: a shove lasts longer than a tenth of a second
@@ -40,6 +41,7 @@ SHOVED = np.diag(np.square([0.3, 0.3, 0.4]))  # covariance of what one does
 SHOVE_BELOW = 0.7  # share explained below which a shove is tried though the prediction is met
 MAX_LOG_ODDS_BEHIND = 10.0  # of a member behind the best: one further behind is dropped
 MAX_MEMBERS = 12
+MAX_MEASURED_GAIN = 4.0  # logarithm of the odds by which a further measurement speaks against a member, at most
 SAME_M, SAME_RAD = 0.25, 0.12  # members nearer than this are one
 SPARSE = 5.0  # points that alone show a direction, of which half is believed
 FEATURE_POINTS = 20.0  # as so many points a crossing or a landmark shows where it is
@@ -139,7 +141,7 @@ class Bank:
         best = self.best
         if best is None or best.images < self.trust.confirming_images:
             return False
-        others = [one.explained for one in self.members[1:] if one.images > 1]
+        others = [one.explained for one in self.members[1:] if one.log_odds > CARRIED_AWAY + 1.0]
         return best.explained + CONTESTED >= max(others, default=0.0)
 
     @property
@@ -152,6 +154,18 @@ class Bank:
         noise = self.steps.of(moved.motion)
         for one in self.members:
             one.filter.predict(moved, seconds, noise)
+
+    def measure(self, frame: Frame, measurements: Sequence[Measurement]) -> None:
+        """Correct and weigh every member by further measurements, those that contradict its prediction left out."""
+        for one, measurement in itertools.product(self.members, measurements):
+            evidence = measurement.of(frame, one.filter.pose)
+            if evidence is None:
+                continue
+            one.log_odds += max(evidence.log_likelihood, -MAX_MEASURED_GAIN)
+            if one.filter.distance2_to(evidence) < ALLOWED:
+                one.filter.correct_pose(evidence)
+        if measurements:
+            self._settle(self.members)
 
     def register(self, image: Image) -> None:
         """Fit an image from every member, whether the robot was shoved or not."""

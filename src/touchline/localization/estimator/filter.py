@@ -20,6 +20,7 @@ from touchline.localization.estimator.filter_kernels import (
     propagate,
     step_squares,
 )
+from touchline.localization.estimator.measurement import PoseEvidence
 from touchline.localization.registration.joint import StateFit, StatePrior
 from touchline.motion.delayed import Delayed
 from touchline.motion.driven import Scales, driven
@@ -29,7 +30,8 @@ SCALE_DRIFT = 0.001  # change of the odometry's scales in the root of a second: 
 YAW_RATE_DRIFT = 0.0001  # of the odometry's drift of heading (rad/s) in the root of a second, as of a gyro's bias
 DELAY_DRIFT_S = 0.001  # change of the delay in the root of a second: other loads of the computer
 MIN_DELAY_S, MAX_DELAY_S = -0.1, 0.4  # that are looked for
-_SCALES = np.arange(3, 6)
+_POSE, _SCALES = np.arange(3), np.arange(3, 6)
+_NO_ERRORS = np.zeros((0, 0))
 _YAW_RATE, _DELAY, _ERRORS = 6, 7, 8  # the errors are all states from there on
 
 
@@ -174,13 +176,24 @@ class Filter:
 
     def correct(self, fit: StateFit, per_image: FloatArray) -> None:
         """Kalman update by a fit whose prior it was: information about all that it measures."""
-        step, self._joint = correction(self._joint, self._measured, per_image, *self._evidence(fit), self._learned)
+        self._apply(correction(self._joint, self._measured, per_image, *self._evidence(fit), self._learned))
+        self._motion_noise = np.zeros((3, 3))
+
+    def _apply(self, corrected: tuple[FloatArray, FloatArray]) -> None:
+        step, self._joint = corrected
         x, y, heading = step[:3].tolist()
         self.pose = Pose(self.pose.x + x, self.pose.y + y, wrap_angle(self.pose.heading + heading))
         self.scales, self.errors = self.scales + step[_SCALES], self.errors + step[_ERRORS:]
         self.yaw_rate_rad_s += float(step[_YAW_RATE])
         self.late_s = min(max(self.late_s + float(step[_DELAY]), MIN_DELAY_S), MAX_DELAY_S)
-        self._motion_noise = np.zeros((3, 3))
+
+    def distance2_to(self, evidence: PoseEvidence) -> float:
+        """Squared Mahalanobis distance of the pose by another measurement from the prediction."""
+        return float(pose_innovation(self._joint, _POSE, _NO_ERRORS, *evidence[:2], np.zeros(3))[1])
+
+    def correct_pose(self, evidence: PoseEvidence) -> None:
+        """Kalman update by another measurement than an image."""
+        self._apply(correction(self._joint, _POSE, _NO_ERRORS, *evidence[:2], np.zeros(3), self._learned))
 
     def motion_error(self, fit: StateFit, per_image: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Expected squared errors (3,) of the motion since the last image, by a fit before `correct`, and the variances

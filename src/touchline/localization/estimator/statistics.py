@@ -19,7 +19,7 @@ from touchline.localization.registration.registration import SETTLED, SHAKEN, UN
 
 GAIN = 0.05  # share of a new image in what is learned
 SETTLED_PER_M = 0.007  # standard deviation of an image's lean below which it is known beforehand: 0.15° of a mirror
-MIN_NOISE, MAX_NOISE = 0.2, 10.0  # limits of what is learned of the points' noise
+MAX_NOISE = 10.0  # of the points, as a multiple of the variances that they state
 
 
 class CameraErrorStatistics:
@@ -70,9 +70,9 @@ class CameraErrorStatistics:
         freedom, lean2 = degrees_of_freedom_and_lean(
             self.per_image, expected.information, fit.information, fit.state - expected.mean
         )
-        free = max(self.noise * float(seen.shares.sum()), 1.0)  # the points that count, where they err as they say
+        free = max(float(seen.shares.sum()), 1.0)  # the points that count, where they err as they say
         free /= max(free - freedom, 0.25 * free)
-        noise = min(max(free * fit.noise / USUAL_NOISE, MIN_NOISE), MAX_NOISE)
+        noise = min(max(free * fit.noise / USUAL_NOISE, self.errors.trust.min_noise), MAX_NOISE)
         self.noise += GAIN * (noise - self.noise)
         lean = self.errors.lean
         if lean.max > 0.0:

@@ -32,13 +32,15 @@ _MAX_STEP = 0.5  # of the pose in one Gauss-Newton step (m, m, rad)
 
 class Seen(NamedTuple):
     """What an image shows, robot frame: line points positions_m (N, 2), covariances_m2 (N, 2, 2), and shares (N,): as
-    how many independent ones each counts. features: crossings and landmarks; their `positions_m` are overwritten by
-    every fit. raw_m (M, 2): those as seen. feature_share: of each.
+    how many independent ones each counts; noise: by how much larger their variances are than they say. features:
+    crossings and landmarks, whose `positions_m` are overwritten by every fit; raw_m (M, 2): those as seen;
+    feature_share: of each.
     """
 
     positions_m: FloatArray
     covariances_m2: FloatArray
     shares: FloatArray
+    noise: float
     features: PointFeatures
     raw_m: FloatArray
     feature_share: float
@@ -126,7 +128,7 @@ def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type
         reach = width2 + plan.gate2 * variance
         kept = reach / (reach + d2)
         kept *= kept
-        rows[distance_row, i], rows[weight_row, i] = distance, seen.shares[i] * kept / variance
+        rows[distance_row, i], rows[weight_row, i] = distance, seen.shares[i] * kept / (seen.noise * variance)
         if width_m > 0.0:  # on the way there nobody asks how likely it is
             continue
         z2, share = d2 / variance, seen.shares[i]

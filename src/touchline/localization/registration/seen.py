@@ -33,7 +33,8 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
     return Seen(
         np.ascontiguousarray(points.positions_m),
         np.ascontiguousarray(points.covariances_m2),
-        shares / noise,
+        shares,
+        noise,
         found._replace(positions_m=found.positions_m.copy()),
         np.ascontiguousarray(found.positions_m),
         FEATURE_SHARE,
@@ -44,7 +45,7 @@ def seen_points(points: LinePoints, share: float) -> Seen:
     """Line points alone, each of which counts as so many independent ones."""
     positions_m = np.ascontiguousarray(points.positions_m)
     shares, covariances_m2 = np.full(len(positions_m), share), np.ascontiguousarray(points.covariances_m2)
-    return Seen(positions_m, covariances_m2, shares, NO_POINTS, NO_POINTS.positions_m, 0.0)
+    return Seen(positions_m, covariances_m2, shares, 1.0, NO_POINTS, NO_POINTS.positions_m, 0.0)
 
 
 def points_on(lines: Lines) -> tuple[LinePoints, FloatArray]:

@@ -25,7 +25,8 @@ MIN_POINTS = 10  # with which a grid is searched
 
 class Searched(NamedTuple):
     """An image to be searched for: what it shows, the same as features without the lean that is known, its line points
-    (N, 2) without the camera's errors that are known, and what is expected of pose and camera.
+    (N, 2) without the camera's errors that are known, and what is expected of pose and camera. all_round: whether it
+    shows the whole field; pairs of the lines of a sector fit fewer places than its points.
     """
 
     seen: Seen
@@ -33,6 +34,7 @@ class Searched(NamedTuple):
     upright_m: FloatArray
     expected: StatePrior
     response: Response
+    all_round: bool
 
 
 class FieldSearch:
@@ -47,7 +49,7 @@ class FieldSearch:
         among images; features are searched for in the first one.
         """
         seen, found = searched.seen, tuple[Mode, ...]()
-        if len(searched.upright_m) >= MIN_POINTS:
+        if len(searched.upright_m) >= MIN_POINTS and (searched.all_round or not len(searched.view.lines.ends_m)):
             found = self.points.everywhere(searched.upright_m, seen.covariances_m2, known, part)
         if searched.view.size and part[0] == 0:
             more = self.features.modes(seen, searched.view, searched.expected, searched.response, known)

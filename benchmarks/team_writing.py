@@ -1,4 +1,4 @@
-"""What was seen and measured as the messages of robot teams: the way back from `team_features`.
+"""What was seen and measured as the messages of robot teams: the way back from `touchline.sources.bags.team_features`.
 
 Covariances, colours, middles of goals and poles have no place in them.
 """
@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from touchline.sources.bags.roles import DETECTION_TOPIC
 from touchline.sources.bags.standard import BASE, StandardMessages
 from touchline.sources.bags.with_rosbags import Codec
 from touchline.types import CrossingKind, Crossings, LandmarkKind, Observation
 
-DETECTION_TOPIC, SEGMENTS_TOPIC = "/booster_soccer/detection", "/booster_soccer/line_segments"
+SEGMENTS_TOPIC = "/booster_soccer/line_segments"
 ODOMETER_TOPIC, HEAD_TOPIC, LOW_STATE_TOPIC = "/odometer_state", "/head_pose", "/low_state"
 MARKINGS_TOPIC, GOALPOSTS_TOPIC = "/soccer_vision/markings", "/soccer_vision/goalposts"
 BOOSTER_TYPES = {
