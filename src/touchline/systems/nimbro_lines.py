@@ -25,7 +25,6 @@ from touchline.localization.published.nimbro.feature_belief import BeliefSetting
 from touchline.localization.published.nimbro.feature_filter import FeatureFilter
 from touchline.localization.published.nimbro.feature_tracker import FeatureTracker
 from touchline.localization.published.nimbro.particles import NimbroParticles, NimbroParticleSettings
-from touchline.localization.published.nimbro.twin_odds import TwinOdds
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.registration.features import Features, FeatureSettings, levelled
 from touchline.motion import LeanFilter, MotionHistory
@@ -101,8 +100,8 @@ class NimbroLines:
         model = FeatureModel(associations.tables, lines, polar=not s.features.paper.covariances)
         self.particles = NimbroParticles(field, model, rng, symmetric, s.particles)
         feature_filter = FeatureFilter(associations.tables, lines, height_m, s.features.noise.lean_rad)
-        twin = TwinOdds(model) if s.paper.twin and field.is_symmetric and told_apart else None
-        self.tracker = FeatureTracker(feature_filter, symmetric, s.belief, s.paper.refine, twin)
+        colours = model if s.paper.twin and field.is_symmetric and told_apart else None
+        self.tracker = FeatureTracker(feature_filter, symmetric, s.belief, s.paper.refine, colours)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:
