@@ -81,8 +81,8 @@ class Simulation:
     ) -> None:
         """Raises InputError, in one message, for whatever is wrong with the scenario.
 
-        noise: of the observation level's points, feature_noise: of a pinhole camera's features there; none: as fitted
-        to the detector. eyes: of a mirror, instead of NuBot's detector.
+        noise: of the observation level's points, feature_noise: of a perspective camera's features there; none: as
+        fitted to the detector. eyes: of a mirror, instead of NuBot's detector.
         """
         if level not in LEVELS:
             raise InputError(f"level '{level}' is unknown; known: {', '.join(LEVELS)}")
@@ -130,7 +130,7 @@ class Simulation:
 
     @property
     def camera_kind(self) -> str:
-        """`omni` or `pinhole`."""
+        """`omni`, `pinhole` or `fisheye`."""
         return self.scenario.camera.kind
 
     @property

@@ -179,7 +179,7 @@ class Recording:
 
     @property
     def camera_kind(self) -> str:
-        """`omni`, `pinhole` or `none`: observations.csv takes the place of a camera."""
+        """`omni`, `pinhole`, `fisheye` or `none`: observations.csv takes the place of a camera."""
         return self._about.camera_kind
 
     @property

@@ -74,7 +74,7 @@ class Source(Protocol):
 
     @property
     def camera_kind(self) -> str:
-        """`omni`, `pinhole` or `none`."""
+        """`omni`, `pinhole`, `fisheye` or `none`."""
         ...
 
     @property

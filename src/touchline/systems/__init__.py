@@ -78,7 +78,7 @@ SYSTEMS = {
             "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
             TouchlineSettings,
             touchline_system,
-            cameras=("omni", "pinhole"),
+            cameras=("omni", "pinhole", "fisheye"),
         ),
         SystemInfo(
             "nubot-mti",

@@ -8,11 +8,10 @@ image ─▶ lines, crossings, landmarks ─▶ registration from every hypothes
 from __future__ import annotations
 
 import math
-from typing import cast
 
 import numpy as np
 
-from touchline.camera import Camera, PinholeCamera, ground_view
+from touchline.camera import Camera, PerspectiveCamera, ground_view
 from touchline.errors import InputError
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
@@ -33,7 +32,7 @@ from touchline.localization.search.perspective_search import PerspectiveSearch
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.motion.lean import LAG_S
 from touchline.motion.odometry import Motion
-from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
+from touchline.perception import Detector, LineGraphSettings, line_graph_detector, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.touchline import SAID_OFTEN, UNKNOWN, Touchline, TouchlineSettings
@@ -61,8 +60,8 @@ class TouchlinePerspective:
         self.setup, self.settings = setup, settings
         eye = np.array([0.0, 0.0, setup.height_m or CAMERA_HEIGHT_M])
         self.detector: Detector | None = None
-        if isinstance(camera, PinholeCamera):
-            self.detector = cast("Detector", LineGraphDetector(camera, LineGraphSettings(), field))
+        if isinstance(camera, PerspectiveCamera):
+            self.detector = line_graph_detector(camera, LineGraphSettings(), field)
             eye = camera.base_from_camera.translation_m
         self.max_range_m = setup.max_range_m
         self.history = settings.motion_history()
@@ -339,7 +338,7 @@ class TouchlineByObservation:
 
 def optical_axis(camera: Camera | None, frame: Frame) -> FloatArray:
     """The optical axis (3,) of a perspective camera at a frame, robot frame; zeros where nothing tells."""
-    if not isinstance(camera, PinholeCamera):
+    if not isinstance(camera, PerspectiveCamera):
         return NO_AXIS
     lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
     try:
@@ -353,7 +352,7 @@ def touchline_system(
     setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator
 ) -> Touchline | TouchlinePerspective | TouchlineByObservation:
     """touchline as the robot's camera asks for it: a mirror's, a perspective one, or one that nobody tells of."""
-    if isinstance(setup.camera, PinholeCamera) or (setup.camera is None and setup.height_m is not None):
+    if isinstance(setup.camera, PerspectiveCamera) or (setup.camera is None and setup.height_m is not None):
         return TouchlinePerspective(setup, settings, rng)
     return TouchlineByObservation(setup, settings, rng) if setup.camera is None else Touchline(setup, settings, rng)
 
