@@ -100,9 +100,7 @@ class CameraSettings(Settings):
     def _fits_together(self) -> CameraSettings:
         for key in ("mirror", "known_from"):
             if _is_set(self, key) and (self.kind != "omni" or self.file is not None):
-                reason = (
-                    "a camera with a lens has none" if self.kind != "omni" else "camera.file tells the camera already"
-                )
+                reason = f"a {self.kind} camera has none" if self.kind != "omni" else "camera.file tells it already"
                 raise ValueError(f"'{key}' is not used: {reason if key == 'mirror' else 'it is about a mirror'}")
         if self.delay_spread_s > self.delay_s:
             raise ValueError(f"delay_spread_s ({self.delay_spread_s:g}) is more than delay_s ({self.delay_s:g})")
