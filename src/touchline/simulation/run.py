@@ -321,7 +321,8 @@ class Simulation:
             )  # fmt: skip
         tree = self.camera_model.camera_yaml()
         view = leaning_view(float(tree["mount"]["z"]), float(tree["fx"]), _PINHOLE_REACH_M)
-        half_rad = math.atan2(0.5 * float(tree["width"]), float(tree["fx"]))
+        half = 0.5 * float(tree["width"]) / float(tree["fx"])
+        half_rad = half if self.camera_kind == "fisheye" else math.atan(half)
         noise = self._noise or _PINHOLE_NOISE
         return ObservedLines(view, self.field, noise, view_rad=half_rad, seed=self.scenario.seed)
 
