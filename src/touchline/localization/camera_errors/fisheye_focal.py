@@ -38,13 +38,14 @@ def scaled_angle(x: float, y: float, error: float, height: float, axis: FloatArr
 
 
 @numba.njit(cache=True, error_model="numpy")
-def by_angle_scale(x: float, y: float, height: float, axis: FloatArray) -> tuple[float, float]:
-    """Derivative of `scaled_angle` by the error, at 0 (m).
-
-    That of a pinhole, -along (axis + axis_z / height (x, y)), with angle / sin(angle) of the ray's length for `along`.
-    """
+def angle_stretch(x: float, y: float, height: float, axis: FloatArray) -> float:
+    """angle / sin(angle) of a ray's length (m): in derivatives where a pinhole has the part along the axis."""
     angle, length, _ = angle_of(x, y, height, axis)
-    if not axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2 > 0.5:
-        return 0.0, 0.0
-    stretch = length * (angle / math.sin(angle) if angle > 1e-6 else 1.0)
+    return length * (angle / math.sin(angle) if angle > 1e-6 else 1.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def by_angle_scale(x: float, y: float, height: float, axis: FloatArray) -> tuple[float, float]:
+    """Derivative of `scaled_angle` by the error, at 0 (m)."""
+    stretch = angle_stretch(x, y, height, axis)
     return -stretch * (axis[0] + x * axis[2] / height), -stretch * (axis[1] + y * axis[2] / height)
