@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from touchline.camera import MODELS, PERSPECTIVE_MODELS
 from touchline.config import PAPER, Settings, load_settings, settings_from_mapping
 from touchline.errors import InputError
 from touchline.field import FieldModel
@@ -78,7 +79,7 @@ SYSTEMS = {
             "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
             TouchlineSettings,
             touchline_system,
-            cameras=("omni", "pinhole", "fisheye"),
+            cameras=MODELS,
         ),
         SystemInfo(
             "nubot-mti",
@@ -115,7 +116,7 @@ SYSTEMS = {
             "lines, crossings, posts of a walking robot's camera, augmented MCL (Schulz and Behnke 2012)",
             NimbroLinesSettings,
             NimbroLines,
-            cameras=("pinhole",),
+            cameras=PERSPECTIVE_MODELS,
         ),
     )
 }

@@ -12,11 +12,9 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
-from touchline.camera import PinholeCamera
+from touchline.camera import PerspectiveCamera
 from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
 from touchline.geometry import Pose
@@ -29,7 +27,7 @@ from touchline.localization.published.nimbro.particles import NimbroParticles, N
 from touchline.localization.published.nimbro.twin_odds import TwinOdds
 from touchline.localization.published.nubot.global_search import OWN_HALF, Region
 from touchline.motion import LeanFilter, MotionHistory
-from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
+from touchline.perception import Detector, LineGraphSettings, line_graph_detector, observe
 from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.types import Estimate, Frame, Observation, Prior, as_prior
@@ -87,12 +85,12 @@ class NimbroLines:
         self.settings = settings
         self.detector: Detector | None = None
         if camera is not None:
-            self.detector = cast("Detector", LineGraphDetector(camera, s.line_graph, field))
+            self.detector = line_graph_detector(camera, s.line_graph, field)
         self.leaning = LeanFilter(s.paper.rates)
         self.history = MotionHistory()
         self.max_range_m = setup.max_range_m
         height_m = setup.height_m or CAMERA_HEIGHT_M
-        if isinstance(camera, PinholeCamera):
+        if isinstance(camera, PerspectiveCamera):
             height_m = float(camera.base_from_camera.translation_m[2])
         associations, lines = FieldAssociations(field), field_lines(field)
         self.features = Features(associations, s.features, height_m)
