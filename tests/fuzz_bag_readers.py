@@ -17,9 +17,8 @@ from touchline.evaluation.ros_results import write_results
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import run_frames
 from touchline.sources import BagOptions, open_source
-from touchline.sources.bags.mcap_writer import McapWriter
 from touchline.sources.bags.with_rosbags import Codec
-from touchline.sources.bags.writing import write_recording
+from touchline.sources.bags.writing import McapWriter, write_recording
 from touchline.sources.to_folder import write_folder
 
 _FIELD = BagOptions(field="msl-18x12")

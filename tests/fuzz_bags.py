@@ -23,8 +23,8 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 
 from touchline.geometry import Pose3
 from touchline.sources import open_source
-from touchline.sources.bags.mcap_writer import McapWriter as OwnWriter
 from touchline.sources.bags.with_rosbags import Codec, Rosbag2Writer
+from touchline.sources.bags.writing import McapWriter as OwnWriter
 from touchline.sources.bags.writing import write_recording
 
 _BAYER = "bayer_rggb8; jpeg compressed bayer_rggb8"

@@ -19,9 +19,8 @@ from touchline.errors import InputError
 from touchline.evaluation import Run
 from touchline.geometry import Pose
 from touchline.sources import BagOptions, open_source
-from touchline.sources.bags.mcap_writer import McapWriter
 from touchline.sources.bags.with_rosbags import Codec
-from touchline.sources.bags.writing import write_recording
+from touchline.sources.bags.writing import McapWriter, write_recording
 from touchline.types import Frame, Samples
 
 KINDS = {"mcap": "bag.mcap", "rosbag2": "bag", "rosbag2-mcap": "bag"}

@@ -17,6 +17,7 @@ pytest.importorskip("cyclonedds", reason="no wheel of Cyclone DDS for this machi
 
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
+from team_writing import BOOSTER_TYPES, TeamMessages
 
 from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
@@ -31,7 +32,6 @@ from touchline.live.ros_writer import RosWriter
 from touchline.sources import open_source
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.roles import ROLES
-from touchline.sources.bags.team_writing import BOOSTER_TYPES, TeamMessages
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.types import (
     Crossings,

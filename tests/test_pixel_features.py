@@ -25,7 +25,6 @@ from touchline.live.ros_topics import TRANSFORMS
 from touchline.sources import open_source
 from touchline.sources.bags import roles
 from touchline.sources.bags.camera_track import CameraTrack
-from touchline.sources.bags.mcap_writer import McapWriter
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.standard import (
@@ -37,6 +36,7 @@ from touchline.sources.bags.standard import (
 )
 from touchline.sources.bags.transforms import FrameTree
 from touchline.sources.bags.with_rosbags import Codec, _known
+from touchline.sources.bags.writing import McapWriter
 from touchline.sources.new_description import write_yaml
 from touchline.sources.problems import ProblemLog
 from touchline.types import Observation

@@ -15,23 +15,23 @@ from fakes import STEP_NS, FakeSource, FakeSystem, true_samples
 
 from touchline import palette
 from touchline.evaluation.estimates import EstimateTable, read_estimates
-from touchline.evaluation.figures import latency_figure
 from touchline.evaluation.metrics import ErrorTable, error_table, signed_errors
-from touchline.evaluation.path_svg import path_key, path_svg
-from touchline.evaluation.report import Picture, write_report
+from touchline.evaluation.report import Picture, path_key, write_report
 from touchline.evaluation.run_data import RunData, carried_rows
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
 from touchline.evaluation.timeline import (
     MAX_ROWS,
     axis_limit,
+    dot_colors,
     error_charts,
+    latency_tree,
     page_data,
     run_tree,
     shown_rows,
     truth_tree,
 )
-from touchline.evaluation.web_page import html_page
+from touchline.evaluation.web_page import html_page, time_panel
 from touchline.field import open_field
 from touchline.types import Estimate, Frame, Hypothesis, Mode, Samples, Status
 
@@ -149,7 +149,7 @@ def test_every_section_is_there(page: str) -> None:
         "Problems of the recording",
         "Settings",
     ]
-    assert page.count("<svg") == 2
+    assert page.count("<svg") == page.count("id='histogram'") == 1
     assert page_data_of(page)["charts"]
 
 
@@ -161,8 +161,9 @@ def test_ids_of_the_figures_do_not_clash_and_are_all_defined(page: str) -> None:
 
 
 def test_figures_take_their_colours_from_the_page(page: str) -> None:
-    drawn = "".join(re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL))
-    used = set(re.findall(r"var\(--([a-z-]+)\)", drawn))
+    used = set(re.findall(r"var\(--([a-z-]+)\)", page[page.index("</style>") :]))
+    used |= {color for run in page_data_of(page)["runs"] for color in run["dots"] or () if color}
+    used |= set(re.findall(r'bar\("([a-z]+)"\)', page))
     style = page[: page.index("</style>")]
     assert style.count("prefers-color-scheme: dark") == 1
     day, night = style.split("prefers-color-scheme: dark")
@@ -173,7 +174,6 @@ def test_figures_take_their_colours_from_the_page(page: str) -> None:
     for variable in used:
         assert f"--{variable}:" in day
         assert f"--{variable}:" in night
-    assert not re.findall(r"#0[0-9a-f]0[0-9a-f]0[0-9a-f]", drawn)  # no placeholder is left
 
 
 def test_the_figures_of_the_table_are_printed(tmp_path: Path) -> None:
@@ -260,8 +260,7 @@ def test_curves_start_where_the_robot_was_first_located() -> None:
     assert errors.rows.tolist() == list(range(5, 20))
     np.testing.assert_allclose(errors.values[:, 0], np.arange(5.0, 20.0))
     assert run_data(20, 20, []).errors_since_located() is None
-    assert "var(--tracking)" in path_svg(data)
-    assert "var(--searching)" not in path_svg(data)
+    assert dot_colors(data).tolist() == [None] * 5 + ["tracking"] * 15
 
 
 def with_modes(data: RunData) -> RunData:
@@ -279,8 +278,7 @@ def test_the_key_of_the_path_names_every_colour_that_is_drawn() -> None:
     fused = with_modes(data)
     shown = [("truth", "truth"), *((mode.value, name) for mode, name in MODE_NAMES.items()), ("lost", "lost")]
     assert sorted(path_key(fused)) == sorted([*shown, ("first located", "first-located")])
-    drawn = path_svg(fused)
-    assert all(f"var(--{name})" in drawn for _, name in shown)
+    assert {name for _, name in shown} == {"truth", *filter(None, dot_colors(fused))}
 
 
 def test_the_key_of_the_path_is_text_of_the_page_and_cannot_be_cut_off(page: str) -> None:
@@ -369,8 +367,7 @@ def test_the_true_path_has_a_gap_where_the_robot_was_carried() -> None:
     data = kidnapped()
     assert data.truth is not None
     assert carried_rows(data.truth.values).tolist() == [10]
-    (truth,) = re.findall(r"<path d='([^']*)' class='truth' ", path_svg(data))
-    assert truth.count("M") == 2
+    assert tree_of(data)["gaps"] == [10]
 
 
 def test_an_unknown_side_of_the_field_is_told(tmp_path: Path) -> None:
@@ -433,7 +430,7 @@ def test_two_thousand_images_make_a_page_of_four_megabytes_at_most(tmp_path: Pat
     small = [Thumbnail(STEP_NS * 20 * k, bytes(14_000)) for k in range(100)]  # as those of a mirror robot
     runs = [run_tree("estimate", data, rows), truth_tree(data, rows)]
     text = page_data(data, error_charts(data, rows), [run for run in runs if run is not None], rows, small)
-    page = html_page("walk", [path_svg(data)], text)
+    page = html_page("walk", [time_panel([], False, "")], text)
     assert len(page) < 4_000_000 - 6 * 200_000  # six large pictures stand beside
 
 
@@ -446,13 +443,12 @@ def test_the_page_has_the_colours_of_all_figures(page: str) -> None:
     assert palette.bgr("#010203") == (3, 2, 1)
 
 
-def test_the_labels_of_the_times_stay_within_the_figure() -> None:
+def test_every_frame_is_in_the_histogram_of_times_and_the_first_ones_apart() -> None:
     """Whether all frames take about as long, or the last of a hundred takes the longest."""
     for spent_ms in (np.linspace(1.0, 1.01, 50), np.geomspace(0.5, 900.0, 50)):
         told = {"total": {"median": float(np.median(spent_ms)), "p99": float(spent_ms.max())}, "first_left_out": 3}
-        figure = latency_figure(spent_ms, told)
-        placed = re.findall(r"<text x='([-\d.]+)' y='[\d.]+' text-anchor='(end|start)' fill='var\(--ink\)'>", figure)
-        (median, one), (p99, other) = ((float(x), anchor) for x, anchor in placed)
-        assert (one, other) == ("end", "start")
-        assert 85.0 < median < p99 < 403.0 - 85.0
-        assert figure.count("var(--bar)") == 1
+        tree = latency_tree(spent_ms, told)
+        assert (sum(tree["later"]), sum(tree["first"])) == (47, 3)
+        median, p99 = tree["marks"]
+        assert tree["low"] < median["ms"] < p99["ms"] < tree["high"]
+        assert median["label"].startswith("median ")

@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import booster
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
+from team_writing import BOOSTER_TYPES, SOCCER_VISION_TYPES, TeamMessages
 
 from touchline.checks.late_odometry import _redealt, find_late
 from touchline.errors import InputError
-from touchline.experiments.schulz_runs import AS_BUILT, Walk, walk
+from touchline.experiments.drives import Drive
+from touchline.experiments.schulz_runs import AS_BUILT, walk
 from touchline.geometry import Pose3
 from touchline.sources import Recording, open_source
 from touchline.sources.bags import roles
 from touchline.sources.bags.gathering import Gathering
-from touchline.sources.bags.mcap_writer import McapWriter
 from touchline.sources.bags.messages import Topic
 from touchline.sources.bags.readings import head_of
 from touchline.sources.bags.roles import BagOptions, choose_topics
 from touchline.sources.bags.standard import StandardMessages, quaternion_of
 from touchline.sources.bags.team_features import feature_rows
-from touchline.sources.bags.team_writing import BOOSTER_TYPES, SOCCER_VISION_TYPES, TeamMessages
 from touchline.sources.bags.with_rosbags import Codec, _known
+from touchline.sources.bags.writing import McapWriter
 from touchline.sources.observations import observation_of
 from touchline.sources.problems import ProblemLog
 from touchline.types import Crossings, Landmarks, Lines, Observation, generic_covariances
@@ -38,24 +38,14 @@ SECOND_NS = 1_000_000_000
 
 
 @cache
-def booster() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("booster", Path(__file__).parents[1] / "benchmarks/booster.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@cache
-def walked() -> Walk:
+def walked() -> Drive:
     return walk(FIELD, AS_BUILT, 3, 8.0)
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path: Path = tmp_path_factory.mktemp("booster") / "walk.mcap"
-    booster().write_bag(walked(), path, 3)
+    booster.write_bag(walked(), path, 3)
     return path
 
 
@@ -118,8 +108,8 @@ def test_a_bag_of_a_booster_robot_is_the_walk_it_was_recorded_of(bag: Path) -> N
 
 
 def test_its_pose_is_right_more_often_than_that_of_a_search_for_markers_in_single_images(tmp_path: Path) -> None:
-    tracks = booster().tracks(walked(), tmp_path / "walk.mcap", 3)
-    share = {name: float(booster().right(track, walked()).mean()) for name, track in tracks.items()}
+    tracks = booster.tracks(walked(), tmp_path / "walk.mcap", 3)
+    share = {name: float(booster.right(track, walked()).mean()) for name, track in tracks.items()}
     assert min(share["touchline"], share["nimbro-lines"]) == 1.0
     assert 0.05 < share["marker search"] < 0.5
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import shlex
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
+import booster
 import pytest
 
 from touchline.cli import main
@@ -47,12 +47,7 @@ def do(lines: Iterable[str], folder: Path, capsys: pytest.CaptureFixture[str]) -
 
 def booster_bag(path: Path, seconds: float) -> None:
     """A walk in the messages of Booster's robots."""
-    spec = importlib.util.spec_from_file_location("booster", DOCS.parent / "benchmarks" / "booster.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    module.write_bag(walk("hsl-s-9x6", AS_BUILT, 3, seconds), path, 3)
+    booster.write_bag(walk("hsl-s-9x6", AS_BUILT, 3, seconds), path, 3)
 
 
 def _names(word: str, folder: Path) -> list[str]:

@@ -8,10 +8,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from touchline.checks.findings import Finding, Severity
+from touchline.checks.findings import Finding, Severity, graded, too_few
 from touchline.checks.projection import perspective_camera
 from touchline.checks.survey import Survey
-from touchline.errors import InputError
 from touchline.messages import without_numbers
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
@@ -31,13 +30,9 @@ def check_features(survey: Survey) -> Iterator[Finding]:
     recording = survey.recording
     own = recording.has_observations
     camera = None if own else perspective_camera(survey)
-    if (camera is None and not own) or (own and survey.seen["point"]):
+    if (camera is None and not own) or (own and survey.seen["point"]) or survey.field is None:
         return  # line points are another check's
-    try:
-        field = recording.field
-    except InputError:
-        return  # the check of the field says so
-    system = open_system(_SYSTEM, RobotSetup(field, camera))
+    system = open_system(_SYSTEM, RobotSetup(survey.field, camera))
     assert isinstance(system, NimbroLines)
     looked, residuals_m, unseen = 0, [], Counter[str]()
     for frame in recording.again():
@@ -54,8 +49,7 @@ def check_features(survey: Survey) -> Iterator[Finding]:
         elif estimate.status is Status.TRACKING and math.isfinite(estimate.residual_m):
             residuals_m.append(estimate.residual_m)
     if looked < _MIN_FRAMES:
-        what = f"too few images to tell whether the features fit: {looked} usable, {_MIN_FRAMES} are needed"
-        yield Finding("features", Severity.NOTE, FIELD, what, "Record more images, or mend what is wrong with these.")
+        yield too_few("features", FIELD, "whether the features fit", looked, _MIN_FRAMES)
         return
     if unseen and 2 * unseen.total() > looked:
         what, _, advice = last.partition(": ")
@@ -79,9 +73,8 @@ def _fit(residuals_m: list[float], looked: int, own: bool) -> Iterator[Finding]:
         return
     typical = float(np.median(residuals_m))
     what = f"features lie {100 * typical:.1f} cm from the field's (median), tracked in {len(residuals_m)} of {looked}"
-    severity = Severity.OK if typical <= _GOOD_M else Severity.WARNING
-    advice = "" if typical <= _GOOD_M else "Is it this field, and this camera's calibration?"
-    yield Finding("features", severity, where, f"{what} images", advice)
+    case = typical > _GOOD_M, Severity.WARNING, "Is it this field, and this camera's calibration?"
+    yield graded("features", where, f"{what} images", case)
 
 
 def _askew(lean_deg: np.ndarray) -> Iterator[Finding]:

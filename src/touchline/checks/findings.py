@@ -27,3 +27,20 @@ class Finding:
     where: str
     what: str
     advice: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what}. {self.advice}"
+
+
+def graded(check: str, where: str, what: str, *cases: tuple[bool, Severity, str]) -> Finding:
+    """The finding by the first case that holds: condition, severity, advice. Where none does, all is well."""
+    for holds, severity, advice in cases:
+        if holds:
+            return Finding(check, severity, where, what, advice)
+    return Finding(check, Severity.OK, where, what)
+
+
+def too_few(check: str, where: str, purpose: str, looked: int, needed: int) -> Finding:
+    """That too few images can be used to tell anything."""
+    what = f"too few images to tell {purpose}: {looked} usable, {needed} are needed"
+    return Finding(check, Severity.NOTE, where, what, "Record more images, or mend what is wrong with these.")

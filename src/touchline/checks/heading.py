@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from touchline.checks.findings import Finding, Severity
+from touchline.checks.findings import Finding, Severity, graded
 from touchline.checks.survey import Survey
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.sources.description import finite_number
@@ -26,8 +26,8 @@ def check_turns(survey: Survey) -> Iterator[Finding]:
     """Whether gyro, compass and odometry turn the same way and equally far."""
     turns = {
         "gz (summed)": survey.turn_rad[1:],
-        _COMPASS: _steps(survey.column("yaw")),
-        "odometry's theta": _steps(survey.column("theta")),
+        _COMPASS: survey.turns("yaw"),
+        "odometry's theta": survey.turns("theta"),
     }
     usable = {name: steps for name, steps in turns.items() if np.isfinite(steps).any()}
     reference, *others = usable or [""]
@@ -38,19 +38,20 @@ def check_turns(survey: Survey) -> Iterator[Finding]:
             what = f"{name} is not compared with {reference}: the robot hardly turns"
             yield Finding("turns", Severity.NOTE, file, what, "Record a turn on the spot to have it compared.")
             continue
-        what = f"{name} turns {ratio:.3f} × as far as {reference}"
-        if ratio < 0.3:
-            advice = "One of them counts clockwise, or degrees instead of radians." if ratio < 0 else "Check the units."
-            yield Finding("turns", Severity.ERROR, file, what, advice)
-        elif abs(ratio - 1.0) > (_COMPASS_TOLERANCE if name == _COMPASS else _TOLERANCE):
-            yield Finding("turns", Severity.WARNING, file, what, "Check the scale of both sensors.")
-        else:
-            yield Finding("turns", Severity.OK, file, what)
+        tolerance = _COMPASS_TOLERANCE if name == _COMPASS else _TOLERANCE
+        yield graded(
+            "turns",
+            file,
+            f"{name} turns {ratio:.3f} × as far as {reference}",
+            (ratio < 0.0, Severity.ERROR, "One of them counts clockwise, or degrees instead of radians."),
+            (ratio < 0.3, Severity.ERROR, "Check the units."),
+            (abs(ratio - 1.0) > tolerance, Severity.WARNING, "Check the scale of both sensors."),
+        )
 
 
 def check_compass_lag(survey: Survey) -> Iterator[Finding]:
     """How late the compass is: what it lacks behind the summed gyro grows with the yaw rate."""
-    lack = wrap_angles(_steps(survey.column("yaw")) - survey.turn_rad[1:])
+    lack = wrap_angles(survey.turns("yaw") - survey.turn_rad[1:])
     change = np.diff(survey.column("gz"))
     good = np.isfinite(lack) & np.isfinite(change) & (np.abs(lack) < math.radians(5.0))
     good &= np.diff(survey.stamps_s) < _MAX_STEP_S
@@ -64,11 +65,9 @@ def check_compass_lag(survey: Survey) -> Iterator[Finding]:
     imu = survey.recording.sequence.get("imu")
     expected = finite_number(imu.get("tilt_and_yaw_lag_s")) or 0.0 if isinstance(imu, dict) else 0.0
     what = f"the compass is {1000 * lag:.0f} ± {1000 * deviation:.0f} ms late, {1000 * expected:.0f} ms documented"
-    if abs(lag - expected) > _LAG_TOLERANCE_S + 3.0 * deviation:
-        advice = "Write imu: tilt_and_yaw_lag_s into sequence.yaml, or correct the time stamps."
-        yield Finding("compass lag", Severity.WARNING, "imu.csv", what, advice)
-    else:
-        yield Finding("compass lag", Severity.OK, "imu.csv", what)
+    late = abs(lag - expected) > _LAG_TOLERANCE_S + 3.0 * deviation
+    advice = "Write imu: tilt_and_yaw_lag_s into sequence.yaml, or correct the time stamps."
+    yield graded("compass lag", "imu.csv", what, (late, Severity.WARNING, advice))
 
 
 def check_compass(survey: Survey) -> Iterator[Finding]:
@@ -84,19 +83,16 @@ def check_compass(survey: Survey) -> Iterator[Finding]:
     middle = math.atan2(float(np.median(np.sin(error))), float(np.median(np.cos(error))))
     spread = float(np.sqrt(np.mean(wrap_angles(error - middle) ** 2)))
     what = f"the compass is {math.degrees(middle):+.1f}° off the true heading, ± {math.degrees(spread):.1f}° rms"
-    if abs(middle) > math.radians(45.0):
-        yield Finding("compass", Severity.ERROR, "imu.csv", what, "Its zero has to be the field's x axis.")
-    elif abs(middle) > math.radians(12.0) or spread > math.radians(12.0):
-        yield Finding("compass", Severity.WARNING, "imu.csv", what, "Calibrate the compass away from metal.")
-    elif abs(middle) >= math.radians(8.0) or spread >= math.radians(6.0):
-        advice = "Usable; calibrating the compass away from metal makes the search for the pose surer."
-        yield Finding("compass", Severity.NOTE, "imu.csv", what, advice)
-    else:
-        yield Finding("compass", Severity.OK, "imu.csv", what)
-
-
-def _steps(angles: FloatArray) -> FloatArray:
-    return wrap_angles(np.diff(angles))
+    off_deg, spread_deg = math.degrees(abs(middle)), math.degrees(spread)
+    usable = "Usable; calibrating the compass away from metal makes the search for the pose surer."
+    yield graded(
+        "compass",
+        "imu.csv",
+        what,
+        (off_deg > 45.0, Severity.ERROR, "Its zero has to be the field's x axis."),
+        (max(off_deg, spread_deg) > 12.0, Severity.WARNING, "Calibrate the compass away from metal."),
+        (off_deg >= 8.0 or spread_deg >= 6.0, Severity.NOTE, usable),
+    )
 
 
 def _ratio_of_turns(reference: FloatArray, steps: FloatArray, survey: Survey) -> float | None:
@@ -104,7 +100,7 @@ def _ratio_of_turns(reference: FloatArray, steps: FloatArray, survey: Survey) ->
     stamps = survey.stamps_s
     width = max(round(_WINDOW_S / float(np.median(np.diff(stamps)))), 1)
     starts = np.arange(0, len(steps) - width + 1)
-    a, b = (np.concatenate(([0.0], np.cumsum(values)))[:, None] for values in (_zeroed(reference), _zeroed(steps)))
+    a, b = (np.concatenate(([0.0], np.nancumsum(values)))[:, None] for values in (reference, steps))
     broken = np.concatenate(([0], np.cumsum(~(np.isfinite(reference) & np.isfinite(steps)))))
     far, near = starts + width, starts
     turned = (a[far] - a[near]).ravel()
@@ -112,7 +108,3 @@ def _ratio_of_turns(reference: FloatArray, steps: FloatArray, survey: Survey) ->
     if use.sum() < _MIN_WINDOWS:
         return None
     return float(np.median((b[far] - b[near]).ravel()[use] / turned[use]))
-
-
-def _zeroed(values: FloatArray) -> FloatArray:
-    return np.nan_to_num(values, nan=0.0)

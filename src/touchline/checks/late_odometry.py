@@ -10,13 +10,12 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
-from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.systems import RobotSetup, open_system
@@ -45,13 +44,11 @@ def check_late_odometry(survey: Survey) -> Iterator[Finding]:
     recording = survey.recording
     if not recording.has_observations or survey.seen["point"] or not np.isfinite(survey.column("theta")).any():
         return
-    try:
-        field = recording.field
-    except InputError:
-        return  # the check of the field says so
+    if survey.field is None:
+        return
     first_ns = int(recording.image_stamps[0]) if len(recording) else 0
     frames = list(itertools.takewhile(lambda each: each.stamp_ns - first_ns < _MAX_NS, recording.again()))
-    found = find_late(field, frames)
+    found = find_late(survey.field, frames)
     if found is None or abs(found.late_s) < max(_LATE_S, _SURE * found.deviation_s):
         return
     late_ms, give_or_take = 1e3 * found.late_s, 1e3 * found.deviation_s
@@ -118,11 +115,9 @@ def _redealt(frames: Sequence[Frame], late_ns: int) -> Iterator[Frame]:
             rows[sensor] = stamps_ns, np.concatenate([part.values for part in parts])
     ends = dict.fromkeys(rows, 0)
     for frame in frames:
-        dealt: dict[str, Samples | None] = dict.fromkeys(sensors)
+        dealt: dict[str, Any] = dict.fromkeys(sensors)
         for sensor, (stamps_ns, values) in rows.items():
             begin, ends[sensor] = ends[sensor], int(np.searchsorted(stamps_ns, frame.stamp_ns, side="right"))
             if ends[sensor] > begin:
                 dealt[sensor] = Samples(stamps_ns[begin : ends[sensor]], values[begin : ends[sensor]])
-        yield replace(
-            frame, odometry=dealt["odometry"], gyro=dealt["gyro"], tilt=dealt["tilt"], compass=dealt["compass"]
-        )
+        yield replace(frame, **dealt)

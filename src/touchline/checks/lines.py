@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from touchline.checks.findings import Finding, Severity
+from touchline.checks.findings import Finding, Severity, graded, too_few
 from touchline.checks.survey import Survey
-from touchline.errors import InputError
 from touchline.field import FieldModel
 from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, wrap_angles
-from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
+from touchline.localization.camera_errors.mirror_response import HEIGHT_M
+from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.motion.delay import find_delay
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
@@ -43,13 +43,9 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
     camera = survey.omni
     if not recording.has_observations and (camera is None or recording.linear):
         return
-    if recording.has_observations and not survey.seen["point"]:
+    if (recording.has_observations and not survey.seen["point"]) or (field := survey.field) is None:
         return  # features alone are another check's
-    try:
-        field = recording.field
-    except InputError:
-        return  # the check of the field says so
-    system, tilt = open_system(_SYSTEM, RobotSetup(field, camera)), MirrorTilt(field)
+    system, tilt = open_system(_SYSTEM, RobotSetup(field, camera)), LearnedMirror(field)
     estimates, looked, odometry = [], 0, []
     chosen = chosen_frames(len(recording))
     for index, frame in enumerate(recording.again(chosen)):
@@ -66,8 +62,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         if index == max(chosen):
             break
     if looked < _MIN_FRAMES:
-        what = f"too few images to tell whether the lines fit: {looked} usable, {_MIN_FRAMES} are needed"
-        yield Finding("lines", Severity.NOTE, FIELD, what, "Record more images, or mend what is wrong with these.")
+        yield too_few("lines", FIELD, "whether the lines fit", looked, _MIN_FRAMES)
         return
     if len(estimates) < _MIN_FRAMES:
         what = f"the lines fit no pose in {looked - len(estimates)} of {looked} images"
@@ -91,9 +86,8 @@ def _ends(estimates: list[Estimate]) -> Iterator[Finding]:
     told = [estimate.twin_probability for estimate in estimates if estimate.twin_probability is not None]
     twin = float(np.median(told)) if told else 0.0
     if twin >= _UNSURE:
-        what = (
-            f"nothing tells the ends of the field apart: the other has a probability of {100.0 * twin:.0f} % (median)"
-        )
+        what = "nothing tells the ends of the field apart: the other has a probability of "
+        what += f"{100.0 * twin:.0f} % (median)"
         advice = "Use --own-half or --start, a compass, or what team mates say; a wrong start can't be found out."
         yield Finding("ends", Severity.NOTE, FIELD, what, advice)
 
@@ -107,7 +101,9 @@ def chosen_frames(frames: int) -> frozenset[int]:
     return frozenset(index for start in starts for index in range(start, start + length))
 
 
-def _deviations(tilt: MirrorTilt, field: FieldModel, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _deviations(
+    tilt: LearnedMirror, field: FieldModel, estimate: Estimate
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of the points within a quarter metre of a line: distance to it (N,) in m, its derivative (N, 4) by x, y, heading
     and by a scale of all ranges, and the range (N,) in m.
     """
@@ -130,13 +126,12 @@ def _fit(off: FloatArray, near_a_line: float, tracked: str) -> Finding:
         return Finding("lines", Severity.WARNING, FIELD, what, "Is it this field, and are the points in metres?")
     typical = float(np.median(off))
     what = f"points lie {100 * typical:.1f} cm from the lines (median), {tracked}"
-    advice = "Is it this field, and this camera's calibration?"
-    if near_a_line < _MIN_NEAR:
+    few = near_a_line < _MIN_NEAR
+    if few:
         what += f"; but only {100 * near_a_line:.0f} % of them lie near a line at all"
-        return Finding("lines", Severity.WARNING, FIELD, what, advice)
-    if typical <= _GOOD_M:
-        return Finding("lines", Severity.OK, FIELD, what)
-    return Finding("lines", Severity.WARNING if typical > _POOR_M else Severity.NOTE, FIELD, what, advice)
+    advice = "Is it this field, and this camera's calibration?"
+    poor = few or typical > _POOR_M, Severity.WARNING, advice
+    return graded("lines", FIELD, what, poor, (typical > _GOOD_M, Severity.NOTE, advice))
 
 
 def _range_scale(frames: list[tuple[FloatArray, FloatArray, FloatArray]]) -> Iterator[Finding]:
@@ -153,9 +148,8 @@ def _range_scale(frames: list[tuple[FloatArray, FloatArray, FloatArray]]) -> Ite
     scale = vector / information
     if abs(scale) > _SCALE:
         what = f"ranges are {'short' if scale > 0 else 'long'} by about {100 * abs(scale):.1f} %"
-        yield Finding(
-            "ranges", Severity.WARNING, CAMERA, what, "Calibrate the mirror again, or check the field's size."
-        )
+        advice = "Calibrate the mirror again, or check the field's size."
+        yield Finding("ranges", Severity.WARNING, CAMERA, what, advice)
 
 
 def _late(estimates: list[Estimate], odometry: list[Samples]) -> Iterator[Finding]:
@@ -194,11 +188,10 @@ def _headings(survey: Survey, estimates: list[Estimate]) -> Iterator[Finding]:
     yield Finding("heading", severity, CAMERA, what, advice)
 
 
-def _tilt(tilt: MirrorTilt) -> Finding:
+def _tilt(tilt: LearnedMirror) -> Finding:
     """The mirror's lean, from half the angle by which it turns the rays."""
-    bend = float(np.hypot(*tilt.mean_per_m))
-    lean_deg = math.degrees(math.atan(bend * tilt.settings.height_m)) / 2.0
+    bend = float(np.hypot(*tilt.mean[:2]))
+    lean_deg = math.degrees(math.atan(bend * HEIGHT_M)) / 2.0
     what = f"the mirror leans by about {lean_deg:.2f}°"
-    if lean_deg <= _TILT_DEG:
-        return Finding("tilt", Severity.OK, CAMERA, what)
-    return Finding("tilt", Severity.NOTE, CAMERA, what, "Matching takes that out; better straighten the mirror.")
+    advice = "Matching takes that out; better straighten the mirror."
+    return graded("tilt", CAMERA, what, (lean_deg > _TILT_DEG, Severity.NOTE, advice))

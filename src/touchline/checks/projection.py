@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from touchline.camera import PERSPECTIVE_MODELS, Camera, field_of_view
-from touchline.checks.findings import Finding, Severity
+from touchline.checks.findings import Finding, Severity, graded
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
 from touchline.field import FieldModel
@@ -55,22 +55,16 @@ def check_view(survey: Survey) -> Iterator[Finding]:
         f"{camera.model}, {camera.width}×{camera.height} pixels, {place.translation_m[2]:.2f} m high, looking down by "
         f"{down_deg:.1f}°: {100 * ground:.0f} % of the image show the ground"
     )
-    if ground < _MIN_GROUND:
-        yield Finding("camera", Severity.ERROR, CAMERA, what, "Positive mount: pitch looks down; it is in radians.")
-        return
-    yield Finding("camera", Severity.OK, CAMERA, what)
+    advice = "Positive mount: pitch looks down; it is in radians."
+    yield graded("camera", CAMERA, what, (ground < _MIN_GROUND, Severity.ERROR, advice))
 
 
 def check_projection(survey: Survey) -> Iterator[Finding]:
     """Field lines projected at the true poses against the white ones in the images: is the camera turned?"""
-    camera = perspective_camera(survey)
-    if camera is None:
+    camera, field = perspective_camera(survey), survey.field
+    if camera is None or field is None:
         return
-    recording = survey.recording
-    try:
-        field, truth = recording.field, recording.truth
-    except InputError:
-        return  # the checks of them say so
+    recording, truth = survey.recording, survey.recording.truth
     if truth is None:
         what = "whether the camera is mounted as camera.yaml says is not tested: the true poses are not known"
         yield Finding("projection", Severity.NOTE, CAMERA, what)

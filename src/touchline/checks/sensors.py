@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.camera import PERSPECTIVE_MODELS
-from touchline.checks.findings import Finding, Severity
+from touchline.checks.findings import Finding, Severity, graded
 from touchline.checks.survey import Survey
-from touchline.errors import InputError
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, wrap_angles
 from touchline.sources.description import FIELD, finite_number
@@ -93,18 +92,15 @@ def _no_compass(survey: Survey, what: str) -> Iterator[Finding]:
     if recording.camera_kind not in PERSPECTIVE_MODELS and (not recording.has_observations or survey.seen["point"]):
         yield Finding("compass", Severity.WARNING, "imu.csv", what, _NO_COMPASS)
         return
-    try:
-        field = recording.field
-    except InputError:
-        return  # the check of the field says so
-    if field.is_symmetric and not FieldAssociations(field).tell_ends_apart:
+    field = survey.field
+    if field is not None and field.is_symmetric and not FieldAssociations(field).tell_ends_apart:
         what = "nothing tells both ends of the field apart: no goal or pole has a colour of its own end"
         yield Finding("ends", Severity.NOTE, FIELD, what, _ENDS_ALIKE)
 
 
 def check_stuck(survey: Survey) -> Iterator[Finding]:
     """Values that stay the same while another sensor sees the robot move."""
-    turned = {name: _steps_of_angle(survey.column(name)) for name in ("theta", "yaw")}
+    turned = {name: survey.turns(name) for name in ("theta", "yaw")}
     turned["gz"] = survey.turn_rad[1:]
     travelled = {"x": _travel(survey, "x", "y"), "a": _travel(survey, "a", "b")}
     for names, file, own, others, limit, unit in (
@@ -157,23 +153,18 @@ def check_gyro_bias(survey: Survey) -> Iterator[Finding]:
     moved = [_travel(survey, "x", "y"), _travel(survey, "a", "b")]
     known = np.isfinite(moved).any(axis=0) & np.isfinite(turn)
     still = known & (np.nan_to_num(moved).max(axis=0) < _STILL_M)
-    still &= np.abs(np.nan_to_num(_steps_of_angle(survey.column("theta")))) < _STILL_RAD
+    still &= np.abs(np.nan_to_num(survey.turns("theta"))) < _STILL_RAD
     seconds = float(steps[still].sum())
     if not known.any():
         return
     if seconds < _MIN_STILL_S:
-        what, advice = (
-            "the gyro's bias is not measured: the robot hardly ever stands still",
-            "Record two seconds at rest to have it measured.",
-        )
-        yield Finding("gyro bias", Severity.NOTE, "imu.csv", what, advice)
+        what = "the gyro's bias is not measured: the robot hardly ever stands still"
+        yield Finding("gyro bias", Severity.NOTE, "imu.csv", what, "Record two seconds at rest to have it measured.")
         return
     bias = math.degrees(float(turn[still].sum()) / seconds)
     what = f"gz is {bias:+.2f}°/s while the robot stands ({seconds:.1f} s in all)"
-    if abs(bias) > 2.0:
-        yield Finding("gyro bias", Severity.WARNING, "imu.csv", what, "Let the gyro settle and calibrate it at rest.")
-    else:
-        yield Finding("gyro bias", Severity.OK, "imu.csv", what)
+    case = abs(bias) > 2.0, Severity.WARNING, "Let the gyro settle and calibrate it at rest."
+    yield graded("gyro bias", "imu.csv", what, case)
 
 
 def compare_travel(survey: Survey, subject: tuple[str, str, str, str], steps: FloatArray) -> Iterator[Finding]:
@@ -197,12 +188,11 @@ def compare_travel(survey: Survey, subject: tuple[str, str, str, str], steps: Fl
     if mirrored.correlation > max(found.correlation + 0.2, 0.8):
         what = f"{name} and odometry are mirror images of each other (correlation {mirrored.correlation:.2f})"
         yield Finding(check, Severity.ERROR, file, what, f"One of them takes y to the right. {advice}")
-    elif found.correlation < 0.8 or abs(found.angle_rad) > math.radians(20.0) or not 0.7 < found.scale < 1.4:
-        yield Finding(check, Severity.ERROR, file, what, advice)
-    elif abs(found.scale - 1.0) > 0.08 or abs(found.angle_rad) > math.radians(6.0):
-        yield Finding(check, Severity.WARNING, file, what, advice)
-    else:
-        yield Finding(check, Severity.OK, file, what)
+        return
+    turned = abs(found.angle_rad)
+    poor = found.correlation < 0.8 or turned > math.radians(20.0) or not 0.7 < found.scale < 1.4
+    off = abs(found.scale - 1.0) > 0.08 or turned > math.radians(6.0)
+    yield graded(check, file, what, (poor, Severity.ERROR, advice), (off, Severity.WARNING, advice))
 
 
 def over_windows(steps: FloatArray, stamps_s: FloatArray) -> npt.NDArray[np.complex128]:
@@ -218,10 +208,15 @@ def over_windows(steps: FloatArray, stamps_s: FloatArray) -> npt.NDArray[np.comp
 
 def _base_steps(survey: Survey) -> FloatArray:
     """(N - 1, 2) odometry's travel between images in the base frame (m); NaN where it turns by more than 0.3 rad."""
-    moved = np.diff(survey.column("x")) + 1j * np.diff(survey.column("y"))
-    theta, turn = survey.column("theta"), _steps_of_angle(survey.column("theta"))
-    local = moved * np.exp(-1j * (theta[:-1] + 0.5 * turn))
-    local[~(np.abs(turn) < 0.3)] = np.nan
+    steps = base_steps(np.column_stack([survey.column(name) for name in ("x", "y", "theta")]))
+    steps[~(np.abs(survey.turns("theta")) < 0.3)] = np.nan
+    return steps
+
+
+def base_steps(poses: FloatArray) -> FloatArray:
+    """(N - 1, 2) travel between poses (N, 3) in the base frame (m), by the heading half way."""
+    moved = np.diff(poses[:, 0]) + 1j * np.diff(poses[:, 1])
+    local = moved * np.exp(-1j * (poses[:-1, 2] + 0.5 * wrap_angles(np.diff(poses[:, 2]))))
     return np.column_stack((local.real, local.imag))
 
 
@@ -245,10 +240,6 @@ def _agreement(a: npt.NDArray[np.complex128], b: npt.NDArray[np.complex128]) -> 
 
 def _travel(survey: Survey, first: str, second: str) -> FloatArray:
     return np.hypot(np.diff(survey.column(first)), np.diff(survey.column(second)))
-
-
-def _steps_of_angle(angles: FloatArray) -> FloatArray:
-    return wrap_angles(np.diff(angles))
 
 
 def _runs(mask: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int]]:

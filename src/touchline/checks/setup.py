@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from touchline.checks.findings import Finding, Severity
-from touchline.checks.sensors import compare_travel
+from touchline.checks.findings import Finding, Severity, graded
+from touchline.checks.sensors import base_steps, compare_travel
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
@@ -71,8 +71,8 @@ def check_mirror(survey: Survey) -> Iterator[Finding]:
     shake = math.hypot(*(1.4826 * np.median(np.abs(rims[:, :2] - (u, v)), axis=0)))
     what = f"the mirror's disc is centred at ({u:.1f}, {v:.1f}), {off:.1f} px from camera.yaml's center"
     advice = "The mirror was moved since the calibration, or sits askew: calibrate again."
-    severity = Severity.WARNING if off > _RIM_OFF_PX else Severity.NOTE if off > 0.5 * _RIM_OFF_PX else Severity.OK
-    yield Finding("mirror", severity, CAMERA, what, advice if severity is not Severity.OK else "")
+    cases = (off > _RIM_OFF_PX, Severity.WARNING, advice), (off > 0.5 * _RIM_OFF_PX, Severity.NOTE, advice)
+    yield graded("mirror", CAMERA, what, *cases)
     if shake > _RIM_SHAKES_PX:
         what = f"the mirror's disc moves by about {shake:.1f} px between images"
         yield Finding("mirror", Severity.WARNING, CAMERA, what, "Tighten the mirror's mount.")
@@ -106,13 +106,8 @@ def check_field(survey: Survey) -> Iterator[Finding]:
     try:
         field = recording.field
     except InputError as error:
-        yield Finding(
-            "field",
-            Severity.ERROR,
-            FIELD,
-            _told(error, recording.folder / FIELD),
-            "Correct the file, or remove it to use the preset.",
-        )
+        what, advice = _told(error, recording.folder / FIELD), "Correct the file, or remove it to use the preset."
+        yield Finding("field", Severity.ERROR, FIELD, what, advice)
         return
     words = f"{field.name}, {field.length:g} × {field.width:g} m, lines {100 * field.line_width:g} cm"
     name = recording.sequence.get("field")
@@ -136,12 +131,8 @@ def check_field(survey: Survey) -> Iterator[Finding]:
 
 def check_truth(survey: Survey) -> Iterator[Finding]:
     """Whether the true poses lie in the hall and move as odometry does."""
-    truth = survey.recording.truth
-    if truth is None:
-        return
-    try:
-        field = survey.recording.field
-    except InputError:
+    truth, field = survey.recording.truth, survey.field
+    if truth is None or field is None:
         return
     limits = np.array([field.length, field.width]) / 2 + _HALL_M
     outside = np.flatnonzero((np.abs(truth.poses[:, :2]) > limits).any(axis=1)).tolist()
@@ -185,8 +176,6 @@ def _omni_oddities(camera: OmniCamera) -> Iterator[Finding]:
 
 def _true_steps(poses: FloatArray, stamps_s: FloatArray) -> FloatArray:
     """(N - 1, 2) travel in the base frame (m); NaN where the robot was put elsewhere."""
-    moved = np.diff(poses[:, 0]) + 1j * np.diff(poses[:, 1])
-    turn = np.angle(np.exp(1j * np.diff(poses[:, 2])))
-    local = moved * np.exp(-1j * (poses[:-1, 2] + 0.5 * turn))
-    local[np.abs(moved) > _FASTEST_M_S * np.diff(stamps_s)] = np.nan
-    return np.column_stack((local.real, local.imag))
+    steps = base_steps(poses)
+    steps[np.hypot(*np.diff(poses[:, :2], axis=0).T) > _FASTEST_M_S * np.diff(stamps_s)] = np.nan
+    return steps

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -46,17 +47,6 @@ _GREY_LEVELS = 1.0  # mean difference of the channels; carpet in the dimmest lig
 _ONE_WINDOW_S = 1.0
 
 
-class Slip(NamedTuple):
-    """One slip. where: a file. what: what is odd there, in a sentence; advice: what it looks like, what to do."""
-
-    where: str
-    what: str
-    advice: str
-
-    def __str__(self) -> str:
-        return f"{self.where}: {self.what}. {self.advice}"
-
-
 class _Head(NamedTuple):
     """The beginning of a table: times (N,) in s, values by column (N,), and the unit that its times are in."""
 
@@ -66,24 +56,19 @@ class _Head(NamedTuple):
 
 
 def check_slips(survey: Survey) -> Iterator[Finding]:
-    """Everything below as findings."""
-    for slip in find_slips(survey.recording):
-        yield Finding("units", Severity.ERROR, slip.where, slip.what, slip.advice)
-
-
-def find_slips(recording: Recording) -> list[Slip]:
     """What is in another unit than the format says, and images without colour."""
+    yield from find_slips(survey.recording)
+
+
+def find_slips(recording: Recording) -> list[Finding]:
+    """As `check_slips`, without a survey."""
     heads = {name: head for name in SENSOR_COLUMNS if (head := _head(recording, name)) is not None}
-    return [
-        *_times(recording, heads),
-        *_angles(heads),
-        *_leans(heads),
-        *_lengths(heads),
-        *_points(recording),
-        *_ranges(recording),
-        *_mounts(recording),
-        *_colours(recording),
-    ]
+    of_tables = (_times(recording, heads), _angles(heads), _leans(heads), _lengths(heads))
+    return [*chain(*of_tables, *(find(recording) for find in (_points, _ranges, _mounts, _colours)))]
+
+
+def _slip(where: str, what: str, advice: str) -> Finding:
+    return Finding("units", Severity.ERROR, where, what, advice)
 
 
 def _head(recording: Recording, name: str) -> _Head | None:
@@ -97,7 +82,7 @@ def _head(recording: Recording, name: str) -> _Head | None:
     return _Head(rows[:, 0] / TIME_UNITS.get(unit or "", 1.0), columns, unit)
 
 
-def _times(recording: Recording, heads: dict[str, _Head]) -> Iterator[Slip]:
+def _times(recording: Recording, heads: dict[str, _Head]) -> Iterator[Finding]:
     units = {name: head.unit for name, head in heads.items()}
     frames = recording.table(recording.frame_list)
     if frames is not None:
@@ -108,10 +93,10 @@ def _times(recording: Recording, heads: dict[str, _Head]) -> Iterator[Slip]:
         units = {recording.frame_list: time_unit(times, *limits), **units}
     for unit in TIME_UNITS:
         if files := [name for name, own in units.items() if own == unit]:
-            yield Slip(", ".join(files), f"the times look like {unit}", "Column t is in seconds.")
+            yield _slip(", ".join(files), f"the times look like {unit}", "Column t is in seconds.")
 
 
-def _angles(heads: dict[str, _Head]) -> Iterator[Slip]:
+def _angles(heads: dict[str, _Head]) -> Iterator[Finding]:
     """Angles that turn 57 times as far as those of other sensors, or reach beyond a turn but not beyond 360."""
     turned: dict[str, float] = {}
     sensors = [(name, file) for name, file in _ANGLES.items() if file in heads]
@@ -122,10 +107,10 @@ def _angles(heads: dict[str, _Head]) -> Iterator[Slip]:
         if _in_degrees(name, turned, largest):
             turned[name] = math.radians(turned[name])  # as a witness for the others
             unit = "degrees per second; rates are in rad/s" if name == "gz" else "degrees; angles are in radians"
-            yield Slip(file, f"column '{name}' reaches {largest:.3g}", f"It looks like {unit}.")
+            yield _slip(file, f"column '{name}' reaches {largest:.3g}", f"It looks like {unit}.")
 
 
-def _leans(heads: dict[str, _Head]) -> Iterator[Slip]:
+def _leans(heads: dict[str, _Head]) -> Iterator[Finding]:
     if "imu.csv" not in heads:
         return
     for name in ("roll", "pitch"):
@@ -133,7 +118,7 @@ def _leans(heads: dict[str, _Head]) -> Iterator[Slip]:
         lean = lean[np.isfinite(lean)]
         if len(lean) and float(np.quantile(lean, 0.95)) > math.pi:
             what = f"column '{name}' reaches {lean.max():.3g}"
-            yield Slip("imu.csv", what, "It looks like degrees; angles are in radians.")
+            yield _slip("imu.csv", what, "It looks like degrees; angles are in radians.")
 
 
 def _in_degrees(name: str, turned: dict[str, float], largest: float) -> bool:
@@ -174,7 +159,7 @@ def _each_second(times_s: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(np.interp(wanted, times_s, values))
 
 
-def _lengths(heads: dict[str, _Head]) -> Iterator[Slip]:
+def _lengths(heads: dict[str, _Head]) -> Iterator[Finding]:
     """Ways that no robot drives, or a hundred or a thousand times as long as those of another sensor."""
     ways: dict[str, tuple[float, float]] = {}
     for file, (first, second) in (("odometry.csv", ("x", "y")), ("wheels.csv", ("a", "b"))):
@@ -193,10 +178,11 @@ def _lengths(heads: dict[str, _Head]) -> Iterator[Slip]:
         if not unit and speed > _FASTEST_M_S:
             unit = "millimetres or centimetres"
         if unit:
-            yield Slip(file, f"a way of {way:.3g} at {speed:.3g} a second", f"It looks like {unit}; metres are wanted.")
+            what = f"a way of {way:.3g} at {speed:.3g} a second"
+            yield _slip(file, what, f"It looks like {unit}; metres are wanted.")
 
 
-def _points(recording: Recording) -> Iterator[Slip]:
+def _points(recording: Recording) -> Iterator[Finding]:
     table = recording.table(OBSERVATIONS)
     if table is None:
         return
@@ -210,10 +196,10 @@ def _points(recording: Recording) -> Iterator[Slip]:
     if len(away) and (middle := float(np.median(away))) > max_range_m:
         what = f"what was found lies {middle:.4g} m away (median), on a field on which nothing can be farther than "
         unit = length_unit(float(np.quantile(away, 0.9)), max_range_m)
-        yield Slip(OBSERVATIONS, f"{what}{max_range_m:.0f} m", f"It looks like {unit}; x_m and y_m are in metres.")
+        yield _slip(OBSERVATIONS, f"{what}{max_range_m:.0f} m", f"It looks like {unit}; x_m and y_m are in metres.")
 
 
-def _ranges(recording: Recording) -> Iterator[Slip]:
+def _ranges(recording: Recording) -> Iterator[Finding]:
     if recording.camera_kind != "omni" or recording.camera_file is None:
         return
     from touchline.camera import OmniCamera
@@ -227,10 +213,10 @@ def _ranges(recording: Recording) -> Iterator[Slip]:
         if at_foot > _MAX_FOOT_M:
             what = f"range_table has {at_foot:.4g} m at the robot's foot (inner_radius_px)"
             unit = length_unit(at_foot, 0.3 * _MAX_FOOT_M)
-            yield Slip(CAMERA, what, f"It looks like {unit}; range_m is in metres.")
+            yield _slip(CAMERA, what, f"It looks like {unit}; range_m is in metres.")
 
 
-def _mounts(recording: Recording) -> Iterator[Slip]:
+def _mounts(recording: Recording) -> Iterator[Finding]:
     """Where a perspective camera is: `mount` of camera.yaml, and camera_pose.csv."""
     if recording.camera_kind not in PERSPECTIVE_MODELS:
         return
@@ -250,15 +236,14 @@ def _mounts(recording: Recording) -> Iterator[Slip]:
     for file, name, height_m, largest_rad in places:
         if height_m > _MAX_M:
             unit = length_unit(height_m, _MAX_M)
-            yield Slip(
-                file, f"the {name} has the camera {height_m:.4g} m high", f"It looks like {unit}; z is in metres."
-            )
+            what = f"the {name} has the camera {height_m:.4g} m high"
+            yield _slip(file, what, f"It looks like {unit}; z is in metres.")
         if largest_rad > _MAX_RAD:
             what = f"the {name}'s roll, pitch or yaw reaches {largest_rad:.3g}"
-            yield Slip(file, what, "It looks like degrees; angles are in radians.")
+            yield _slip(file, what, "It looks like degrees; angles are in radians.")
 
 
-def _colours(recording: Recording) -> Iterator[Slip]:
+def _colours(recording: Recording) -> Iterator[Finding]:
     """Images in shades of grey: carpet and lines are told apart by colour."""
     if not recording.has_images or recording.has_observations:
         return
@@ -266,4 +251,4 @@ def _colours(recording: Recording) -> Iterator[Slip]:
     images = [image for index in indices if (image := recording.image(index)) is not None and not is_covered(image)]
     if images and all(float(np.ptp(image[::4, ::4], axis=2).mean()) < _GREY_LEVELS for image in images):
         advice = "The carpet is recognised by its green: record in colour."
-        yield Slip(IMAGE_LIST, "the images are grey, their three channels are equal", advice)
+        yield _slip(IMAGE_LIST, "the images are grey, their three channels are equal", advice)

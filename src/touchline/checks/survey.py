@@ -21,13 +21,14 @@ from touchline.checks.image_measures import (
     ring_mask,
 )
 from touchline.errors import InputError
-from touchline.geometry import FloatArray, wrap_angle
+from touchline.geometry import FloatArray, wrap_angle, wrap_angles
 from touchline.perception.covered import is_covered
 from touchline.sources.folder import Recording
 from touchline.types import Frame, ImageArray, Observation, Samples
 
 if TYPE_CHECKING:
     from touchline.camera import OmniCamera
+    from touchline.field import FieldModel
 
 RIM_IMAGES = 24  # images whose rim is fitted, spread over the recording
 MOTION_COLUMNS = ("x", "y", "theta", "a", "b", "roll", "pitch", "yaw", "gx", "gy", "gz")
@@ -71,6 +72,14 @@ class Survey:
         except InputError:
             return None
 
+    @cached_property
+    def field(self) -> FieldModel | None:
+        """The field; None if its file is broken (the check of it says so)."""
+        try:
+            return self.recording.field
+        except InputError:
+            return None
+
     @property
     def stamps_s(self) -> FloatArray:
         """Image times (N,) in s."""
@@ -80,6 +89,10 @@ class Survey:
     def column(self, name: str) -> FloatArray:
         """One of MOTION_COLUMNS (N,)."""
         return self.motion[:, MOTION_COLUMNS.index(name)]
+
+    def turns(self, name: str) -> FloatArray:
+        """(N - 1,) by how much an angle of MOTION_COLUMNS turns from image to image (rad)."""
+        return wrap_angles(np.diff(self.column(name)))
 
     def column_changed(self, name: str) -> npt.NDArray[np.bool_]:
         """Whether one of MOTION_COLUMNS changed since the image before (N,)."""
@@ -128,13 +141,8 @@ class _MotionTaker:
 
     def take(self, index: int, frame: Frame) -> None:
         start = 0
-        for samples, width in (
-            (frame.odometry, 3),
-            (frame.wheels, 2),
-            (frame.tilt, 2),
-            (frame.compass, 1),
-            (frame.gyro, 3),
-        ):
+        sensors = frame.odometry, frame.wheels, frame.tilt, frame.compass, frame.gyro
+        for samples, width in zip(sensors, (3, 2, 2, 1, 3), strict=True):
             if samples is not None:
                 columns = slice(start, start + width)
                 before = self._survey.motion[index - 1, columns] if index else samples.values[0]
@@ -170,9 +178,8 @@ class _ImageTaker:
         camera = survey.omni
         if camera is not None and camera.outer_radius_px <= max(camera.width, camera.height):
             self._circle, self._handedness = (camera.center, camera.outer_radius_px), camera.handedness
-            self._mask = ring_mask(
-                camera.width, camera.height, camera.center, camera.inner_radius_px, camera.outer_radius_px
-            )
+            radii = camera.inner_radius_px, camera.outer_radius_px
+            self._mask = ring_mask(camera.width, camera.height, camera.center, *radii)
             self._gauge = TurnGauge(*self._circle)
 
     def take(self, index: int, image: ImageArray | None) -> None:
@@ -190,10 +197,8 @@ class _ImageTaker:
         if image is not None:
             assert self._mask is not None
             survey.sharpness[index] = measure_sharpness(image, self._mask)
-            if self._circle is not None and index % self._rim_step == 0:
-                rim = fit_rim(image, *self._circle)
-                if rim is not None:
-                    survey.rims.append((index, rim))
+            if self._circle is not None and index % self._rim_step == 0 and (rim := fit_rim(image, *self._circle)):
+                survey.rims.append((index, rim))
         if self._gauge is not None:
             # The world stands still: seen from the robot it turns back, in the image by handedness more.
             turn = wrap_angle(-self._handedness * float(np.nan_to_num(survey.turn_rad[index])))

@@ -164,8 +164,8 @@ def _bag_writer(target: Path, kind: Kind) -> tuple[BagWriter, Codec]:
     from touchline.sources.bags.kinds import require_bags
 
     require_bags(target)
-    from touchline.sources.bags.mcap_writer import McapWriter
     from touchline.sources.bags.with_rosbags import Codec, Rosbag2Writer
+    from touchline.sources.bags.writing import McapWriter
 
     codec = Codec()
     if kind is Kind.MCAP:

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.evaluation.compare import COLUMNS, UNITS, Compared, Comparison
-from touchline.evaluation.path_svg import field_frame, run_path, truth_path
 from touchline.evaluation.timeline import Chart, Curve, page_data, run_tree, shown_rows, truth_tree
 from touchline.evaluation.web_page import html_page, time_panel
 from touchline.geometry import FloatArray
@@ -22,9 +21,10 @@ def comparison_page(compared: Comparison) -> str:
     """The whole page as text."""
     first = compared.first
     rows = shown_rows(first)
-    trees = [_tree(one, rows) for one in compared.runs]
+    trees = [_tree(one, rows, f"run-{k}") for k, one in enumerate(compared.runs)]
     truth = truth_tree(first, rows)
     data = page_data(first, _charts(compared, rows), [*trees, *([] if truth is None else [truth])], rows)
+    key = [(one.name, f"run-{k}") for k, one in enumerate(compared.runs)]
     names = " · ".join(html.escape(one.name) for one in compared.runs)
     recording = html.escape(compared.recording)
     sections = [
@@ -32,7 +32,7 @@ def comparison_page(compared: Comparison) -> str:
         _table("Figures", ("run", *(f"{n} ({u})" for n, u in zip(COLUMNS, UNITS, strict=True))), compared.figures()),
         _table("What differs", ("", *(one.name for one in compared.runs)), compared.differing_settings()),
         _parting(compared),
-        time_panel(_paths(compared), False, "Errors: distance from the truth, and of the heading. "),
+        time_panel(key, False, "Errors: distance from the truth, and of the heading. "),
     ]
     return html_page(f"{compared.runs[0].name} and others · Touchline", sections, data)
 
@@ -56,11 +56,11 @@ def parting_lines(compared: Comparison) -> list[str]:
     return lines
 
 
-def _tree(one: Compared, rows: npt.NDArray[np.int64]) -> dict[str, object]:
+def _tree(one: Compared, rows: npt.NDArray[np.int64], color: str) -> dict[str, object]:
     """A run's places at the first run's rows; nothing where it has no image."""
-    tree = run_tree(one.name, one.data, np.maximum(one.row[rows], 0))
+    tree = run_tree(one.name, one.data, np.maximum(one.row[rows], 0), color)
     missing = np.flatnonzero(one.row[rows] < 0)
-    for key in ("status", "x", "y", "h"):
+    for key in ("status", "dots", "x", "y", "h"):
         for index in missing:
             tree[key][index] = None
     return tree
@@ -96,16 +96,6 @@ def _error(one: Compared, heading: bool) -> FloatArray:
         own[errors.rows] = _DEGREES * errors.values[:, 2] if heading else 100.0 * errors.position_m()
     found: FloatArray = np.where(one.row >= 0, own[one.row], np.nan)
     return found
-
-
-def _paths(compared: Comparison) -> str:
-    first = compared.first
-    colors = [f"run-{k}" for k in range(len(compared.runs))]
-    drawn = [truth_path(first), *(run_path(one.data, c) for one, c in zip(compared.runs, colors, strict=True))]
-    svg = field_frame(first.field, drawn, colors, first.truth is not None)
-    named = zip(compared.runs, colors, strict=True)
-    key = " ".join(f"<span><i class='key {color}'></i>{html.escape(one.name)}</span>" for one, color in named)
-    return f"<figure>{svg}<figcaption><span class='keys'>{key}</span></figcaption></figure>"
 
 
 def _parting(compared: Comparison) -> str:

@@ -14,20 +14,27 @@ import cv2
 import numpy as np
 
 from touchline.evaluation.compare import leaves
-from touchline.evaluation.figures import latency_figure
 from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import COLUMNS, ErrorStatistics, ErrorTable
-from touchline.evaluation.path_svg import path_key, path_svg
 from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import REPORT
 from touchline.evaluation.runner import Thumbnail
-from touchline.evaluation.timeline import error_charts, page_data, run_tree, shown_rows, truth_tree
+from touchline.evaluation.timeline import (
+    MODE_COLORS,
+    dot_colors,
+    error_charts,
+    latency_tree,
+    page_data,
+    run_tree,
+    shown_rows,
+    truth_tree,
+)
 from touchline.evaluation.tum import pose_text
 from touchline.evaluation.web_page import html_page, time_panel
 from touchline.files.new import replace_file
 from touchline.geometry import Pose
 from touchline.messages import counted
-from touchline.types import ImageArray
+from touchline.types import ImageArray, Status
 
 _JPEG_QUALITY = 82
 
@@ -69,7 +76,7 @@ def write_report(
         _footer(summary),
     ]
     title = f"{summary['recording']['name']} · {summary['system']} · Touchline"
-    page = html_page(title, sections, _page_data(data, thumbnails) if shows_time else None)
+    page = html_page(title, sections, _page_data(data, thumbnails, summary) if shows_time else None)
     path = folder / REPORT
     replace_file(path, page.encode(errors="replace"))  # a name may be no UTF-8
     return path
@@ -116,11 +123,13 @@ def other_side_text(summary: dict[str, Any]) -> str:
     )
 
 
-def _page_data(data: RunData, thumbnails: Sequence[Thumbnail]) -> str:
+def _page_data(data: RunData, thumbnails: Sequence[Thumbnail], summary: dict[str, Any]) -> str:
     rows = shown_rows(data)
+    spent_ms = (data.table.perception_ms + data.table.localization_ms).astype(np.float64)
     truth = truth_tree(data, rows)
     runs = [run_tree("estimate", data, rows), *([] if truth is None else [truth])]
-    return page_data(data, error_charts(data, rows), runs, rows, thumbnails)
+    times = latency_tree(spent_ms, summary["latency_ms"])
+    return page_data(data, error_charts(data, rows), runs, rows, thumbnails, times)
 
 
 def _key_figures(summary: dict[str, Any], errors: ErrorTable | None, data: RunData) -> str:
@@ -211,10 +220,18 @@ def _time_section(data: RunData, has_images: bool) -> str:
         caption = "The truth alone: the robot was never located."
     else:
         caption = "The robot was never located."
-    names = (f"<span><i class='key {color}'></i>{html.escape(label)}</span>" for label, color in path_key(data))
-    key = f"<span class='keys'>{' '.join(names)}</span>"
-    figure = f"<figure>{path_svg(data)}<figcaption>{key}{caption}</figcaption></figure>"
-    return time_panel(figure, has_images, _of_the_curves(data))
+    return time_panel(path_key(data), has_images, _of_the_curves(data), caption)
+
+
+def path_key(data: RunData) -> list[tuple[str, str]]:
+    """What the picture of the path shows, in words, each with the stylesheet's name of its colour."""
+    labels = {color: mode.value for mode, color in MODE_COLORS.items()} | {
+        status.value: status.value for status in Status
+    }
+    shown = set(dot_colors(data).tolist())
+    key = [("truth", "truth")] if data.truth is not None else []
+    key += [(label, color) for color, label in labels.items() if color in shown]
+    return key + ([("first located", "first-located")] if data.first_located < len(data.table) else [])
 
 
 def _of_the_curves(data: RunData) -> str:
@@ -229,10 +246,9 @@ def _of_the_curves(data: RunData) -> str:
 def _latency(data: RunData, summary: dict[str, Any]) -> str:
     if not len(data.table):
         return ""
-    spent_ms = (data.table.perception_ms + data.table.localization_ms).astype(np.float64)
-    drawing = f"<div class='scroll'>{latency_figure(spent_ms, summary['latency_ms'])}</div>"
     caption = "Perception and localization together, without reading and decoding. "
     caption += _of_the_start(summary["latency_ms"]["first_left_out"], summary["learns_colours"])
+    drawing = "<div id='histogram' role='img' aria-label='Histogram of the time per frame'></div>"
     figure = f"<figure class='histogram'>{drawing}<figcaption>{caption}</figcaption></figure>"
     return f"<section><h2>Latency</h2>{figure}</section>"
 

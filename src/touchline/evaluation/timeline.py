@@ -16,13 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from touchline.evaluation.latency import milliseconds
 from touchline.evaluation.metrics import associate, within
 from touchline.evaluation.run_data import Event, RunData, carried_rows
 from touchline.evaluation.runner import Thumbnail
+from touchline.field import FieldModel
 from touchline.geometry import FloatArray
-from touchline.types import Status
+from touchline.types import Mode, Status
 
 MAX_ROWS = 2_000
+MODE_COLORS = {Mode.OMNIVISION: "omnivision", Mode.BOTH: "both", Mode.ODOMETRY: "odometry"}
+_BINS = 45  # of the histogram of times
 _CUT = 1.6  # of the usual error: how far an axis reaches if few frames are far worse
 _USUAL_PERCENT = 98.0
 _EVENT_WORDS = {"slip": "shove", "kidnap": "kidnap", "occluded": "covered", "light_change": "light"}
@@ -72,8 +76,12 @@ def page_data(
     runs: Sequence[dict[str, Any]],
     rows: npt.NDArray[np.int64],
     thumbnails: Sequence[Thumbnail] = (),
+    histogram: dict[str, Any] | None = None,
 ) -> str:
-    """The JSON text that web/page.js reads. The charts' values (N,) and the runs' rows are those of `rows`."""
+    """The JSON text that web/page.js reads. The charts' values (N,) and the runs' rows are those of `rows`.
+
+    histogram: of `latency_tree`, for a page with a place for it.
+    """
     stamps = data.table.trajectory.stamp_ns[rows]
     begin = int(np.searchsorted(rows, data.first_located)) if data.first_located < len(data.table) else 0
     tree = {
@@ -84,6 +92,8 @@ def page_data(
         "charts": [_chart_tree(chart, last=chart is charts[-1]) for chart in charts],
         "gaps": _gaps(data, stamps),
         "events": _event_trees(data),
+        "histogram": histogram,
+        "field": _field_tree(data.field),
         "pictures": [
             {"row": _nearest(stamps, picture.stamp_ns), "jpeg": base64.b64encode(picture.jpeg).decode("ascii")}
             for picture in thumbnails
@@ -93,11 +103,28 @@ def page_data(
     return json.dumps(tree, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 
-def run_tree(name: str, data: RunData, rows: npt.NDArray[np.int64]) -> dict[str, Any]:
-    """A run's places and statuses at these rows, for the slider."""
+def run_tree(name: str, data: RunData, rows: npt.NDArray[np.int64], color: str = "") -> dict[str, Any]:
+    """A run's places and statuses at these rows, for the slider and the picture of the path.
+
+    color: the stylesheet's name of that of its dots; by default each dot has that of `dot_colors`.
+    """
     poses = data.table.trajectory.values[rows]
     status = [int(value) for value in data.table.status[rows]]
-    return {"name": name, "status": status, **_places(poses)}
+    dots = [each and (color or each) for each in dot_colors(data)[rows].tolist()]
+    return {"name": name, "marker": color or "tracking", "status": status, "dots": dots, **_places(poses)}
+
+
+def dot_colors(data: RunData) -> npt.NDArray[np.object_]:
+    """(N,) the stylesheet's name of each row's colour: of its mode where the robot tracks in one, else of its status.
+
+    None before the robot was first located.
+    """
+    by_status = np.array([status.value for status in Status], dtype=np.object_)[data.table.status]
+    by_mode = np.array([MODE_COLORS[mode] for mode in Mode], dtype=np.object_)[data.table.mode]
+    in_mode = data.table.has_status(Status.TRACKING) & (data.table.mode >= 0)
+    colors = np.where(in_mode, by_mode, by_status)
+    colors[: data.first_located] = None
+    return colors
 
 
 def truth_tree(data: RunData, rows: npt.NDArray[np.int64]) -> dict[str, Any] | None:
@@ -106,7 +133,7 @@ def truth_tree(data: RunData, rows: npt.NDArray[np.int64]) -> dict[str, Any] | N
         return None
     match = associate(data.table.trajectory.stamp_ns, data.truth.stamp_ns)[rows]
     poses = np.where((match >= 0)[:, np.newaxis], data.truth.values[match, :3], np.nan)
-    return {"name": "truth", "status": None, **_places(poses)}
+    return {"name": "truth", "marker": "truth-place", "status": None, "dots": None, **_places(poses)}
 
 
 def error_charts(data: RunData, rows: npt.NDArray[np.int64]) -> list[Chart]:
@@ -130,6 +157,20 @@ def error_charts(data: RunData, rows: npt.NDArray[np.int64]) -> list[Chart]:
     return charts
 
 
+def latency_tree(spent_ms: FloatArray, latency_ms: dict[str, Any]) -> dict[str, Any]:
+    """How many frames took how long (ms, (N,)), in bins of even width in the logarithm.
+
+    latency_ms: as `FrameTimes.summary` has it; the first frames, which it leaves out, are counted by themselves.
+    """
+    low, high = max(1e-3, 0.8 * float(spent_ms.min())), 1.25 * float(spent_ms.max()) + 1e-3
+    shown_ms, left_out = np.maximum(spent_ms, 1e-3), latency_ms["first_left_out"]
+    edges = np.geomspace(low, high, _BINS + 1)
+    later, first = (np.histogram(some, edges)[0].tolist() for some in (shown_ms[left_out:], shown_ms[:left_out]))
+    marked = [(name, latency_ms["total"][name]) for name in ("median", "p99")]
+    marks = [{"ms": time_ms, "label": f"{name} {milliseconds(time_ms)} ms"} for name, time_ms in marked]
+    return {"low": low, "high": high, "later": later, "first": first, "marks": marks}
+
+
 def axis_limit(chart: Chart) -> tuple[float, float | None]:
     """How far the axis of a chart reaches from zero, and the largest value if it is cut off there."""
     size = np.abs(np.concatenate([curve.values for curve in chart.curves]))
@@ -144,6 +185,14 @@ def axis_limit(chart: Chart) -> tuple[float, float | None]:
     if largest <= 2.0 * reach or reach == 0.0:
         return 1.05 * max(largest, reach) or 1.0, None
     return reach, largest
+
+
+def _field_tree(field: FieldModel) -> dict[str, Any]:
+    """The carpet and what is painted on it (m)."""
+    length, width = field.length + 2.0 * field.border, field.width + 2.0 * field.border
+    lines = [np.round(line, 3).tolist() for line in field.polylines(0.1)]
+    line_width = max(field.line_width, length / 300)
+    return {"size": [length, width], "line_width": line_width, "lines": lines, "discs": field.discs.tolist()}
 
 
 def _chart_tree(chart: Chart, last: bool) -> dict[str, Any]:

@@ -33,8 +33,15 @@ def html_page(title: str, sections: Sequence[str], data: str | None = None) -> s
     )
 
 
-def time_panel(figure: str, has_images: bool, caption: str) -> str:
-    """The section with the figure of the path, the image, the curves, and the slider that links them."""
+def time_panel(key: Sequence[tuple[str, str]], has_images: bool, caption: str, about_path: str = "") -> str:
+    """The section with the picture of the path, the image, the curves, and the slider that links them.
+
+    key: what the picture of the path shows, in words, each with the stylesheet's name of its colour. caption: of the
+    curves.
+    """
+    names = " ".join(f"<span><i class='key {color}'></i>{html.escape(label)}</span>" for label, color in key)
+    path = "<svg id='path' role='img' aria-label='Field with the estimated and the true path'></svg>"
+    figure = f"<figure>{path}<figcaption><span class='keys'>{names}</span>{about_path}</figcaption></figure>"
     image = (
         "<figure><img id='frame' alt='the image at this time'><figcaption id='frame-time'></figcaption></figure>"
         if has_images

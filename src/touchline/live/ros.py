@@ -25,8 +25,7 @@ from touchline.sources.bags.camera_track import CameraTrack
 from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
 from touchline.sources.bags.pixels import image_pixels
-from touchline.sources.bags.point_cloud import cloud_points
-from touchline.sources.bags.readings import attitude_of, place_and_turn, planar_pose, rates_of
+from touchline.sources.bags.readings import attitude_of, cloud_points, place_and_turn, planar_pose, rates_of
 from touchline.sources.bags.team_features import FeatureRow, feature_rows
 from touchline.sources.bags.transforms import FrameTree, plain
 from touchline.sources.observations import observation_of

@@ -13,8 +13,7 @@ from touchline.live.ros import RosReader
 from touchline.live.ros_topics import BOOSTER_POSE_TYPE, FIXED_TOPICS, FIXED_TYPES, Outgoing
 from touchline.live.ros_writer import RosWriter
 from touchline.sources.bags.messages import Topic
-from touchline.sources.bags.roles import COMPASS, DETECTIONS, IMU, ROLES, choose_topics
-from touchline.sources.bags.team_writing import DETECTION_TOPIC
+from touchline.sources.bags.roles import COMPASS, DETECTION_TOPIC, DETECTIONS, IMU, ROLES, choose_topics
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec
 from touchline.sources.problems import ProblemLog
 

@@ -43,7 +43,7 @@ class CameraPoses:
         before = max(after - 1, 0) if stamps[after] > stamp_ns else after
         step_ns = int(stamps[after] - stamps[before])
         ratio = (stamp_ns - int(stamps[before])) / step_ns if step_ns else 0.0
-        row = _between(self._rows.values[before], self._rows.values[after], ratio)
+        row = between(self._rows.values[before], self._rows.values[after], ratio)
         roll, pitch, yaw = row[3:].tolist()
         return Pose3.from_roll_pitch_yaw(roll, pitch, yaw, row[:3])
 
@@ -52,7 +52,7 @@ class CameraPoses:
         self._stream.drain()
 
 
-def _between(first: FloatArray, second: FloatArray, ratio: float) -> FloatArray:
+def between(first: FloatArray, second: FloatArray, ratio: float) -> FloatArray:
     """(6,) position and angles at a ratio of the way; angles go the shorter way."""
     step = second - first
     step[3:] = wrap_angles(step[3:])

@@ -1,4 +1,4 @@
-"""Decoding one image file: what a decoder would quietly fill in is broken here."""
+"""Where the images of a recording are kept, and how one is decoded: what a decoder would fill in is broken here."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from touchline.files.images import ImageSize, decode, image_size, read_image_bytes
-from touchline.files.opened import UnreadableError
+from touchline.files.opened import OwnFolder, UnreadableError
 from touchline.sources.problems import ProblemKind
 from touchline.types import ImageArray
 
@@ -32,6 +33,34 @@ class Decoded:
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | None
     kind: ProblemKind | None = None
     what: str = ""
+
+
+class ImageStore(Protocol):
+    """Images by their row of images.csv, from 0, and by the name that stands there."""
+
+    def decode(self, row: int, name: str, expected: tuple[int, int] | None) -> Decoded:
+        """The image as it was stored, or why there is none. expected: width and height, where they are known."""
+
+    def file_bytes(self, row: int, name: str) -> bytes:
+        """The image as the content of a file of that name. Raises UnreadableError if there is none."""
+
+
+class FolderImages:
+    """Image files in a recording's folder."""
+
+    def __init__(self, folder: OwnFolder) -> None:
+        self._folder = folder
+
+    def decode(self, row: int, name: str, expected: tuple[int, int] | None) -> Decoded:
+        """As `ImageStore` says."""
+        try:
+            return decode_image(self._folder.file(name), expected)
+        except UnreadableError as error:
+            return Decoded(None, ProblemKind.MISSING_IMAGE, error.what)
+
+    def file_bytes(self, row: int, name: str) -> bytes:
+        """As `ImageStore` says."""
+        return read_image_bytes(self._folder.file(name))
 
 
 def decode_image(path: Path, expected: tuple[int, int] | None = None) -> Decoded:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +17,8 @@ from touchline.messages import counted
 from touchline.sources.bags.roles import BagOptions
 from touchline.sources.camera_poses import CAMERA_POSES, CameraPoses
 from touchline.sources.camera_poses import COLUMNS as CAMERA_POSE_COLUMNS
-from touchline.sources.decoding import Decoded, usable_image
-from touchline.sources.description import NO_CAMERA, Description, read_description, wheel_directions_rad
-from touchline.sources.image_store import FolderImages, ImageStore
+from touchline.sources.decoding import Decoded, FolderImages, ImageStore, usable_image
+from touchline.sources.description import NO_CAMERA, read_description, wheel_directions_rad
 from touchline.sources.images import ImageList, read_image_list
 from touchline.sources.observations import OBSERVATIONS, ObservationList, read_observation_list
 from touchline.sources.problems import ProblemKind, ProblemLog
@@ -60,7 +59,9 @@ class Recording:
     missing or broken has image None and says why in `problem`.
 
     path: what the user named, where the folder holds the tables of a bag. images: where its images are.
-    problems: of the way they came.
+    problems: of the way they came. name, sequence (as it was written), events, camera_kind (`omni`, `pinhole`, `fisheye` or
+    `none`: observations.csv takes the place of a camera), camera_file (None without one), linear (images are 16-bit
+    linear PNG files) and stated_rate_hz (None without one) are what sequence.yaml says.
 
     Raises InputError when it can't be opened at all; what can be survived is in `problems`.
     """
@@ -87,7 +88,10 @@ class Recording:
         self.image_store: ImageStore = images or FolderImages(self._own)
         self._opening = ProblemLog() if problems is None else problems
         self._pass = ProblemLog()
-        self._about: Description = read_description(self._own, self._opening)
+        about = read_description(self._own, self._opening)
+        self.name, self.sequence, self.events = about.name, about.sequence, about.events
+        self.camera_kind, self.camera_file, self.linear = about.camera_kind, about.camera_file, about.linear
+        self.stated_rate_hz, self._field_source = about.rate_hz, about.field_source
         self._observations = self._open_observations()
         self._images = self._open_images()
         frames = self._images or self._observations
@@ -102,7 +106,7 @@ class Recording:
         """The true poses, where they are known. For evaluation only."""
         if (folder / TRUTH).exists():
             self.truth = read_truth(self.file(TRUTH), self._stamp_ns, self._opening)
-        self._size = self._about.image_size
+        self._size = about.image_size
 
     def file(self, name: str) -> Path:
         """The path of a file of the recording. Raises UnreadableError for one elsewhere that must not be followed."""
@@ -158,34 +162,9 @@ class Recording:
             self._opening.add(ProblemKind.SENSOR_FILE, name, what, line=_line_of(error))
 
     @property
-    def name(self) -> str:
-        """What the recording is called."""
-        return self._about.name
-
-    @property
-    def sequence(self) -> Mapping[str, Any]:
-        """sequence.yaml as it was written."""
-        return self._about.sequence
-
-    @property
     def follows_links(self) -> bool:
         """Whether files outside of the folder are read."""
         return self._own.follow_links
-
-    @property
-    def events(self) -> tuple[Mapping[str, Any], ...]:
-        """What happened, each with t and kind. For evaluation only."""
-        return self._about.events
-
-    @property
-    def camera_kind(self) -> str:
-        """`omni`, `pinhole`, `fisheye` or `none`: observations.csv takes the place of a camera."""
-        return self._about.camera_kind
-
-    @property
-    def camera_file(self) -> Path | None:
-        """camera.yaml, if there is one."""
-        return self._about.camera_file
 
     @property
     def has_images(self) -> bool:
@@ -201,11 +180,6 @@ class Recording:
     def frame_list(self) -> str:
         """The file that tells when frames were taken."""
         return OBSERVATIONS if self._images is None else IMAGE_LIST
-
-    @property
-    def linear(self) -> bool:
-        """Whether the images are 16-bit linear PNG files: no image until exposure and gain are applied."""
-        return self._about.linear
 
     @cached_property
     def camera(self) -> Camera:
@@ -226,7 +200,7 @@ class Recording:
         """The field of field.yaml, else the preset that sequence.yaml names."""
         from touchline.field import open_field
 
-        return open_field(self._about.field_source)
+        return open_field(self._field_source)
 
     @property
     def wheel_directions_rad(self) -> tuple[float, float] | None:
@@ -249,15 +223,10 @@ class Recording:
         return self._camera_poses if name == CAMERA_POSES else self._tables.get(name)
 
     @property
-    def stated_rate_hz(self) -> float | None:
-        """The image rate that sequence.yaml names; None where it names none."""
-        return self._about.rate_hz
-
-    @property
     def rate_hz(self) -> float:
         """Nominal image rate; the median one where sequence.yaml names none (NaN for a single image)."""
-        if self._about.rate_hz is not None:
-            return self._about.rate_hz
+        if self.stated_rate_hz is not None:
+            return self.stated_rate_hz
         steps = np.diff(self.image_stamps)
         return 1e9 / float(np.median(steps)) if len(steps) else float("nan")
 

@@ -14,7 +14,7 @@ from touchline.errors import InputError
 from touchline.files.opened import MAX_LINE, open_bytes
 from touchline.geometry import FloatArray
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.sources.sensors import increasing_rows
+from touchline.sources.sensors import increasing_rows, report_disorder
 from touchline.sources.tables import (
     Line,
     StampArray,
@@ -84,10 +84,8 @@ def read_image_list(path: Path, log: ProblemLog) -> ImageList:
         why = advice_on_times(table) or "; every line after the header has to read t,file,exposure_ms,gain"
         raise InputError(f"{path}: names no image{why}")
     stamps, lines_read = to_stamps(np.array(times)), np.array(numbers, dtype=np.int64)
-    keep = increasing_rows(stamps, np.iinfo(np.int64).min)
-    for row_index in np.flatnonzero(~keep):
-        what = f"the time {times[row_index]:.6g} s runs backwards or repeats; the image is left out"
-        log.add(ProblemKind.TIME_ORDER, table.name, what, line=int(lines_read[row_index]))
+    keep = increasing_rows(stamps)
+    report_disorder(table.name, np.array(times), lines_read, keep, log, "; the image is left out")
     return ImageList(
         table,
         stamps[keep],

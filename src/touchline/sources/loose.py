@@ -15,10 +15,9 @@ from touchline.files.images import read_image_bytes
 from touchline.files.opened import UnreadableError
 from touchline.sources.bags.roles import BagOptions
 from touchline.sources.bags.table_rows import decimal_ns, decimal_seconds
-from touchline.sources.decoding import Decoded, decode_image
+from touchline.sources.decoding import Decoded, ImageStore, decode_image
 from touchline.sources.description import SEQUENCE
 from touchline.sources.folder import Recording
-from touchline.sources.image_store import ImageStore
 from touchline.sources.new_description import copy_camera, named_field, write_field, write_yaml
 from touchline.sources.odometry_csv import odometry_rows, parse_columns
 from touchline.sources.problems import ProblemKind, ProblemLog

@@ -7,6 +7,7 @@ from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -17,7 +18,7 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.messages import did_you_mean
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.sources.sensors import increasing_rows
+from touchline.sources.sensors import increasing_rows, report_disorder
 from touchline.sources.tables import (
     Line,
     StampArray,
@@ -149,10 +150,9 @@ def read_observation_list(path: Path, log: ProblemLog) -> ObservationList:
         why = advice_on_times(table) or f"; every line after the header has to read {HEADER}"
         raise InputError(f"{path}: holds no observation{why}")
     stamps, lines = to_stamps(np.array(times)), np.array(numbers, dtype=np.int64)
-    keep = increasing_rows(stamps, np.iinfo(np.int64).min)
-    for row_index in np.flatnonzero(~keep):
-        what = f"the time {times[row_index]:.6g} s runs backwards or repeats (the rows of an image stand together); "
-        log.add(ProblemKind.TIME_ORDER, table.name, f"{what}what was seen is left out", line=int(lines[row_index]))
+    keep = increasing_rows(stamps)
+    outcome = " (the rows of an image stand together); what was seen is left out"
+    report_disorder(table.name, np.array(times), lines, keep, log, outcome)
     where = (np.array(values, dtype=np.int64)[keep] for values in (offsets, ends))
     return ObservationList(table, stamps[keep], lines[keep], *where)
 
@@ -176,31 +176,31 @@ def observation_of(stamp_ns: int, rows: Iterable[Mapping[str, str]]) -> Observat
 def observation_rows(observation: Observation) -> list[str]:
     """An observation as the rows of an observations.csv with the columns of HEADER; at least one."""
     time = f"{observation.stamp_ns / 1e9:.9f}".rstrip("0").rstrip(".")
-    rows = _point_rows(POINT, observation.points)
-    lines, crossings, landmarks = observation.lines, observation.crossings, observation.landmarks
-    for ends, covariances, sure in zip(lines.ends_m, lines.covariances_m2, lines.confidences, strict=True):
-        rows.append([LINE, *_cells(ends), "", *_cells(*map(_upper, covariances)), "", *_cells(sure)])
-    for kind, at, turn, covariance, sure in zip(
-        crossings.kinds,
-        crossings.positions_m,
-        crossings.orientations_rad,
-        crossings.covariances_m2,
-        crossings.confidences,
-        strict=True,
-    ):
-        rows.append([kind, *_cells(at), "", "", *_cells(turn, _upper(covariance)), "", "", "", "", *_cells(sure)])
-    for kind, at, covariance, colors, sure in zip(
-        landmarks.kinds,
-        landmarks.positions_m,
-        landmarks.covariances_m2,
-        landmarks.colors,
-        landmarks.confidences,
-        strict=True,
-    ):
-        color = "-".join(colors)
-        rows.append([kind, *_cells(at), "", "", "", *_cells(_upper(covariance)), "", "", "", color, *_cells(sure)])
-    rows += _point_rows(BOUNDARY, observation.boundary)
+    points, lines, crossings = observation.points.usable(), observation.lines, observation.crossings
+    landmarks, boundary = observation.landmarks, observation.boundary.usable()
+    rows = _kept_rows(repeat(POINT), points.positions_m, points)
+    rows += _kept_rows(repeat(LINE), lines.ends_m, lines)
+    rows += _kept_rows(crossings.kinds, crossings.positions_m, crossings, turns=crossings.orientations_rad)
+    rows += _kept_rows(landmarks.kinds, landmarks.positions_m, landmarks, colors=landmarks.colors)
+    rows += _kept_rows(repeat(BOUNDARY), boundary.positions_m, boundary)
     return [",".join([time, *row]) for row in rows or [[NOTHING, *[""] * 13]]]
+
+
+def _kept_rows(
+    kinds: Iterable[str],
+    places: FloatArray,
+    found: LinePoints | Lines | Crossings | Landmarks,
+    turns: Iterable[float] = repeat(math.nan),
+    colors: Iterable[tuple[str, ...]] = repeat(()),
+) -> list[list[str]]:
+    """The cells of things of one sort, without their time. places: (N, 2), or (N, 2, 2) ends."""
+    rows = []
+    each = zip(kinds, places, found.covariances_m2, found.confidences, turns, colors, strict=False)
+    for kind, at, covariance, sure, turn, color in each:
+        ends, upper = np.ravel(at).tolist(), np.ravel(covariance.reshape(-1, 4)[:, [0, 1, 3]]).tolist()
+        numbers = [*ends, *[math.nan] * (4 - len(ends)), turn, *upper, *[math.nan] * (6 - len(upper))]
+        rows.append([kind, *_cells(numbers), "-".join(color), *_cells([sure])])
+    return rows
 
 
 def _lines(table: Table) -> Iterator[Line]:
@@ -289,7 +289,7 @@ def _observation(stamp_ns: int, found: dict[str, list[_Seen]]) -> Observation:
     crossed, marked = [seen for _, seen in crossings], [seen for _, seen in landmarks]
     return Observation(
         stamp_ns,
-        points=LinePoints(*_places(found.get(POINT, []))),
+        points=LinePoints(**_places(found.get(POINT, []))),
         lines=Lines(
             *_ends(lines),
             np.array([seen.confidence for seen in lines], dtype=np.float64),
@@ -298,34 +298,26 @@ def _observation(stamp_ns: int, found: dict[str, list[_Seen]]) -> Observation:
         crossings=Crossings(
             kinds=np.array([kind for kind, _ in crossings], dtype=np.str_),
             orientations_rad=np.array([seen.orientation_rad for seen in crossed], dtype=np.float64),
-            **_places(crossed)._asdict(),
+            **_places(crossed),
         ),
         landmarks=Landmarks(
             kinds=np.array([kind for kind, _ in landmarks], dtype=np.str_),
             colors=tuple(seen.colors for seen in marked),
-            **_places(marked)._asdict(),
+            **_places(marked),
         ),
-        boundary=LinePoints(*_places(found.get(BOUNDARY, []))),
+        boundary=LinePoints(**_places(found.get(BOUNDARY, []))),
     )
 
 
-class _Places(NamedTuple):
+def _places(seen: list[_Seen]) -> dict[str, FloatArray]:
     """positions_m: (N, 2); covariances_m2: (N, 2, 2); confidences: (N,); pixels: (N, 2), all NaN."""
-
-    positions_m: FloatArray
-    covariances_m2: FloatArray
-    confidences: FloatArray
-    pixels: FloatArray
-
-
-def _places(seen: list[_Seen]) -> _Places:
     positions = np.array([(each.x, each.y) for each in seen], dtype=np.float64).reshape(-1, 2)
-    return _Places(
-        positions,
-        _covariances(positions, [each.covariance for each in seen]),
-        np.array([each.confidence for each in seen], dtype=np.float64),
-        np.full((len(seen), 2), np.nan),
-    )
+    return {
+        "positions_m": positions,
+        "covariances_m2": _covariances(positions, [each.covariance for each in seen]),
+        "confidences": np.array([each.confidence for each in seen], dtype=np.float64),
+        "pixels": np.full((len(seen), 2), np.nan),
+    }
 
 
 def _ends(lines: list[_Seen]) -> tuple[FloatArray, FloatArray]:
@@ -343,20 +335,6 @@ def _covariances(positions_m: FloatArray, upper: list[tuple[float, float, float]
     return np.where(missing, generic_covariances(positions_m), known) if missing.any() else known
 
 
-def _point_rows(kind: str, points: LinePoints) -> list[list[str]]:
-    known = points.usable()
-    each = zip(known.positions_m, known.covariances_m2, known.confidences, strict=True)
-    return [
-        [kind, *_cells(at), "", "", "", *_cells(_upper(covariance)), "", "", "", "", *_cells(sure)]
-        for at, covariance, sure in each
-    ]
-
-
-def _upper(covariance: FloatArray) -> tuple[float, float, float]:
-    return covariance[0, 0], covariance[0, 1], covariance[1, 1]
-
-
-def _cells(*values: float | FloatArray | tuple[float, ...]) -> list[str]:
+def _cells(values: Iterable[float]) -> list[str]:
     """Numbers as cells; empty where they are NaN."""
-    flat = np.concatenate([np.ravel(value) for value in values])
-    return ["" if math.isnan(value) else f"{value:.7g}" for value in flat.tolist()]
+    return ["" if math.isnan(value) else f"{value:.7g}" for value in values]

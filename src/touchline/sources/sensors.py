@@ -140,14 +140,26 @@ def _ordered_part(
     """The first `count` rows of the block without those that break the order of the whole block."""
     stamps = to_stamps(block.values[:, 0])
     keep = increasing_rows(stamps, above)[:count]
-    for row in np.flatnonzero(~keep):
-        what = f"the time {block.values[row, 0]:.6g} s runs backwards or repeats; the row is left out"
-        log.add(ProblemKind.TIME_ORDER, table.name, what, line=int(block.lines[row]))
+    report_disorder(table.name, block.values[:count, 0], block.lines, keep, log)
     if keep.any():
         yield Block(block.lines[:count][keep], block.values[:count][keep]), stamps[:count][keep]
 
 
-def increasing_rows(stamps: StampArray, above: int) -> npt.NDArray[np.bool_]:
+def report_disorder(
+    file: str,
+    times_s: FloatArray,
+    lines: npt.NDArray[np.int64],
+    keep: npt.NDArray[np.bool_],
+    log: ProblemLog,
+    outcome: str = "; the row is left out",
+) -> None:
+    """Tell of the rows (n,) that `increasing_rows` does not keep. lines: their numbers in the file."""
+    for row in np.flatnonzero(~keep):
+        what = f"the time {times_s[row]:.6g} s runs backwards or repeats{outcome}"
+        log.add(ProblemKind.TIME_ORDER, file, what, line=int(lines[row]))
+
+
+def increasing_rows(stamps: StampArray, above: int = np.iinfo(np.int64).min) -> npt.NDArray[np.bool_]:
     """Mask (n,) of a longest strictly increasing run of stamps (gaps allowed) that starts above `above`."""
     if len(stamps) == 0 or (int(stamps[0]) > above and bool((np.diff(stamps) > 0).all())):
         return np.ones(len(stamps), dtype=np.bool_)

@@ -55,62 +55,50 @@ class Source(Protocol):
     @property
     def name(self) -> str:
         """What the recording is called."""
-        ...
 
     @property
     def rate_hz(self) -> float:
         """Nominal image rate."""
-        ...
 
     @property
     def sequence(self) -> Mapping[str, Any]:
         """The description as it was written (sequence.yaml)."""
-        ...
 
     @property
     def field(self) -> FieldModel:
         """The marked field."""
-        ...
 
     @property
     def camera_kind(self) -> str:
         """`omni`, `pinhole`, `fisheye` or `none`."""
-        ...
 
     @property
     def camera_file(self) -> Path | None:
         """The camera model's file, if there is one."""
-        ...
 
     @property
     def camera(self) -> Camera:
         """The camera model; InputError if there is none."""
-        ...
 
     @property
     def wheel_directions_rad(self) -> tuple[float, float] | None:
         """Rolling directions of the measuring wheels a and b in the robot frame; None where nobody says."""
-        ...
 
     @property
     def truth(self) -> Truth | None:
         """The true poses, where they are known. For evaluation only."""
-        ...
 
     @property
     def events(self) -> Sequence[Mapping[str, Any]]:
         """What happened (slip, kidnap, …). For evaluation only."""
-        ...
 
     @property
     def problems(self) -> ProblemLog:
         """What was odd so far: at opening, and during the latest pass over the frames."""
-        ...
 
     @property
     def image_stamps(self) -> StampArray:
         """Stamps of all frames (ns), int64 (N,)."""
-        ...
 
     def __len__(self) -> int: ...
 

@@ -12,7 +12,7 @@ from touchline.files.opened import text_lines
 from touchline.geometry import wrap_angles
 from touchline.messages import counted
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.sources.sensors import increasing_rows
+from touchline.sources.sensors import increasing_rows, report_disorder
 from touchline.sources.source import Truth
 from touchline.sources.tables import MAX_TIME_S, StampArray, to_number, to_stamps
 from touchline.types import MAX_VALUE
@@ -34,10 +34,8 @@ def read_truth(path: Path, image_stamps: StampArray, log: ProblemLog) -> Truth |
             lines.append(number)
     table = np.array(rows).reshape(-1, 4)
     stamps = to_stamps(table[:, 0])
-    keep = increasing_rows(stamps, np.iinfo(np.int64).min)
-    for row_index in np.flatnonzero(~keep):
-        what = f"the time {table[row_index, 0]:.6g} s runs backwards or repeats; the pose is left out"
-        log.add(ProblemKind.TIME_ORDER, path.name, what, line=lines[row_index])
+    keep = increasing_rows(stamps)
+    report_disorder(path.name, table[:, 0], np.array(lines), keep, log, "; the pose is left out")
     stamps, poses = stamps[keep], table[keep, 1:]
     if len(stamps) != len(image_stamps):
         what = f"holds {counted(len(stamps), 'usable pose')} for {counted(len(image_stamps), 'image')}"
@@ -45,10 +43,8 @@ def read_truth(path: Path, image_stamps: StampArray, log: ProblemLog) -> Truth |
         log.add(ProblemKind.TRUTH, path.name, what)
     elif not np.array_equal(stamps, image_stamps):
         index = int(np.flatnonzero(stamps != image_stamps)[0])
-        what = (
-            f"pose {index} is at t = {stamps[index] / 1e9:.4f} s, its image at "
-            f"{image_stamps[index] / 1e9:.4f} s; the nearest in time is used"
-        )
+        at_s, image_s = stamps[index] / 1e9, image_stamps[index] / 1e9
+        what = f"pose {index} is at t = {at_s:.4f} s, its image at {image_s:.4f} s; the nearest in time is used"
         log.add(ProblemKind.TRUTH, path.name, what)
     return Truth(stamps, np.column_stack((poses[:, :2], wrap_angles(poses[:, 2])))) if len(stamps) else None
 

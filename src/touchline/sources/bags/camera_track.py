@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from touchline.camera import Camera, GroundView, ground_view
-from touchline.geometry import Pose3, wrap_angles
+from touchline.geometry import Pose3
 from touchline.sources.bags.readings import head_of
 from touchline.sources.bags.transforms import GROUND_FRAME, FrameTree, camera_body, plain
+from touchline.sources.camera_poses import between
 
 _REMEMBERED = 300  # samples: an image is older than the newest
 
@@ -101,7 +102,5 @@ class _History:
             return (before or after or (0, None))[1]
         ratio = (stamp_ns - before[0]) / (after[0] - before[0])
         first, second = (np.array([*pose.translation_m, *pose.roll_pitch_yaw()]) for pose in (before[1], after[1]))
-        step = second - first
-        step[3:] = wrap_angles(step[3:])
-        x, y, z, roll, pitch, yaw = (first + ratio * step).tolist()
+        x, y, z, roll, pitch, yaw = between(first, second, ratio).tolist()
         return Pose3.from_roll_pitch_yaw(roll, pitch, yaw, (x, y, z))

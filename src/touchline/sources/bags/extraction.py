@@ -6,7 +6,7 @@ from array import array
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -34,8 +34,10 @@ def extract_own(bag: Bag, folder: Path, problems: ProblemLog) -> ImagePlaces:
     """
     topics = bag.topics
     wanted = [topic for topic in (*WHOLE.values(), *TABLES.values(), IMAGES) if topic in topics]
+    names = {topic: name for name, topic in {**WHOLE, **TABLES}.items()}
     places, image_times, row_times = array("q"), array("q"), array("q")
-    with _Files(folder, {topic: name for name, topic in {**WHOLE, **TABLES}.items()}) as files:
+    header_seen = False
+    with NewFiles(folder) as files:
         for message in bag.messages(wanted):
             if message.topic == IMAGES:
                 image_times.append(message.log_ns)
@@ -45,9 +47,11 @@ def extract_own(bag: Bag, folder: Path, problems: ProblemLog) -> ImagePlaces:
             if text is None:
                 problems.add(ProblemKind.BAG, message.topic, "a message cannot be read as text; it is left out")
                 continue
-            count = files.write(message.topic, text)
-            if message.topic == IMAGE_ROWS and count > 1:
-                row_times.append(message.log_ns)
+            files.write(names[message.topic], text)
+            if message.topic == IMAGE_ROWS:
+                if header_seen:
+                    row_times.append(message.log_ns)
+                header_seen = True
     return ImagePlaces(IMAGES, _joined(np.array(row_times), np.array(image_times), np.array(places).reshape(-1, 2)))
 
 
@@ -64,26 +68,25 @@ def _joined(
     return found
 
 
-class _Files:
-    """New files of a folder, one for each topic that has a message."""
+class NewFiles:
+    """New files of a folder, each opened when something is written into it first."""
 
-    def __init__(self, folder: Path, names: Mapping[str, str]) -> None:
-        self._folder = folder
-        self._names = names
+    def __init__(self, folder: Path, headers: Mapping[str, str] | None = None) -> None:
+        """headers: first lines, by the name of the file."""
+        self._folder, self._headers = folder, headers or {}
         self._open: dict[str, BinaryIO] = {}
-        self._counts: dict[str, int] = {}
         self._stack = ExitStack()
 
-    def __enter__(self) -> _Files:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
         self._stack.close()
 
-    def write(self, topic: str, text: str) -> int:
-        """Add a text to the topic's file; how many it holds now."""
-        if topic not in self._open:
-            self._open[topic] = self._stack.enter_context((self._folder / self._names[topic]).open("xb"))
-        self._open[topic].write(text.encode())
-        self._counts[topic] = self._counts.get(topic, 0) + 1
-        return self._counts[topic]
+    def write(self, name: str, text: str) -> None:
+        """Add a text to a file."""
+        if name not in self._open:
+            self._open[name] = self._stack.enter_context((self._folder / name).open("xb"))
+            if name in self._headers:
+                text = f"{self._headers[name]}\n{text}"
+        self._open[name].write(text.encode())

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +14,10 @@ from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3, tilt_rotation
 from touchline.sources.bags import roles
 from touchline.sources.bags.camera_track import CameraTrack
+from touchline.sources.bags.extraction import NewFiles
 from touchline.sources.bags.gathering import Gathering
 from touchline.sources.bags.pixel_features import in_pixels, pixel_feature_rows
-from touchline.sources.bags.point_cloud import cloud_points
-from touchline.sources.bags.readings import attitude_of, head_of, place_and_turn, planar_pose, rates_of
+from touchline.sources.bags.readings import attitude_of, cloud_points, head_of, place_and_turn, planar_pose, rates_of
 from touchline.sources.bags.table_rows import decimal_seconds
 from touchline.sources.bags.team_features import FeatureRow, feature_rows
 from touchline.sources.bags.transforms import FrameTree, camera_body, plain
@@ -36,7 +35,7 @@ _COLUMNS = HEADER.split(",")[1:]
 _WAIT_NS = 500_000_000  # for the slower of two topics that tell of one image
 
 
-class ForeignTables:
+class ForeignTables(NewFiles):
     """New tables in a folder, written row by row. base: the robot's frame on the ground, if the user has named it.
 
     camera: that of features in pixels; where a topic tells the head's pose, camera.yaml places it in the head.
@@ -45,27 +44,23 @@ class ForeignTables:
     def __init__(
         self, folder: Path, tree: FrameTree, base: str | None, problems: ProblemLog, camera: Camera | None = None
     ) -> None:
-        self._folder, self._tree, self._problems = folder, tree, problems
+        super().__init__(folder, _HEADERS)
+        self._tree, self._problems = tree, problems
         self._base = tree.base(base)
         self._leans = base is None and self._base != _GROUND_FRAME
         self._lean: FloatArray | None = None
         self._camera = ""
         self._last_pose_ns: int | None = None
         self._base_from: dict[str, Pose3] = {}
-        self._open: dict[str, TextIO] = {}
-        self._stack = ExitStack()
         self._seen: Gathering[str] = Gathering(_WAIT_NS)
         self._now_ns = -(2**63)
         self._model = camera
         self._mount = camera.base_from_camera if isinstance(camera, PerspectiveCamera) else None
         self._track = CameraTrack(tree, base, self._mount)
 
-    def __enter__(self) -> ForeignTables:
-        return self
-
     def __exit__(self, *error: object) -> None:
         self._write_seen(self._seen.rest())
-        self._stack.close()
+        super().__exit__(*error)
         if self._seen.late:
             what = f"{self._seen.late} messages came after those of later images; they are left out"
             self._problems.add(ProblemKind.BAG, "features", what)
@@ -130,8 +125,8 @@ class ForeignTables:
     def _truth(self, stamp_ns: int, message: Any) -> None:
         place, turn = place_and_turn(message)
         numbers = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
-        file = self._file("ground_truth.tum")
-        file.write(" ".join([decimal_seconds(stamp_ns), *(repr(float(number)) for number in numbers)]) + "\n")
+        cells = [decimal_seconds(stamp_ns), *(repr(float(number)) for number in numbers)]
+        self.write("ground_truth.tum", " ".join(cells) + "\n")
 
     def _imu(self, stamp_ns: int, message: Any, with_yaw: bool) -> None:
         attitude, rates = self._attitude(message), rates_of(message, self._pose_of_frame(message))
@@ -169,7 +164,7 @@ class ForeignTables:
         for stamp_ns, rows in found:
             time = decimal_seconds(stamp_ns)
             lines = [f"{time},{row}" for row in rows or [f"none{',' * 13}"]]
-            self._file("observations.csv").write("\n".join(lines) + "\n")
+            self.write("observations.csv", "\n".join(lines) + "\n")
 
     def _pose_of_frame(self, message: Any) -> Pose3:
         """`base_from_sensor`; a sensor that no transform places is in the base."""
@@ -181,12 +176,4 @@ class ForeignTables:
 
     def _row(self, name: str, stamp_ns: int, values: list[float | None]) -> None:
         cells = ["" if value is None or not math.isfinite(value) else repr(float(value)) for value in values]
-        self._file(name).write(",".join([decimal_seconds(stamp_ns), *cells]) + "\n")
-
-    def _file(self, name: str) -> TextIO:
-        if name not in self._open:
-            file = self._stack.enter_context((self._folder / name).open("x", encoding="utf-8"))
-            if name in _HEADERS:
-                file.write(_HEADERS[name] + "\n")
-            self._open[name] = file
-        return self._open[name]
+        self.write(name, ",".join([decimal_seconds(stamp_ns), *cells]) + "\n")

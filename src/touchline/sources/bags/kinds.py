@@ -15,7 +15,6 @@ from touchline.files.yaml_text import read_yaml_mapping
 from touchline.sources.description import SEQUENCE
 
 METADATA = "metadata.yaml"
-_STARTS = {"mcap": b"\x89MCAP0\r\n", "db3": b"SQLite format 3\0", "bag": b"#ROSBAG V"}
 
 
 class BagKind(StrEnum):
@@ -24,6 +23,9 @@ class BagKind(StrEnum):
     MCAP = "mcap"
     ROSBAG2 = "rosbag2"
     ROS1 = "bag"
+
+
+_STARTS = {b"\x89MCAP0\r\n": BagKind.MCAP, b"SQLite format 3\0": BagKind.ROSBAG2, b"#ROSBAG V": BagKind.ROS1}
 
 
 class BagFiles(NamedTuple):
@@ -49,14 +51,12 @@ def find_bag(path: Path) -> BagFiles | None:
         return _in_folder(path)
     if not path.is_file():
         return None
-    start = _start(path)
-    if start.startswith(_STARTS["mcap"]):
-        return BagFiles(BagKind.MCAP, (path,))
-    if start.startswith(_STARTS["bag"]):
-        return BagFiles(BagKind.ROS1, (path,))
-    if start.startswith(_STARTS["db3"]):
-        return BagFiles(BagKind.ROSBAG2, (path,))
-    return None
+    try:
+        with open_bytes(path) as file:
+            start = file.read(16)
+    except (OSError, UnreadableError):
+        return None
+    return next((BagFiles(kind, (path,)) for mark, kind in _STARTS.items() if start.startswith(mark)), None)
 
 
 def _in_folder(folder: Path) -> BagFiles | None:
@@ -87,11 +87,3 @@ def _numbered(path: Path) -> tuple[int, str]:
     """Sort key of bag_0.mcap, bag_1.mcap, … bag_10.mcap."""
     number = re.search(r"(\d+)$", path.stem)
     return (int(number[1]) if number else -1, path.name)
-
-
-def _start(path: Path) -> bytes:
-    try:
-        with open_bytes(path) as file:
-            return file.read(16)
-    except (OSError, UnreadableError):
-        return b""

@@ -47,12 +47,9 @@ class Bag(Protocol):
     @property
     def topics(self) -> Mapping[str, Topic]:
         """By name."""
-        ...
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """Those of some topics. What is damaged goes to the bag's problems."""
-        ...
 
     def fetch(self, topic: str, place: Place) -> bytes | memoryview:
         """The data of one message; quick where it follows the one fetched before. Raises UnreadableError."""
-        ...

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from touchline.geometry import Pose3
+from touchline.geometry import FloatArray, Pose3
 from touchline.sources.bags.transforms import rotation
 from touchline.sources.truth import heading_of
 
 _UNKNOWN = -1.0  # first element of a covariance: the sensor does not measure this (sensor_msgs/Imu)
+_NUMBERS = {7: "f4", 8: "f8"}  # datatypes of a PointCloud2
+_MAX_POINTS = 2_000_000
 
 
 def place_and_turn(message: Any) -> tuple[Any, Any]:
@@ -57,3 +59,28 @@ def rates_of(imu: Any, base_from_sensor: Pose3) -> tuple[float, float, float] | 
     rate = imu.angular_velocity
     x, y, z = (base_from_sensor.rotation @ (rate.x, rate.y, rate.z)).tolist()
     return x, y, z
+
+
+def cloud_points(message: Any) -> FloatArray | str:
+    """(N, 3) the finite points x, y, z of a sensor_msgs/PointCloud2, in its frame, or why there are none."""
+    fields = {field.name: field for field in message.fields}
+    missing = [name for name in "xyz" if name not in fields or fields[name].datatype not in _NUMBERS]
+    if missing:
+        return f"has no number {' and '.join(missing)} of its points"
+    width, height, step = int(message.width), int(message.height), int(message.point_step)
+    data = np.asarray(message.data, dtype=np.uint8)
+    line = int(message.row_step) if height > 1 else width * step
+    if width * height > _MAX_POINTS or line < width * step or len(data) < line * (height - 1) + width * step:
+        return f"holds {len(data)} bytes, not those of {width}×{height} points"
+    order = ">" if message.is_bigendian else "<"
+    formats = [f"{order}{_NUMBERS[fields[name].datatype]}" for name in "xyz"]
+    offsets = [int(fields[name].offset) for name in "xyz"]
+    if not width * height:
+        return np.zeros((0, 3))
+    if any(offset + int(kind[-1]) > step for offset, kind in zip(offsets, formats, strict=True)):
+        return "has fields beyond the end of a point"
+    each = np.dtype({"names": list("xyz"), "formats": formats, "offsets": offsets, "itemsize": step})
+    rows = [data[row * line : row * line + width * step].view(each) for row in range(height)]
+    points = np.concatenate([np.column_stack([row[name] for name in "xyz"]) for row in rows]).astype(np.float64)
+    finite: FloatArray = points[np.isfinite(points).all(axis=1)]
+    return finite

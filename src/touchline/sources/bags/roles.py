@@ -13,33 +13,17 @@ from touchline.messages import did_you_mean, listed
 from touchline.sources.bags.messages import Topic
 from touchline.sources.problems import ProblemKind, ProblemLog
 
-IMAGE, CAMERA_INFO, ODOMETRY, IMU, COMPASS, TRUTH, POINTS = (
-    "image",
-    "camera_info",
-    "odometry",
-    "imu",
-    "compass",
-    "truth",
-    "points",
-)
+IMAGE, CAMERA_INFO, ODOMETRY, IMU = "image", "camera_info", "odometry", "imu"
+COMPASS, TRUTH, POINTS = "compass", "truth", "points"
 DETECTIONS, LINE_SEGMENTS, MARKINGS, GOALPOSTS, HEAD = "detections", "lines", "markings", "goalposts", "head"
+DETECTION_TOPIC = "/booster_soccer/detection"
 FEATURES = (DETECTIONS, LINE_SEGMENTS, MARKINGS, GOALPOSTS)
 """Roles of which all that are there make up what the robot's own detector found in an image."""
-_POSES = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-)
-RAW_IMAGE, COMPRESSED_IMAGE, POINT_CLOUD = (
-    "sensor_msgs/msg/Image",
-    "sensor_msgs/msg/CompressedImage",
-    "sensor_msgs/msg/PointCloud2",
-)
-IMU_TYPE, LOW_STATE, ODOMETER = (
-    "sensor_msgs/msg/Imu",
-    "booster_interface/msg/LowState",
-    "booster_interface/msg/Odometer",
-)
+_STAMPED_POSES = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
+_POSES = ("nav_msgs/msg/Odometry", *_STAMPED_POSES)
+RAW_IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+IMU_TYPE, POINT_CLOUD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/PointCloud2"
+LOW_STATE, ODOMETER = "booster_interface/msg/LowState", "booster_interface/msg/Odometer"
 UNSTAMPED = frozenset((LOW_STATE, ODOMETER, "geometry_msgs/msg/Pose"))
 """Types without a header: their messages are taken for as old as they are when they come."""
 _MARKINGS_2D, _GOALPOSTS_2D = "soccer_vision_2d_msgs/msg/MarkingArray", "soccer_vision_2d_msgs/msg/GoalpostArray"
@@ -64,8 +48,6 @@ TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _TRUTH_NAME = re.compile(r"truth|(?:^|[/_])gt(?:$|[/_])|mocap|vicon|optitrack|vrpn")
 _LINES_NAME = re.compile(r"line|marking|field")
 _NOT_THE_CAMERA = re.compile(r"depth|debug|mask|overlay|annotat|result|disparity|infra|compressedDepth|theora")
-# A compass has to be named: what most robots send as yaw is summed up from the gyro and starts anywhere.
-_NAMED_ONLY = (COMPASS,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +94,7 @@ def choose_topics(topics: Mapping[str, Topic], named: Mapping[str, str], problem
     """
     chosen: dict[str, Topic] = {role: _named(topics, role, name) for role, name in named.items()}
     beside = (IMAGE, CAMERA_INFO, POINTS)  # what a detector has seen already
+    # a compass has to be named: what most robots send as yaw is summed up from the gyro and starts anywhere
     for role in (*FEATURES, IMAGE, CAMERA_INFO, ODOMETRY, IMU, TRUTH, POINTS, HEAD):
         needed = role == CAMERA_INFO and in_pixels(chosen)
         if role in chosen or (role in beside and not needed and IMAGE not in named and has_features(chosen)):
@@ -156,9 +139,7 @@ def _fitting(role: str, candidates: Iterable[Topic], chosen: Mapping[str, Topic]
         return by_number
     if role == CAMERA_INFO:
         image = chosen.get(IMAGE)
-        beside = (
-            [] if image is None else [each for each in by_number if _camera_of(each.name) == _camera_of(image.name)]
-        )
+        beside = [each for each in by_number if image and _camera_of(each.name) == _camera_of(image.name)]
         return beside or (by_number if len(by_number) == 1 else [])
     if role == TRUTH:
         return [topic for topic in by_number if _TRUTH_NAME.search(topic.name.lower())]

@@ -6,14 +6,16 @@ import re
 import sqlite3
 import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rosbags.interfaces import (
     Connection,
     MessageDefinitionFormat,
+    Nodetype,
     Qos,
     QosDurability,
     QosHistory,
@@ -26,8 +28,7 @@ from rosbags.rosbag1 import ReaderError as Ros1Error
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.rosbag2 import ReaderError as Ros2Error
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from touchline.files.opened import UnreadableError
 from touchline.sources.bags.layout import LATCHED_TOPICS
@@ -40,17 +41,11 @@ _LANGUAGES = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "
 MAX_MESSAGE_BYTES = 200_000_000
 _COMPUTED = re.compile(rb"\bVIRTUAL\b|\bAS\b", re.IGNORECASE)  # rosbag2 writes plain tables
 _SUCCESSORS = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+_NO_TIME = QosTime(0, 0)
 _LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    QosTime(0, 0),
-    QosTime(0, 0),
-    QosLiveliness.SYSTEM_DEFAULT,
-    QosTime(0, 0),
-    False,
-)
+    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
+    _NO_TIME, _NO_TIME, QosLiveliness.SYSTEM_DEFAULT, _NO_TIME, False,
+)  # fmt: skip
 
 
 class BadMessageError(Exception):
@@ -130,14 +125,30 @@ class Codec:
             if topic.encoding == "ros1":
                 return types.deserialize_ros1(data, topic.type)
             return types.deserialize_cdr(data, topic.type)
-        except (SerdeError, TypesysError, ValueError, KeyError, IndexError, AssertionError, OverflowError) as error:
-            raise BadMessageError(f"{type(error).__name__}: {error}") from None
-        except Exception as error:  # struct.error, and whatever a decoder made of the bag's own definition may raise
+        except Exception as error:  # whatever a decoder that is made of the bag's own definition may raise
             raise BadMessageError(f"{type(error).__name__}: {error}") from None
 
     def make(self, kind: str, **fields: Any) -> Any:
-        """A message of a ROS 2 type, from all of its fields."""
-        return self.standard.types[kind](**fields)
+        """A message of a ROS 2 type. A message within may be the mapping of its fields; what isn't named is zero, or
+        empty.
+        """
+        own = {name: self._field(told, fields.pop(name, None)) for name, told in self.standard.fielddefs[kind][1]}
+        return self.standard.types[kind](**own, **fields)  # which refuses what is left
+
+    def _field(self, told: Any, value: Any) -> Any:
+        """A field as its message wants it. told: node and type, as rosbags has them."""
+        node, inner = told
+        if node == Nodetype.NAME:
+            return self.make(inner, **(value or {})) if value is None or isinstance(value, Mapping) else value
+        if node == Nodetype.BASE:
+            return value if value is not None else {"string": "", "bool": False}.get(inner[0], 0)
+        element, count = inner
+        if element[0] == Nodetype.NAME:
+            return [self._field(element, each) for each in value or ()]
+        kind = element[1][0]
+        if kind == "string":
+            return list(value or ())
+        return np.asarray(np.zeros(count) if value is None else value, "uint8" if kind in ("byte", "char") else kind)
 
     def encode(self, kind: str, message: Any) -> bytes:
         """A message as CDR."""
@@ -265,19 +276,14 @@ def _close(stack: ExitStack, following: dict[str, Iterator[Message]]) -> None:
         stack.close()
 
 
-class _refusals:
+@contextmanager
+def _refusals(path: Path) -> Iterator[None]:
     """Turns what rosbags raises at opening into UnreadableError."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, Ros1Error | Ros2Error):
-            raise UnreadableError(self._path, f"cannot be read as a bag ({error})") from None
-        if isinstance(error, Exception):
-            raise UnreadableError(self._path, f"cannot be read as a bag ({type(error).__name__}: {error})") from None
+    try:
+        yield
+    except Exception as error:
+        why = str(error) if isinstance(error, Ros1Error | Ros2Error) else f"{type(error).__name__}: {error}"
+        raise UnreadableError(path, f"cannot be read as a bag ({why})") from None
 
 
 class Rosbag2Writer:

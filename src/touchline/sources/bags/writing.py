@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from mcap.writer import CompressionType, Writer
 
 from touchline.camera import PERSPECTIVE_MODELS
 from touchline.errors import InputError
@@ -21,6 +22,7 @@ from touchline.sources.bags.layout import (
     EPOCH_KEY,
     IMAGE_ROWS,
     IMAGES,
+    LATCHED_TOPICS,
     STRING,
     TABLES,
     WHOLE,
@@ -36,6 +38,12 @@ from touchline.sources.truth import TUM_COLUMNS, heading_of
 
 _TF = "tf2_msgs/msg/TFMessage"
 _MAX_BYTES = 8_000_000  # of a file that becomes one message
+_CHUNK_BYTES = 256_000  # what a cut, or damage, can cost
+_LATCHED = (
+    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
+    "  deadline: {sec: 0, nsec: 0}\n  lifespan: {sec: 0, nsec: 0}\n  liveliness: 0\n"
+    "  liveliness_lease_duration: {sec: 0, nsec: 0}\n  avoid_ros_namespace_conventions: false\n"
+)
 
 
 class Outgoing(NamedTuple):
@@ -52,11 +60,36 @@ class BagWriter(Protocol):
 
     def write(self, topic: str, kind: str, log_ns: int, data: bytes) -> None:
         """Add a message."""
-        ...
 
     def close(self) -> None:
         """Write what comes last."""
-        ...
+
+
+class McapWriter:
+    """A new MCAP file, as ROS 2 writes it, compressed with LZ4. Raises OSError where it is there already."""
+
+    def __init__(self, path: Path, codec: Codec) -> None:
+        self._codec = codec
+        self._file = path.open("xb")
+        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)
+        self._writer.start(profile="ros2", library="touchline")
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+
+    def write(self, topic: str, kind: str, log_ns: int, data: bytes) -> None:
+        """Add a message."""
+        if topic not in self._channels:
+            if kind not in self._schemas:
+                text = self._codec.definition(kind).encode()
+                self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", text)
+            qos = {"offered_qos_profiles": _LATCHED} if topic in LATCHED_TOPICS else {}
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[kind], qos)
+        self._writer.add_message(self._channels[topic], log_ns, data, log_ns)
+
+    def close(self) -> None:
+        """Write the index."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
 
 
 def write_recording(
@@ -104,7 +137,10 @@ class _Outgoing:
         return min(max(stamp_ns + self._epoch_ns, 0), MAX_STAMP_NS)
 
     def _string(self, topic: str, log_ns: int, text: str) -> Outgoing:
-        return Outgoing(log_ns, topic, STRING, self._codec.encode(STRING, self._codec.make(STRING, data=text)))
+        return self._outgoing(log_ns, topic, STRING, self._codec.make(STRING, data=text))
+
+    def _outgoing(self, log_ns: int, topic: str, kind: str, message: Any) -> Outgoing:
+        return Outgoing(log_ns, topic, kind, self._codec.encode(kind, message))
 
     def _table(self, path: Path, topic: str) -> Iterator[Outgoing]:
         last = self._start_ns
@@ -115,8 +151,7 @@ class _Outgoing:
             standard = None if rows.header else self._beside(path.name, names, rows)
             yield self._string(topic, last, rows.text)
             if standard is not None:
-                where, kind, message = standard
-                yield Outgoing(last, where, kind, self._codec.encode(kind, message))
+                yield self._outgoing(last, *standard)
 
     def _beside(self, name: str, columns: Sequence[str], rows: Rows) -> tuple[str, str, Any] | None:
         """Topic, type and message of what ROS has a message for; None for a row that cannot be used."""
@@ -136,11 +171,8 @@ class _Outgoing:
             body = Pose3.from_roll_pitch_yaw(row[3], row[4], row[5], row[:3])
             return "/tf", _TF, make.transform(stamp_ns, BASE, OPTICAL, body.compose(BODY_FROM_OPTICAL))
         if name == "ground_truth.tum" and np.isfinite(row := numbers(*TUM_COLUMNS[1:])).all():
-            return (
-                "/ground_truth/pose",
-                "geometry_msgs/msg/PoseStamped",
-                make.pose(stamp_ns, row[0], row[1], heading_of(*row[3:])),
-            )
+            pose = make.pose(stamp_ns, row[0], row[1], heading_of(*row[3:]))
+            return "/ground_truth/pose", "geometry_msgs/msg/PoseStamped", pose
         return None
 
     def _camera(self) -> Iterator[Outgoing]:
@@ -153,12 +185,11 @@ class _Outgoing:
             info = self._standard.camera_info(self._start_ns, read_yaml_mapping(recording.camera_file))
         except (InputError, KeyError, TypeError, ValueError):
             return  # a camera that is none is copied as it is
-        kind = "sensor_msgs/msg/CameraInfo"
-        yield Outgoing(self._start_ns, "/camera/camera_info", kind, self._codec.encode(kind, info))
+        yield self._outgoing(self._start_ns, "/camera/camera_info", "sensor_msgs/msg/CameraInfo", info)
         if not (recording.folder / CAMERA_POSES).exists():
             base_from_optical = camera.base_from_camera.compose(BODY_FROM_OPTICAL)
             placed = self._standard.transform(self._start_ns, BASE, OPTICAL, base_from_optical)
-            yield Outgoing(self._start_ns, "/tf_static", _TF, self._codec.encode(_TF, placed))
+            yield self._outgoing(self._start_ns, "/tf_static", _TF, placed)
 
     def _images(self, path: Path) -> Iterator[Outgoing]:
         """Every image, and then its row, both logged at a time that no other image has."""
@@ -188,7 +219,7 @@ class _Outgoing:
             format={"jpg": "jpeg"}.get(ending, ending),
             data=np.frombuffer(data, dtype=np.uint8),
         )
-        yield Outgoing(log_ns, IMAGES, COMPRESSED_IMAGE, self._codec.encode(COMPRESSED_IMAGE, message))
+        yield self._outgoing(log_ns, IMAGES, COMPRESSED_IMAGE, message)
 
 
 def epoch_ns(recording: Recording) -> int:
