@@ -15,6 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from touchline import open_source
+from touchline.calibration import self_perspective
+from touchline.calibration.self_perspective import calibrate_self_perspective, perspective_views
 from touchline.camera import FisheyeCamera, leaning, open_camera, perspective_mapping
 from touchline.errors import InputError
 from touchline.evaluation.runner import robot_setup
@@ -30,6 +32,7 @@ from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
 from touchline.sources.bags.camera_file import camera_mapping
 from touchline.systems import open_system
+from touchline.systems.touchline import Touchline
 from touchline.types import Prior
 
 CAMERA = kid_size_camera()
@@ -205,3 +208,25 @@ def test_touchline_follows_the_walk(walk: Recording) -> None:
     errors = [system.step(frame).pose.distance_to(truth) for frame, truth in zip(walk, walk.truth, strict=True)]
     assert np.median(errors) < 0.03
     assert np.max(errors) < 0.10
+
+
+def test_roll_pitch_height_and_focal_length_are_found_from_the_walk(
+    walk: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(self_perspective, "MAX_DEVIATIONS", 5.0 * self_perspective.MAX_DEVIATIONS)  # of 4 s
+    told = replace(
+        CAMERA,
+        fx=1.03 * CAMERA.fx,
+        fy=1.03 * CAMERA.fy,
+        base_from_camera=Pose3.from_roll_pitch_yaw(0.0, 0.53, 0.0, (0.04, 0.0, 0.97 * 0.52)),
+    )
+    system = open_system("touchline", replace(robot_setup(walk), camera=told))
+    assert isinstance(system, Touchline)
+    system.reset(Prior(pose=walk.truth[0]))
+    found = calibrate_self_perspective(perspective_views(system, walk), told, system.registration)
+    assert found.camera.model == "fisheye"
+    assert found.camera.fx == pytest.approx(CAMERA.fx, rel=0.01)
+    assert found.camera.base_from_camera.translation_m[2] == pytest.approx(0.52, rel=0.025)
+    roll, pitch, _ = found.camera.base_from_camera.roll_pitch_yaw()
+    assert (roll, pitch) == pytest.approx((0.006, 0.554), abs=0.006), "so much the IMU errs, too"
+    assert found.after[1] < 0.2 * found.before[1]
