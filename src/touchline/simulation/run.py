@@ -83,8 +83,8 @@ class Simulation:
     ) -> None:
         """Raises InputError, in one message, for whatever is wrong with the scenario.
 
-        noise: of the observation level's points, feature_noise: of a pinhole camera's features there; none: as fitted
-        to the detector. eyes: of a mirror, instead of NuBot's detector.
+        noise: of the observation level's points, feature_noise: of a perspective camera's features there; none: as
+        fitted to the detector. eyes: of a mirror, instead of NuBot's detector.
         """
         if level not in LEVELS:
             raise InputError(f"level '{level}' is unknown; known: {', '.join(LEVELS)}")
@@ -270,9 +270,10 @@ class Simulation:
             built = BuiltCamera(camera.project, camera.shift_by_swing, mirror)
             noise = self._point_noise
             return ObservedLines(camera.design, self.field, noise, eyes.paths, math.pi, seed, built, beside)
-        design = camera.design
+        design, kind = camera.design, self.scenario.camera.kind
         view = leaning_view(float(design.base_from_camera.translation_m[2]), design.fx, _PINHOLE_REACH_M)
-        half_rad = math.atan2(0.5 * design.width, design.fx)
+        half = 0.5 * design.width / design.fx
+        half_rad = half if kind == "fisheye" else math.atan(half)
         return ObservedLines(view, self.field, self._noise or _PINHOLE_NOISE, view_rad=half_rad, seed=seed)
 
     @property

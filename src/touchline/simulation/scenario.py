@@ -67,7 +67,9 @@ class MirrorSettings(Settings):
 class CameraSettings(Settings):
     """The camera, its exposure and what hides its view."""
 
-    kind: Literal["omni", "pinhole"] = Field("omni", description="omni (mirror) or pinhole (a humanoid's head)")
+    kind: Literal["omni", "pinhole", "fisheye"] = Field(
+        "omni", description="omni (mirror), pinhole or fisheye (a humanoid's head)"
+    )
     rate_hz: float = Field(10.0, gt=0, le=100, description="images per second")
     exposure_ms: float = Field(12.0, gt=0, le=200, description="exposure time of the first images (ms)")
     gain: float = Field(1.7, gt=0, le=100, description="linear gain of the first images")
@@ -94,7 +96,7 @@ class CameraSettings(Settings):
     def _fits_together(self) -> CameraSettings:
         for key in ("mirror", "known_from"):
             if _is_set(self, key) and (self.kind != "omni" or self.file is not None):
-                reason = "a pinhole camera has none" if self.kind != "omni" else "camera.file tells the camera already"
+                reason = f"a {self.kind} camera has none" if self.kind != "omni" else "camera.file tells it already"
                 raise ValueError(f"'{key}' is not used: {reason if key == 'mirror' else 'it is about a mirror'}")
         if self.delay_spread_s > self.delay_s:
             raise ValueError(f"delay_spread_s ({self.delay_spread_s:g}) is more than delay_s ({self.delay_s:g})")

@@ -59,9 +59,9 @@ class Recording:
     missing or broken has image None and says why in `problem`.
 
     path: what the user named, where the folder holds the tables of a bag. images: where its images are.
-    problems: of the way they came. name, sequence (as it was written), events, camera_kind (`omni`, `pinhole` or
-    `none`: observations.csv takes the place of a camera), camera_file (None without one), linear (images are 16-bit
-    linear PNG files) and stated_rate_hz (None without one) are what sequence.yaml says.
+    problems: of the way they came. name, sequence (as it was written), events, camera_kind (`omni`, `pinhole`,
+    `fisheye` or `none`: observations.csv takes the place of a camera), camera_file (None without one), linear (images
+    are 16-bit linear PNG files) and stated_rate_hz (None without one) are what sequence.yaml says.
 
     Raises InputError when it can't be opened at all; what can be survived is in `problems`.
     """

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from touchline.camera import MODELS
 from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
@@ -18,7 +19,7 @@ from touchline.simulation.cameras.base import Motion
 from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.cameras.mirror_rays import MirrorMount
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera, humanoid_camera, kid_size_camera
 from touchline.simulation.scenario import CameraSettings
 
 SimulatedCamera = SimulatedOmniCamera | SimulatedPinholeCamera
@@ -35,8 +36,8 @@ def open_simulated_camera(settings: CameraSettings, mount: MirrorMount | None = 
     }
     if settings.file is not None:
         return _from_file(Path(settings.file), settings.kind, options)
-    if settings.kind == "pinhole":
-        return SimulatedPinholeCamera(**options)
+    if settings.kind != "omni":
+        return SimulatedPinholeCamera(humanoid_camera() if settings.kind == "pinhole" else kid_size_camera(), **options)
     wanted = settings.mirror
     profile = _solved(wanted.profile, wanted.metres_per_px, wanted.horizon_px)
     return SimulatedOmniCamera.from_mirror(profile, mount, **options)
@@ -52,8 +53,8 @@ def base_motion(velocity: FloatArray, heading: float, leaning: tuple[float, floa
 def _from_file(path: Path, kind: str, options: Mapping[str, Any]) -> SimulatedCamera:
     tree: dict[str, Any] = read_yaml_mapping(path)
     model = tree.get("model")
-    if model not in ("omni", "pinhole"):
-        raise InputError(f"{path}: unknown camera model {model!r}; {did_you_mean(str(model), ['omni', 'pinhole'])}")
+    if model not in MODELS:
+        raise InputError(f"{path}: unknown camera model {model!r}; {did_you_mean(str(model), MODELS)}")
     if model != kind:
         raise InputError(f"{path}: is a camera of the model '{model}', but camera.kind is '{kind}'")
     if model == "omni":
