@@ -64,7 +64,7 @@ class Filter:
         self.scales: FloatArray = np.zeros(3)
         self.errors: FloatArray = np.zeros(count - _ERRORS)
         self.yaw_rate_rad_s, self.late_s = 0.0, 0.0
-        self._joint = np.zeros((count, count))
+        self._joint: FloatArray = np.zeros((count, count))
         self._joint[:3, :3] = covariance
         self._joint[_SCALES, _SCALES] = np.square(unknown.scales)
         self._joint[_YAW_RATE, _YAW_RATE] = unknown.yaw_rate_rad_s**2
