@@ -61,8 +61,10 @@ class Filter:
         """covariance (3, 3) of the pose, (m, m, rad), field frame."""
         count = _ERRORS + len(unknown.errors)
         self.pose, self.unknown = pose, unknown
-        self.scales, self.yaw_rate_rad_s, self.late_s, self.errors = np.zeros(3), 0.0, 0.0, np.zeros(count - _ERRORS)
-        self._joint = np.zeros((count, count))
+        self.scales: FloatArray = np.zeros(3)
+        self.errors: FloatArray = np.zeros(count - _ERRORS)
+        self.yaw_rate_rad_s, self.late_s = 0.0, 0.0
+        self._joint: FloatArray = np.zeros((count, count))
         self._joint[:3, :3] = covariance
         self._joint[_SCALES, _SCALES] = np.square(unknown.scales)
         self._joint[_YAW_RATE, _YAW_RATE] = unknown.yaw_rate_rad_s**2
