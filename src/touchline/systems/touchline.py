@@ -244,7 +244,7 @@ class Touchline:
         return Image(seen, self.errors.response(frame), shift)
 
     def _tells_a_perspective_camera(self, seen: Observation) -> bool:
-        """Whether a robot with an undescribed camera first observes lines, crossings or landmarks, and no line points."""
+        """Whether an undescribed camera shows lines, crossings or landmarks at first, and no line points."""
         known = self.setup.camera is not None or self.setup.height_m is not None
         if known or self.images or len(seen.points):
             return False

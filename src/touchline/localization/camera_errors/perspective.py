@@ -32,8 +32,8 @@ NAMES = ("roll (rad)", "pitch (rad)", "height ratio", "focal ratio")
 
 
 class PerspectiveResponse(NamedTuple):
-    """eye (3,): x, y and height of the camera, robot frame (m). axis (3,): its optical axis, a unit vector; zeros if it is
-    unknown, and the focal length has no effect. fisheye: whether this scales angles to it, not their tangents.
+    """eye (3,): x, y and height of the camera, robot frame (m). axis (3,): its optical axis, a unit vector; zeros if
+    it is unknown, and the focal length has no effect. fisheye: whether this scales angles to it, not their tangents.
     """
 
     eye: FloatArray
