@@ -9,7 +9,7 @@ from touchline.localization.registration.features import NO_POINTS, Features
 from touchline.localization.registration.joint import Seen
 from touchline.types import LinePoints, Lines, Observation
 
-REPEATED = 2.6  # of so many points one counts in the information: neighbours err together, and the same place in the next image
+REPEATED = 2.6  # of so many points one counts in the information: neighbours err together, and again in the next image
 FEW = 20  # of so few points twice as many: the ends of a lone line weigh most, and may be none
 MIN_CONFIDENCE = 0.1
 POINT_SHARE = 0.25  # as so many a point counts in the likelihood of a pose: clutter repeats itself, too
