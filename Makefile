@@ -87,9 +87,12 @@ fuzz: SEED ?= 0
 fuzz: $(VENV)/installed
 	$(BIN)/python tests/fuzzing.py $(N) --seed $(SEED) 2>/dev/null
 
-# Deliberate faults in a copy of the code, and which of them no test notices; about two minutes on two cores.
+# Faults laid into a copy of the code, N into every room, and which of them no test notices; two minutes on two cores:
+# make mutants N=5 SEED=7
+mutants: N ?= 2
+mutants: SEED ?= 0
 mutants: $(VENV)/installed
-	$(BIN)/python tests/mutants.py
+	$(BIN)/python tests/mutants.py $(N) --seed $(SEED)
 
 benchmark: $(VENV)/installed
 	$(BIN)/pytest benchmarks --benchmark-only --benchmark-sort=name

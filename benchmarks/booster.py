@@ -23,7 +23,8 @@ import numpy as np
 from team_writing import TeamMessages
 
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.schulz_runs import AS_BUILT, RIGHT_M, RIGHT_RAD, Walk, start_about, walk
+from touchline.experiments.drives import Drive
+from touchline.experiments.schulz_runs import AS_BUILT, RIGHT_M, RIGHT_RAD, start_about, walk
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.motion import MotionHistory
@@ -54,7 +55,7 @@ class Track(NamedTuple):
     told: Any
 
 
-def write_bag(walked: Walk, path: Path, seed: int, more: bool = False) -> None:
+def write_bag(walked: Drive, path: Path, seed: int, more: bool = False) -> None:
     """A walk as an MCAP file of the robot's own topics."""
     codec, rng = Codec(), np.random.default_rng([seed, 41])
     make, writer = TeamMessages(codec), McapWriter(path, codec)
@@ -187,19 +188,19 @@ def _seen_markers(seen: Observation) -> list[tuple[str, float, float]]:
     return [(kind, float(x), float(y)) for kind, (x, y) in zip(kinds, places, strict=True)]
 
 
-def right(track: Track, walked: Walk) -> Any:
+def right(track: Track, walked: Drive) -> Any:
     """(N,) within 0.5 m and 20° of the truth, and told."""
     near = np.hypot(*(track.poses - walked.truth)[:, :2].T) <= RIGHT_M
     return near & (np.abs(wrap_angles(track.poses[:, 2] - walked.truth[:, 2])) <= RIGHT_RAD) & track.told
 
 
-def figures(track: Track, walked: Walk) -> tuple[float, float, float]:
+def figures(track: Track, walked: Drive) -> tuple[float, float, float]:
     """Shares (%) told and right, and the median error of those told (m)."""
     errors = np.hypot(*(track.poses - walked.truth)[track.told, :2].T)
     return 100.0 * float(track.told.mean()), 100.0 * float(right(track, walked).mean()), float(np.median(errors))
 
 
-def tracks(walked: Walk, path: Path, seed: int, more: bool = False) -> dict[str, Track]:
+def tracks(walked: Drive, path: Path, seed: int, more: bool = False) -> dict[str, Track]:
     """Of everything that is compared, from one bag."""
     write_bag(walked, path, seed, more)
     recording = opened(path, walked.field.name)

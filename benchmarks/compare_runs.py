@@ -4,10 +4,13 @@
     python benchmarks/compare_runs.py --write FILE.npz    only this checkout's numbers
     python benchmarks/compare_runs.py --files A.npz B.npz two files that were written before
 
-Each checkout runs its own copy of this script, so that interfaces may differ between them. Written are poses,
-covariances, statuses and residuals of all systems on the recordings found in TOUCHLINE_DATA (or in shared/data beside
-the checkout) and on five scenarios at observation level; matching, global search and particles on the points set.
-`--only TEXT` takes the rows whose name contains the text. Exit status 1 if anything differs.
+Written are poses, covariances, statuses, residuals and hypotheses of all systems on the recordings found in
+TOUCHLINE_DATA (or in shared/data beside the checkout), humanoids' from nowhere and from the true start, and on 44
+scenarios at observation level; matching, global search and particles on the points set.
+
+The package is whichever Python finds first: PYTHONPATH=OTHER/src writes another checkout's numbers by this script. A
+row that another checkout has no part for is left out by name. `--only TEXT` takes the rows whose name contains the
+text. Exit status 1 if anything differs.
 """
 
 from __future__ import annotations
@@ -17,37 +20,73 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("TOUCHLINE_DATA", ROOT.parent / "shared" / "data"))
-SYSTEMS = ("nubot-mti", "nubot-mcl", "iris-fusion")
-SCENARIOS = ("match", "kidnap", "straight-tracks", "occlusion-25")
-HUMANOID_FIELDS = ("indoor-9x6", "humanoid-kid-9x6")
-SECONDS = 30.0
+MIRROR_SYSTEMS = ("touchline", "nubot-mti", "nubot-mcl", "nubot-mcl-alone", "iris-fusion")
+HUMANOID_SYSTEMS = ("touchline", "nimbro-lines")
+SECONDS = 20.0
 POINT_FRAMES = 200
+NUBOT_PLACES = ("", ".published.nubot", ".published.nubot.particles", ".particles.nubot_particles")
+STATUSES = ("tracking", "searching", "lost")
+MIRROR_SCENARIOS = (  # name, seed, changes
+    *((name, seed, ()) for name in ("match", "straight-tracks", "tour-20") for seed in (0, 1, 2)),
+    *((name, seed, ()) for name in ("kidnap", "occlusion-12", "occlusion-25", "occlusion-50") for seed in (0, 1)),
+    *(
+        (name, 0, ("ideal=true",))
+        for name in ("match", "straight-tracks", "tour-20", "kidnap", "occlusion-12", "occlusion-25", "occlusion-50")
+    ),
+    ("match", 3, ("disturbances.kidnap_every_s=4", "disturbances.covered_images=0")),
+    ("match", 4, ("sensors.imu.compass_drift_deg=10",)),
+    ("straight-tracks", 3, ("camera.delay_s=0.1", "camera.stamped=arrived")),
+    ("straight-tracks", 4, ("camera.mirror.vibration_deg=0.3",)),
+    ("straight-tracks", 5, ("camera.known_from=design", "camera.mirror.tilt_spread_deg=0.6")),
+)
+HUMANOID_SCENARIOS = tuple(
+    (field, seed, changes)
+    for field in ("indoor-9x6", "humanoid-kid-9x6", "hsl-s-9x6")
+    for seed, changes in (
+        (0, ()),
+        (1, ()),
+        (0, ("ideal=true",)),
+        (0, ("disturbances.kidnap_every_s=8", "disturbances.covered_images=8")),
+        (2, ("others.robots=4", "others.moving=true", "others.near_m=1.5")),
+    )
+)
 Rows = Iterator[tuple[str, Callable[[], np.ndarray]]]
 
 
 def table(estimates: Iterable) -> np.ndarray:
-    """(N, 16): stamp, pose, covariance, status, residual, points of each estimate."""
-    statuses = ("tracking", "searching", "lost")
+    """(N, 20): stamp, pose, covariance, status, residual, points, hypotheses, probabilities, scales of each."""
+    nan = float("nan")
     return np.array(
         [
-            (e.stamp_ns, *e.pose, *np.ravel(e.covariance), statuses.index(e.status), e.residual_m, e.points)
+            (
+                *(e.stamp_ns, *e.pose, *np.ravel(e.covariance), STATUSES.index(e.status), e.residual_m, e.points),
+                len(e.hypotheses),
+                nan if e.probability is None else e.probability,
+                nan if e.twin_probability is None else e.twin_probability,
+                nan if e.odometry is None else sum(e.odometry.errors),
+            )
             for e in estimates
         ]
     )
 
 
-def drive(source, name: str) -> np.ndarray:
+def drive(source, name: str, start=None) -> np.ndarray:
     from touchline.systems import RobotSetup, open_system
+    from touchline.types import Prior
 
     setup = RobotSetup(source.field, getattr(source, "camera", None), source.wheel_directions_rad)
     system = open_system(name, setup)
+    system.reset(None if start is None else Prior(start))
     return table([system.step(frame) for frame in source])
 
 
@@ -55,55 +94,96 @@ def recordings() -> Rows:
     from touchline.sources import open_source
 
     for folder in sorted(DATA.glob("omni_*")):
-        for name in SYSTEMS:
+        for name in MIRROR_SYSTEMS:
             yield f"{folder.name} {name}", lambda folder=folder, name=name: drive(open_source(folder), name)
+    for folder in sorted(DATA.glob("humanoid_*")):
+        for name in HUMANOID_SYSTEMS:
+            yield f"{folder.name} {name}", lambda folder=folder, name=name: drive(open_source(folder), name)
+            yield f"{folder.name} started {name}", lambda folder=folder, name=name: from_true_start(folder, name)
 
 
-def scenarios() -> Rows:
+def from_true_start(folder: Path, name: str) -> np.ndarray:
+    from touchline.sources import open_source
+
+    source = open_source(folder)
+    return drive(source, name, source.truth[0])
+
+
+@lru_cache(maxsize=1)
+def simulated(scenario: str, seed: int, changes: tuple[str, ...]):
+    """A drive at observation level, kept for the next system that takes it."""
     from touchline.simulation.run import Simulation
     from touchline.simulation.scenario import open_scenario
 
-    for scenario in SCENARIOS:
-        for name in SYSTEMS:
+    simulation = Simulation(open_scenario(scenario, seed, SECONDS, list(changes)), "points")
+    return Frames(simulation, list(simulation))
+
+
+class Frames(list):
+    """The frames of a simulation and what is told of its robot."""
+
+    def __init__(self, simulation, frames: list) -> None:
+        super().__init__(frames)
+        self.field, self.camera = simulation.field, simulation.camera
+        self.wheel_directions_rad, self.start = simulation.wheel_directions_rad, simulation.truth[0]
+
+
+def scenarios() -> Rows:
+    for scenario, seed, changes in MIRROR_SCENARIOS:
+        for name in MIRROR_SYSTEMS:
             yield (
-                f"{scenario} {name}",
-                lambda scenario=scenario, name=name: drive(
-                    Simulation(open_scenario(scenario, 0, SECONDS, ["ideal=true"]), "points"), name
-                ),
+                " ".join((scenario, f"seed {seed}", *changes, name)),
+                lambda made=(scenario, seed, changes), name=name: drive(simulated(*made), name),
             )
 
 
 def humanoids() -> Rows:
-    from touchline.simulation.run import Simulation
-    from touchline.simulation.scenario import open_scenario
+    for field, seed, changes in HUMANOID_SCENARIOS:
+        for name in HUMANOID_SYSTEMS:
+            made = ("humanoid-walk", seed, (f"field={field}", *changes))
+            title = " ".join(("humanoid-walk", field, f"seed {seed}", *changes))
+            yield f"{title} {name}", lambda made=made, name=name: drive(simulated(*made), name)
+            yield f"{title} started {name}", lambda made=made, name=name: walk_from_true_start(made, name)
 
-    for field in HUMANOID_FIELDS:
-        for changes in ([], ["disturbances.kidnap_every_s=10", "disturbances.covered_images=10"]):
-            yield (
-                f"humanoid-walk {field}{' kidnapped' if changes else ''} nimbro-lines",
-                lambda field=field, changes=changes: drive(
-                    Simulation(open_scenario("humanoid-walk", 0, SECONDS, [f"field={field}", *changes]), "points"),
-                    "nimbro-lines",
-                ),
-            )
+
+def walk_from_true_start(made: tuple, name: str) -> np.ndarray:
+    walk = simulated(*made)
+    return drive(walk, name, walk.start)
+
+
+def named(name: str):
+    """A part of NuBot's by its name, from wherever this checkout has it."""
+    for place in NUBOT_PLACES:
+        try:
+            return getattr(import_module(f"touchline.localization{place}"), name)
+        except (ImportError, AttributeError):
+            continue
+    raise ImportError(f"{name} is in none of the places known to this script")
 
 
 def point_sets() -> Rows:
     from touchline.field import open_field
     from touchline.geometry import Pose
-    from touchline.localization import GlobalSearch, Matcher, WeightSettings, range_weights
-    from touchline.localization.published.nubot.particles import NubotParticles, NubotParticleSettings
+
+    try:
+        matcher_of, search_of, settings_of, range_weights = (
+            named(name) for name in ("Matcher", "GlobalSearch", "WeightSettings", "range_weights")
+        )
+        particles_of, particle_settings_of = (named(name) for name in ("NubotParticles", "NubotParticleSettings"))
+    except ImportError as error:
+        print(f"points: left out, {error}")
+        return
 
     path = DATA / "points" / "msl_18x12.npz"
     if not path.is_file():
         return
     data = np.load(path)
     field = open_field("msl-18x12")
-    matcher = Matcher(field.distance_map())
-    search = GlobalSearch(matcher, field.length, field.width)
+    matcher = matcher_of(field.distance_map())
+    search = search_of(matcher, field.length, field.width)
     offsets = data["offsets"]
     views = [np.ascontiguousarray(data["points"][offsets[i] : offsets[i + 1]]) for i in range(POINT_FRAMES)]
-    weights = [range_weights(view, WeightSettings()) for view in views]
+    weights = [range_weights(view, settings_of()) for view in views]
 
     def matching() -> np.ndarray:
         found = (matcher.match(v, w, Pose(*s)) for v, w, s in zip(views, weights, data["init"], strict=False))
@@ -117,7 +197,7 @@ def point_sets() -> Rows:
         rows = []
         for index, (view, weight) in enumerate(zip(views[:50], weights, strict=False)):
             rng = np.random.default_rng(index)
-            mcl = NubotParticles(matcher, field.length, field.width, rng, NubotParticleSettings())
+            mcl = particles_of(matcher, field.length, field.width, rng, particle_settings_of())
             mcl.restart(float(data["compass"][index]))
             found = mcl.update(view, weight)
             rows.append((*found.pose, *np.ravel(found.covariance)))
@@ -129,51 +209,64 @@ def point_sets() -> Rows:
 
 
 def write(path: Path, only: str) -> None:
+    import touchline
+
+    print(f"the package in {Path(touchline.__file__).parent}", flush=True)
     if not (DATA / "points").is_dir():
         print(f"The full recordings are not in {DATA}, so only scenarios run; TOUCHLINE_DATA names their folder.")
     rows = {}
     for source in (point_sets, scenarios, humanoids, recordings):
         for name, measure in source():
             if only in name:
+                begun_s = time.perf_counter()
                 rows[name] = measure()
-                print(f"{name}: {len(rows[name])} rows", flush=True)
-    np.savez(path, **rows)
+                print(f"{name}: {len(rows[name])} rows, {time.perf_counter() - begun_s:.1f} s", flush=True)
+    np.savez_compressed(path, **rows)
 
 
 def write_revision(revision: str, path: Path, only: str) -> None:
-    """The same by another revision's own script and package, in a checkout of its own."""
+    """The same of another revision's package, in a checkout of its own, by this script."""
     with tempfile.TemporaryDirectory() as folder:
         checkout = Path(folder) / "checkout"
         git = ["git", "-C", str(ROOT), "worktree"]
         subprocess.run([*git, "add", "--quiet", "--detach", str(checkout), revision], check=True)
         try:
-            command = [sys.executable, "benchmarks/compare_runs.py", "--write", str(path), "--only", only]
+            command = [sys.executable, __file__, "--write", str(path), "--only", only]
             environment = {**os.environ, "PYTHONPATH": str(checkout / "src"), "TOUCHLINE_DATA": str(DATA)}
             subprocess.run(command, cwd=checkout, env=environment, check=True, stdout=subprocess.DEVNULL)
         finally:
             subprocess.run([*git, "remove", "--force", str(checkout)], check=True)
 
 
-def compare(before: Path, after: Path) -> bool:
-    """Prints one line per row. Returns whether all are equal to the last bit."""
-    old, new = np.load(before), np.load(after)
-    equal = set(old.files) == set(new.files)
-    for name in sorted(set(old.files) ^ set(new.files)):
-        print(f"{name}: only {'before' if name in old.files else 'after'}")
-    for name in (name for name in old.files if name in new.files):
-        a, b = old[name], new[name]
-        if a.shape == b.shape and a.tobytes() == b.tobytes():
-            print(f"{name}: equal, {len(a)} rows")
-            continue
-        equal = False
-        if a.shape != b.shape:
-            print(f"{name}: DIFFERS, {a.shape} before, {b.shape} after")
-            continue
-        rows = np.flatnonzero(~((a == b) | (np.isnan(a) & np.isnan(b))).all(axis=1))
-        most = np.nanmax(np.abs(a - b)[:, 1:4]) if len(rows) else 0.0
-        first = rows[0] if len(rows) else "–"
-        print(f"{name}: DIFFERS in {len(rows)} of {len(a)} rows, from {first} on, at most {most:.3g}")
-    return equal
+def compare(before: Path, after: Path, only: str) -> bool:
+    """Prints one line per row. Returns whether all are equal to the last bit, NaN as NaN."""
+    old, new = ({name: table for name, table in np.load(path).items() if only in name} for path in (before, after))
+    for name in sorted(set(old) ^ set(new)):
+        print(f"{name}: only {'before' if name in old else 'after'}")
+    both = [name for name in old if name in new]
+    different = [name for name in both if not np.array_equal(old[name], new[name], equal_nan=True)]
+    for name in both:
+        print(f"{name}: {difference(name, old[name], new[name]) if name in different else 'equal'}")
+    print(f"{len(both) - len(different)} of {len(both)} rows are equal")
+    return not different and set(old) == set(new)
+
+
+def difference(name: str, a: np.ndarray, b: np.ndarray) -> str:
+    """Where two tables of one row differ, and by how much in the pose."""
+    if a.shape != b.shape:
+        return f"DIFFERS, {a.shape} before, {b.shape} after"
+    frames = np.flatnonzero(~((a == b) | (np.isnan(a) & np.isnan(b))).all(axis=1))
+    first = 0 if name.startswith("points") else 1  # the stamp stands before the pose
+    x, y, turn = np.abs(a - b)[:, first : first + 3].T
+    away_m, turn_deg = np.hypot(x, y), np.degrees(np.minimum(turn, 2.0 * np.pi - turn))
+    text = (
+        f"DIFFERS in {len(frames)} of {len(a)} frames, from {frames[0]} on; pose by {np.nanmean(away_m):.3g} m, "
+        f"{np.nanmean(turn_deg):.3g}° in the mean, {np.nanmax(away_m):.3g} m, {np.nanmax(turn_deg):.3g}° at most"
+    )
+    if not first:
+        return text
+    tracking = [int(np.count_nonzero(table[:, 13] == 0.0)) for table in (a, b)]
+    return text if tracking[0] == tracking[1] else f"{text}; tracking {tracking[0]} before, {tracking[1]} after"
 
 
 def main() -> int:
@@ -184,7 +277,7 @@ def main() -> int:
     parser.add_argument("--only", default="", metavar="TEXT")
     arguments = parser.parse_args()
     if arguments.files:
-        return 0 if compare(*arguments.files) else 1
+        return 0 if compare(*arguments.files, arguments.only) else 1
     if arguments.write:
         write(arguments.write, arguments.only)
         return 0
@@ -194,7 +287,7 @@ def main() -> int:
         before, after = Path(folder) / "before.npz", Path(folder) / "after.npz"
         write_revision(arguments.revision, before, arguments.only)
         write(after, arguments.only)
-        return 0 if compare(before, after) else 1
+        return 0 if compare(before, after, arguments.only) else 1
 
 
 if __name__ == "__main__":

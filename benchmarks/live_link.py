@@ -73,7 +73,7 @@ class Live:
         arguments = ["--field", "msl-18x12", "--camera", str(EXAMPLE / "camera.yaml"), "--system", system]
         ends = ["--udp", str(port), "--to", str(answers)]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "touchline.cli", "live", *arguments, *ends], stdout=subprocess.DEVNULL
+            [sys.executable, "-m", "touchline", "live", *arguments, *ends], stdout=subprocess.DEVNULL
         )
 
     def kill(self) -> None:

@@ -8,16 +8,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from touchline.field import DistanceMap, open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization import (
-    GlobalSearch,
-    GlobalSearchSettings,
-    Matcher,
-    MatchingSettings,
-    WeightSettings,
-    locate_points,
-    range_weights,
-)
-from touchline.localization.published.nubot.global_search import sample_errors
+from touchline.localization.one_shot.locate import locate_points
+from touchline.localization.published.nubot.global_search import GlobalSearch, GlobalSearchSettings, sample_errors
 from touchline.localization.published.nubot.matcher import (
     FIRST_STEP_M,
     FIRST_STEP_RAD,
@@ -27,7 +19,10 @@ from touchline.localization.published.nubot.matcher import (
     MIN_STEP_M,
     MIN_STEP_RAD,
     SHRINK,
+    Matcher,
+    MatchingSettings,
 )
+from touchline.localization.registration.weights import WeightSettings, range_weights
 from touchline.localization.search.coarse_search import CoarseSearch
 from touchline.localization.search.pose_grid import PoseGrid
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
-from touchline.localization.published.nubot.weights import precision_weights
+from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.localization.registration.weights import precision_weights
 from touchline.perception.path_samples import no_samples, sample_paths
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
@@ -89,6 +89,6 @@ def test_matching_from_the_prediction(benchmark: BenchmarkFixture, frames: list[
 def test_mirror_tilt(benchmark: BenchmarkFixture, frames: list[Frame], warm: NubotMti) -> None:
     assert warm.detector is not None
     points = warm.detector.observe(frames[20]).points
-    tilt = MirrorTilt(open_source(EXAMPLE).field)
+    tilt = LearnedMirror(open_source(EXAMPLE).field)
     tilt.update(points, warm.tracker.filter.pose)
     benchmark(tilt.update, points, warm.tracker.filter.pose)

@@ -35,7 +35,7 @@ def address(process: subprocess.Popen[str]) -> str:
 
 
 def test_a_run_is_drawn_in_a_browser_and_nothing_leaves_the_machine(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "touchline.cli", "run", str(RECORDING), "--view", "web"]
+    command = [sys.executable, "-m", "touchline", "run", str(RECORDING), "--view", "web"]
     with subprocess.Popen(
         [*command, "-o", str(tmp_path / "run"), "--system", "touchline"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

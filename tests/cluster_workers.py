@@ -12,8 +12,8 @@ from distributed import LocalCluster
 
 from touchline.cli import main
 from touchline.evaluation.workers import Here, Workers, open_workers
+from touchline.experiments.harness import computed, told_to
 from touchline.experiments.nees import CONDITIONS, Honesty, honesty
-from touchline.experiments.progress import computed, told_to
 
 ROOT = Path(__file__).parents[1]
 SEARCH = ("--system", "nubot-mti", "--search", "matching.c_m=0.05:0.6:log", "--search", "matching.iterations=2:30")

@@ -24,8 +24,10 @@ from typing import NamedTuple
 
 from fuzz_readers import Reader, all_readers
 
+import touchline
 from touchline.errors import TouchlineError
 
+_PACKAGE = Path(touchline.__file__).parent  # not whatever lies in a folder of that name
 MAX_SECONDS, MAX_MEGABYTES = 2.0, 150.0
 _ALARM_S = 30
 _ADDRESS_SPACE = 4 * 2**30  # beyond the process at rest: larger demands fail at once
@@ -80,7 +82,7 @@ def _hang(*_: object) -> None:
 
 
 def _where(error: BaseException) -> str:
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "touchline" in frame.filename]
+    frames = [one for one in traceback.extract_tb(error.__traceback__) if Path(one.filename).is_relative_to(_PACKAGE)]
     return f"({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -109,7 +110,7 @@ def test_a_point_set_may_name_its_noise(tmp_path: Path) -> None:
 
 
 def test_the_example_program_answers_with_its_start(small_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = f"{sys.executable} {EXAMPLES / 'localizer.py'}"
+    command = shlex.join([sys.executable, str(EXAMPLES / "localizer.py")])
     assert main(["bench", "points", str(small_file), "--program", command, "--json"]) == 0
     tree = json.loads(capsys.readouterr().out)
     with np.load(small_file) as arrays:
@@ -141,7 +142,7 @@ def test_the_example_in_another_language_answers_the_same(tmp_path: Path, point_
 )
 def test_a_program_that_answers_wrong_is_told(point_set: PointSet, program: str, told: str) -> None:
     with (
-        OutsideProgram(f'{sys.executable} -c "{program}"', point_set.field) as outside,
+        OutsideProgram(shlex.join([sys.executable, "-c", program]), point_set.field) as outside,
         pytest.raises(TouchlineError, match=told),
     ):
         outside.from_nothing(point_set.points[0])

@@ -19,8 +19,7 @@ from touchline.field import field_from_letters, load_field, open_field
 from touchline.localization.one_shot import points_file
 from touchline.localization.one_shot.locate import locate_points
 from touchline.localization.one_shot.points_file import read_points
-from touchline.localization.published.nubot.global_search import sample_positions
-from touchline.localization.search.pose_grid import PoseGrid
+from touchline.localization.search.pose_grid import PoseGrid, sample_positions
 from touchline.perception.scan_lines import build_scan_lines
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.systems import SYSTEMS

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
-from touchline.calibration.agreement import healed, white_excess
-from touchline.calibration.directions import groups_of_directions, smooth_bearings
+from touchline.calibration.directions import groups_of_directions, healed, smooth_bearings, white_excess
 from touchline.calibration.mirror import MirrorCalibration, calibrate_mirror
 from touchline.calibration.strip_axis import fit_axis
-from touchline.calibration.strip_ends import SPREAD_PX, end_edge
+from touchline.calibration.strip_edges import SPREAD_PX, end_edge
 from touchline.calibration.strip_recording import camera_yaml
 from touchline.camera import open_camera
 from touchline.geometry import FloatArray

@@ -12,7 +12,7 @@ from touchline.calibration.lines.candidates import Candidate
 from touchline.calibration.lines.equations import HEIGHT_M, Seen
 from touchline.calibration.lines.images import known_camera
 from touchline.calibration.lines.range_curve import KNOTS
-from touchline.calibration.lines.sides import sides_of
+from touchline.calibration.nearest_line import nearest_line
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 
@@ -182,11 +182,13 @@ def test_where_no_point_lies_a_mirror_of_two_parts_is_said_to_be_unknown(field: 
 
 
 def test_the_side_of_a_line(field: FieldModel) -> None:
-    line, side, next_m = sides_of(field.line_tables, np.array([[0.1, 3.0], [-0.1, 3.0], [0.0, 6.3], [1.0, 0.0]]))
+    near = nearest_line(field.line_tables, np.array([[0.1, 3.0], [-0.1, 3.0], [0.0, 6.3], [1.0, 0.0]]))
+    line, side, next_m = near.line, near.side, near.next_m
     assert line[0] == line[1]
     assert side[0] == -side[1] != 0.0
     assert next_m[0] == pytest.approx(np.hypot(0.1, 3.0) - 1.9375)
     assert line[3] >= len(field.segments)  # inside the centre circle
     assert side[3] == -1.0
-    beyond = sides_of(field.line_tables, np.array([[9.3, 6.2]]))
-    assert beyond[1][0] == 0.0  # beyond the ends of both lines of a corner
+    assert np.abs(near.distance_m) == pytest.approx([0.1, 0.1, 0.3625, 0.9375])
+    beyond = nearest_line(field.line_tables, np.array([[9.3, 6.2]]))
+    assert beyond.side[0] == 0.0  # beyond the ends of both lines of a corner

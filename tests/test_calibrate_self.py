@@ -15,8 +15,7 @@ from touchline.calibration.self_calibration import SelfCalibration, calibrate_se
 from touchline.camera import OmniCamera
 from touchline.cli.commands import app
 from touchline.errors import NoFitError
-from touchline.experiments.faults import Drive
-from touchline.experiments.reliability_runs import driven
+from touchline.experiments.drives import Drive, driven
 from touchline.geometry import Pose
 from touchline.simulation.cameras.factory import open_simulated_camera
 from touchline.simulation.cameras.mirror_rays import MirrorMount
@@ -33,7 +32,8 @@ ASKEW = (
 
 @pytest.fixture(scope="module")
 def robot() -> tuple[Drive, RobotSetup, list[Estimate]]:
-    drive, setup, _ = driven("match", 4, 10.0, *ASKEW)
+    drive = driven("match", 4, 10.0, *ASKEW)
+    setup = drive.setup
     assert isinstance(setup.camera, OmniCamera)
     setup = replace(setup, camera=replace(setup.camera, stated_uncertainty=None))  # a table that nobody has touched
     system = open_system("touchline", setup)
@@ -91,7 +91,7 @@ def test_lean_and_how_sure_it_is_are_told(found: SelfCalibration) -> None:
 def test_too_few_places_and_another_field_are_refused(robot: tuple[Drive, RobotSetup, list[Estimate]]) -> None:
     _, setup, estimates = robot
     assert isinstance(setup.camera, OmniCamera)
-    with pytest.raises(NoFitError, match="too few, 12 are needed: the robot must drive about"):
+    with pytest.raises(NoFitError, match="too few, 12 are needed: the robot must move about"):
         calibrate_self(spread_views(estimates[60:64]), setup.camera, setup.field)
     views = [one._replace(pose=one.pose + np.array([1.0, 1.0, 0.3])) for one in spread_views(estimates)]
     with pytest.raises(NoFitError, match="% of the line points lie on lines with the best mirror"):

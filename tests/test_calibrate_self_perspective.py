@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from touchline.systems.touchline_perspective import TouchlinePerspective
 from typer.testing import CliRunner
 
 from touchline.calibration import self_perspective
@@ -23,11 +24,10 @@ from touchline.calibration.self_perspective import (
 from touchline.camera import PinholeCamera, open_camera
 from touchline.cli.commands import app
 from touchline.errors import NoFitError
-from touchline.experiments.schulz_runs import AS_SIMULATED, Walk, walk
+from touchline.experiments.schulz_runs import AS_SIMULATED, walk
 from touchline.geometry import FloatArray, Pose, Pose3
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.systems import RobotSetup, open_system
-from touchline.systems.touchline_perspective import TouchlinePerspective
 from touchline.types import Frame, Prior
 
 ASKEW = np.array([0.01, -0.02, 0.025, 0.03])
@@ -57,7 +57,7 @@ def askew(frame: Frame) -> Frame:
 
 @cache
 def seen() -> tuple[TouchlinePerspective, tuple[PerspectiveView, ...]]:
-    walked: Walk = walk("indoor-9x6", AS_SIMULATED, 3, 12.0)
+    walked = walk("indoor-9x6", AS_SIMULATED, 3, 12.0)
     system = open_system("touchline", RobotSetup(walked.field, CAMERA))
     assert isinstance(system, TouchlinePerspective)
     system.reset(Prior(Pose(*walked.truth[0].tolist())))

@@ -22,7 +22,7 @@ from touchline.evaluation import write_tum
 from touchline.systems import DEFAULT_SYSTEM, SYSTEMS, SystemInfo
 from touchline.types import Estimate, Frame, Hypothesis
 
-HEAVY = ("numpy", "numba", "cv2", "matplotlib", "pydantic", "yaml")
+HEAVY = ("numpy", "numba", "cv2", "matplotlib", "pydantic", "scipy", "yaml")
 
 
 class FakeSettings(Settings):
@@ -76,7 +76,7 @@ def test_help_needs_nothing_heavy_either() -> None:
 
 
 def test_the_module_can_be_run() -> None:
-    done = subprocess.run([sys.executable, "-m", "touchline.cli", "--version"], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "touchline", "--version"], capture_output=True, text=True)
     assert done.returncode == 0
     assert done.stdout.startswith("touchline ")
 
@@ -309,7 +309,7 @@ def test_the_reader_of_a_pipe_may_leave() -> None:
 def test_a_full_disk_is_told_in_one_line() -> None:
     with Path("/dev/full").open("w") as file:
         done = subprocess.run(
-            [sys.executable, "-m", "touchline.cli", "systems"], stdout=file, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "touchline", "systems"], stdout=file, stderr=subprocess.PIPE, text=True
         )
     assert done.returncode == 1
     assert done.stderr == "error: the output: No space left on device\n"

@@ -12,7 +12,7 @@ import numba
 from touchline.cli.console import told_of_compiling
 from touchline.systems import SYSTEMS
 
-RUN = [sys.executable, "-m", "touchline.cli"]
+RUN = [sys.executable, "-m", "touchline"]
 
 
 def test_compile_names_every_system_and_leaves_nothing_to_compile(tmp_path: Path, small_data: Path) -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar
 
 import pytest
 import yaml
 
 from touchline.calibration.colour import read_regions
 from touchline.camera import open_camera
-from touchline.config import Settings, load_settings
+from touchline.config import Settings, load_settings, settings_from_mapping
 from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.files.yaml_text import read_yaml, yaml_line
@@ -123,37 +122,21 @@ def test_the_line_of_an_entry_is_that_of_the_nearest_one_that_is_there(tmp_path:
     assert yaml_line(tmp_path / "nowhere.yaml", ["a"]) is None
 
 
-class Gear(Settings):
-    renamed: ClassVar = {"least_teeth": "min_teeth"}
-    removed: ClassVar = {"grease": "it is chosen by itself"}
-    min_teeth: int = 9
-
-
 class Drive(Settings):
-    renamed: ClassVar = {"cogs": "gears", "gear.slack_m": "slack_m", "weight_kg": "gear.min_teeth"}
-    gear: Gear = Gear()
-    gears: tuple[Gear, ...] = ()
+    wheel: Wheel = Wheel()
     slack_m: float = 0.0
 
 
-def test_renamed_keys_are_accepted_under_the_old_name_with_a_notice(tmp_path: Path) -> None:
-    file = yaml_file(tmp_path, "gear: {least_teeth: 3, slack_m: 0.5}\ncogs:\n- least_teeth: 4")
-    notices: list[str] = []
-    drive = load_settings(Drive, file, notices=notices)
-    assert drive == Drive(gear=Gear(min_teeth=3), gears=(Gear(min_teeth=4),), slack_m=0.5)
-    assert len(notices) == 4
-    assert any("'gear.slack_m' is called 'slack_m' now" in notice for notice in notices)
-    assert load_settings(Drive, None, ["gear.least_teeth=5", "slack_m=2"]) == Drive(gear=Gear(min_teeth=5), slack_m=2.0)
-    assert Drive.model_validate({"weight_kg": 7}).gear.min_teeth == 7
-
-
-def test_an_old_key_beside_the_new_one_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"'least_teeth' is the old name of 'min_teeth': keep only 'min_teeth'"):
-        load_settings(Drive, yaml_file(tmp_path, "gear: {least_teeth: 3, min_teeth: 3}"))
-
-
-def test_removed_keys_are_refused_with_what_takes_their_place(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"line 2: setting 'gear.grease' was removed: it is chosen by itself"):
-        load_settings(Drive, yaml_file(tmp_path, "gear:\n  grease: yes"))
-    with pytest.raises(InputError, match=r"'gears.0.grease' was removed"):
-        load_settings(Drive, None, ["gears=[{grease: 1}]"])
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("slak_m", "did you mean 'slack_m'"),
+        ("wheel.radius", "did you mean 'wheel.radius_m'"),
+        ("grease", "known: slack_m, wheel"),
+    ],
+)
+def test_an_unknown_key_is_refused_with_what_is_known(key: str, said: str) -> None:
+    with pytest.raises(InputError, match=f"unknown setting '{key}': {said}"):
+        load_settings(Drive, None, [f"{key}=1"])
+    with pytest.raises(InputError, match=f"settings: unknown setting '{key}': {said}"):
+        settings_from_mapping(Drive, {key: 1})

@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from touchline.experiments.drives import Drive, drive_of
 from touchline.experiments.faults import (
-    Drive,
     Fault,
     blob,
     false_line,
@@ -23,9 +23,9 @@ from touchline.experiments.faults import (
     uniform_points,
 )
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization import CompassCorrection
-from touchline.localization.published.iris.field_side import COMPASS_FALSE
+from touchline.localization.published.nubot.compass_correction import CompassCorrection
 from touchline.localization.published.nubot.pose_filter import Fusion, PoseFilter
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system
@@ -40,7 +40,7 @@ BOTH = pytest.mark.parametrize("name", ["nubot-mti", "nubot-mcl"])
 def driven(seed: int) -> Drive:
     """Four seconds of a match."""
     run = Simulation(open_scenario("match", seed, 4.0, ["ideal=true"]), level="points")
-    return Drive(list(run), np.asarray(run.truth.poses), run.field)
+    return drive_of(run)
 
 
 def localized(name: str, drive: Drive, *settings: str) -> list[Estimate]:

@@ -6,20 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from touchline.camera import OmniCamera
-from touchline.experiments.reliability_runs import driven
-from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors.mirror_head import MirrorHead
 from touchline.localization.estimator.exact_mirror import ExactMirror, as_exact
 from touchline.localization.estimator.joint_filter import JointFilter, Unknown
-from touchline.localization.published.nubot.pose_filter import Scales
+
+from touchline.camera import OmniCamera
+from touchline.experiments.drives import driven
+from touchline.geometry import FloatArray, Pose
+from touchline.motion.driven import Scales
 
 
 @pytest.fixture(scope="module")
 def camera() -> OmniCamera:
     """Of a file that does not say how sure it is."""
-    found = driven("straight-tracks", 3, 1.0, "camera.known_from=design")[1].camera
+    found = driven("straight-tracks", 3, 1.0, "camera.known_from=design").setup.camera
     assert isinstance(found, OmniCamera)
     return replace(found, stated_uncertainty=None)
 

@@ -24,21 +24,19 @@ from touchline.experiments import (
     lighting_runs,
     occlusion,
 )
-from touchline.experiments.result import Headline, interval, percent, rate, spread, wilson
+from touchline.experiments.drives import Track
+from touchline.experiments.harness import Headline, interval, percent, rate, spread, wilson
 from touchline.experiments.samples import PLACE, descents, searches, xiong_convergence, xiong_samples
 from touchline.experiments.timing import lu2013_timing
 from touchline.experiments.writing import result_page, with_row, write_result
-from touchline.field import open_field
 from touchline.geometry import Pose
-
-FIELD = open_field("msl-18x12")
 
 
 def result(name: str = "one", ours: str = "1 cm") -> ExperimentResult:
     figure = Figure(figsize=(1, 1))
     return ExperimentResult(
-        name, "A title", 5, ("what", "paper", "ours"), (("mean | max", "2", "1"),), Headline("mean", "2 cm", ours),
-        ("A note.",), (("map", figure),),
+        "A title", ("what", "paper", "ours"), (("mean | max", "2", "1"),), Headline("mean", "2 cm", ours), ("A note.",),
+        (("map", figure),), name, 5,
     )  # fmt: skip
 
 
@@ -179,7 +177,7 @@ def test_kidnapped_robots_are_right_within_10_cycles(system: str, covered: int) 
 
 def test_a_kidnap_that_nobody_notices_and_that_is_wrong_is_no_success() -> None:
     """Both of its figures come from the truth, not from what the system says of itself."""
-    one = kidnap.kidnap("nubot-mcl", FIELD, Pose(-3.0, 1.0, 0.0), Pose(4.0, -2.0, 2.0), 0.0, 3, (0,))
+    one = kidnap.kidnap("nubot-mcl", (Pose(-3.0, 1.0, 0.0), Pose(4.0, -2.0, 2.0)), 0.0, 3, (0,))
     assert one.success
     assert one.found.distance_to(one.truth) < 0.0045
     assert one.truth.distance_to(Pose(4.0, -2.0, 2.0)) < 0.5
@@ -188,15 +186,15 @@ def test_a_kidnap_that_nobody_notices_and_that_is_wrong_is_no_success() -> None:
 @pytest.mark.parametrize("system", ["nubot-mcl", "nubot-mti"])
 def test_a_look_alike_place_with_a_like_heading_is_noticed_in_full_view(system: str) -> None:
     """At the goal line much looks as at the halfway line: the points lie 0.3 m off, and the compass agrees."""
-    old, new = Pose(-0.54, -3.71, 2.32), Pose(8.11, -4.2, -0.16)
-    one = kidnap.kidnap(system, FIELD, old, new, math.radians(5.0), 0, (4, 9, 50))
+    places = Pose(-0.54, -3.71, 2.32), Pose(8.11, -4.2, -0.16)
+    one = kidnap.kidnap(system, places, math.radians(5.0), 0, (4, 9, 50))
     assert one.success
     assert one.right.all() if one.waited is None else one.waited <= 5  # found in the first image there, or doubted
 
 
 def test_a_kidnap_never_noticed_counts_by_where_the_robot_is_tracked() -> None:
     """Carried by a hand's breadth, the robot is found by matching alone."""
-    one = kidnap.kidnap("nubot-mcl", FIELD, Pose(2.0, 1.0, 0.0), Pose(2.3, 1.1, 0.0), 0.0, 0, (0,))
+    one = kidnap.kidnap("nubot-mcl", (Pose(2.0, 1.0, 0.0), Pose(2.3, 1.1, 0.0)), 0.0, 0, (0,))
     assert one.waited is None
     assert one.success
     assert one.found.distance_to(one.truth) < 0.0058
@@ -256,6 +254,12 @@ def first_case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[fl
     return colours, lighting_runs.learned_colours(1, colours, seconds=12.0, ideal=True)
 
 
+def mean_m(run: lighting_runs.Run) -> float:
+    """Mean position error."""
+    assert run.errors is not None
+    return run.errors.position.mean
+
+
 def ideal(colours: Path) -> lighting_runs.Robot:
     return lighting_runs.Robot(1, colours, ideal=True)
 
@@ -265,10 +269,10 @@ def test_lamps_off_start_a_search_for_more_light_and_cost_nothing(
 ) -> None:
     """Lamps off from 10 s on: a twenty-fifth of the light is left."""
     run = lighting_runs.drive(lighting_runs.THIRD, ideal(first_case[0]), None, seconds=12.0)
-    dark = np.arange(len(run.points)) >= round(lighting_runs.SWITCH_S * lighting_runs.RATE_HZ) - 1
-    assert run.tracked.all()
-    assert run.mean_m < 0.0074
-    assert run.points[dark].mean() > 0.8 * run.points[~dark].mean()
+    dark = np.arange(len(run.track.points)) >= round(lighting_runs.SWITCH_S * lighting_runs.RATE_HZ) - 1
+    assert run.track.tracking.all()
+    assert mean_m(run) < 0.0074
+    assert run.track.points[dark].mean() > 0.8 * run.track.points[~dark].mean()
     assert np.flatnonzero(run.searched).tolist() == [0, np.flatnonzero(dark)[0]]
     assert run.stops[dark].min() > run.stops[~dark].max() + 2.0
 
@@ -278,7 +282,9 @@ def test_points_left_without_lamps_are_told_for_each_level() -> None:
     points = np.full(150, 100)
     points[24:49], points[74:99], points[124:149] = 90, 10, 70
     blank = np.zeros(150)
-    run = lighting_runs.Drive(None, points, blank > 0, np.zeros((150, 3)), np.zeros((150, 3)), blank, blank > 0)
+    still = np.zeros((150, 3))
+    track = Track(np.arange(150.0), still, still, blank > 0, points=points)
+    run = lighting_runs.Run(track, blank, blank > 0)
     assert "off: 80 % at 20 lx, 10 % at 10 lx." in lighting._switched_off([run])
 
 
@@ -297,9 +303,9 @@ def test_patches_of_sun_cost_little_with_colours_learned_under_lamps(
     first_case: tuple[Path, tuple[float, float]],
 ) -> None:
     sun = lighting_runs.drive(lighting_runs.SECOND, ideal(first_case[0]), None, seconds=6.0)
-    assert sun.tracked.all()
-    assert sun.mean_m < 0.0064
-    assert sun.points.mean() > 120
+    assert sun.track.tracking.all()
+    assert mean_m(sun) < 0.0064
+    assert sun.track.points.mean() > 120
 
 
 def test_under_the_sun_through_clear_glass_a_robot_in_a_patch_sees_the_lines_in_the_shade(
@@ -307,9 +313,9 @@ def test_under_the_sun_through_clear_glass_a_robot_in_a_patch_sees_the_lines_in_
 ) -> None:
     """Patches are white all over; what lies behind them is still the field."""
     run = lighting_runs.drive(lighting_runs.GLASS, lighting_runs.Robot(0, first_case[0], ideal=True), None, seconds=4.0)
-    assert run.tracked.all()
-    assert run.mean_m < 0.0123
-    assert run.points.min() > 46
+    assert run.track.tracking.all()
+    assert mean_m(run) < 0.0123
+    assert run.track.points.min() > 46
 
 
 def test_the_papers_ratios_come_by_the_formula_of_ours() -> None:

@@ -138,6 +138,6 @@ def test_a_field_that_some_observations_fit_is_refused_and_the_right_one_named(
     wrong: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Some views fit by the lines that both fields share: sizes from these alone would be the wrong field's."""
-    monkeypatch.setattr("touchline.calibration.field_sizes.places.preset_names", lambda: ("spl-9x6", "msl-18x12"))
+    monkeypatch.setattr("touchline.calibration.field_sizes.measure.preset_names", lambda: ("spl-9x6", "msl-18x12"))
     with pytest.raises(NoFitError, match=rf"of 12 observations fits? {wrong} .*: --field msl-18x12"):
         measure_field(seen_points(RULES, 12), open_field(wrong))

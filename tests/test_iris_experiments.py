@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from touchline.experiments import EXPERIMENTS, iris_disturbances, iris_points, iris_tracks
+from touchline.experiments.drives import Track
 from touchline.experiments.iris_eyes import open_iris
 from touchline.experiments.iris_runs import IDEAL, SYSTEMS, IrisDrive, covered, drifting, drive, slipped
-from touchline.experiments.result import ExperimentResult
 from touchline.experiments.writing import write_result
 from touchline.field import open_field
 from touchline.geometry import Pose, wrap_angles
@@ -20,7 +20,7 @@ from touchline.perception import HsvLineDetector, observe
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup
-from touchline.types import Frame, Mode, Samples, Status
+from touchline.types import Frame, Mode, Samples
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def test_the_fusion_with_the_robots_own_eyes() -> None:
     x, y, heading = mean_errors(driven, "sensor fusion")
     assert max(x, y) <= 0.0137
     assert heading <= 0.18
-    assert driven.found_after <= 8
+    assert len(driven.before_ns) <= 8
 
 
 @pytest.mark.parametrize("scenario", iris_disturbances.SCENARIOS)
@@ -88,7 +88,7 @@ def test_table_1_the_fusion_is_within_4_mm_and_better_than_its_particle_filter_w
     assert math.hypot(*fusion[:2]) < math.hypot(*particles[:2])
     assert fusion[2] < particles[2]
     assert math.hypot(*odometry[:2]) > 0.49
-    early, late = (toured.distances_m("odometry")[part].mean() for part in (slice(0, 300), slice(-300, None)))
+    early, late = (toured.tracks["odometry"].distances_m[part].mean() for part in (slice(0, 300), slice(-300, None)))
     assert late > 6.4 * early
 
 
@@ -119,7 +119,7 @@ def test_without_the_recording_the_simulated_table_stands_alone(
     monkeypatch.chdir(tmp_path)
     for name in ("tour", "toured"):
         monkeypatch.setattr(iris_points, name, lambda *_, **__: toured)
-    found = iris_points.iris_points(1)
+    found = EXPERIMENTS["iris-points"].run(1)
     systems = [row[0] for row in found.rows if row[0]]
     assert systems[:3] == list(SYSTEMS)
     assert [name.partition(", ")[2] for name in systems[3:]] == [
@@ -144,9 +144,9 @@ def test_figure_17_is_by_odometry_alone_while_the_camera_is_covered(monkeypatch:
     assert np.count_nonzero(hidden) == pytest.approx(10 * seconds, abs=1)
     alone = np.array([mode is Mode.ODOMETRY for mode in driven.modes])
     assert np.array_equal(alone, hidden)
-    assert driven.distances_m("sensor fusion").max() < 0.074
+    assert driven.fused.distances_m.max() < 0.074
     monkeypatch.setattr(iris_tracks, "from_a_to_b", lambda *_: driven)
-    found: ExperimentResult = iris_tracks.iris_track(1)
+    found = iris_tracks.iris_track(1)
     assert [row[0] for row in found.rows] == [mode.value for mode in Mode]
 
 
@@ -163,13 +163,13 @@ def test_disturbances_one_at_a_time(scenario: str, field: str) -> None:
         assert outcome.back_m <= (0.044 if field == "indoor-9x6" else 0.1), kind
         assert outcome.lost_s <= (0.4 if kind == "slip" else 0.0), kind
         assert outcome.is_kept(kind)
-        assert outcome.drive.found_after <= 8
+        assert len(outcome.drive.before_ns) <= 8
         if kind == "covered":
             hidden = ~outcome.drive.seen
             assert np.count_nonzero(hidden) == 30
             assert {m for m, h in zip(outcome.drive.modes, hidden, strict=True) if h} == {Mode.ODOMETRY}
         if kind == "slip":  # the odometry alone never gets over it
-            assert outcome.drive.distances_m("odometry")[-30:].mean() > 0.15
+            assert outcome.drive.tracks["odometry"].distances_m[-30:].mean() > 0.15
 
 
 def test_a_slip_turns_the_wheels_by_30_cm_and_a_drift_adds_a_degree_per_second() -> None:
@@ -194,15 +194,14 @@ def test_what_an_outcome_says_comes_from_the_truth() -> None:
     track[10:15, 0], track[15:, 1] = 1.0, 0.05
     track[:, 2] = wrap_angles(np.full(count, 2.0 * math.pi))
     stamps = (np.arange(count) * 100_000_000).astype(np.int64)
-    statuses = tuple(Status.LOST if 10 <= k < 13 else Status.TRACKING for k in range(count))
-    driven = IrisDrive(
-        open_field("indoor-9x6"), stamps, truth, dict.fromkeys(SYSTEMS, track), np.ones(count, dtype=bool),
-        (Mode.BOTH,) * count, statuses, np.zeros(0, dtype=np.int64),
-    )  # fmt: skip
+    tracking = np.array([not 10 <= k < 13 for k in range(count)])
+    said = dict.fromkeys(SYSTEMS, Track(stamps / 1e9, track, truth, tracking))
+    none = np.zeros(0, dtype=np.int64)
+    driven = IrisDrive(open_field("indoor-9x6"), said, np.ones(count, dtype=bool), (Mode.BOTH,) * count, none)
     assert driven.tracked_ratio(1.0) == pytest.approx(47 / 50)
     late = replace(driven, before_ns=stamps - stamps[-1])  # found 5.9 s after the start
     assert late.tracked_ratio(-4.0) == pytest.approx(57 / 101)
-    outcome = iris_disturbances._outcome(driven, 1.0)
+    outcome = iris_disturbances.outcome_of(driven, 1.0)
     assert (outcome.far_s, outcome.back_m, outcome.lost_s, outcome.largest_m) == pytest.approx((0.5, 0.05, 0.3, 1.0))
     assert outcome.is_kept("slip")
     assert not outcome.is_kept("covered")  # farther than 30 cm
@@ -221,10 +220,10 @@ def blind(seed: int) -> IrisDrive:
 def test_a_drive_that_never_finds_the_robot_holds_nothing() -> None:
     driven = blind(0)
     assert not driven.found
-    assert driven.found_after == 40
+    assert len(driven.before_ns) == 40
     assert driven.tracked_ratio(1.0) == 0.0
-    assert all(track.shape == (0, 3) for track in (driven.truth, *driven.tracks.values()))
-    outcome = iris_disturbances._outcome(driven, 1.0)
+    assert all(track.poses.shape == track.truth.shape == (0, 3) for track in driven.tracks.values())
+    outcome = iris_disturbances.outcome_of(driven, 1.0)
     assert not outcome.found
     assert not any(outcome.is_kept(kind) for kind in iris_disturbances.KINDS)
 
@@ -240,12 +239,8 @@ def test_tables_leave_out_drives_that_never_find_the_robot_and_say_so(
         monkeypatch.setattr(module, name, tour)
     monkeypatch.setattr(iris_points, "recorded_tour", lambda seed: None)
     lone = len(missed) == 1
-    for experiment, count in (
-        (iris_points.iris_points, 11),
-        (iris_tracks.iris_tracks, 8),
-        (iris_tracks.iris_track, 7),
-    ):
-        found = experiment(2)
+    for name, count in (("iris-points", 11), ("iris-tracks", 8), ("iris-track", 7)):
+        found = EXPERIMENTS[name].run(2)
         assert f"The robot was not found in {len(missed)} of {count} drives; they are left out." in found.notes
         assert ("–" in found.headline.ours) is not lone
         assert "nan" not in str(found.rows)
@@ -254,7 +249,7 @@ def test_tables_leave_out_drives_that_never_find_the_robot_and_say_so(
 
 def test_disturbed_drives_that_never_find_the_robot_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     def disturbed(kind: str, case: iris_disturbances.Case, paper: bool = False) -> iris_disturbances.Outcome:
-        return iris_disturbances._outcome(blind(case.seed), 1.0)
+        return iris_disturbances.outcome_of(blind(case.seed), 1.0)
 
     monkeypatch.setattr(iris_disturbances, "disturbed_drive", disturbed)
     found = iris_disturbances.iris_disturbances(1)

@@ -14,8 +14,8 @@ import pytest
 from touchline.config import load_settings
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
-from touchline.localization.published.iris.field_side import COMPASS_FALSE
 from touchline.motion import DeadReckoning, MotionHistory
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import MotionSettings, open_scenario
 from touchline.sources import open_source

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from touchline.experiments import iris_lines, iris_timing
-from touchline.experiments.result import ExperimentResult
+from touchline.experiments import EXPERIMENTS, iris_lines, timing
 from touchline.experiments.writing import write_result
 from touchline.field import open_field
 from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
@@ -49,18 +48,18 @@ def test_the_page_holds_a_row_for_each_light_and_kind_of_thresholds(
     place: tuple[object, dict[tuple[str, str], iris_lines.Detection]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(iris_lines, "_one_place", lambda *_, **__: place)
-    found = iris_lines.iris_lines(1)
+    found = EXPERIMENTS["iris-lines"].run(1)
     assert [row[:2] for row in found.rows] == [(c, t) for c in iris_lines.CONDITIONS for t in iris_lines.THRESHOLDS]
     assert [name for name, _ in found.pictures] == ["detection", "points", "regression"]
     assert len(write_result(found, tmp_path)) == 5
 
 
 def test_timing_reports_the_update_its_parts_and_other_numbers_of_particles(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(iris_timing, "UPDATES", 120)
-    monkeypatch.setattr(iris_timing, "IMAGES", 10)
-    monkeypatch.setattr(iris_timing, "PARTICLES", (100, 600, 1000))
-    found: ExperimentResult = iris_timing.iris_timing(1)
+    monkeypatch.setattr(timing, "UPDATES", 120)
+    monkeypatch.setattr(timing, "IMAGES", 10)
+    monkeypatch.setattr(timing, "PARTICLES", (100, 600, 1000))
+    found = timing.iris_timing(1)
     assert [row[0].partition(":")[0] for row in found.rows[:2]] == ["one update", "of it"]
     assert found.rows[0][1] == "1.6 ms"
-    assert len(found.rows) == 3 + len(iris_timing.PARTICLES)
+    assert len(found.rows) == 3 + len(timing.PARTICLES)
     assert float(found.rows[0][3].split()[0]) > float(found.rows[1][3].split()[0])

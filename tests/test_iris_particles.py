@@ -10,6 +10,7 @@ from line_scenes import view
 
 from touchline.field import open_field
 from touchline.field.error_map import error_map
+from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.particles.particle_set import mean_and_covariance
 from touchline.localization.particles.resampling import low_variance, tempering
@@ -21,7 +22,6 @@ from touchline.localization.published.iris.particles import (
     IrisParticles,
     IrisParticleSettings,
 )
-from touchline.localization.published.nubot.global_search import OWN_HALF
 from touchline.motion.odometry import Motion
 
 FIELD = open_field("indoor-9x6")

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from touchline.experiments.nees import CONDITIONS, Condition, honesty
-from touchline.experiments.reliability_runs import driven
-from touchline.field import open_field
-from touchline.geometry import Pose
 from touchline.localization.camera_errors.mirror_head import MirrorHead
 from touchline.localization.estimator.joint_filter import JointFilter, Unknown
-from touchline.localization.published.nubot.pose_filter import Scales
 from touchline.localization.registration.mirror_kernels import upright_points
+
+from touchline.experiments.drives import driven
+from touchline.experiments.nees import CONDITIONS, Condition, honesty
+from touchline.field import open_field
+from touchline.geometry import Pose
 from touchline.localization.registration.registration import SETTLED, Head, Registration
+from touchline.motion.driven import Scales
 from touchline.systems import RobotSetup, open_system
 from touchline.types import LinePoints
 
@@ -27,7 +27,7 @@ UNKNOWN = Unknown(Scales(0.03, 0.03, 0.03), np.diag(np.square([0.02, 0.02, 3.0, 
 
 @pytest.fixture(scope="module")
 def head() -> MirrorHead:
-    return MirrorHead(driven("straight-tracks", 3, 8.0, *AS_BUILT)[1].camera)
+    return MirrorHead(driven("straight-tracks", 3, 8.0, *AS_BUILT).setup.camera)
 
 
 def askew(head: MirrorHead, errors: np.ndarray) -> LinePoints:
@@ -88,7 +88,7 @@ def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(head: MirrorHea
 
 def test_shaking_is_learned_from_a_lone_line_too() -> None:
     head, rng, per_m = (
-        MirrorHead(driven("straight-tracks", 3, 8.0, *AS_BUILT)[1].camera),
+        MirrorHead(driven("straight-tracks", 3, 8.0, *AS_BUILT).setup.camera),
         np.random.default_rng(1),
         0.006,
     )
@@ -113,14 +113,16 @@ def test_the_covariance_beside_a_lone_line_is_honest() -> None:
 
 def test_a_wrong_pose_that_bends_the_mirror_to_itself_is_left() -> None:
     """The first image of this robot fits best elsewhere, a mirror's errors once learned there fit nowhere else."""
-    drive, setup, _ = driven("straight-tracks", 17, 1.0, "camera.known_from=design")
+    drive = driven("straight-tracks", 17, 1.0, "camera.known_from=design")
+    setup = drive.setup
     system = open_system("touchline", setup)
     last = [system.step(frame) for frame in drive.frames][-1]
     assert np.hypot(*(np.array(last.pose) - drive.truth[-1])[:2]) < 0.1
 
 
 def test_a_robot_as_built_is_followed_within_centimetres_once_its_mirror_is_learned() -> None:
-    drive, setup, _ = driven("straight-tracks", 3, 8.0, *AS_BUILT)
+    drive = driven("straight-tracks", 3, 8.0, *AS_BUILT)
+    setup = drive.setup
     mean_m = {learned: late_error_m(drive, setup, learned) for learned in (True, False)}
     assert mean_m[True] < 0.015, mean_m
     assert mean_m[True] < mean_m[False]
@@ -128,7 +130,8 @@ def test_a_robot_as_built_is_followed_within_centimetres_once_its_mirror_is_lear
 
 def test_where_camera_yaml_is_right_learning_costs_little() -> None:
     """Points of neighbouring images err together: learned at once, that would be a mirror displaced by 0.2 px."""
-    drive, setup, _ = driven("match", 1, 25.0)
+    drive = driven("match", 1, 25.0)
+    setup = drive.setup
     assert late_error_m(drive, setup, learned=True) < 1.1 * late_error_m(drive, setup, learned=False)
 
 
@@ -141,7 +144,8 @@ def late_error_m(drive, setup: RobotSetup, learned: bool) -> float:
 
 def test_a_head_that_shakes_is_no_robot_that_is_shoved() -> None:
     """An image that leans by 0.9° shifts lines 6 m off by a metre: the fit starts wide enough to reach them."""
-    drive, setup, _ = driven("straight-tracks", 5, 10.0, "camera.mirror.vibration_deg=0.3")
+    drive = driven("straight-tracks", 5, 10.0, "camera.mirror.vibration_deg=0.3")
+    setup = drive.setup
     system = open_system("touchline", setup)
     away = np.array([system.step(frame).pose for frame in drive.frames]) - drive.truth
     assert np.hypot(*away[drive.times_s > 5.0, :2].T).max() < 0.03
@@ -149,14 +153,16 @@ def test_a_head_that_shakes_is_no_robot_that_is_shoved() -> None:
 
 def test_a_head_that_shakes_harder_than_was_assumed_at_first_is_no_delay() -> None:
     """By the deviation that the filter states its images would be stamped 0.10 s late, after a second."""
-    drive, setup, _ = driven("straight-tracks", 4, 2.5, "camera.mirror.vibration_deg=0.5")
+    drive = driven("straight-tracks", 4, 2.5, "camera.mirror.vibration_deg=0.5")
+    setup = drive.setup
     system = open_system("touchline", setup)
     assert not [said for frame in drive.frames for said in system.step(frame).problems if "stamped" in said]
 
 
 def test_a_head_that_nobody_tells_of_leans_and_shakes_too() -> None:
     """Its points come from a detector of the robot's own, without a camera.yaml; taken at their word: 2.5 cm."""
-    drive, setup, _ = driven("straight-tracks", 1, 10.0)
+    drive = driven("straight-tracks", 1, 10.0)
+    setup = drive.setup
     assert late_error_m(drive, replace(setup, camera=None), learned=True) < 0.012
 
 

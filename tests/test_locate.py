@@ -14,7 +14,14 @@ import touchline
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization import LocateSettings, Location, NotSignificantError, PoorFitError, locate, locate_points
+from touchline.localization.one_shot.locate import (
+    LocateSettings,
+    Location,
+    NotSignificantError,
+    PoorFitError,
+    locate,
+    locate_points,
+)
 from touchline.localization.one_shot.permutation_test import PIECES, rearranged
 from touchline.localization.one_shot.points_file import read_points
 from touchline.localization.one_shot.thinning import sampled, thinned, thinned_to

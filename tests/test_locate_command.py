@@ -186,7 +186,7 @@ def test_a_wrong_heading_is_refused_with_the_best_pose(points: Path, capsys: pyt
 @pytest.mark.parametrize("options", [[], ["--json"]])
 def test_a_full_disk_gives_one_message(points: Path, options: list[str]) -> None:
     with Path("/dev/full").open("w") as full:
-        command = [sys.executable, "-m", "touchline.cli", "locate", str(points), "--heading", "0.5", *options]
+        command = [sys.executable, "-m", "touchline", "locate", str(points), "--heading", "0.5", *options]
         ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ended.returncode == 1
     assert ended.stderr == "error: the output cannot be written (No space left on device)\n"

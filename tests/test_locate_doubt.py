@@ -15,12 +15,13 @@ from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization import Location, locate_points
 from touchline.localization.one_shot.certainty import Spread, with_camera
+from touchline.localization.one_shot.locate import Location, locate_points
 from touchline.localization.one_shot.scale import fit_scale
-from touchline.localization.published.nubot.camera_errors import CameraErrors
+from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.types import points_at
 
 FIELD = open_field("msl-18x12")
 SCALE_M, PER_PX = 1.568777, 0.00708754  # of the robot's mirror: r = a tan(b rho)
@@ -102,9 +103,12 @@ def test_what_a_camera_is_unsure_of_is_as_its_file_states_it() -> None:
     assert Spread.stated_by(as_usual) == Spread.stated_by(None)
     beside = replace(camera, stated_uncertainty=CameraUncertainty(0.0, 0.03 * outer_px, 0.01))
     assert Spread.stated_by(beside) == pytest.approx((0.01, 2.0 * Spread().bend_per_m))
-    shift_m = np.sqrt(CameraErrors(FIELD, camera=beside, displacement=False).unseen[0, 0])
-    assert 0.01 * 0.03 * outer_px < shift_m < 0.05 * 0.03 * outer_px  # of 1 to 5 cm per pixel
-    assert not CameraErrors(FIELD).unseen.any()
+    made = [LearnedMirror(FIELD, given, looked_for=(False, True)) for given in (beside, None)]
+    for mirror in made:
+        mirror.update(points_at(view(FIELD, Pose(1.0, 0.5, 0.2), np.random.default_rng(1))), Pose(1.0, 0.5, 0.2))
+    shift_m = np.sqrt(made[0].misfit[0, 0])
+    assert 0.005 * 0.03 * outer_px < shift_m < 0.05 * 0.03 * outer_px  # of 1 to 5 cm per pixel
+    assert made[1].misfit[0, 0] < 1e-8
 
 
 def test_four_points_that_fix_a_direction_fix_it_to_decimetres() -> None:

@@ -14,7 +14,6 @@ from line_scenes import PointSets, load_point_sets, view
 from touchline.field import open_field
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization import Matcher, MatchingSettings, WeightSettings, precision_weights, range_weights
 from touchline.localization.published.nubot.kernels import error_and_gradient
 from touchline.localization.published.nubot.matcher import (
     FIRST_STEP_M,
@@ -25,7 +24,10 @@ from touchline.localization.published.nubot.matcher import (
     MIN_STEP_M,
     MIN_STEP_RAD,
     SHRINK,
+    Matcher,
+    MatchingSettings,
 )
+from touchline.localization.registration.weights import WeightSettings, precision_weights, range_weights
 from touchline.types import LinePoints, empty_points
 
 FIELD = open_field("msl-18x12")

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from touchline.localization.registration.mirror_kernels import upright_points
 
 from touchline.localization.camera_errors.mirror_response import mirror_response
-from touchline.localization.registration.mirror_kernels import upright_points
 from touchline.simulation.cameras.factory import open_simulated_camera
 from touchline.simulation.cameras.mirror_rays import MirrorMount
 from touchline.simulation.cameras.omni import SimulatedOmniCamera

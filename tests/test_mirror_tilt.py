@@ -9,16 +9,15 @@ import pytest
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.published.nubot import mirror_tilt
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.mirror_fit import FitPlan, Mirror, moved, normal_equations
-from touchline.localization.published.nubot.mirror_tilt import MirrorTilt, MirrorTiltSettings
+from touchline.localization.registration import learned_mirror
+from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.types import LinePoints
 
 FIELD = open_field("msl-18x12")
-HEIGHT_M = MirrorTiltSettings().height_m
+HEIGHT_M = 0.75
 
 
 def seen(pose: Pose, reach_m: float = 6.0) -> FloatArray:
@@ -48,7 +47,7 @@ def line_points(positions_m: FloatArray, noise_m: float = 0.0) -> LinePoints:
     return LinePoints(positions_m + noise, covariances, np.ones(n), np.full((n, 2), np.nan))
 
 
-def errors_of(tilt: MirrorTilt, points: LinePoints, pose: Pose) -> FloatArray:
+def errors_of(tilt: LearnedMirror, points: LinePoints, pose: Pose) -> FloatArray:
     """The errors (5,) of a frame, learned as well."""
     fit = tilt.update(points, pose)
     assert fit is not None
@@ -59,7 +58,7 @@ def errors_of(tilt: MirrorTilt, points: LinePoints, pose: Pose) -> FloatArray:
 def test_a_tilt_is_found_and_taken_out(axis: float) -> None:
     pose = Pose(2.0, 1.5, 0.7)
     true = seen(pose)
-    tilt = MirrorTilt(FIELD)
+    tilt = LearnedMirror(FIELD)
     wrong = line_points(tilted(true, axis, math.radians(0.5)), noise_m=0.005)
     bend = errors_of(tilt, wrong, Pose(2.05, 1.45, 0.72))
     before = np.abs(wrong.positions_m - true).max()
@@ -72,7 +71,7 @@ def test_a_tilt_is_found_and_taken_out(axis: float) -> None:
 def test_the_mean_tilt_is_learned_and_vibration_is_followed() -> None:
     pose = Pose(-3.0, 0.5, 0.2)
     rng = np.random.default_rng(5)
-    tilt = MirrorTilt(FIELD)
+    tilt = LearnedMirror(FIELD)
     true = seen(pose)
     bends = []
     for _ in range(60):
@@ -81,13 +80,13 @@ def test_the_mean_tilt_is_learned_and_vibration_is_followed() -> None:
         bend = errors_of(tilt, wrong, pose)
         bends.append(bend[:2])
         assert np.median(np.abs(tilt.corrected(wrong.positions_m, bend) - true)) < 0.01
-    np.testing.assert_allclose(tilt.mean_per_m, np.mean(bends, axis=0), atol=0.0008)
+    np.testing.assert_allclose(tilt.mean[:2], np.mean(bends, axis=0), atol=0.0008)
     assert np.trace(tilt.covariance[:2, :2]) < 1e-5
 
 
 def test_an_upright_mirror_stays_upright() -> None:
     pose = Pose(4.0, -2.0, 2.0)
-    bend = errors_of(MirrorTilt(FIELD), line_points(seen(pose), noise_m=0.01), pose)
+    bend = errors_of(LearnedMirror(FIELD), line_points(seen(pose), noise_m=0.01), pose)
     assert np.abs(bend).max() < 0.001
 
 
@@ -95,45 +94,18 @@ def test_one_straight_line_alone_moves_the_tilt_little() -> None:
     y = np.linspace(-2.0, 2.0, 40)
     ahead = np.column_stack((np.full(40, 2.0), y))
     pose = Pose(6.9375, 0.0, 0.0)  # 2 m before the goal line
-    tilt = MirrorTilt(FIELD)
+    tilt = LearnedMirror(FIELD)
     bend = errors_of(tilt, line_points(ahead, noise_m=0.01), pose)
     assert np.hypot(*bend[:2]) < 0.01
 
 
 def test_reset_forgets() -> None:
-    tilt = MirrorTilt(FIELD)
+    tilt = LearnedMirror(FIELD)
     pose = Pose(2.0, 1.5, 0.7)
     tilt.update(line_points(tilted(seen(pose), 0.0, 0.01)), pose)
-    assert np.any(tilt.mean_per_m != 0.0)
+    assert np.any(tilt.mean[:2] != 0.0)
     tilt.reset()
-    np.testing.assert_array_equal(tilt.mean_per_m, [0.0, 0.0])
-
-
-def test_normal_equations_are_those_of_the_numeric_derivative() -> None:
-    pose = Pose(1.0, -2.0, 0.4)
-    points = line_points(seen(pose)[::5] * 1.01)
-    state = np.array([*pose, 0.002, -0.003, 0.4, -0.7, 0.005])
-    ranges = 0.1 * np.arange(100)
-    mirror = Mirror(HEIGHT_M, np.column_stack((0.01 + 0.008 * ranges, np.full(100, 0.02))))
-    plan = FitPlan(np.array([0.1]), 0.01, 1.0, np.array([0.2, 0.2, 0.1]), 1.0)
-    arguments = (points.positions_m, points.covariances_m2)
-    matrix, vector, _ = normal_equations(*arguments, state, mirror, plan, 0.1, FIELD.line_tables)
-
-    def distances(s: FloatArray) -> FloatArray:
-        return FIELD.line_distances(Pose(*s[:3]).transform(moved(points.positions_m, s[3:], mirror)))
-
-    step = 1e-6
-    rows = np.column_stack([
-        (distances(state + step * e) - distances(state - step * e)) / (2 * step) for e in np.eye(8)
-    ])  # fmt: skip
-    distance = distances(state)
-    normals = rows[:, :2] @ np.array(
-        [[math.cos(0.4), -math.sin(0.4)], [math.sin(0.4), math.cos(0.4)]]
-    )  # field to robot frame
-    variance = 0.01**2 + np.einsum("ni,nij,nj->n", normals, points.covariances_m2, normals)
-    weight = (0.1**2 / (0.1**2 + distance**2)) ** 2 / variance
-    np.testing.assert_allclose(matrix, np.einsum("n,ni,nj->ij", weight, rows, rows), rtol=1e-3, atol=1.0)
-    np.testing.assert_allclose(vector, -(weight * distance) @ rows, rtol=1e-3, atol=1e-2)
+    np.testing.assert_array_equal(tilt.mean[:2], [0.0, 0.0])
 
 
 def test_a_frame_among_whose_points_many_lie_on_no_line_has_its_tilt_taken_out_all_the_same() -> None:
@@ -143,7 +115,7 @@ def test_a_frame_among_whose_points_many_lie_on_no_line_has_its_tilt_taken_out_a
     beside = np.column_stack((rng.uniform(-4.0, 4.0, len(true) // 5), rng.uniform(4.0, 5.0, len(true) // 5)))
     points = line_points(np.concatenate((tilted(true, 0.3, math.radians(0.4)), beside)), noise_m=0.005)
     weights = np.full(len(points), 1.0 / len(points))
-    matcher, tilt = Matcher(FIELD.distance_map()), MirrorTilt(FIELD)
+    matcher, tilt = Matcher(FIELD.distance_map()), LearnedMirror(FIELD)
     for _ in range(5):
         tilt.update(line_points(true, noise_m=0.005), pose)
     view = MatchInput(points, weights, True, None, tilt, CompassCorrection())
@@ -154,7 +126,7 @@ def test_a_frame_among_whose_points_many_lie_on_no_line_has_its_tilt_taken_out_a
 
 
 def test_a_swing_far_beyond_the_mean_is_followed_in_one_frame() -> None:
-    pose, tilt = Pose(-3.0, 0.5, 0.2), MirrorTilt(FIELD)
+    pose, tilt = Pose(-3.0, 0.5, 0.2), LearnedMirror(FIELD)
     true = seen(pose, 7.0)
     for _ in range(30):
         tilt.update(line_points(true, noise_m=0.005), pose)
@@ -164,8 +136,8 @@ def test_a_swing_far_beyond_the_mean_is_followed_in_one_frame() -> None:
 
 
 def test_a_mount_that_loosens_keeps_the_mean_tilt_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mirror_tilt, "DRIFT", 0.4)
-    pose, tilt = Pose(1.0, 0.5, 0.2), MirrorTilt(FIELD)
+    monkeypatch.setattr(learned_mirror, "DRIFT", 0.4)
+    pose, tilt = Pose(1.0, 0.5, 0.2), LearnedMirror(FIELD)
     points = line_points(seen(pose), noise_m=0.005)
     for _ in range(10):
         tilt.update(points, pose)
@@ -177,7 +149,7 @@ def test_rays_from_one_focus_that_turn_move_the_point_below_it_too() -> None:
     positions = np.array([[0.0, 0.0], [2.0, -1.0], [0.5, 3.0]])
     seen_askew = tilted(positions, 0.3, -angle)
     bend = angle / HEIGHT_M * np.array([math.sin(0.3), -math.cos(0.3), 0.0, 0.0, 0.0])
-    mirror = Mirror(HEIGHT_M, np.zeros((0, 2)))
-    back = [np.abs(moved(seen_askew, sign * bend, mirror) - positions).max() for sign in (1.0, -1.0)]
+    mirror = LearnedMirror(FIELD)
+    back = [np.abs(mirror.corrected(seen_askew, sign * bend) - positions).max() for sign in (1.0, -1.0)]
     assert min(back) < 0.001
-    assert np.hypot(*moved(positions[:1], bend, mirror)[0]) == pytest.approx(HEIGHT_M * angle)
+    assert np.hypot(*mirror.corrected(positions[:1], bend)[0]) == pytest.approx(HEIGHT_M * angle)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from touchline.experiments import nees
-from touchline.experiments.faults import Drive
+from touchline.experiments import drives, nees
 from touchline.field import open_field
 from touchline.geometry import Pose
+from touchline.systems import RobotSetup
 from touchline.types import Estimate, Frame, Status
 
 
@@ -29,9 +28,9 @@ def test_of_honest_errors_a_third_of_nees_is_one_and_the_ellipse_covers_95_perce
         status = Status.TRACKING if k % 2 else Status.SEARCHING
         return Estimate(frame.stamp_ns, Pose(*pose.tolist()), np.diag(deviations**2), status)
 
-    monkeypatch.setattr(nees, "open_system", lambda *_: SimpleNamespace(step=step))
-    setup: Any = None
-    found = nees.followed(Drive(frames, truth, open_field("msl-18x12")), setup, "nubot-mti", 0, (5.0, 20.0))
+    monkeypatch.setattr(drives, "open_system", lambda *_: SimpleNamespace(step=step))
+    drive = drives.Drive(RobotSetup(open_field("msl-18x12")), frames, truth)
+    found = nees.honesty_of(drives.followed("nubot-mti", drive, 0), (5.0, 20.0))
     assert found.nees == pytest.approx(1.0, abs=0.1)
     assert found.covered == pytest.approx(0.95, abs=0.02)
     assert found.error_m == pytest.approx(0.044, abs=0.004)
@@ -41,7 +40,8 @@ def test_of_honest_errors_a_third_of_nees_is_one_and_the_ellipse_covers_95_perce
 
 def test_every_condition_is_told_for_every_system_and_robots_never_tracked_do_not_count() -> None:
     robots = [nees.Honesty(1.0, 0.95, 0.01, 0.02, 1.0), nees.Honesty(*4 * (float("nan"),), 0.0)]
-    result = nees.told_of(dict.fromkeys(nees.keys(), robots), 1)
+    keys = [(condition.name, system) for condition in nees.CONDITIONS for system in nees.SYSTEMS]
+    result = nees.page(dict.fromkeys(keys, robots))
     assert len(result.rows) == len(nees.CONDITIONS) * len(nees.SYSTEMS)
     assert result.rows[0] == ("free", "nubot-mti", "1.00", "95.0", "1.00", "2.00", "50.0")
     assert result.headline.ours.startswith("1.00-1.00; 95-95 %")

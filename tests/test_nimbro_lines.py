@@ -15,8 +15,8 @@ from touchline.experiments.schulz_runs import TRACKING_ALONE
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
-from touchline.localization.particles.feature_model import FeatureModel, field_lines
-from touchline.localization.particles.features import Features, FeatureSettings
+from touchline.localization.registration.feature_model import FeatureModel, field_lines
+from touchline.localization.registration.features import Features, FeatureSettings
 from touchline.localization.search.feature_poses import PoseProposals
 from touchline.simulation.observation.features import leaning
 from touchline.simulation.run import PINHOLE_FEATURES, Simulation

@@ -19,6 +19,7 @@ from touchline.evaluation.notebook import jumps, path_picture
 from touchline.evaluation.run_folder import RunFolder, write_summary
 from touchline.evaluation.runner import run_frames
 from touchline.systems import SYSTEMS, open_system
+from touchline.types import Hypothesis
 
 
 @pytest.fixture
@@ -64,6 +65,42 @@ def test_an_estimate_reads_as_a_pose_with_its_uncertainty() -> None:
     )
 
 
+def drawn(shown: str) -> ElementTree.Element:
+    """The picture in what a notebook shows."""
+    return ElementTree.fromstring(shown[shown.index("<svg") : shown.index("</svg>") + len("</svg>")])
+
+
+def counted(picture: ElementTree.Element, kind: str) -> int:
+    return sum(part.tag.endswith(kind) for part in picture.iter())
+
+
+def test_an_estimate_is_a_table_of_its_poses_and_a_picture_of_them_in_a_notebook() -> None:
+    pose, covariance = touchline.Pose(1.0, -2.5, np.radians(90.0)), np.diag([0.0004, 0.0009, np.radians(0.5) ** 2])
+    seen = touchline.Observation(0, np.array([[1.0, 0.0], [2.0, 0.0]]))
+    others = (Hypothesis(pose.mirrored(), 0.012, 0.25, covariance), Hypothesis(touchline.Pose(3.0, 0.0, 0.0), np.nan))
+    estimate = touchline.Estimate(
+        1_500_000_000, pose, covariance, touchline.Status.TRACKING, 0.012, 2, others, 0.75, observation=seen,
+        problems=("gyro: < 0",),
+    )  # fmt: skip
+    shown = estimate._repr_html_()
+    cells = ["1.000 ± 0.020", "-2.500 ± 0.030", "90.000 ± 0.500", "1.2", "0.75"]
+    assert f"<th>tracking</th><td>{'</td><td>'.join(cells)}</td></tr>" in shown
+    assert shown.count("<tr><th>or</th>") == 2
+    assert "<p>gyro: &lt; 0</p>" in shown
+    assert "nan" not in shown
+    assert (counted(drawn(shown), "polygon"), counted(drawn(shown), "ellipse")) == (3, 2)
+    assert "M1.00,-1.50h0 M1.00,-0.50h0" in shown  # the points, as seen from the pose
+
+
+def test_a_localizer_shows_its_last_estimate_on_the_field() -> None:
+    localizer = touchline.Localizer("msl-18x12")
+    assert repr(localizer).endswith("(msl-18x12, no camera): no image yet)")
+    assert counted(drawn(localizer._repr_html_()), "polygon") == 0
+    localizer.localize(0, points=np.array([[2.0, 0.1 * k] for k in range(20)]))
+    assert counted(drawn(localizer._repr_html_()), "polygon") >= 1
+    assert "Estimate(0.000 s: " in repr(localizer)
+
+
 def test_a_recording_and_its_frames_read_as_what_they_hold(tmp_path: Path) -> None:
     source = touchline.open_source(write_recording(tmp_path / "walk", 2))
     assert repr(source) == f"Recording({source.name}: 2 images, field {source.field.name}, camera omni)"
@@ -76,9 +113,9 @@ def test_a_recording_and_its_frames_read_as_what_they_hold(tmp_path: Path) -> No
 def test_a_field_reads_as_its_sizes_and_is_drawn_in_a_notebook() -> None:
     field = touchline.open_field("spl-9x6")
     assert repr(field).startswith("FieldModel(spl-9x6: 9.05 × 6.05 m, 18 lines 0.05 m wide, 3 marks")
-    drawn = ElementTree.fromstring(field._repr_svg_())
-    assert drawn.attrib["viewBox"].split() == ["-5.200", "-3.700", "10.400", "7.400"]
-    paths = [part for part in drawn.iter() if part.tag.endswith("path")]
+    picture = drawn(field._repr_svg_())
+    assert picture.attrib["viewBox"].split() == ["-5.200", "-3.700", "10.400", "7.400"]
+    paths = [part for part in picture.iter() if part.tag.endswith("path")]
     assert [path.attrib["d"].count("M") for path in paths] == [18]
 
 

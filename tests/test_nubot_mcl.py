@@ -241,7 +241,7 @@ def test_particles_alone_as_the_paper_prints_them_follow_too_but_less_exactly() 
     """The paper's comparison: MCL without matching."""
     pose = Pose(2.0, 1.0, 0.3)
     switches = PAPER_FORM.paper
-    as_printed = [f"particles.paper.{name}={json.dumps(getattr(switches, name))}" for name in switches.model_fields_set]
+    as_printed = [f"paper.particles.{name}={json.dumps(getattr(switches, name))}" for name in switches.model_fields_set]
     estimates = stand(alone(*as_printed), pose, range(40), 0.3)[20:]
     errors = [error_m(e, pose) for e in estimates]
     assert max(errors) < 0.3

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from line_scenes import lone_line, view
 
-from touchline.config import load_settings
 from touchline.field import FieldModel, open_field
+from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.localization.particles.motion_model import move
 from touchline.localization.particles.particle_set import mean_and_covariance, normalize
 from touchline.localization.particles.resampling import AdaptiveSettings, kld_number, low_variance, occupied_bins
 from touchline.localization.particles.sensor_models import SquaredErrors, log_likelihoods
-from touchline.localization.published.iris.particles import IrisParticleSettings, MeasuredMotionNoise
-from touchline.localization.published.nubot.global_search import OWN_HALF
 from touchline.localization.published.nubot.matcher import Matcher
 from touchline.localization.published.nubot.particles import (
     PAPER_FORM,
@@ -254,14 +252,6 @@ def test_the_odometry_s_own_uncertainty_comes_on_top_and_turns_with_the_robot() 
     away = moved(Pose(0.0, 0.0, 0.0), np.diag([1.0, 0.0, 0.0]))
     assert away[:, 1].std() == pytest.approx(1.0, rel=0.03)  # along the robot's x, which is the field's y
     assert away[:, 0].std() == pytest.approx(NubotParticleSettings().motion.translation_at_rest_m, rel=0.03)
-
-
-def test_the_noise_s_old_keys_are_accepted() -> None:
-    settings = load_settings(IrisParticleSettings, None, ["motion.travel_share=0.5", "least_effective=0.2"])
-    assert settings.motion.translation_from_translation == 0.5
-    assert settings.motion.rotation_from_rotation == MeasuredMotionNoise().rotation_from_rotation
-    assert settings.paper.tempering_threshold == 0.2
-    assert load_settings(NubotParticleSettings, None, ["fresh_share=0.3"]).paper.random_particle_ratio == 0.3
 
 
 # --- start ------------------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 from fakes import write_recording
 
 NAME = "Übung-auf-dem-großen-Feld-mit-einem-Namen-von-mehr-als-sechzig-Zeichen"
-TOUCHLINE = f"{sys.executable} -m touchline.cli"
+TOUCHLINE = f"{shlex.quote(sys.executable)} -m touchline"
 
 
 def ended(command: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[bytes]:

@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 
 from touchline.evaluation.points.point_set import PointSet
-from touchline.experiments import own_ablations, own_drives, own_play, own_points
-from touchline.experiments.faults import Drive, unseen
-from touchline.experiments.own_drives import Errors
-from touchline.experiments.own_points import VIEWS
-from touchline.experiments.own_table import COLUMNS, SYSTEMS, row
-from touchline.experiments.reliability_runs import Kidnapped, Outcome
+from touchline.experiments import own, own_ablations, own_points
+from touchline.experiments.drives import Kidnapped, Track, driven
+from touchline.experiments.faults import Fault, unseen
+from touchline.experiments.own import COLUMNS, Errors
+from touchline.experiments.own_points import OWN, SYSTEMS, VIEWS, row
 from touchline.field import open_field
 from touchline.field.distances import distances_to_lines
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.search.pose_search import Mode
-from touchline.systems import RobotSetup
 from touchline.types import LinePoints, Status
 
 FIELD = open_field("msl-18x12")
@@ -90,22 +88,20 @@ def test_a_mode_of_a_lone_line_stands_for_every_place_along_it_and_for_their_twi
 
 
 @pytest.fixture
-def outcomes(monkeypatch: pytest.MonkeyPatch) -> Callable[[FloatArray, FloatArray], own_play.Played]:
+def outcomes() -> Callable[[FloatArray, FloatArray], own.Played]:
     """Play of 40 frames, 0.1 s apart: tracked and flipped where it is told."""
 
-    def played(tracking: FloatArray, flipped: FloatArray) -> own_play.Played:
+    def played(tracking: FloatArray, flipped: FloatArray) -> own.Played:
         times_s = 0.1 * np.arange(40)
-        off = flipped > 0
-        outcome = Outcome(times_s, np.where(off, 8.0, 0.1), times_s, tracking > 0, off, ~off, off & False, off)
-        monkeypatch.setattr(own_play, "followed", lambda *_: outcome)
-        frames = own_drives.driven("straight-tracks", 0, 4.0)[0].frames[:40]
-        return own_play.played_on(Drive(frames, np.zeros((40, 3)), FIELD), RobotSetup(FIELD), 0)
+        truth = np.tile((4.0, 0.0, 0.0), (40, 1))
+        poses = np.where(flipped[:, np.newaxis] > 0, (-4.0, 0.0, np.pi), (4.1, 0.0, 0.0))
+        return own.played_of(Track(times_s, poses, truth, tracking > 0))
 
     return played
 
 
 def test_a_flip_counts_while_it_is_called_tracking(
-    outcomes: Callable[[FloatArray, FloatArray], own_play.Played],
+    outcomes: Callable[[FloatArray, FloatArray], own.Played],
 ) -> None:
     at = np.arange(40)
     found = outcomes(at < 30, at >= 10)
@@ -116,17 +112,17 @@ def test_a_flip_counts_while_it_is_called_tracking(
 
 
 def test_the_papers_experiments_are_counted_where_we_are_better_than_every_other_system() -> None:
-    def runs(ours: float) -> list[dict[str, Errors]]:
-        others = {system: Errors(2.0, 3.0, 0.1, 100.0, 0) for system in SYSTEMS}
-        return [{**others, own_drives.OWN: Errors(ours + 0.1 * n, 3.0, 0.1, 100.0, 0)} for n in range(3)]
-
-    rows = own_drives._paper_rows([("a", runs(1.0)), ("b", runs(1.9))])
-    assert [each[3] for each in rows] == ["1 of 2; not: b", "2 of 2"]
+    conditions = [own.Condition(name, papers="one") for name in "ab"]
+    runs = {(c.name, system): [Errors(2.0, 3.0, 0.1, 100.0, 0)] * 3 for c in conditions for system in SYSTEMS}
+    for name, ours in (("a", 1.0), ("b", 1.9)):
+        runs[name, OWN] = [Errors(ours + 0.1 * n, 3.0, 0.1, 100.0, 0) for n in range(3)]
+    rows = own._paper_rows(conditions, runs)
+    assert [each[3] for each in rows] == ["1 of 2; not: b (one)", "2 of 2"]
 
 
 def test_a_drive_under_a_condition_has_its_faults(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(own_drives, "SECONDS", 4.0)
-    drive, _ = own_drives.robot_of(own_drives.Condition("", faults=(own_drives.Fault("", 1.0, 2.0, unseen),)), 0)
+    monkeypatch.setattr(own, "SECONDS", 4.0)
+    drive = own.robot_of(own.Condition("", faults=(Fault("", 1.0, 2.0, unseen),)), 0)
     seen = np.array([0 if frame.observation is None else len(frame.observation.points) for frame in drive.frames])
     hidden = (drive.times_s >= 1.0) & (drive.times_s < 2.0)
     assert (seen[hidden] == 0).all()
@@ -134,42 +130,46 @@ def test_a_drive_under_a_condition_has_its_faults(monkeypatch: pytest.MonkeyPatc
 
 
 def test_pictures_are_drawn_of_few_runs() -> None:
-    errors = {system: Errors(1.0, 2.0, 0.1, 100.0, 0) for system in SYSTEMS}
-    own_drives.picture({condition.name: [errors] for condition in own_drives.CONDITIONS})
+    errors = [Errors(1.0, 2.0, 0.1, 100.0, 0)]
+    own._picture({(condition.name, system): errors for condition in own.CONDITIONS for system in SYSTEMS})
     told = np.linspace(0.0, 1.0, 200)
     kept = own_points.Kept(1.0, 1.0, 1.0, 1.0, told, told > 0.5, 1.0)
-    driven = {
+    drives = {
         (part.name, condition.name): [own_ablations.Driven(1.0, 2.0, 0.0)]
         for part in own_ablations.PARTS
         for condition in own_ablations.CONDITIONS
     }
     kidnaps = {
-        (part.name, view): [own_ablations.Kidnaps([Kidnapped(True, 0, False)], 0.0)]
+        (part.name, view): [own_ablations.Driven(1.0, 2.0, 0.0, [Kidnapped(True, 0, False)])]
         for part in own_ablations.PARTS
         for view in own_ablations.KIDNAP_RUNS
     }
-    own_ablations._picture(driven, kidnaps)
+    own_ablations._picture({**drives, **kidnaps})
     own_points.picture(
-        own_points.PointRuns({system: [] for system in own_points.SYSTEMS}, [], {v.name: [kept] for v in VIEWS})
+        own_points.PointRuns({system: [] for system in own_points.BENCHED}, [], {v.name: [kept] for v in VIEWS})
     )
 
 
 def test_a_system_is_followed_without_each_part() -> None:
-    drive, setup, _ = own_drives.driven("straight-tracks", 0, 4.0)
+    drive = driven("straight-tracks", 0, 4.0)
     for part in own_ablations.PARTS:
-        system = own_ablations.without(part, setup, drive, 0)
+        system = own_ablations.without(part, drive, 0)
         away = system.step(drive.frames[0]).pose.distance_to(Pose(*drive.truth[0].tolist()))
         assert away < 0.2
-    without = own_ablations.without(own_ablations.PARTS[1], setup, drive, 0)
+    without = own_ablations.without(own_ablations.PARTS[1], drive, 0)
     without.reset()
     assert all(without.step(frame).status is Status.SEARCHING for frame in drive.frames[:5])
 
 
 def test_ours_stands_beside_the_best_other_robot_by_robot() -> None:
-    runs = [{system: Errors(1.0 + k + n, 2.0, 0.1, 100.0, n) for k, system in enumerate(SYSTEMS)} for n in range(3)]
-    rows = own_drives._rows(own_drives.CONDITIONS[0], runs)
+    first = own.CONDITIONS[0]
+    runs = {
+        (first.name, system): [Errors(1.0 + k + n, 2.0, 0.1, 100.0, n) for n in range(3)]
+        for k, system in enumerate(SYSTEMS)
+    }
+    rows = own._rows(first, runs)
     assert all(len(each) == len(COLUMNS) for each in rows)
-    assert rows[0][:4] == (own_drives.CONDITIONS[0].title, "mean (cm)", "–", "2.00 [1.00, 3.00]")
+    assert rows[0][:4] == (first.title, "mean (cm)", "–", "2.00 [1.00, 3.00]")
     assert rows[0][-1] == "-1.00 [-1.00, -1.00]"
     assert rows[4][3] == "2"
 

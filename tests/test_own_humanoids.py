@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from touchline.experiments import own_humanoids
-from touchline.experiments.own_walks import FALL_S, carried, drifting, fallen, looking_lower, misjudged
-from touchline.experiments.schulz_runs import AS_SIMULATED, Walk, dead_reckoned, walk
+from touchline.experiments.drives import Drive
+from touchline.experiments.faults import FALL_S, carried, drifting, fallen, looking_lower, misjudged
+from touchline.experiments.schulz_runs import AS_SIMULATED, dead_reckoned, walk
 from touchline.geometry import wrap_angle
 from touchline.simulation.cameras.pinhole import humanoid_camera
 from touchline.simulation.observation.features import leaning
@@ -21,7 +22,7 @@ FIELD, SECONDS = "indoor-9x6", 12.0
 
 
 @cache
-def walked() -> Walk:
+def walked() -> Drive:
     return walk(FIELD, AS_SIMULATED, 3, SECONDS)
 
 

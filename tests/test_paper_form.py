@@ -102,6 +102,10 @@ def test_settings_come_back_as_they_were_written() -> None:
         ),
         ("paper.gyro.bias=1", r"unknown setting 'paper\.gyro\.bias'"),
         ("paper.lines.min_green=x", r"setting 'paper\.lines\.min_green': .* \(got 'x'\)"),
+        (
+            "lines.paper.min_green=1",
+            r"unknown setting 'lines\.paper\.min_green': did you mean 'paper\.lines\.min_green'",
+        ),
         ("paper=3", "'paper' is a group of settings, not a value"),
     ],
 )

@@ -14,8 +14,8 @@ import pytest
 from touchline.camera import OmniCamera, open_camera
 from touchline.field import open_field
 from touchline.geometry import FloatArray
-from touchline.localization import locate_points
-from touchline.localization.published.nubot.weights import WeightSettings, precision_weights
+from touchline.localization.one_shot.locate import locate_points
+from touchline.localization.registration.weights import WeightSettings, precision_weights
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import GREEN
 from touchline.sources import open_source

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from touchline.experiments import reliability
-from touchline.experiments.faults import Drive
-from touchline.experiments.reliability_runs import (
-    KIDNAP_EVERY_S,
+from touchline.experiments import drives, reliability
+from touchline.experiments.drives import (
+    KIDNAPS,
+    Drive,
+    Kidnapped,
     counts,
     driven,
     followed,
     kidnaps_of,
     longest,
-    outcome,
+    track_of,
 )
-from touchline.experiments.wheel_faults import Slip, no_wheels, some_wheels
+from touchline.experiments.faults import Slip, no_wheels, some_wheels
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
+from touchline.systems import RobotSetup
 from touchline.types import Estimate, Frame, Hypothesis, Samples, Status
 
 FIELD = open_field("indoor-9x6")
@@ -34,7 +37,7 @@ def drive(poses: FloatArray) -> Drive:
         stamp_ns = np.array([100_000_000 * (k + 1)])
         wheels = Samples(stamp_ns, np.array([[0.1 * k, -0.1 * k]]))
         frames.append(Frame(int(stamp_ns[0]), odometry=Samples(stamp_ns, pose.reshape(1, 3)), wheels=wheels))
-    return Drive(frames, poses, FIELD)
+    return Drive(RobotSetup(FIELD), frames, poses)
 
 
 def values(told: Drive, name: str) -> FloatArray:
@@ -80,20 +83,19 @@ def test_a_wrong_pose_counts_unless_its_twin_is_named_or_it_is_doubted() -> None
         estimate(twin),
         estimate(twin, Status.TRACKING, here),
     ]
-    found = outcome(drive(np.array([here] * 5)), told)
+    found = track_of(drive(np.array([here] * 5)), told)
     assert found.wrong.tolist() == [False, True, False, True, True]
     assert found.unnamed.tolist() == [False, True, False, True, False]
-    assert found.right.tolist() == [True, False, False, False, False]
+    assert found.found.tolist() == [True, False, False, False, False]
     assert longest(found.wrong) == 2
-    assert found.frames_until_right(0.15) is None
+    assert found.frames_until_found(0.15) is None
 
 
 def test_a_kidnap_counts_from_the_first_frame_at_the_new_place() -> None:
     old, new = Pose(-2.0, 1.0, 0.0), Pose(2.0, 1.0, 0.0)
-    made = drive(np.array([old] * 5 + [new] * 25))
+    made = replace(drive(np.array([old] * 5 + [new] * 25)), events=[{"kind": "kidnap", "t": 0.55}])
     told = [estimate(old)] * 12 + [estimate(old, Status.SEARCHING)] * 2 + [estimate(new)] * 16
-    (one,) = kidnaps_of(made, [0.55], outcome(made, told))
-    assert one == (True, 7, True)
+    assert kidnaps_of(made, track_of(made, told)) == [Kidnapped(True, 7, True)]
     assert not counts(old, old.mirrored())
     assert not counts(old, Pose(-1.5, 1.0, 0.3))
     assert counts(old, Pose(-2.0, 1.0, 0.6))
@@ -103,12 +105,12 @@ def test_every_fault_is_told_for_every_system(monkeypatch: pytest.MonkeyPatch) -
     here = Pose(2.0, 1.0, 0.3)
     made = drive(np.array([here] * 200))
 
-    def followed(system: str, setup: Any, told: Drive, seed: int) -> Any:
-        return outcome(told, [estimate(here)] * len(told.frames))
+    def followed(system: str, told: Drive, seed: int) -> Any:
+        return track_of(told, [estimate(here)] * len(told.frames))
 
-    monkeypatch.setattr(reliability, "driven", lambda *_: (made, None, ()))
+    monkeypatch.setattr(reliability, "driven", lambda *_: made)
     monkeypatch.setattr(reliability, "followed", followed)
-    monkeypatch.setattr(reliability, "kidnaps_of", lambda *_: [reliability.Kidnapped(True, 0, True)])
+    monkeypatch.setattr(drives, "kidnaps_of", lambda *_: [Kidnapped(True, 0, True)])
     monkeypatch.setattr(reliability, "FAULTS", reliability.FAULTS[-4:])
     monkeypatch.setattr(reliability, "AMID", ())
     monkeypatch.setattr(reliability, "SHOWN", [fault.name for fault in reliability.COMPASS])
@@ -128,8 +130,7 @@ def test_every_fault_is_told_for_every_system(monkeypatch: pytest.MonkeyPatch) -
 def test_a_robot_as_built_that_is_kidnapped_in_play_is_right_within_ten_images(
     system: str, seed: int, seconds: float
 ) -> None:
-    often = (f"disturbances.kidnap_every_s={KIDNAP_EVERY_S}", "disturbances.covered_images=0")
-    made, setup, times_s = driven("match", seed, seconds, *often)
-    kidnaps = kidnaps_of(made, times_s, followed(system, setup, made, seed))
+    made = driven("match", seed, seconds, *KIDNAPS)
+    kidnaps = kidnaps_of(made, followed(system, made, seed))
     assert len(kidnaps) >= 3
     assert all(kidnap.right and kidnap.wrong <= 2 for kidnap in kidnaps)

@@ -15,12 +15,12 @@ from touchline.experiments import (
     schulz_games,
     schulz_imu,
     schulz_lines_only,
-    schulz_recorded,
     schulz_runs,
     schulz_timing,
 )
-from touchline.experiments.result import ExperimentResult
-from touchline.experiments.schulz_runs import AS_BUILT, IDEAL, PANNING, Track, Walk, settings, tracked, walk
+from touchline.experiments.drives import Drive, Track
+from touchline.experiments.harness import ExperimentResult
+from touchline.experiments.schulz_runs import AS_BUILT, IDEAL, PANNING, right_of, settings, tracked, walk
 from touchline.experiments.writing import write_result
 from touchline.geometry import Pose
 from touchline.simulation.observation.features import leaning, turned
@@ -29,7 +29,7 @@ from touchline.simulation.scenario import open_scenario
 
 
 @pytest.fixture(scope="module")
-def walked() -> Walk:
+def walked() -> Drive:
     return walk("humanoid-kid-9x6", IDEAL, 3, 8.0)
 
 
@@ -59,9 +59,9 @@ def test_accuracy_has_a_row_for_each_robot_field_and_form(monkeypatch: pytest.Mo
 
 def test_recorded_rows_have_the_odometry_beside(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOUCHLINE_DATA", str(shared_data))
-    monkeypatch.setattr(schulz_recorded, "RECORDINGS", ("humanoid_hsl_pan",))
-    monkeypatch.setattr(schulz_recorded, "STARTS", 1)
-    ours, paper, alone = schulz_recorded.recorded_rows()
+    monkeypatch.setattr(schulz_accuracy, "RECORDINGS", ("humanoid_hsl_pan",))
+    monkeypatch.setattr(schulz_accuracy, "STARTS", 1)
+    ours, paper, alone = schulz_accuracy.recorded_rows()
     assert len(ours) == len(paper) == len(alone) == len(schulz_accuracy.COLUMNS)
     medians = [float(row[4].partition(" ")[0]) for row in (ours, alone)]
     assert medians[0] < 0.5 * medians[1]
@@ -115,9 +115,9 @@ def test_a_game_has_a_fall_and_a_re_entry_at_the_side_line(monkeypatch: pytest.M
     assert len(run("schulz-games", monkeypatch, tmp_path).rows) == 2
 
 
-def test_a_walk_is_tracked_and_odometry_alone_starts_at_the_truth(walked: Walk) -> None:
-    track = tracked(walked, settings(), 0)
-    assert track.right.all()
+def test_a_walk_is_tracked_and_odometry_alone_starts_at_the_truth(walked: Drive) -> None:
+    track = tracked(walked, 0, settings())
+    assert right_of(track).all()
     assert np.median(track.distances_m[-20:]) < 0.0168
     assert schulz_runs.dead_reckoned(walked).distances_m[0] < 1e-9
 
@@ -146,9 +146,9 @@ def test_what_a_turned_head_sees_is_in_the_robot_frame() -> None:
     assert leaning(straight, 0.0, 0.0, 1.0).lines.ends_m == pytest.approx(straight.lines.ends_m)
 
 
-def test_false_crossings_are_added_in_the_asked_ratio(walked: Walk) -> None:
+def test_false_crossings_are_added_in_the_asked_ratio(walked: Drive) -> None:
     true = sum(len(frame.observation.crossings) for frame in walked.frames if frame.observation is not None)
-    frames = schulz_runs.with_false_crossings(walked.frames, 0.5, 0)
+    frames = schulz_runs.with_false_crossings(walked, 0.5, 0).frames
     found = sum(len(frame.observation.crossings) for frame in frames if frame.observation is not None)
     assert found == pytest.approx(2 * true, rel=0.25)
 
@@ -170,4 +170,4 @@ def test_the_time_until_right_asks_for_two_seconds() -> None:
     never = Track(times, poses, np.zeros((20, 3)), np.zeros(20, dtype=np.bool_))
     assert math.isinf(schulz_runs.time_until_right(never))
     twins = Track(times, poses * 0.0 + (-1.0, 0.0, math.pi), np.tile((1.0, 0.0, 0.0), (20, 1)), track.tracking)
-    assert schulz_runs.either_end(twins).right.all()
+    assert right_of(schulz_runs.either_end(twins)).all()

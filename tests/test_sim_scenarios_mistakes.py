@@ -178,7 +178,7 @@ class TestCommand:
         command = [
             sys.executable,
             "-m",
-            "touchline.cli",
+            "touchline",
             "simulate",
             "match",
             "--seconds",

@@ -106,8 +106,3 @@ def test_bloom_scatters_light_around_what_is_bright_and_keeps_its_sum() -> None:
     even = np.full((240, 320, 3), 0.1, dtype=np.float32)
     without, scattered = (ImageSensor(bloom=part).develop(even, 12.0, 1.7, None) for part in (0.0, 0.1))
     assert np.array_equal(without, scattered)
-
-
-def test_the_old_name_of_disturbances_is_accepted() -> None:
-    scenario = open_scenario("straight-tracks", changes=["mishaps.shove_every_s=3"])
-    assert scenario.disturbances.shove_every_s == 3.0

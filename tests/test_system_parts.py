@@ -11,29 +11,26 @@ from line_scenes import view as points_seen
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
-from touchline.localization import (
-    CompassCorrection,
-    FailureSettings,
-    GlobalSearch,
-    GlobalSearchSettings,
-    Matcher,
-)
-from touchline.localization.particles import NubotParticles
 from touchline.localization.published.nubot import failure
+from touchline.localization.published.nubot.compass_correction import CompassCorrection
+from touchline.localization.published.nubot.failure import FailureSettings
 from touchline.localization.published.nubot.failure_monitor import FailureMonitor
 from touchline.localization.published.nubot.global_localizer import GlobalLocalizer, Localization, Prediction
+from touchline.localization.published.nubot.global_search import GlobalSearch, GlobalSearchSettings
 from touchline.localization.published.nubot.grid_localizer import GridLocalizer
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
-from touchline.localization.published.nubot.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
+from touchline.localization.published.nubot.matcher import Matcher
 from touchline.localization.published.nubot.particle_follower import ParticleFollower
 from touchline.localization.published.nubot.particle_localizer import (
     ParticleLocalizer,
     ParticleSearch,
     ParticleSearchSettings,
 )
+from touchline.localization.published.nubot.particles import NubotParticles
 from touchline.localization.published.nubot.pose_filter import Fusion
 from touchline.localization.published.nubot.tracker import MAX_UNSETTLED, Tracker
 from touchline.localization.registration.covariance import is_one_line
+from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.motion import Motion, MotionHistory
 from touchline.types import Frame, LinePoints, Prior, Samples
 
@@ -51,7 +48,7 @@ def match_input(
     positions_m = points_seen(FIELD, pose, np.random.default_rng(seed), noise=0.005)
     n = len(positions_m)
     points = LinePoints(positions_m, np.tile(np.eye(2) * 1e-4, (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
-    tilt = MirrorTilt(FIELD, MirrorTiltSettings(paper=MirrorTiltPaper(enabled=tilted)))
+    tilt = LearnedMirror(FIELD, enabled=tilted)
     return MatchInput(points, np.full(n, 1.0 / n), usable, compass_rad, tilt, CompassCorrection())
 
 
@@ -82,10 +79,10 @@ def test_without_a_compass_every_heading_is_plausible() -> None:
 def test_the_tilt_is_left_alone_where_it_is_switched_off_or_the_match_is_poor() -> None:
     for seen, error in ((match_input(tilted=False), 0.0), (match_input(), 0.9)):
         refine_with_tilt(MATCHER, seen, HERE.as_array(), error)
-        assert not seen.tilt.mean_per_m.any()
+        assert not seen.tilt.mean.any()
     seen = match_input()
     refine_with_tilt(MATCHER, seen, HERE.as_array(), 0.05)
-    assert seen.tilt.mean_per_m.any()
+    assert seen.tilt.mean.any()
 
 
 # ---- tracker ---------------------------------------------------------------------------------------------------------

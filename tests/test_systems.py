@@ -11,15 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from touchline.config import load_settings
-from touchline.errors import InputError
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.localization.published.iris.field_side import COMPASS_FALSE
 from touchline.localization.published.nubot.belief import Belief
 from touchline.localization.published.nubot.global_localizer import Localization
 from touchline.localization.published.nubot.matcher import Match
 from touchline.localization.published.nubot.pose_filter import PoseFilter
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import SYSTEMS, LocalizationSystem, RobotSetup, open_system
@@ -69,9 +67,14 @@ def test_a_system_takes_frames_with_points_with_images_and_with_neither(name: st
     assert all(np.isfinite(estimate.covariance).all() for estimate in estimates)
 
 
-def test_the_follower_that_was_a_setting_is_a_system_now() -> None:
-    with pytest.raises(InputError, match="nubot-mcl-alone"):
-        load_settings(SYSTEMS["nubot-mcl"].settings, None, ["followed_by=particles"])
+@every_system
+def test_poses_hold_plain_floats(name: str) -> None:
+    """Of NumPy's scalars some JSON writers, and `is True` after a comparison, make something else."""
+    run = Simulation(open_scenario("tour-20", 1, 0.5, ["ideal=true"]), level="points")
+    made = open_system(name, RobotSetup(run.field, None, run.wheel_directions_rad))
+    frames = (replace(frame, observation=replace(run.features(k), points=run.points(k))) for k, frame in enumerate(run))
+    poses = [each.pose for frame in frames for one in [made.step(frame)] for each in (one, *one.hypotheses)]
+    assert {type(value) for pose in poses for value in pose} == {float}
 
 
 # ---- the belief in a pose --------------------------------------------------------------------------------------------
@@ -135,41 +138,3 @@ def test_a_pose_that_was_kept_says_nothing_new_of_the_end_of_the_field() -> None
     belief.reset(Prior(HERE))
     belief.take(found(kept=True), None)
     assert belief.twin_probability == 0.0
-
-
-@pytest.mark.parametrize(
-    ("name", "old", "new"),
-    [
-        ("nubot-mti", "failure.lone_rules=false", "paper.failure.single_criterion_failure=false"),
-        ("nubot-mti", "matching.uncertainty.least_position_m=0.1", "matching.uncertainty.min_position_m=0.1"),
-        ("nubot-mcl", "particles.fresh_share=0.2", "paper.particles.random_particle_ratio=0.2"),
-        ("nubot-mcl", "most_cycles=9", "max_cycles=9"),
-        ("nubot-mcl", "widening=1", "paper.widening=1"),
-        ("iris-fusion", "lines.least_green=0", "paper.lines.min_green=0"),
-        ("iris-fusion", "restart.heading_rad=null", "paper.restart.heading_rad=null"),
-        ("iris-fusion", "most_points=50", "max_points=50"),
-        ("iris-fusion", "lines.thresholds=fixed", "paper.lines.thresholds=fixed"),
-        ("nubot-mti", "mirror_tilt.enabled=false", "paper.mirror_tilt.enabled=false"),
-        ("nubot-mcl", "particles.paper.refined_clusters=0", "paper.particles.refined_clusters=0"),
-    ],
-)
-def test_renamed_settings_are_accepted_under_their_old_names(name: str, old: str, new: str) -> None:
-    notices: list[str] = []
-    settings = SYSTEMS[name].settings
-    assert load_settings(settings, None, [old], notices=notices) == load_settings(settings, None, [new])
-    assert len(notices) == 1
-
-
-@pytest.mark.parametrize(
-    ("name", "key", "where"),
-    [
-        ("nubot-mti", "matching.first_step_m=0.2", "localization/published/nubot/matcher.py"),
-        ("nubot-mcl", "map.margin_m=2", "field/model.py"),
-        ("nubot-mcl", "confirmations=5", "localization/published/nubot/particle_localizer.py"),
-        ("iris-fusion", "wheels.gap_s=1", "motion/gyro.py"),
-        ("iris-fusion", "fusion.near_m=0.2", "systems/iris_fusion.py"),
-    ],
-)
-def test_removed_settings_are_refused_with_what_takes_their_place(name: str, key: str, where: str) -> None:
-    with pytest.raises(InputError, match=f"was removed: .* constant of {where}"):
-        load_settings(SYSTEMS[name].settings, None, [key])

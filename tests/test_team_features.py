@@ -16,7 +16,8 @@ from team_writing import BOOSTER_TYPES, SOCCER_VISION_TYPES, TeamMessages
 
 from touchline.checks.late_odometry import _redealt, find_late
 from touchline.errors import InputError
-from touchline.experiments.schulz_runs import AS_BUILT, Walk, walk
+from touchline.experiments.drives import Drive
+from touchline.experiments.schulz_runs import AS_BUILT, walk
 from touchline.geometry import Pose3
 from touchline.sources import Recording, open_source
 from touchline.sources.bags import roles
@@ -37,7 +38,7 @@ SECOND_NS = 1_000_000_000
 
 
 @cache
-def walked() -> Walk:
+def walked() -> Drive:
     return walk(FIELD, AS_BUILT, 3, 8.0)
 
 

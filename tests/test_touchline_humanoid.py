@@ -10,18 +10,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from touchline.localization.estimator.lean_delay import LAGS_S, LeanDelay
+from touchline.localization.estimator.perspective_filter import Fitted, PerspectiveFilter
+from touchline.localization.registration.perspective_kernels import Known, LeanFit
+from touchline.localization.registration.perspective_registration import PerspectiveRegistration, seen_points
+from touchline.systems.touchline_perspective import TouchlinePerspective
 
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.own_walks import FALL_S, fallen
-from touchline.experiments.schulz_runs import Walk, with_false_crossings
+from touchline.experiments.drives import Drive
+from touchline.experiments.faults import FALL_S, fallen
+from touchline.experiments.schulz_runs import with_false_crossings
 from touchline.field import open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.estimator.lean_delay import LAGS_S, LeanDelay
-from touchline.localization.estimator.perspective_filter import Fitted, PerspectiveFilter
-from touchline.localization.particles.features import Features
-from touchline.localization.registration.perspective_kernels import Known, LeanFit
-from touchline.localization.registration.perspective_registration import PerspectiveRegistration, seen_points
+from touchline.localization.registration.features import Features
 from touchline.motion.odometry import Motion
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.simulation.observation.features import leaning
@@ -29,7 +31,6 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system, touchline_perspective
-from touchline.systems.touchline_perspective import TouchlinePerspective
 from touchline.types import Estimate, Evidence, Frame, Lines, Observation, Prior, Status, no_landmarks
 
 COLOURED, WHITE = "indoor-9x6", "humanoid-kid-9x6"
@@ -187,7 +188,7 @@ def test_a_robot_put_down_elsewhere_is_found() -> None:
 def test_a_fall_is_absorbed_within_two_images() -> None:
     truth, frames = walk(COLOURED)
     setup = RobotSetup(open_field(COLOURED), height_m=HEIGHT_M)
-    down = fallen(Walk(setup, frames, truth), (2.0,), np.random.default_rng(1))
+    down = fallen(Drive(setup, frames, truth), (2.0,), np.random.default_rng(1))
     estimates = localized(COLOURED, near_start(COLOURED), down.frames)
     away = errors_m(truth, estimates)
     stands = int(np.flatnonzero(down.times_s >= 2.0 + FALL_S)[0])
@@ -200,7 +201,11 @@ def test_a_fall_is_absorbed_within_two_images() -> None:
 
 def test_false_crossings_move_nothing() -> None:
     truth, frames = walk(WHITE)
-    estimates = localized(WHITE, near_start(WHITE), with_false_crossings(frames, 0.5, 1))
+    estimates = localized(
+        WHITE,
+        near_start(WHITE),
+        with_false_crossings(Drive(RobotSetup(open_field(WHITE)), frames, truth), 0.5, 1).frames,
+    )
     assert errors_m(truth, estimates)[5:].max() < 0.15
 
 

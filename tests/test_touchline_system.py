@@ -9,6 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from touchline.localization.estimator.compass_witness import CompassPulse
+from touchline.localization.estimator.end_odds import EndOdds
+from touchline.localization.estimator.image_delay import ImageDelay
+from touchline.localization.estimator.joint_filter import JointFilter
+from touchline.localization.estimator.pose_hypotheses import Member
+from touchline.systems.touchline_perspective import TouchlineByObservation
 
 from touchline.errors import InputError
 from touchline.evaluation.points.point_set import polar_covariances
@@ -17,16 +23,10 @@ from touchline.experiments.kidnap import BEFORE, Carried
 from touchline.experiments.scenes import the_camera
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.estimator.compass_witness import CompassPulse
-from touchline.localization.estimator.end_odds import EndOdds
-from touchline.localization.estimator.image_delay import ImageDelay
-from touchline.localization.estimator.joint_filter import JointFilter
-from touchline.localization.estimator.pose_hypotheses import Member
 from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.systems.game_states import game_prior
 from touchline.systems.touchline import Touchline, TouchlineSettings
-from touchline.systems.touchline_perspective import TouchlineByObservation
 from touchline.types import Estimate, Evidence, Frame, LinePoints, Observation, Prior, Samples, Status
 
 FIELD = open_field("msl-18x12")

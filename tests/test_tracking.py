@@ -13,13 +13,20 @@ from line_scenes import lone_line, view
 
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
-from touchline.localization import FusionSettings, Matcher, PoseFilter, WeightSettings, range_weights
 from touchline.localization.published.nubot.compass_correction import CompassCorrection, CompassSettings
 from touchline.localization.published.nubot.match_input import MatchInput
-from touchline.localization.published.nubot.matcher import Match
-from touchline.localization.published.nubot.mirror_tilt import MirrorTilt, MirrorTiltPaper, MirrorTiltSettings
-from touchline.localization.published.nubot.pose_filter import BETTER_MARGIN, Fusion, Scales, equal_error
+from touchline.localization.published.nubot.matcher import Match, Matcher
+from touchline.localization.published.nubot.pose_filter import (
+    BETTER_MARGIN,
+    Fusion,
+    FusionSettings,
+    PoseFilter,
+    equal_error,
+)
 from touchline.localization.published.nubot.tracker import Tracker
+from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.localization.registration.weights import WeightSettings, range_weights
+from touchline.motion.driven import Scales
 from touchline.types import points_at
 
 FIELD = open_field("msl-18x12")
@@ -170,7 +177,7 @@ def on_a_lone_line(tracker: Tracker, pose: Pose, ahead_m: float | None = None) -
 def seen_from(tracker: Tracker, points: np.ndarray, pose: Pose) -> tuple[MatchInput, Match]:
     """Points (N, 2) of one frame, all alike and of an upright mirror, and their match from a pose."""
     seen = points_at(points)
-    tilt = MirrorTilt(FIELD, MirrorTiltSettings(paper=MirrorTiltPaper(enabled=False, displacement=False)))
+    tilt = LearnedMirror(FIELD, enabled=False)
     weights = np.full(len(points), 1.0 / len(points))
     view = MatchInput(seen, weights, True, None, tilt, CompassCorrection(CompassSettings()))
     return view, tracker.matcher.match(seen.positions_m, weights, pose)

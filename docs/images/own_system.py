@@ -13,11 +13,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from touchline.localization.estimator.compass_witness import CompassWitness
 
-from touchline.experiments.reliability_runs import driven
+from touchline.experiments.drives import driven
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.estimator.compass_witness import CompassWitness
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.search.pose_search import PoseSearch
 from touchline.palette import BLUE, GREEN, ORANGE, VERMILLION
@@ -108,7 +108,8 @@ def search(field: FieldModel, points: LinePoints, truth: FloatArray) -> Figure:
 def learning() -> Figure:
     """Position errors of a robot whose camera.yaml is the design's, with self-calibration and without."""
     changes = ("camera.known_from=design", "camera.mirror.range_spread=0.01")
-    drive, setup, _ = driven("straight-tracks", 3, SECONDS, *changes)
+    drive = driven("straight-tracks", 3, SECONDS, *changes)
+    setup = drive.setup
     figure, axes = plt.subplots(1, 2, figsize=(11.0, 3.2), layout="constrained", sharey=True)
     for each, learns in zip(axes, (True, False), strict=True):
         system = open_system("touchline", setup, {"self_calibration": learns})

@@ -18,53 +18,66 @@ if TYPE_CHECKING:
     from touchline.evaluation import evaluate
     from touchline.field import open_field
     from touchline.geometry import Pose
-    from touchline.localization import locate
+    from touchline.localization.one_shot.locate import locate
     from touchline.localizer import Localizer
+    from touchline.simulation.run import Simulation
+    from touchline.simulation.scenario import open_scenario
     from touchline.sources import open_source
     from touchline.systems import RobotSetup, open_system
-    from touchline.types import Estimate, Evidence, Frame, LinePoints, Observation, Prior, Samples, Status
+    from touchline.types import (
+        Crossings,
+        Estimate,
+        Evidence,
+        Frame,
+        Landmarks,
+        LinePoints,
+        Lines,
+        Observation,
+        Prior,
+        Samples,
+        Status,
+    )
 
 __all__ = [
+    "Crossings",
     "Estimate",
     "Evidence",
     "Frame",
+    "Landmarks",
     "LinePoints",
+    "Lines",
     "Localizer",
     "Observation",
     "Pose",
     "Prior",
     "RobotSetup",
     "Samples",
+    "Simulation",
     "Status",
     "evaluate",
     "locate",
     "open_camera",
     "open_field",
+    "open_scenario",
     "open_source",
     "open_system",
     "run",
 ]
 
-_PLACES = {
-    "run": ("touchline.api", "run"),
-    "evaluate": ("touchline.evaluation", "evaluate"),
-    "Localizer": ("touchline.localizer", "Localizer"),
-    "locate": ("touchline.localization", "locate"),
-    "open_camera": ("touchline.camera", "open_camera"),
-    "open_field": ("touchline.field", "open_field"),
-    "open_source": ("touchline.sources", "open_source"),
-    "open_system": ("touchline.systems", "open_system"),
-    "RobotSetup": ("touchline.systems", "RobotSetup"),
-    "Pose": ("touchline.geometry", "Pose"),
-    "Estimate": ("touchline.types", "Estimate"),
-    "Evidence": ("touchline.types", "Evidence"),
-    "Frame": ("touchline.types", "Frame"),
-    "Prior": ("touchline.types", "Prior"),
-    "Samples": ("touchline.types", "Samples"),
-    "LinePoints": ("touchline.types", "LinePoints"),
-    "Observation": ("touchline.types", "Observation"),
-    "Status": ("touchline.types", "Status"),
-}
+_MODULES = {
+    "run": "api",
+    "evaluate": "evaluation",
+    "Localizer": "localizer",
+    "locate": "localization",
+    "open_camera": "camera",
+    "open_field": "field",
+    "open_scenario": "simulation.scenario",
+    "open_source": "sources",
+    "open_system": "systems",
+    "RobotSetup": "systems",
+    "Simulation": "simulation.run",
+    "Pose": "geometry",
+}  # all others: types
 
 
 def __getattr__(name: str) -> Any:
@@ -74,10 +87,9 @@ def __getattr__(name: str) -> Any:
         return version("touchline")
     from importlib import import_module
 
-    if name not in _PLACES:
+    if name not in __all__:
         raise AttributeError(f"module 'touchline' has no attribute {name!r}")
-    module, attribute = _PLACES[name]
-    value = getattr(import_module(module), attribute)
+    value = getattr(import_module(f"touchline.{_MODULES.get(name, 'types')}"), name)
     globals()[name] = value
     return value
 

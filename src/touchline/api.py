@@ -204,7 +204,6 @@ def prepare(
     """
     info = system_info(system)
     others = {name: other.settings for name, other in SYSTEMS.items() if name != info.name}
-    notices: list[str] = []
     file = None
     if config is not None and not isinstance(config, Settings):
         file = given_path("config", "the path of a YAML file of settings", config)
@@ -218,15 +217,15 @@ def prepare(
             raise InputError("config: settings are taken as they are; overrides and a preset change those of a file")
         settings = config
     else:
-        settings = load_settings(info.settings, file, overrides, elsewhere=others, notices=notices, preset=preset)
+        settings = load_settings(info.settings, file, overrides, elsewhere=others, preset=preset)
     source = open_source(recording)
     setup = robot_setup(source)
     built = open_system(system, setup, settings, np.random.default_rng(seed))
     prior = checked_prior(prior or Prior(), source.field)
     built.reset(prior)
     slips = tuple(str(slip) for slip in find_slips(source))
-    notices += [*_notices(source, info), *_height_notices(setup, info), *slips]
-    return PreparedRun(source, built, info, settings, prior, seed, tuple(notices), slips)
+    notices = (*_notices(source, info), *_height_notices(setup, info), *slips)
+    return PreparedRun(source, built, info, settings, prior, seed, notices, slips)
 
 
 def _with_preset(preset: str) -> str:

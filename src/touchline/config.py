@@ -8,12 +8,11 @@ preset `paper` is the value that turns an addition off (`added`).
 from __future__ import annotations
 
 import difflib
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
@@ -26,28 +25,6 @@ class Settings(BaseModel):
     """Base of every settings tree: frozen, and an unknown key is refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
-    renamed: ClassVar[Mapping[str, str]] = {}
-    """Old key to new key, both relative to this group and dotted where they lie in groups within it. Old keys are
-    accepted for one minor version."""
-    removed: ClassVar[Mapping[str, str]] = {}
-    """Key that no longer exists, to a sentence that says what takes its place."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _rename_old_keys(cls, values: Any, info: ValidationInfo) -> Any:
-        """Move what stands under an old key to the new one; whoever loads settings hands in `_Renamings`."""
-        if not isinstance(values, dict):
-            return values
-        for old, new in cls.renamed.items():
-            value, without = _taken_out(values, old.split("."))
-            if value is _ABSENT:
-                continue
-            if _taken_out(without, new.split("."))[0] is not _ABSENT:
-                raise ValueError(f"'{old}' is the old name of '{new}': keep only '{new}'")
-            values = _put_in(without, new.split("."), value)
-            if info.context is not None:
-                info.context.add(cls, old, new)
-        return values
 
     @field_validator("*", mode="before")
     @classmethod
@@ -59,60 +36,12 @@ class Settings(BaseModel):
         return value
 
 
-def constants_now(module: str, *keys: str) -> dict[str, str]:
-    """Entries of `removed` for keys whose values are constants of a module now."""
-    name = module.rpartition("touchline.")[2].replace(".", "/")
-    return dict.fromkeys(keys, f"nobody had a reason to change it; it is a constant of {name}.py now")
-
-
 PAPER = "paper"  # the group of switches, and the preset that turns them all to the paper's form
-_ABSENT = object()
 
 
 def added(default: Any, *, paper: Any, description: str, **limits: Any) -> Any:
     """A setting that switches an addition of ours. paper: the value with which the system does what its paper says."""
     return Field(default, json_schema_extra={PAPER: paper}, description=description, **limits)
-
-
-class _Renamings:
-    """Collects a sentence for each key of a settings tree that stands under an old name."""
-
-    def __init__(self, model: type[Settings]) -> None:
-        self.model = model
-        self.sentences: list[str] = []
-
-    def add(self, group: type[Settings], old: str, new: str) -> None:
-        start = next(_paths_to(group, self.model), "")
-        self.told(shown_key(f"{start}{old}"), shown_key(f"{start}{new}"))
-
-    def told(self, old: str, new: str) -> None:
-        self.sentences.append(f"setting '{old}' is called '{new}' now; the old name will be refused some day")
-
-
-def _paths_to(group: type[Settings], model: type[Settings], prefix: str = "") -> Iterator[str]:
-    """Each place of a group in a settings tree, as the dotted beginning of its keys."""
-    if model is group:
-        yield prefix
-    for name, info in model.model_fields.items():
-        if isinstance(info.annotation, type) and issubclass(info.annotation, Settings):
-            yield from _paths_to(group, info.annotation, f"{prefix}{name}.")
-
-
-def _taken_out(tree: Any, path: Sequence[str]) -> tuple[Any, Any]:
-    """The value at a path, _ABSENT if there is none, and the tree without it; the given tree stays as it is."""
-    first, *rest = path
-    if not isinstance(tree, dict) or first not in tree:
-        return _ABSENT, tree
-    if not rest:
-        return tree[first], {key: value for key, value in tree.items() if key != first}
-    value, inner = _taken_out(tree[first], rest)
-    return value, {key: other for key, other in {**tree, first: inner}.items() if key != first or other}
-
-
-def _put_in(tree: Any, path: Sequence[str], value: Any) -> Any:
-    """A copy of a tree with a value at a path."""
-    first, *rest = path
-    return {**tree, first: _put_in(tree.get(first, {}), rest, value) if rest else value}
 
 
 def _kinds(annotation: Any) -> Iterator[Any]:
@@ -139,14 +68,12 @@ def load_settings(
     overrides: Sequence[str] = (),
     section: str | None = None,
     elsewhere: Mapping[str, type[Settings]] | None = None,
-    notices: list[str] | None = None,
     preset: str | None = None,
 ) -> SettingsT:
     """Settings from the defaults, then a preset, then a YAML file (or one section of it), then `a.b=value` overrides.
 
-    preset: a name under which fields hold another value (`added`). elsewhere: other
-    settings by the name of what they belong to, for whoever mixes them up. notices: is appended a sentence for each key
-    that stands under an old name.
+    preset: a name under which fields hold another value (`added`). elsewhere: other settings by the name of what they
+    belong to, for whoever mixes them up.
 
     Raises InputError with the nearest known key for an unknown one, and for a value that does not fit, each with its
     line in the file.
@@ -154,8 +81,7 @@ def load_settings(
     tree = read_yaml_mapping(file) if file is not None else {}
     if section is not None:
         tree = tree[section]
-    renamings = _Renamings(model)
-    tree = _handed_out(model, tree, renamings)
+    tree = _handed_out(model, tree)
     changed = set()
     for item in overrides:
         key, separator, text = item.partition("=")
@@ -168,38 +94,30 @@ def load_settings(
             raise InputError(f"--set {item:.200}: the value is not readable ({error.what})") from None
         said: dict[str, Any] = {}
         _put(said, key.strip().split("."), value, item)
-        for path, each in _values(_handed_out(model, said, renamings)):
+        for path, each in _values(_handed_out(model, said)):
             _put(tree, list(path), each, item)
             changed.add(path)
     if preset is not None:
         tree = _merged(preset_values(model, preset), tree)
     try:
-        loaded = model.model_validate(tree, context=renamings)
+        return model.model_validate(tree)
     except ValidationError as error:
         where = () if section is None else (section,)
         raise InputError(_explain(model, error, file, where, changed, elsewhere or {})) from None
-    if notices is not None:
-        notices += renamings.sentences
-    return loaded
 
 
 def settings_from_mapping(model: type[SettingsT], changes: Mapping[str, Any]) -> SettingsT:
     """Settings from the defaults and what differs: a tree of groups, or keys with dots (`{"matching.c_m": 0.3}`).
 
-    Warns (FutureWarning) of a key under its old name. Raises InputError with the nearest known key for an unknown one,
-    and for a value that does not fit.
+    Raises InputError with the nearest known key for an unknown one, and for a value that does not fit.
     """
     tree: dict[str, Any] = {}
     for key, value in changes.items():
         _put(tree, str(key).split("."), value, f"{key}={value}")
-    renamings = _Renamings(model)
     try:
-        loaded = model.model_validate(_handed_out(model, tree, renamings), context=renamings)
+        return model.model_validate(_handed_out(model, tree))
     except ValidationError as error:
         raise InputError(f"settings: {_explain(model, error, None, (), set(), {})}") from None
-    for sentence in renamings.sentences:
-        warnings.warn(sentence, FutureWarning, stacklevel=3)
-    return loaded
 
 
 def settings_rows(model: type[Settings]) -> Iterator[tuple[str, Any, str]]:
@@ -263,15 +181,16 @@ def _without_paper(tree: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, A
     return {key: value for key, value in rest.items() if value != {}}, block
 
 
-def _handed_out(model: type[Settings], tree: Mapping[str, Any], renamings: _Renamings) -> dict[str, Any]:
+def _handed_out(model: type[Settings], tree: Mapping[str, Any]) -> dict[str, Any]:
     """A tree as users write it with each switch of the block `paper` in its part's own group.
 
-    Those that were written there already are told of: they have moved.
+    Raises InputError for a switch that stands there already: users have it in the block alone.
     """
     block, rest = tree.get(PAPER), {key: value for key, value in tree.items() if key != PAPER}
     for path, _ in _values(rest):
         if PAPER in path:
-            renamings.told(".".join(path), shown_key(".".join(path)))
+            key = ".".join(path)
+            raise InputError(f"unknown setting '{key}': did you mean '{shown_key(key)}'?")
     return rest if block is None else _merged(rest, _with_parts(model, block))
 
 
@@ -349,9 +268,6 @@ def _sentence(model: type[Settings], problem: ErrorDetails, elsewhere: Mapping[s
     if problem["type"] == "extra_forbidden":
         if problem["loc"][-1] == PAPER and isinstance(problem["input"], Mapping):  # a part without switches
             key = f"{key}.{next(iter(problem['input']), '')}"
-        group, leaf = _group_at(model, problem["loc"][:-1]), str(problem["loc"][-1])
-        if group is not None and leaf in group.removed:
-            return f"setting '{key}' was removed: {group.removed[leaf]}"
         owners = [name for name, other in elsewhere.items() if _has_key(other, key)]
         if owners:
             return f"setting '{key}' belongs to {listed(owners)}, not to the chosen system"

@@ -77,6 +77,11 @@ class Pose(NamedTuple):
         return np.array(self, dtype=np.float64)
 
 
+def as_pose(pose: FloatArray) -> Pose:
+    """A pose (3,) with its heading wrapped."""
+    return Pose(float(pose[0]), float(pose[1]), wrap_angle(float(pose[2])))
+
+
 def mirrored_covariance(covariance: FloatArray) -> FloatArray:
     """Covariance (3, 3) of x, y, heading of the mirrored pose: turned by half a turn."""
     half_turn = np.array([-1.0, -1.0, 1.0])

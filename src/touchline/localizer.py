@@ -7,6 +7,7 @@ next estimate. Only mistakes of the program itself (an unknown field, a start po
 from __future__ import annotations
 
 import copy
+import html
 import logging
 import math
 import operator
@@ -23,10 +24,11 @@ from touchline.camera import Camera, open_camera
 from touchline.config import Settings
 from touchline.errors import InputError
 from touchline.field import FieldModel, open_field
+from touchline.field.svg import field_svg
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle
 from touchline.given import given_seed
-from touchline.localization.published.nubot.pose_filter import PoseFilter
 from touchline.motion import FrameOrder, MotionHistory
+from touchline.motion.driven import EXACT_SCALES, driven
 from touchline.systems import DEFAULT_SYSTEM, RobotSetup, open_system
 from touchline.systems.game_states import game_prior
 from touchline.systems.ordered import OrderedSystem
@@ -43,6 +45,7 @@ from touchline.types import (
     Status,
     points_at,
 )
+from touchline.types.drawing import estimate_html, estimate_marks
 
 _SENSORS = {"odometry": 3, "wheels": 2, "gyro": 3, "compass": 1, "attitude": 2}
 _MAX_SAMPLES = 20_000  # of one sensor that wait for an image: 20 s of an IMU at 1 kHz
@@ -106,6 +109,16 @@ class Localizer:
         self._predicting = threading.Lock()
         self._prior = Prior()
         self._last: Estimate | None = None
+
+    def __repr__(self) -> str:
+        return f"Localizer({self.system!r}: {self._last or 'no image yet'})"
+
+    def _repr_html_(self) -> str:
+        """The field with the last estimate on it."""
+        last = self._last
+        if last is None:
+            return f"<p>{html.escape(repr(self))}</p>{field_svg(self.field)}"
+        return estimate_html(last, field_svg(self.field, marks=estimate_marks(last)))
 
     def add_odometry(self, stamp_ns: int, x: float, y: float, theta: float) -> None:
         """Dead reckoning: the pose in the odometry frame (m, m, rad)."""
@@ -421,13 +434,12 @@ def _carried(last: Estimate, history: MotionHistory, stamp_ns: int) -> Estimate:
         c, s = math.cos(step.heading), math.sin(step.heading)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         covariance = turn @ covariance @ turn.T
-    carried = PoseFilter(last.pose, last.covariance)
-    carried.predict(step, covariance)
+    carried = driven(last.pose, EXACT_SCALES, step)
     guessed = abs(stamp_ns - last.stamp_ns) > _PREDICTED_NS or motion.missing_s > _MISSING_S
     return Estimate(
         stamp_ns,
         carried.pose,
-        carried.covariance,
+        carried.by_pose @ last.covariance @ carried.by_pose.T + carried.by_motion @ covariance @ carried.by_motion.T,
         Status.SEARCHING if guessed else last.status,
         hypotheses=tuple(replace(other, pose=other.pose.compose(step)) for other in last.hypotheses),
         probability=last.probability,

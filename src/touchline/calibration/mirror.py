@@ -12,13 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from touchline.calibration.agreement import around, healed, white_excess
 from touchline.calibration.directions import (
+    around,
     check_directions,
     groups_of_directions,
+    healed,
     order_mistakes,
     orientation,
     smooth_bearings,
+    white_excess,
 )
 from touchline.calibration.strip import Strip, View, find_strip, read_strip
 from touchline.calibration.strip_axis import StripAxis, axis_points, common_center, fit_axis, straight_axis

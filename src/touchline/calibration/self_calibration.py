@@ -1,9 +1,9 @@
 """`touchline calibrate self`: what a mirror differs by from its camera.yaml, from a recording of play.
 
-A bundle adjustment (Triggs et al. 2000) of the mirror and the poses of images from all over a recording: robust
-Gauss-Newton steps on the distances of the line points from the lines, the poses and each image's shaking eliminated
-first (Schur's complement). The mirror is that of `localization/registration/mirror_kernels.py`, with a smooth
-correction of its ranges. The poses of a run of the system are where it begins.
+A bundle adjustment (`calibration/bundle.py`) of the mirror, and of the pose and the shaking of images from all over a
+recording: robust Gauss-Newton steps on the distances of the line points from the lines. The mirror is that of
+`localization/registration/mirror_kernels.py`, with a smooth correction of its ranges. The poses of a run of the system
+are where it begins.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from touchline.camera import OmniCamera
+from touchline.calibration.bundle import Block, NormalEquations, entries, prior_block, residual_block
+from touchline.camera import Camera, OmniCamera
 from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
@@ -38,8 +39,12 @@ ON_LINE = 3.0  # standard deviations within which a point lies on its line
 MIN_ON_LINES = 0.7  # share of the points that must
 MAX_TILT_DEG, MAX_CENTER_PX, MAX_RANGE_RATIO = 0.1, 0.8, 0.01  # standard deviations of what is written
 _STEP = 1e-6
-_SHARED = ERRORS + len(KNOTS_M)
+_SHARED, _OWN = ERRORS + len(KNOTS_M), 5
+_OWN_PRIOR = np.array([1e-3, 1e-3, 1e-3, SHAKING_PER_M**-2.0, SHAKING_PER_M**-2.0])  # of poses it only damps steps
 _BEARINGS = 72  # directions of the table that is written
+
+
+C = TypeVar("C", bound=Camera)
 
 
 class View(NamedTuple):
@@ -50,19 +55,53 @@ class View(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class SelfCalibration:
-    """The camera; errors (5,) and range corrections (knots,) with their covariance; poses (V, 3) of the views.
+class SelfCalibration(Generic[C]):
+    """camera: corrected. shared (S,): what the old one errs by, with its covariance; as the module of its kind says.
 
-    before, after: share of the points on lines and the root of their mean square distance (m).
+    points_m, poses: of the views (N, 2), (V, 3), before and after, robot and field frame; of line points and features.
+    before, after: share of what is seen that lies where it should, and its distance from there (m).
     """
 
-    camera: OmniCamera
+    camera: C
     shared: FloatArray
     covariance: FloatArray
-    views: tuple[View, ...]
-    poses: FloatArray
+    points_m: tuple[Sequence[FloatArray], Sequence[FloatArray]]
+    poses: tuple[FloatArray, FloatArray]
     before: tuple[float, float]
     after: tuple[float, float]
+
+    @property
+    def deviations(self) -> FloatArray:
+        """(S,) standard deviations of `shared`."""
+        deviations: FloatArray = np.sqrt(np.diag(self.covariance))
+        return deviations
+
+    def check(self, seen: str, instead: str, bounds: Sequence[tuple[str, float, float, str]]) -> None:
+        """Raises NoFitError with the reason where a calibration is none.
+
+        seen, instead: in words, what was seen and which command needs no camera. bounds: of what is written a name,
+        its standard deviation, the largest one, and their unit.
+        """
+        if self.after[0] < MIN_ON_LINES:
+            raise NoFitError(
+                f"only {100 * self.after[0]:.0f} % of {seen}, {100 * MIN_ON_LINES:.0f} % are needed. Is it the right "
+                f"field, and a camera.yaml that is about right? touchline calibrate {instead} needs none"
+            )
+        for what, deviation, limit, unit in bounds:
+            if deviation > limit:
+                raise NoFitError(
+                    f"the recording leaves {what} uncertain by ± {deviation:.2g}{unit}, {limit:.2g}{unit} are needed: "
+                    "the robot must see more lines, near ones and far ones, from more places and with more headings"
+                )
+
+
+def require_views(count: int) -> None:
+    """Raises NoFitError for too few images."""
+    if count < MIN_IMAGES:
+        raise NoFitError(
+            f"{count} images with a known pose that lie apart are too few, {MIN_IMAGES} are needed: the robot must "
+            "move about and see lines"
+        )
 
 
 def spread_views(estimates: Sequence[Estimate], count: int = IMAGES) -> tuple[View, ...]:
@@ -85,22 +124,30 @@ def spread_views(estimates: Sequence[Estimate], count: int = IMAGES) -> tuple[Vi
     return tuple(found[k] for k in chosen)
 
 
-def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel) -> SelfCalibration:
+def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel) -> SelfCalibration[OmniCamera]:
     """The camera that puts the line points of all views on the field's lines. Raises NoFitError with the reason."""
-    if len(views) < MIN_IMAGES:
-        raise NoFitError(
-            f"{len(views)} images with a known pose that lie apart are too few, {MIN_IMAGES} are needed: the robot "
-            "must drive about and see lines"
-        )
-    bundle = _Bundle(views, MirrorHead(camera), field)
-    before = bundle.quality()
+    require_views(len(views))
+    bundle = _Views(views, MirrorHead(camera), field)
+    state = bundle.start()
+    before, starts = bundle.quality(state), state[bundle.own[:, :3]]
     for width_m in WIDTHS_M:
-        covariance = bundle.step(width_m)
-    found = SelfCalibration(
-        _camera(camera, bundle.shared, covariance, bundle.mirror), bundle.shared, covariance, tuple(views),
-        bundle.poses, before, bundle.quality(),
-    )  # fmt: skip
-    _check(found)
+        equations = NormalEquations(bundle.blocks(state, width_m))
+        state = state + equations.step()
+    shared, covariance = state[bundle.shared], equations.covariance(bundle.shared)
+    better = _camera(camera, shared, covariance, bundle.mirror)
+    seen = [one.points.positions_m for one in views], [better.ground_from_image(one.points.pixels) for one in views]
+    poses = starts, state[bundle.own[:, :3]]
+    found = SelfCalibration(better, shared, covariance, seen, poses, before, bundle.quality(state))
+    sure = better.uncertainty
+    found.check(
+        "the line points lie on lines with the best mirror",
+        "lines",
+        (
+            ("the mirror's lean", sure.tilt_deg, MAX_TILT_DEG, "°"),
+            ("the centre", sure.center_px, MAX_CENTER_PX, " px"),
+            ("ranges", 100.0 * sure.range_ratio, 100.0 * MAX_RANGE_RATIO, " %"),
+        ),
+    )
     return found
 
 
@@ -113,75 +160,62 @@ def corrected(positions_m: FloatArray, shared: FloatArray, mirror: Response) -> 
     return points
 
 
-class _Bundle:
-    """The fit as it goes: `shared` (5 + knots,), `poses` (V, 3), `shaking` (V, 2)."""
+class _Views:
+    """The views' line points beside the field's lines.
+
+    A state holds what is shared (5 + knots), then of each view the pose (3,) and its head's shaking (2,).
+    """
 
     def __init__(self, views: Sequence[View], head: MirrorHead, field: FieldModel) -> None:
         self.views, self.mirror, self._map = views, head.mirror, field.distance_map()
-        self.poses = np.array([one.pose for one in views])
-        self.shared, self.shaking = np.zeros(_SHARED), np.zeros((len(views), 2))
-        prior = np.zeros((_SHARED, _SHARED))
-        prior[:ERRORS, :ERRORS] = np.linalg.inv(head.unknown + 1e-14 * np.eye(ERRORS))
-        prior[ERRORS:, ERRORS:] = np.eye(len(KNOTS_M)) / KNOT_RATIO**2
-        self._prior = prior
+        self.shared, self.own = entries(_SHARED, len(views), _OWN)
+        self._prior = np.diag([0.0] * ERRORS + [KNOT_RATIO**-2.0] * len(KNOTS_M))
+        self._prior[:ERRORS, :ERRORS] = np.linalg.inv(head.unknown + 1e-14 * np.eye(ERRORS))
 
-    def step(self, width_m: float) -> FloatArray:
-        """One Gauss-Newton step of everything; covariance of what is shared."""
-        matrix, vector = self._prior.copy(), -self._prior @ self.shared
-        own_parts = []
-        for k in range(len(self.views)):
-            rows, distances_m, weights = self._linear(k, width_m)
-            information = (rows.T * weights) @ rows
-            gradient = -(rows.T * weights) @ distances_m
-            information[3, 3] += 1.0 / SHAKING_PER_M**2
-            information[4, 4] += 1.0 / SHAKING_PER_M**2
-            gradient[3:5] -= self.shaking[k] / SHAKING_PER_M**2
-            own = np.linalg.inv(information[:5, :5] + 1e-3 * np.eye(5))
-            matrix += information[5:, 5:] - information[5:, :5] @ own @ information[:5, 5:]
-            vector += gradient[5:] - information[5:, :5] @ own @ gradient[:5]
-            own_parts.append((own, gradient[:5], information[:5, 5:]))
-        covariance: FloatArray = np.linalg.inv(matrix)
-        change = covariance @ vector
-        self.shared = self.shared + change
-        for k, (own, gradient, crossed) in enumerate(own_parts):
-            moved = own @ (gradient - crossed @ change)
-            self.poses[k] += moved[:3]
-            self.shaking[k] += moved[3:]
-        return covariance
+    def start(self) -> FloatArray:
+        """The camera as it is and the poses that a system has found."""
+        poses = np.column_stack(([one.pose for one in self.views], np.zeros((len(self.views), 2))))
+        return np.concatenate((np.zeros(_SHARED), poses.ravel()))
 
-    def quality(self) -> tuple[float, float]:
+    def blocks(self, state: FloatArray, width_m: float) -> list[Block]:
+        """Normal equations of a Gauss-Newton step, priors included."""
+        blocks = [prior_block(self.shared, self._prior, state[self.shared])]
+        for points, own in zip((view.points for view in self.views), self.own, strict=True):
+            at = np.concatenate((own, self.shared))
+            blocks.append(residual_block(at, *self._linear(points, state[at], width_m)))
+            blocks.append(prior_block(own, _OWN_PRIOR, state[own] * (_OWN_PRIOR > 1.0)))
+        return blocks
+
+    def quality(self, state: FloatArray) -> tuple[float, float]:
         """Share of all points on lines, and the root of the mean square distance (m) of those within 0.3 m."""
         on_line, squares = [], []
-        for k in range(len(self.views)):
-            _, distances_m, weights = self._linear(k, math.inf)
+        for view, own in zip(self.views, self.own, strict=True):
+            _, distances_m, weights = self._linear(view.points, state[np.concatenate((own, self.shared))], math.inf)
             on_line.append(distances_m**2 * weights * REPEATED < ON_LINE**2)
             squares.append(distances_m[distances_m < 0.3] ** 2)
         return float(np.mean(np.concatenate(on_line))), float(np.sqrt(np.mean(np.concatenate(squares))))
 
-    def _placed(self, k: int, shared: FloatArray) -> FloatArray:
-        """Points (N, 2) of a view in the base frame, with its own shaking taken out, too."""
-        image = shared.copy()
-        image[:2] += self.shaking[k]
-        return corrected(self.views[k].points.positions_m, image, self.mirror)
-
-    def _linear(self, k: int, width_m: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of a view's points: derivatives (N, 5 + shared) by pose, shaking and what is shared, distances (N,) from the
-        lines (m), and weights (N,).
+    def _linear(
+        self, points: LinePoints, state: FloatArray, width_m: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of a view's points: derivatives (N, 5 + shared) by its pose, its shaking and what is shared, distances (N,)
+        from the lines (m), and weights (N,).
         """
-        x, y, heading = self.poses[k]
-        turn = Pose(0.0, 0.0, float(heading))
-        base = self._placed(k, self.shared)
-        distances_m, slopes = self._map.look_up(Pose(float(x), float(y), float(heading)).transform(base))
-        own = slopes @ np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
-        rows = np.empty((len(base), 5 + _SHARED))
+        shared = state[_OWN:].copy()
+        shared[:2] += state[3:_OWN]
+        base = corrected(points.positions_m, shared, self.mirror)
+        pose = Pose(*state[:3].tolist())
+        distances_m, slopes = self._map.look_up(pose.transform(base))
+        c, s = math.cos(pose.heading), math.sin(pose.heading)
+        own = slopes @ np.array([[c, -s], [s, c]])
+        rows = np.empty((len(base), _OWN + _SHARED))
         rows[:, :2] = slopes
-        lever = turn.transform(base)
-        rows[:, 2] = slopes[:, 1] * lever[:, 0] - slopes[:, 0] * lever[:, 1]
-        for j in range(_SHARED):
-            moved = self._placed(k, self.shared + _STEP * np.eye(_SHARED)[j])
-            rows[:, 5 + j] = ((moved - base) * own).sum(axis=1) / _STEP
-        rows[:, 3:5] = rows[:, 5:7]
-        variances = FLOOR_M**2 + np.einsum("ni,nij,nj->n", own, self.views[k].points.covariances_m2, own)
+        rows[:, 2] = own[:, 1] * base[:, 0] - own[:, 0] * base[:, 1]
+        for j, moved in enumerate(_STEP * np.eye(_SHARED)):
+            there = corrected(points.positions_m, shared + moved, self.mirror)
+            rows[:, _OWN + j] = ((there - base) * own).sum(axis=1) / _STEP
+        rows[:, 3:_OWN] = rows[:, _OWN : _OWN + 2]
+        variances = FLOOR_M**2 + np.einsum("ni,nij,nj->n", own, points.covariances_m2, own)
         squares = np.square(distances_m) / (width_m**2 + 9.0 * variances)
         return rows, distances_m, 1.0 / (np.square(1.0 + squares) * variances * REPEATED)
 
@@ -214,26 +248,3 @@ def _uncertainty(shared: FloatArray, covariance: FloatArray) -> CameraUncertaint
     tilt_rad = 0.5 * HEIGHT_M * math.sqrt(float(variances[:2].mean()) + unseen2)
     range_ratio = math.sqrt(float(variances[4] + variances[ERRORS:].mean()))
     return CameraUncertainty(math.degrees(tilt_rad), math.sqrt(float(variances[2:4].mean())), range_ratio)
-
-
-def _check(found: SelfCalibration) -> None:
-    """Raises NoFitError with the reason where a calibration is none."""
-    if found.after[0] < MIN_ON_LINES:
-        raise NoFitError(
-            f"only {100 * found.after[0]:.0f} % of the line points lie on lines with the best mirror, "
-            f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field, and a camera.yaml that is about right? "
-            "touchline calibrate lines needs none"
-        )
-    sure = found.camera.uncertainty
-    what = (
-        "the mirror's lean uncertain by ± {:.2f}°",
-        "the centre uncertain by ± {:.1f} px",
-        "ranges uncertain by ± {:.1f} %",
-    )
-    limits, values = (MAX_TILT_DEG, MAX_CENTER_PX, MAX_RANGE_RATIO), (sure.tilt_deg, sure.center_px, sure.range_ratio)
-    for text, limit, value, unit in zip(what, limits, values, (1.0, 1.0, 100.0), strict=True):
-        if value > limit:
-            raise NoFitError(
-                f"the recording leaves {text.format(unit * value)}: the robot must see more lines, from more places "
-                "and with more headings"
-            )

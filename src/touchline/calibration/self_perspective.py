@@ -1,9 +1,8 @@
 """`touchline calibrate self` of a perspective camera: roll, pitch, height and focal length from the lines seen in play.
 
-Bundle adjustment: the pose and the lean of every image and the four numbers that all images share. Each image is
-registered (`registration/perspective_registration.py`), which tells its normal equations; pose and lean are eliminated
-from those (Schur's complement), what remains of all images is added up and solved, and all is done again from there.
-The poses of a run of the system are where it begins.
+Bundle adjustment (`calibration/bundle.py`): the pose and the lean of every image and the four numbers that all images
+share. Each image is registered (`registration/perspective_registration.py`), which gives its normal equations; those of
+all images are solved together, and all is done again from there. The poses of a run of the system are where it begins.
 """
 
 from __future__ import annotations
@@ -15,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from touchline.calibration.self_calibration import MIN_IMAGES, MIN_ON_LINES
+from touchline.calibration.bundle import Block, NormalEquations, entries, prior_block
+from touchline.calibration.self_calibration import SelfCalibration, require_views
 from touchline.camera import PinholeCamera
-from touchline.errors import NoFitError
 from touchline.geometry import FloatArray, Pose3
 from touchline.localization.registration.perspective_kernels import STATES, Known, LeanFit, SeenPoints
 from touchline.localization.registration.perspective_registration import PerspectiveRegistration, seen_points
@@ -34,6 +33,8 @@ MAX_IMAGES, MIN_SEEN = 300, 4.0  # images that are fitted; how much one of them 
 REPEATED = 3.0  # so many images err together at least, and all those of one place
 PLACE_M, PLACE_RAD = 0.3, 0.2  # nearer images are of one place
 FIXED = 1e-6  # standard deviation of what is not fitted
+_OWN = 5  # entries of an image: its pose and its own lean
+_ERRS_BY = np.array([0, 1, 2, 3, 4, 3, 4, 5, 6])  # of those and the shared: by what of a registration's state each errs
 MAX_DEVIATIONS = np.array([math.radians(0.3), math.radians(0.3), 0.01, 0.01])  # of what is written
 MAX_ERRORS = np.array([0.15, 0.15, 0.15, 0.15])  # by which a camera is off at most; more is another camera
 
@@ -46,29 +47,12 @@ class PerspectiveView(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PerspectiveSelfCalibration:
-    """camera: corrected. shared (4,): roll and pitch (rad) by which the old one leans more than it says, relative
-    errors of its height and of the tangents that it sees; covariance (4, 4).
-
-    points_m, poses: of the views (N, 2), (V, 3), before and after, robot and field frame; of line points and features.
-    before, after: share of what is seen that lies where it should, and its mean distance from there (m). lean_rad: by
-    which roll and pitch err in one image.
+class PerspectiveSelfCalibration(SelfCalibration[PinholeCamera]):
+    """shared (4,): roll and pitch (rad) by which the old camera leans more than it says, relative errors of its height
+    and of the tangents that it sees. lean_rad: by which roll and pitch err in one image.
     """
 
-    camera: PinholeCamera
-    shared: FloatArray
-    covariance: FloatArray
     lean_rad: float
-    points_m: tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]
-    poses: tuple[FloatArray, FloatArray]
-    before: tuple[float, float]
-    after: tuple[float, float]
-
-    @property
-    def deviations(self) -> FloatArray:
-        """(4,) standard deviations of `shared`."""
-        deviations: FloatArray = np.sqrt(np.diag(self.covariance))
-        return deviations
 
 
 def perspective_views(system: TouchlinePerspective, frames: Iterable[Frame]) -> tuple[PerspectiveView, ...]:
@@ -89,29 +73,30 @@ def calibrate_self_perspective(
     views: Sequence[PerspectiveView], camera: PinholeCamera, registration: PerspectiveRegistration
 ) -> PerspectiveSelfCalibration:
     """The camera that puts what all views show where it is on the field. Raises NoFitError with the reason."""
-    if len(views) < MIN_IMAGES:
-        raise NoFitError(
-            f"{len(views)} images with a known pose that lie apart are too few, {MIN_IMAGES} are needed: the robot "
-            "must walk about and see lines"
-        )
-    starts = np.array([one.pose for one in views])
-    shared: FloatArray = np.zeros(len(SHARED))
-    poses, lean_rad = starts, LEAN_RAD
+    require_views(len(views))
+    shared_at, own = entries(len(SHARED), len(views), _OWN)
+    state, lean_rad = np.zeros(own[-1, -1] + 1), LEAN_RAD
+    state[own[:, :3]] = [one.pose for one in views]
+
+    def placed(state: FloatArray) -> list[LeanFit]:
+        states = [np.concatenate((state[mine[:3]], state[shared_at])) for mine in own]
+        return [_registered(one, registration, each, POSE) for one, each in zip(views, states, strict=True)]
+
+    fits_before = placed(state)
     for _ in range(ROUNDS):
-        shared, covariance, poses, lean_rad = _round(views, registration, shared, poses, lean_rad)
-    as_told = [
-        _placed(one, registration, np.zeros(len(SHARED)), start) for one, start in zip(views, starts, strict=True)
-    ]
-    placed = [_placed(one, registration, shared, pose) for one, pose in zip(views, poses, strict=True)]
+        state, covariance, lean_rad = _round(views, registration, state, lean_rad)
+    shared, fits = state[shared_at], placed(state)
     eye, seen = registration.ground.eye, tuple(_points(one) for one in views)
     right = tuple(levelled(each, shared, eye, one.seen.axis) for each, one in zip(seen, views, strict=True))
     tangents = np.concatenate([_tangents(each, eye, one.seen.axis) for each, one in zip(seen, views, strict=True)])
     found = PerspectiveSelfCalibration(
-        corrected_camera(camera, shared, tangents), shared, covariance, lean_rad, (seen, right),
-        (np.array([fit.state[:3] for fit in as_told]), np.array([fit.state[:3] for fit in placed])),
-        _quality(as_told), _quality(placed),
+        corrected_camera(camera, shared, tangents), shared, covariance, (seen, right),
+        (np.array([fit.state[:3] for fit in fits_before]), np.array([fit.state[:3] for fit in fits])),
+        _quality(fits_before), _quality(fits), lean_rad,
     )  # fmt: skip
-    _check(found)
+    names, scales = [f"the camera's {name}" for name in SHARED], np.array([*np.degrees([1.0, 1.0]), 100.0, 100.0])
+    bounds = zip(names, scales * found.deviations, scales * MAX_DEVIATIONS, ("°", "°", " %", " %"), strict=True)
+    found.check("what was seen lies on the field with the best camera", "camera", tuple(bounds))
     return found
 
 
@@ -161,9 +146,9 @@ def levelled(ground: FloatArray, shared: FloatArray, eye: FloatArray, axis: Floa
 
 def _turn(roll: float, pitch: float) -> FloatArray:
     """Rx(roll) Ry(pitch), (3, 3)."""
-    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    x_turn = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    turn: FloatArray = x_turn @ np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    from scipy.spatial.transform import Rotation
+
+    turn: FloatArray = Rotation.from_euler("XY", (roll, pitch)).as_matrix()
     return turn
 
 
@@ -172,52 +157,46 @@ def _points(view: PerspectiveView) -> FloatArray:
 
 
 def _round(
-    views: Sequence[PerspectiveView],
-    registration: PerspectiveRegistration,
-    shared: FloatArray,
-    poses: FloatArray,
-    lean_rad: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Register every view from here and solve: what is shared (4,), its covariance, the poses, the images' lean."""
-    deviations = np.concatenate((POSE, [lean_rad, lean_rad, FIXED, FIXED]))
-    known = np.diag(deviations**-2.0)
-    matrix, vector = np.diag(PRIOR**-2.0), np.zeros(len(SHARED))
-    repeated = max(REPEATED, len(views) / len(distinct(poses, len(views), PLACE_M, PLACE_RAD)))
-    after, squares = [], []
-    for view, pose in zip(views, poses, strict=True):
-        mean = np.concatenate((pose, shared))
-        fit = registration.register(view.seen, mean, Known(mean, known))
-        after.append(fit.state[:3])
-        information, right = _without_pose(fit, known, mean)
-        own = np.linalg.inv(information[:2, :2] + np.eye(2) / lean_rad**2)
-        squares.append(np.square(fit.state[3:5] - mean[3:5]) + np.diag(own))
-        matrix += (information - information[:, :2] @ own @ information[:2]) / repeated
-        vector += (right - information[:, :2] @ own @ right[:2]) / repeated
-    covariance = np.linalg.inv(matrix)
-    found = np.clip(covariance @ vector, -MAX_ERRORS, MAX_ERRORS)
-    return found, covariance, np.array(after), max(math.sqrt(float(np.mean(squares))), MIN_LEAN_RAD)
+    views: Sequence[PerspectiveView], registration: PerspectiveRegistration, state: FloatArray, lean_rad: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Register every view from a state and solve: the next state, covariance of what is shared, the images' lean."""
+    shared, own = entries(len(SHARED), len(views), _OWN)
+    deviations = np.array([*POSE, lean_rad, lean_rad])
+    repeated = max(REPEATED, len(views) / len(distinct(state[own[:, :3]], len(views), PLACE_M, PLACE_RAD)))
+    blocks, squares, state = [prior_block(shared, PRIOR**-2.0, state[shared])], [], state.copy()
+    for view, mine in zip(views, own, strict=True):
+        place, block = _block(view, registration, np.concatenate((state[mine[:3]], state[shared])), deviations)
+        state[mine] = place
+        squares.append(np.square(place[3:]) + np.diag(np.linalg.inv(block.information[:_OWN, :_OWN]))[3:])
+        blocks.append(block._replace(at=np.concatenate((mine, shared))).divided(repeated))
+    equations = NormalEquations(blocks)
+    state[shared] = np.clip(state[shared] + equations.step()[shared], -MAX_ERRORS, MAX_ERRORS)
+    return state, equations.covariance(shared), max(math.sqrt(float(np.mean(squares))), MIN_LEAN_RAD)
 
 
-def _without_pose(fit: LeanFit, known: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Information (4, 4) and its product with the best values (4,) of an image's camera, the pose eliminated.
+def _block(
+    view: PerspectiveView, registration: PerspectiveRegistration, mean: FloatArray, deviations: FloatArray
+) -> tuple[FloatArray, Block]:
+    """Where a view is registered beside pose and shared errors (7,): pose and own lean (5,), and its normal equations.
 
-    Where a registration ends, what is seen pulls as hard as what was known (7, 7) pulls back to its mean (7,).
+    Those are of pose, own lean and what is shared, with what is known of the first two: there, these pull no more.
     """
-    right = fit.information @ fit.state + known @ (fit.state - mean)
-    own = np.linalg.inv(fit.information[:3, :3] + np.diag(POSE**-2.0))
-    right[:3] += POSE**-2.0 * mean[:3]
-    crossed = fit.information[3:, :3]
-    information: FloatArray = fit.information[3:, 3:] - crossed @ own @ crossed.T
-    return information, right[3:] - crossed @ own @ right[:3]
+    fit = _registered(view, registration, mean, deviations)
+    pull = np.concatenate((deviations, np.full(STATES - _OWN, FIXED))) ** -2.0 * (fit.state - mean)
+    information = fit.information[np.ix_(_ERRS_BY, _ERRS_BY)]
+    information[range(_OWN), range(_OWN)] += deviations**-2.0
+    place = fit.state[:_OWN] - np.array([0.0, 0.0, 0.0, *mean[3:_OWN]])
+    return place, Block(np.empty(0, np.intp), information, np.concatenate((np.zeros(_OWN), pull[3:])))
 
 
-def _placed(
-    view: PerspectiveView, registration: PerspectiveRegistration, shared: FloatArray, pose: FloatArray
+def _registered(
+    view: PerspectiveView, registration: PerspectiveRegistration, mean: FloatArray, deviations: FloatArray
 ) -> LeanFit:
-    """A view registered with a camera that is taken for true."""
-    mean = np.concatenate((pose, shared))
-    deviations = np.concatenate((POSE, np.full(STATES - len(POSE), FIXED)))
-    return registration.register(view.seen, mean, Known(mean, np.diag(deviations**-2.0)))
+    """A view registered from a state (7,) that is known to within deviations (K,) of its first entries; others are
+    taken for true.
+    """
+    known = np.concatenate((deviations, np.full(STATES - len(deviations), FIXED)))
+    return registration.register(view.seen, mean, Known(mean, np.diag(known**-2.0)))
 
 
 def _quality(fits: Sequence[LeanFit]) -> tuple[float, float]:
@@ -225,22 +204,3 @@ def _quality(fits: Sequence[LeanFit]) -> tuple[float, float]:
     explained = np.array([fit.explained for fit in fits])
     residuals = np.nan_to_num([fit.residual_m for fit in fits])
     return float(of @ explained / of.sum()), float((of * explained) @ residuals / max(float(of @ explained), 1e-9))
-
-
-def _check(found: PerspectiveSelfCalibration) -> None:
-    """Raises NoFitError with the reason where a calibration is none."""
-    if found.after[0] < MIN_ON_LINES:
-        raise NoFitError(
-            f"only {100 * found.after[0]:.0f} % of what was seen lies on the field with the best camera, "
-            f"{100 * MIN_ON_LINES:.0f} % are needed. Is it the right field, and a camera.yaml that is about right? "
-            "touchline calibrate camera needs none"
-        )
-    units = ((180.0 / math.pi, "°"), (180.0 / math.pi, "°"), (100.0, " %"), (100.0, " %"))
-    rows = zip(SHARED, found.deviations, MAX_DEVIATIONS, units, strict=True)
-    for what, deviation, limit, (scale, unit) in rows:
-        if deviation > limit:
-            raise NoFitError(
-                f"the recording leaves the camera's {what} uncertain by ± {scale * deviation:.1f}{unit}, "
-                f"{scale * limit:.1f}{unit} are needed: the robot must see more lines, near ones and far ones, "
-                "from more places and with more headings"
-            )

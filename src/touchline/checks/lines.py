@@ -13,7 +13,8 @@ from touchline.checks.survey import Survey
 from touchline.field import FieldModel
 from touchline.field.distances import nearest_line_points
 from touchline.geometry import FloatArray, wrap_angles
-from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
+from touchline.localization.camera_errors.mirror_response import HEIGHT_M
+from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.motion.delay import find_delay
 from touchline.perception.covered import is_covered
 from touchline.sources.description import CAMERA, FIELD
@@ -44,7 +45,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         return
     if (recording.has_observations and not survey.seen["point"]) or (field := survey.field) is None:
         return  # features alone are another check's
-    system, tilt = open_system(_SYSTEM, RobotSetup(field, camera)), MirrorTilt(field)
+    system, tilt = open_system(_SYSTEM, RobotSetup(field, camera)), LearnedMirror(field)
     estimates, looked, odometry = [], 0, []
     chosen = chosen_frames(len(recording))
     for index, frame in enumerate(recording.again(chosen)):
@@ -100,7 +101,9 @@ def chosen_frames(frames: int) -> frozenset[int]:
     return frozenset(index for start in starts for index in range(start, start + length))
 
 
-def _deviations(tilt: MirrorTilt, field: FieldModel, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _deviations(
+    tilt: LearnedMirror, field: FieldModel, estimate: Estimate
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of the points within a quarter metre of a line: distance to it (N,) in m, its derivative (N, 4) by x, y, heading
     and by a scale of all ranges, and the range (N,) in m.
     """
@@ -185,10 +188,10 @@ def _headings(survey: Survey, estimates: list[Estimate]) -> Iterator[Finding]:
     yield Finding("heading", severity, CAMERA, what, advice)
 
 
-def _tilt(tilt: MirrorTilt) -> Finding:
+def _tilt(tilt: LearnedMirror) -> Finding:
     """The mirror's lean, from half the angle by which it turns the rays."""
-    bend = float(np.hypot(*tilt.mean_per_m))
-    lean_deg = math.degrees(math.atan(bend * tilt.settings.height_m)) / 2.0
+    bend = float(np.hypot(*tilt.mean[:2]))
+    lean_deg = math.degrees(math.atan(bend * HEIGHT_M)) / 2.0
     what = f"the mirror leans by about {lean_deg:.2f}°"
     advice = "Matching takes that out; better straighten the mirror."
     return graded("tilt", CAMERA, what, (lean_deg > _TILT_DEG, Severity.NOTE, advice))

@@ -65,9 +65,9 @@ def calibrate_range(
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
     pairs = _pairs(source, camera, skip_unusable, handedness, follow_links)
     from touchline.calibration.marks import first_image
-    from touchline.calibration.range_figure import range_figure
     from touchline.calibration.range_regression import fit_range
     from touchline.calibration.strip_recording import camera_yaml
+    from touchline.view.range_figure import range_figure
 
     regression = fit_range(pairs, degree)
     deviation_px = regression.center_deviation_px()

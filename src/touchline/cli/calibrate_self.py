@@ -15,6 +15,7 @@ from touchline.files.new import write_new_file
 if TYPE_CHECKING:
     from touchline.calibration.self_calibration import SelfCalibration
     from touchline.calibration.self_perspective import PerspectiveSelfCalibration
+    from touchline.camera import OmniCamera
     from touchline.sources import Recording
     from touchline.types import ImageArray
 
@@ -78,7 +79,7 @@ def _perspective(source: Recording) -> tuple[str, str, ImageArray]:
     from touchline.evaluation.runner import robot_setup
     from touchline.systems import open_system
     from touchline.systems.touchline_perspective import TouchlinePerspective
-    from touchline.view.self_calibration import perspective_self_picture
+    from touchline.view.self_calibration import self_picture
 
     camera, system = source.camera, open_system("touchline", robot_setup(source))
     assert isinstance(camera, PinholeCamera)
@@ -90,10 +91,10 @@ def _perspective(source: Recording) -> tuple[str, str, ImageArray]:
         words += (
             "\ncamera_pose.csv places this camera in every image: roll, pitch and height need the same correction there"
         )
-    return perspective_yaml(found.camera, words), words, perspective_self_picture(found, source.field)
+    return perspective_yaml(found.camera, words), words, self_picture(found, source.field)
 
 
-def _words(found: SelfCalibration, name: str) -> str:
+def _words(found: SelfCalibration[OmniCamera], name: str) -> str:
     """What was found, and how sure it is."""
     import math
 
@@ -102,7 +103,7 @@ def _words(found: SelfCalibration, name: str) -> str:
     errors, sure = found.shared, found.camera.uncertainty
     lean_deg = math.degrees(0.5 * HEIGHT_M * math.hypot(errors[0], errors[1]))
     return (
-        f"touchline calibrate self {name}: {len(found.views)} images\n"
+        f"touchline calibrate self {name}: {len(found.poses[0])} images\n"
         f"points on lines: {100 * found.before[0]:.0f} % before, {100 * found.after[0]:.0f} % after\n"
         f"mirror: leans by {lean_deg:.2f} ± {sure.tilt_deg:.2f} degrees, centre {errors[2]:+.1f}, {errors[3]:+.1f} ± "
         f"{sure.center_px:.1f} px (ahead, left), ranges {100 * errors[4]:+.1f} ± {100 * sure.range_ratio:.1f} %"

@@ -126,7 +126,7 @@ def _drawn(field: FieldModel, camera: PinholeCamera, pose: Pose) -> ImageArray:
 
 def _locate_example() -> None:
     from touchline.field import open_field
-    from touchline.localization import locate_points
+    from touchline.localization.one_shot.locate import locate_points
 
     locate_points(_view(), open_field("msl-18x12"))
 

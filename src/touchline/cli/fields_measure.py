@@ -73,7 +73,7 @@ def _seen(
     inputs: list[Path], field: str | None, camera: Path | None
 ) -> tuple[list[LinePoints], FieldModel, float | None]:
     """Line points of each place, the field, and the camera's stated scale error, if it states one."""
-    from touchline.calibration.field_sizes.places import image_points, recording_points
+    from touchline.calibration.field_sizes.measure import image_points, recording_points
     from touchline.camera import open_camera
     from touchline.field import open_field
     from touchline.files.images import read_image

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from touchline.camera import Camera
     from touchline.field import FieldModel
     from touchline.geometry import FloatArray, Pose
-    from touchline.localization import Location
     from touchline.localization.one_shot.advice import Better
+    from touchline.localization.one_shot.locate import Location
     from touchline.localization.one_shot.scale import Scale
     from touchline.types import ImageArray
     from touchline.view.look import Look
@@ -145,7 +145,7 @@ def _seen(source: Path, camera: Path | None, field: FieldModel) -> _Seen:
 
         return _Seen(*read_points(source), None)
     from touchline.camera import open_camera
-    from touchline.localization import WeightSettings, precision_weights
+    from touchline.localization.registration.weights import WeightSettings, precision_weights
     from touchline.view.look import observe_image
 
     model = open_camera(camera)
@@ -155,8 +155,8 @@ def _seen(source: Path, camera: Path | None, field: FieldModel) -> _Seen:
 
 
 def _answer(seen: _Seen, field: FieldModel, heading: float | None, with_scale: bool) -> _Answer:
-    from touchline.localization import PoorFitError, locate_points
     from touchline.localization.one_shot.advice import better_fits
+    from touchline.localization.one_shot.locate import PoorFitError, locate_points
     from touchline.localization.one_shot.scale import fit_scale
 
     points, scale = seen.points, None
@@ -255,7 +255,7 @@ def _table(location: Location) -> Table:
 def _print_json(answer: _Answer, field: FieldModel, assumed: bool, picture: Path | None) -> None:
     import json
 
-    from touchline.localization import PoorFitError
+    from touchline.localization.one_shot.locate import PoorFitError
 
     found, tree = answer.found, dict[str, Any]()
     if isinstance(found, NoFitError):

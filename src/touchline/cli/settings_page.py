@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from touchline.config import Settings, preset_values, settings_rows, shown_key
@@ -43,22 +43,23 @@ class Row(NamedTuple):
     about: str
 
 
-def settings_page() -> str:
-    """The page as Markdown."""
+def settings_page(systems: Sequence[str] | None = None) -> str:
+    """The page as Markdown. systems: those that stand on it; none: all."""
     from touchline.localization.one_shot.locate import LocateSettings
     from touchline.systems import SYSTEMS
 
+    infos = [SYSTEMS[name] for name in systems or SYSTEMS]
     owners: dict[Row, tuple[str, ...]] = {}  # of each row: the systems that have it
-    for info in SYSTEMS.values():
+    for info in infos:
         for row in _rows(info.settings):
             owners[row] = (*owners.get(row, ()), info.name)
     sections = [_INTRODUCTION]
     for names in sorted(dict.fromkeys(owners.values()), key=len, reverse=True):
         if len(names) == 1:
             break
-        whom = "all systems" if len(names) == len(SYSTEMS) else f"{', '.join(names[:-1])} and {names[-1]}"
+        whom = "all systems" if len(names) == len(infos) else f"{', '.join(names[:-1])} and {names[-1]}"
         sections.append(f"## Shared by {whom}\n\n{_table([row for row in owners if owners[row] == names])}")
-    for info in SYSTEMS.values():
+    for info in infos:
         own = [row for row in owners if owners[row] == (info.name,)]
         table = f"\n{_table(own)}" if own else ""
         sections.append(f"## {info.name}\n\n{_sentence(info.description)}.\n{_count(info.settings)}\n{table}")

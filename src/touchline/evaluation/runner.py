@@ -12,8 +12,8 @@ from touchline.camera import PinholeCamera
 from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.published.iris.field_side import COMPASS_FALSE
 from touchline.motion import FrameOrder, LeanFilter
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.perception.covered import is_covered
 from touchline.sources import Recording
 from touchline.sources.description import NO_CAMERA

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from touchline.errors import InputError
 from touchline.evaluation.workers import Workers
-from touchline.experiments.progress import Listener, told_to
-from touchline.experiments.result import ExperimentResult
+from touchline.experiments.harness import ExperimentResult, Listener, told_to
 from touchline.messages import did_you_mean
 
 DEFAULT_SEEDS = 5
@@ -31,7 +30,7 @@ class Experiment:
         module = importlib.import_module(f"touchline.experiments.{self.module}")
         function: Callable[[int], ExperimentResult] = getattr(module, self.function)
         with told_to(listener, workers):
-            return function(seeds)
+            return replace(function(seeds), name=self.name, seeds=seeds)
 
 
 EXPERIMENTS = {
@@ -65,7 +64,7 @@ EXPERIMENTS = {
         Experiment(
             "iris-disturbances", "covered camera, slip, drifting gyro", "iris_disturbances", "iris_disturbances"
         ),
-        Experiment("iris-timing", "section III.C: time of one update", "iris_timing", "iris_timing"),
+        Experiment("iris-timing", "section III.C: time of one update", "timing", "iris_timing"),
         Experiment("reliability", "faults of eyes, wheels, compass; kidnaps in play", "reliability", "reliability"),
         Experiment(
             "schulz-features", "sections 3, 4: lines, crossings, boundary found", "schulz_features", "schulz_features"

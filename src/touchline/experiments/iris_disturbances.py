@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -12,16 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered
 from touchline.experiments.iris_eyes import open_iris
-from touchline.experiments.iris_runs import FORMS, IDEAL, Disturb, IrisDrive, covered, drifting, drive, slipped
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline
+from touchline.experiments.iris_runs import FORMS, FUSION, IDEAL, ODOMETRY, IrisDrive, covered, drifting, drive, slipped
 from touchline.experiments.scenes import BLUE, RED, new_figure
-from touchline.geometry import FloatArray
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup
-from touchline.types import Frame, Status
+from touchline.types import Frame
 
 START_S, SECONDS = 8.0, 18.0
 COVERED_S, SLIP_M, DRIFT_RAD_S = 3.0, 0.3, math.radians(1.0)
@@ -29,7 +26,7 @@ FAR_M, NEAR_M, BACK_S = 0.3, 0.1, 2.0
 FIELDS = ("indoor-9x6", "msl-18x12")
 KINDS = ("nothing", "covered", "slip", "drift")
 SCENARIOS = ("tour-20", "match")
-_SAME = "the same robots at the observation level"
+ON_IMAGES, SAME = "on images", "the same robots at the observation level"
 RENDERED = 2  # robots whose images are rendered
 
 
@@ -57,14 +54,8 @@ class Outcome:
         far_s, lost_s = (0.5 if kind == "slip" else 0.0), (0.0 if kind == "nothing" else 1.0)
         return self.far_s <= far_s and self.back_m <= NEAR_M and self.lost_s <= lost_s
 
-    @property
-    def times_s(self) -> FloatArray:
-        """Time since the disturbance began (N,)."""
-        since: FloatArray = self.drive.stamp_ns / 1e9 - START_S
-        return since
 
-
-Outcomes = dict[tuple[str, str], list[Outcome]]  # by field and disturbance
+Outcomes = dict[tuple[str, str, str], list[Outcome]]  # by form, field and disturbance
 
 
 class Case(NamedTuple):
@@ -83,117 +74,112 @@ def disturbed_drive(kind: str, case: Case, paper: bool = False) -> Outcome:
     kind: one of KINDS. paper: by the paper's own form. Raises KeyError for another kind.
     """
     simulation, setup, taken = _taken(case)
-    wheels = simulation.wheel_directions_rad
     direction = float(np.random.default_rng([case.seed, 5]).uniform(-math.pi, math.pi))
-    known: dict[str, tuple[Disturb, float]] = {
+    disturb, lasts_s = {
         "nothing": (covered(START_S, 0.0), 0.0),
         "covered": (covered(START_S, COVERED_S), COVERED_S),
-        "slip": (slipped(START_S, SLIP_M, direction, wheels), 0.15),
+        "slip": (slipped(START_S, SLIP_M, direction, simulation.wheel_directions_rad), 0.15),
         "drift": (drifting(START_S, DRIFT_RAD_S), 0.0),
-    }
-    disturb, lasts_s = known[kind]
+    }[kind]
     driven = drive(map(disturb, taken), simulation.truth.samples(), setup, case.seed, paper)
-    return _outcome(driven, START_S + lasts_s)
+    return outcome_of(driven, START_S + lasts_s)
 
 
 @lru_cache(maxsize=1)
 def _taken(case: Case) -> tuple[Simulation, RobotSetup, tuple[Frame, ...]]:
     """A scenario without shoves and its frames; kept for the next disturbance of the same drive."""
-    scenario = open_scenario(case.scenario, case.seed, SECONDS, case.changes)
-    disturbances = scenario.disturbances.model_copy(update={"shove_every_s": 0.0})
-    changed = scenario.model_copy(update={"field": case.field, "disturbances": disturbances})
-    simulation, setup = open_iris(changed, case.level, case.seed)
+    changes = (*case.changes, "disturbances.shove_every_s=0", f"field={case.field}")
+    simulation, setup = open_iris(open_scenario(case.scenario, case.seed, SECONDS, changes), case.level, case.seed)
     return simulation, setup, tuple(simulation)
 
 
-def _outcome(driven: IrisDrive, ends_s: float) -> Outcome:
-    times_s = driven.stamp_ns / 1e9
-    if not driven.found or times_s[0] > START_S:
+def outcome_of(driven: IrisDrive, ends_s: float) -> Outcome:
+    """What became of a drive whose disturbance ends then."""
+    track = driven.fused
+    if not driven.found or track.times_s[0] > START_S:
         return Outcome(driven)
-    distances_m = driven.distances_m("sensor fusion")
-    period_s = float(np.median(np.diff(times_s)))
-    lost = np.array([status is not Status.TRACKING for status in driven.statuses])  # whoever searches is lost, too
+    period_s, distances_m = float(np.median(np.diff(track.times_s))), track.distances_m
     return Outcome(
         driven,
         round(period_s * np.count_nonzero(distances_m > FAR_M), 6),
-        float(distances_m[times_s >= ends_s + BACK_S].max()),
-        round(period_s * np.count_nonzero(lost), 6),
+        float(distances_m[track.times_s >= ends_s + BACK_S].max()),
+        round(period_s * np.count_nonzero(~track.tracking), 6),  # whoever searches is lost, too
         float(distances_m.max()),
     )
 
 
 def iris_disturbances(seeds: int) -> ExperimentResult:
     """Every kind of disturbance on both fields, slowly and in play."""
-    outcomes: dict[str, Outcomes] = {
-        form: {(field, kind): [] for field in FIELDS for kind in KINDS} for form in (*FORMS, "on images", _SAME)
-    }
-    places = list(product(FIELDS, SCENARIOS))
-    for (field, name), seed in follow(list(product(places, range(seeds))), "drives"):
-        for form, changes in (("as built", ()), ("ideal", IDEAL)):
-            for kind in KINDS:
-                case = Case(name, field, seed, changes=changes)
-                outcomes[form][field, kind].append(disturbed_drive(kind, case))
-                if form == "as built":
-                    outcomes["its form here"][field, kind].append(disturbed_drive(kind, case, paper=True))
-    for field, name in follow(list(zip(FIELDS, SCENARIOS, strict=True)), "drives on images"):
-        for seed, kind in product(range(min(seeds, RENDERED)), KINDS):
-            outcomes["on images"][field, kind].append(disturbed_drive(kind, Case(name, field, seed, "images")))
-            same = outcomes["as built"][field, kind][SCENARIOS.index(name) * seeds + seed]
-            outcomes[_SAME][field, kind].append(same)
-    missed = {form: sum(not o.found for found in each.values() for o in found) for form, each in outcomes.items()}
+    rendered = min(seeds, RENDERED)
+    outcomes = gathered(_as_points, list(product(FIELDS, SCENARIOS, range(seeds))), "drives")
+    shown = [(*place, seed) for place in zip(FIELDS, SCENARIOS, strict=True) for seed in range(rendered)]
+    outcomes |= gathered(_on_images, shown, "drives on images")
+    for (k, field), kind in product(enumerate(FIELDS), KINDS):
+        outcomes[SAME, field, kind] = outcomes["as built", field, kind][k * seeds :][:rendered]
+    forms = (*FORMS, ON_IMAGES, SAME)
+    missed = {form: sum(not one.found for found in _of(outcomes, form).values() for one in found) for form in forms}
     return ExperimentResult(
-        "iris-disturbances",
         "A covered camera, a slip of the wheels, a drifting gyro: the fused pose of iris-fusion",
-        seeds,
         ("field", "disturbance", "kept: its form here", "kept", "on images", "the same robots as points",
          "ideal", "farthest off (cm)", "more than 30 cm off (s)", "farthest off from 2 s after it (cm)", "lost (s)"),
-        tuple(_row(field, kind, outcomes) for field in FIELDS for kind in KINDS),
+        [_row(field, kind, outcomes) for field in FIELDS for kind in KINDS],
         Headline("drives kept: within 30 cm but for 0.5 s after a slip, 10 cm after 2 s, lost for 1 s at most, "
-                 "undisturbed never", "–",
-                 "; ".join(f"{form} {_kept(each)}" for form, each in outcomes.items())),
+                 "undisturbed never", NONE,
+                 "; ".join(f"{form} {_kept(_of(outcomes, form))}" for form in forms)),
         (
             f"Each drive is disturbed once, after {START_S:g} s: the camera covered for {COVERED_S:g} s; the wheels "
             f"roll {100 * SLIP_M:.0f} cm within 0.15 s that the robot doesn't go; from then on the gyro shows "
             f"{math.degrees(DRIFT_RAD_S):g} degree per second more, beside its own bias. Scenarios {SCENARIOS[0]} "
             f"(1.2 m/s) and {SCENARIOS[1]} (3 m/s among eight robots, without shoves), robots as built, 10 images per "
             "second, at the observation level with the geometry and the errors of their own eyes and the noise of real "
-            f"images; {min(seeds, RENDERED)} robots also on rendered images, {SCENARIOS[0]} on {FIELDS[0]} and "
+            f"images; {rendered} robots also on rendered images, {SCENARIOS[0]} on {FIELDS[0]} and "
             f"{SCENARIOS[1]} on {FIELDS[1]}. "
             "The last four columns are the worst of all drives of robots as built as points.",
             *(f"In {count} drives ({form}) the robot was not found in time; they count as not kept, and the "
-              "last four columns leave them out." for form, count in missed.items() if count and form != _SAME),
+              "last four columns leave them out." for form, count in missed.items() if count and form != SAME),
         ),
-        (("errors", _errors_figure(outcomes["as built"])),),
+        (("errors", _errors_figure(outcomes)),),
     )  # fmt: skip
 
 
+def _as_points(drive: tuple[str, str, int]) -> dict[tuple[str, str, str], Outcome]:
+    field, scenario, seed = drive
+    built, ideal = (Case(scenario, field, seed, changes=changes) for changes in ((), IDEAL))
+    forms = {"as built": (built, False), "its form here": (built, True), "ideal": (ideal, False)}
+    return {(form, field, kind): disturbed_drive(kind, *how) for form, how in forms.items() for kind in KINDS}
+
+
+def _on_images(drive: tuple[str, str, int]) -> dict[tuple[str, str, str], Outcome]:
+    field, scenario, seed = drive
+    return {(ON_IMAGES, field, kind): disturbed_drive(kind, Case(scenario, field, seed, "images")) for kind in KINDS}
+
+
+def _of(outcomes: Outcomes, form: str, *place: str) -> Outcomes:
+    """Those of a form, and of a field and disturbance."""
+    return {key: found for key, found in outcomes.items() if key[: 1 + len(place)] == (form, *place)}
+
+
 def _kept(outcomes: Outcomes) -> str:
-    every = [outcome.is_kept(kind) for (_, kind), found in outcomes.items() for outcome in found]
+    every = [outcome.is_kept(kind) for (_, _, kind), found in outcomes.items() for outcome in found]
     return f"{sum(every)} of {len(every)}"
 
 
-def _row(field: str, kind: str, outcomes: Mapping[str, Outcomes]) -> tuple[str, ...]:
+def _row(field: str, kind: str, outcomes: Outcomes) -> Row:
     """How many were kept, and the worst of each figure."""
-    shown = ("its form here", "as built", "on images", _SAME, "ideal")
-    kept = [_kept({(field, kind): outcomes[form][field, kind]}) for form in shown]
-    found = [outcome for outcome in outcomes["as built"][field, kind] if outcome.found]
+    kept = [_kept(_of(outcomes, form, field, kind)) for form in ("its form here", "as built", ON_IMAGES, SAME, "ideal")]
+    found = [outcome for outcome in outcomes["as built", field, kind] if outcome.found]
     figures = np.array([(100.0 * o.largest_m, o.far_s, 100.0 * o.back_m, o.lost_s) for o in found]).reshape(-1, 4)
-    worst = [f"{column.max():.1f}" if found else "–" for column in figures.T]
-    return (field, kind, *kept, *worst)
+    return (field, kind, *kept, *(f"{column.max():.1f}" if found else NONE for column in figures.T))
 
 
 def _errors_figure(outcomes: Outcomes) -> Figure:
     """Distance from the truth over the time since the disturbance: fusion red, odometry alone blue."""
-    figure, axes = new_figure(1, 3, width_in=12.0, height_in=3.6)
+    figure, axes = new_figure(1, 3, (12.0, 3.6), KINDS[1:], ("time since it began (s)", ""))
     for each, kind in zip(axes, KINDS[1:], strict=True):
-        for field in FIELDS:
-            for outcome in outcomes[field, kind]:
-                for system, color in (("odometry", BLUE), ("sensor fusion", RED)):
-                    distances = 100.0 * outcome.drive.distances_m(system)
-                    each.plot(outcome.times_s, distances, color=color, linewidth=0.6, alpha=0.6)
-        each.set_title(kind, fontsize=10)
-        each.set_xlabel("time since it began (s)")
-        each.set_xlim(-2.0, 8.0)
-        each.set_ylim(0.0, 100.0)
+        drives = [outcome.drive for field in FIELDS for outcome in outcomes["as built", field, kind]]
+        for driven, (system, color) in product(drives, ((ODOMETRY, BLUE), (FUSION, RED))):
+            track = driven.tracks[system]
+            each.plot(track.times_s - START_S, 100.0 * track.distances_m, color=color, linewidth=0.6, alpha=0.6)
+        each.set(xlim=(-2.0, 8.0), ylim=(0.0, 100.0))
     axes[0].set_ylabel("distance from the truth (cm)")
     return figure

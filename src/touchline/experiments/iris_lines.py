@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.calibration.range_figure import range_figure
 from touchline.calibration.range_regression import RangeRegression
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
+from touchline.experiments.harness import ExperimentResult, Headline, Row, follow, percent, spread, together
 from touchline.experiments.iris_eyes import DIRECTIONS, MARK_NOISE_PX, range_regression
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, percent, spread
-from touchline.experiments.scenes import BLUE, PAINT, RED, field_axes, new_figure, random_place
+from touchline.experiments.scenes import BLUE, PAINT, RED, dots, image_figure, new_figure, random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import HsvLineDetector, HsvLinePaper, HsvLineSettings
@@ -22,6 +21,7 @@ from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import MotionSettings, OthersSettings, open_scenario
 from touchline.simulation.world.calibration_layout import STRIP_EDGES_M
 from touchline.types import ImageArray, LinePoints
+from touchline.view.range_figure import range_figure
 
 FIELD = "indoor-9x6"
 CONDITIONS = {
@@ -36,6 +36,10 @@ THRESHOLDS = {
     "its form here": load_settings(HsvLineSettings, preset=PAPER),
 }
 TRUE_M, FALSE_M = 0.1, 0.3
+COLUMNS = (
+    "lighting", "thresholds", "paper", "points", "on a line", "false", "median (cm)", "90 % (cm)", "ideal: points",
+    "ideal: false", "ideal: median (cm)",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -52,47 +56,25 @@ def iris_lines(seeds: int) -> ExperimentResult:
     """One place per seed on the 9 x 6 m field, each under the three lightings."""
     field = open_field(FIELD)
     places = [_one_place(field, seed) for seed in follow(range(seeds), "places")]
-    ideal = [_one_place(field, seed, ideal=True)[1] for seed in follow(range(seeds), "ideal robots")]
-    regressions, found = [regression for regression, _ in places], [by_case for _, by_case in places]
-    rows = [
-        _row(condition, thresholds, *([each[condition, thresholds] for each in some] for some in (found, ideal)))
-        for condition in CONDITIONS
-        for thresholds in THRESHOLDS
-    ]
-    shown = {condition: found[0][condition, "automatic"] for condition in CONDITIONS}
-    false = [_false_ratio([by_case[c, "automatic"] for c in CONDITIONS]) for by_case in found]
-    median_cm = [100.0 * float(np.median(np.concatenate([by_case[c, "automatic"].distances_m for c in CONDITIONS])))
-                 for by_case in found]  # fmt: skip
-    residuals_cm = [100.0 * float(np.sqrt(np.mean(each.residuals_m**2))) for each in regressions]
-    at_best = [_false_ratio([by_case[c, "automatic"] for c in CONDITIONS]) for by_case in ideal]
+    found = together(by_case for _, by_case in places)
+    ideal = together(_one_place(field, seed, ideal=True)[1] for seed in follow(range(seeds), "ideal robots"))
+    residuals_cm = [100.0 * float(np.sqrt(np.mean(regression.residuals_m**2))) for regression, _ in places]
+    shown = {condition: found[condition, "automatic"][0] for condition in CONDITIONS}
     return ExperimentResult(
-        "iris-lines",
         "Figures 13 and 14 of Ismail et al. 2021: line detection and range regression under three lightings",
-        seeds,
-        (
-            "lighting",
-            "thresholds",
-            "paper",
-            "points",
-            "on a line",
-            "false",
-            "median (cm)",
-            "90 % (cm)",
-            "ideal: points",
-            "ideal: false",
-            "ideal: median (cm)",
-        ),
-        tuple(rows),
+        COLUMNS,
+        [(*case, "shown", *_cells(found[case], ideal[case])) for case in found],
         Headline(
             "false points; median distance from the line, three lightings, the same settings",
             "pictures; thresholds set by hand for each",
-            f"{percent(false)}; {spread(median_cm, 1)} cm; ideal {percent(at_best)}",
+            f"{percent(_over_lightings(found, _false_ratio))}; {spread(_over_lightings(found, _median_cm), 1)} cm; "
+            f"ideal {percent(_over_lightings(ideal, _false_ratio))}",
         ),
         (
             f"On a line: within {100 * TRUE_M:.0f} cm of one at the true pose; false: farther than {100 * FALSE_M:.0f} "
             "cm from any (penalty marks count as false). Three robots and a ball stand on the field; exposure and gain "
             "stay as they are under condition 1.",
-            f"Ranges by a polynomial of degree {regressions[0].degree}, fitted to {len(STRIP_EDGES_M)} distances in "
+            f"Ranges by a polynomial of degree {places[0][0].degree}, fitted to {len(STRIP_EDGES_M)} distances in "
             f"{DIRECTIONS} directions, each read to {MARK_NOISE_PX} px: residuals {spread(residuals_cm, 1)} cm (root "
             f"mean square). Points beyond {STRIP_EDGES_M[-1]:g} m, the last of them, are dropped.",
             "Robots as built; its form here: with the preset `paper`, thresholds set by hand under condition 1, and "
@@ -102,7 +84,7 @@ def iris_lines(seeds: int) -> ExperimentResult:
         (
             ("detection", _detection_figure(shown)),
             ("points", _points_figure(field, shown)),
-            ("regression", range_figure(regressions[0])),
+            ("regression", range_figure(places[0][0])),
         ),
     )
 
@@ -144,53 +126,61 @@ def _standing(scenario_name: str, place: Pose, seed: int, ideal: bool) -> Simula
     return Simulation(scenario.model_copy(update=changes))
 
 
-def _row(condition: str, thresholds: str, detections: list[Detection], ideal: list[Detection]) -> tuple[str, ...]:
-    on_line = [float(np.count_nonzero(each.distances_m <= TRUE_M)) for each in detections]
-    return (
-        condition, thresholds, "shown", _counts(detections), spread(on_line, 0), _false(detections),
-        *(_quantile_cm(detections, quantile) for quantile in (0.5, 0.9)), _counts(ideal), _false(ideal),
-        _quantile_cm(ideal, 0.5),
-    )  # fmt: skip
+def _cells(detections: Sequence[Detection], ideal: Sequence[Detection]) -> Row:
+    on_line = spread([float(np.count_nonzero(each.distances_m <= TRUE_M)) for each in detections], 0)
+    far = _quantile_cm(detections, 0.9)
+    counts, false, median = zip(
+        *((_counts(d), _false(d), _quantile_cm(d, 0.5)) for d in (detections, ideal)), strict=True
+    )
+    return counts[0], on_line, false[0], median[0], far, counts[1], false[1], median[1]
 
 
-def _counts(detections: list[Detection]) -> str:
+def _counts(detections: Sequence[Detection]) -> str:
     return spread([float(len(each.points)) for each in detections], 0)
 
 
-def _false(detections: list[Detection]) -> str:
+def _false(detections: Sequence[Detection]) -> str:
     false = [float(np.count_nonzero(each.distances_m > FALSE_M)) for each in detections]
-    return f"{spread(false, 1)} ({100 * _false_ratio(detections):.1f} %)"
+    return f"{spread(false, 1)} ({100 * _false_ratio(np.concatenate([d.distances_m for d in detections])):.1f} %)"
 
 
-def _quantile_cm(detections: list[Detection], quantile: float) -> str:
+def _quantile_cm(detections: Sequence[Detection], quantile: float) -> str:
     seen = [each.distances_m for each in detections if len(each.points)]
     return spread([100.0 * float(np.quantile(d, quantile)) for d in seen], 1)
 
 
-def _false_ratio(detections: list[Detection]) -> float:
-    distances_m = np.concatenate([each.distances_m for each in detections])
+def _over_lightings(
+    found: Mapping[tuple[str, str], Sequence[Detection]], figure: Callable[[FloatArray], float]
+) -> list[float]:
+    """Of each place a figure of the distances (m) of all points under the three lightings, thresholds automatic."""
+    places = zip(*(found[condition, "automatic"] for condition in CONDITIONS), strict=True)
+    return [figure(np.concatenate([each.distances_m for each in place])) for place in places]
+
+
+def _false_ratio(distances_m: FloatArray) -> float:
     return float(np.mean(distances_m > FALSE_M)) if len(distances_m) else 0.0
+
+
+def _median_cm(distances_m: FloatArray) -> float:
+    return 100.0 * float(np.median(distances_m))
 
 
 def _detection_figure(shown: dict[str, Detection]) -> Figure:
     """Figure 13: the images with the points that were found."""
-    figure, axes = new_figure(1, len(shown), 4.0 * len(shown), 4.7)
+    figure, axes = image_figure([each.image for each in shown.values()], (4.0 * len(shown), 4.7))
     for axis, (condition, each) in zip(axes, shown.items(), strict=True):
-        axis.imshow(each.image[..., ::-1])
         on_line = each.distances_m <= FALSE_M
         for chosen, tint in ((on_line, BLUE), (~on_line, RED)):
-            axis.plot(*each.points.pixels[chosen].T, "o", color=tint, markersize=3, fillstyle="none")
+            dots(axis, each.points.pixels[chosen], tint, 3, fillstyle="none")
         axis.set_title(f"condition {condition}\n{len(each.points)} points, {np.sum(~on_line)} false", fontsize=9)
-        axis.axis("off")
     return figure
 
 
 def _points_figure(field: FieldModel, shown: dict[str, Detection]) -> Figure:
     """Figure 14: the points after the regression, laid on the field at the true pose."""
-    figure, axes = new_figure(1, len(shown), 4.6 * len(shown), 3.6)
+    figure, axes = new_figure(1, len(shown), (4.6 * len(shown), 3.6), field=field, beyond_m=1.0)
     for axis, (condition, each) in zip(axes, shown.items(), strict=True):
-        field_axes(axis, field, beyond_m=1.0)
-        axis.plot(*each.pose.transform(each.points.positions_m).T, ".", color=RED, markersize=3)
+        dots(axis, each.pose.transform(each.points.positions_m), RED, 3, marker=".")
         axis.plot(each.pose.x, each.pose.y, "o", color=PAINT, markeredgecolor=BLUE)
         axis.set_title(f"condition {condition}", fontsize=9)
     return figure

@@ -2,37 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from touchline.evaluation.metrics import ErrorStatistics
+from touchline.experiments import iris_runs as iris
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, percent, spread
 from touchline.experiments.iris_eyes import open_iris
-from touchline.experiments.iris_runs import (
-    FORMS,
-    IMAGE_ROBOTS,
-    SYSTEMS,
-    IrisDrive,
-    Runs,
-    by_form,
-    drive,
-    missed_note,
-)
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, interval, percent, spread
-from touchline.experiments.scenes import (
-    BLUE,
-    INK,
-    MAGENTA,
-    RED,
-    field_axes,
-    new_figure,
-    public_recording,
-)
+from touchline.experiments.scenes import BLUE, INK, MAGENTA, RED, dots, new_figure, public_recording
 from touchline.field import FieldModel, open_field
 from touchline.field.error_map import error_map
 from touchline.geometry import FloatArray
@@ -56,16 +37,17 @@ COLUMNS = (
     "system", "robots", "figure", "x paper", "x its form here", "x (cm)", "y paper", "y its form here", "y (cm)",
     "θ paper", "θ its form here", "θ (°)", "jitter (cm)", "ideal: x (cm)", "ideal: y (cm)", "ideal: θ (°)",
 )  # fmt: skip
+_Statistics = tuple[ErrorStatistics, ...]  # of x, y (m) and heading (rad)
 
 
-def tour(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper: bool = False) -> IrisDrive:
+def tour(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper: bool = False) -> iris.IrisDrive:
     """One drive through 20 random places, two seconds at each, of a robot as built unless the changes say otherwise.
 
     level: `images`, IMAGE_HZ of them, seen through the robot's own masks, rays and regression; or `points`, 10 Hz, with
     the geometry and the errors of these. paper: by the paper's own form.
     """
     simulation, setup, frames = _taken(seed, level, changes)
-    return drive(frames, simulation.truth.samples(), setup, seed, paper)
+    return iris.drive(frames, simulation.truth.samples(), setup, seed, paper)
 
 
 @lru_cache(maxsize=1)
@@ -77,32 +59,31 @@ def _taken(seed: int, level: str, changes: tuple[str, ...]) -> tuple[Simulation,
 
 
 @lru_cache(maxsize=64)
-def toured(seed: int, level: str, changes: tuple[str, ...], paper: bool) -> IrisDrive:
+def toured(seed: int, level: str, changes: tuple[str, ...], paper: bool) -> iris.IrisDrive:
     """A tour, kept for the experiments that show the same drives."""
     return tour(seed, level, changes, paper)
 
 
-def all_tours(seeds: int) -> tuple[Runs, Runs]:
+def all_tours(seeds: int) -> tuple[iris.Runs, iris.Runs]:
     """By form the tours of all seeds at the observation level, and of the first robots on images."""
-    at_points = by_form(list(follow(range(seeds), "tours")), lambda seed, *form: toured(seed, "points", *form))
-    robots = follow(range(min(seeds, IMAGE_ROBOTS)), "tours on images")
-    on_images: Runs = {form: [] for form in FORMS}
-    for seed in robots:
-        on_images["as built"].append(toured(seed, "images", (), False))
-        on_images["its form here"].append(toured(seed, "images", (), True))
+    at_points = iris.by_form(seeds, "tours", toured)
+    robots = list(follow(range(min(seeds, iris.IMAGE_ROBOTS)), "tours on images"))
+    on_images = {
+        form: [toured(seed, "images", (), form != iris.FORMS[0]) for seed in robots] for form in iris.FORMS[:2]
+    }
     return at_points, on_images
 
 
-def recorded_tour(seed: int) -> IrisDrive | None:
+def recorded_tour(seed: int) -> iris.IrisDrive | None:
     """The recording with 8 places, from its images; None where it is not found."""
     source = public_recording(PUBLIC)
     if source is None or source.truth is None:
         return None
     setup = RobotSetup(source.field, source.camera, source.wheel_directions_rad)
-    return drive(source, source.truth.samples(), setup, seed)
+    return iris.drive(source, source.truth.samples(), setup, seed)
 
 
-def standing(driven: IrisDrive) -> list[npt.NDArray[np.int64]]:
+def standing(driven: iris.IrisDrive) -> list[npt.NDArray[np.int64]]:
     """Which images (M,) were taken at each place, in order: neighbours with the same true pose.
 
     No more than 20 places: a simulated tour begins anew after them.
@@ -113,9 +94,9 @@ def standing(driven: IrisDrive) -> list[npt.NDArray[np.int64]]:
     return [np.arange(first, last + 1, dtype=np.int64) for first, last in zip(starts, ends, strict=True)][:PLACES]
 
 
-def errors_at_places(driven: IrisDrive, system: str) -> FloatArray:
+def errors_at_places(driven: iris.IrisDrive, system: str) -> FloatArray:
     """Mean error (P, 3) of the images at each place, m, m, rad."""
-    errors = driven.errors(system)
+    errors = driven.tracks[system].errors
     return np.array([errors[images].mean(axis=0) for images in standing(driven)]).reshape(-1, 3)
 
 
@@ -123,35 +104,25 @@ def iris_points(seeds: int) -> ExperimentResult:
     """Table I on simulated tours, and on the recording with 8 places."""
     runs, images = all_tours(seeds)
     tilted = {"as built": [tour(seed, "points", TILTED) for seed in follow(range(seeds), "tours, mirror tilted")]}
-    robots = range(len(images["as built"]))
-    tilted_images = {"as built": [tour(seed, "images", TILTED) for seed in follow(robots, "tilted, on images")]}
-    recorded = [
-        driven for seed in follow(range(seeds), "recorded tours") if (driven := recorded_tour(seed)) is not None
-    ]
-    rows = [row for system in SYSTEMS for row in _rows(system, runs, system, with_paper=True)]
-    rows += _rows("sensor fusion, on images", images, "sensor fusion")
-    rows += _rows("sensor fusion, mirror tilted by 0.5°", tilted, "sensor fusion")
-    rows += _rows("sensor fusion, mirror tilted by 0.5°, on images", tilted_images, "sensor fusion")
-    if recorded:
-        rows += [row for system in SYSTEMS for row in _rows(f"{system}, recorded", {"as built": recorded}, system)]
-    said = ", ".join(
-        f"{name} {_tracked(some)}"
-        for name, some in (
-            ("as built", runs["as built"]), ("its form here", runs["its form here"]), ("ideal", runs["ideal"]),
-            ("mirror tilted by 0.5°", tilted["as built"]), ("as built on images", images["as built"]),
-            ("its form here on images", images["its form here"]), ("tilted on images", tilted_images["as built"]),
-        )
-    )  # fmt: skip
-    every = [driven for some in (runs, images, tilted, tilted_images) for drives in some.values() for driven in drives]
+    robots = follow(range(len(images["as built"])), "tilted, on images")
+    tilted_images = {"as built": [tour(seed, "images", TILTED) for seed in robots]}
+    tours = map(recorded_tour, follow(range(seeds), "recorded tours"))
+    recorded = {"as built": [driven for driven in tours if driven is not None]}
+    rows = [row for system in iris.SYSTEMS for row in _rows(system, runs, system, with_paper=True)]
+    for name, some in (
+        ("on images", images), ("mirror tilted by 0.5°", tilted), ("mirror tilted by 0.5°, on images", tilted_images),
+    ):  # fmt: skip
+        rows += _rows(f"{iris.FUSION}, {name}", some, iris.FUSION)
+    if recorded["as built"]:
+        rows += [row for system in iris.SYSTEMS for row in _rows(f"{system}, recorded", recorded, system)]
     return ExperimentResult(
-        "iris-points",
         "Table I of Ismail et al. 2021: errors of odometry, particle filter and fusion at 20 places",
-        seeds,
         COLUMNS,
-        tuple(rows),
+        rows,
         _headline(runs, tilted_images["as built"]),
-        (*_NOTES, f"{_TRACKED}: {said}.", _RECORDED if recorded else _NOT_FOUND,
-         *missed_note([*every, *recorded])),
+        (*_NOTES, f"{_TRACKED}: {_tracked(runs, images, tilted, tilted_images)}.",
+         _RECORDED if recorded["as built"] else _NOT_FOUND,
+         *iris.missed_note(runs, images, tilted, tilted_images, recorded)),
         (("error-map", error_map_figure(open_field("indoor-9x6"))),
          *(("places", _places_figure(driven)) for driven in [each for each in runs["as built"] if standing(each)][:1])),
     )  # fmt: skip
@@ -173,13 +144,12 @@ _RECORDED = f"Recorded: the images of {PUBLIC}, 8 places, six images at each; th
 _NOT_FOUND = f"The recording {PUBLIC} was not found; TOUCHLINE_DATA names the folder of the recordings."
 
 
-def _headline(runs: Runs, tilted: Sequence[IrisDrive]) -> Headline:
-    def means(drives: Sequence[IrisDrive]) -> str:
-        fused = _statistics(drives, "sensor fusion")
-        x, y = (interval([100.0 * s[k].mean for s in fused]) for k in (0, 1))
+def _headline(runs: iris.Runs, tilted: Sequence[iris.IrisDrive]) -> Headline:
+    def means(drives: Sequence[iris.IrisDrive]) -> str:
+        x, y = (_figure(_statistics(drives, iris.FUSION), axis, "mean") for axis in (0, 1))
         return f"{x} cm in x, {y} cm in y"
 
-    turn = interval([float(np.degrees(s[2].mean)) for s in _statistics(runs["as built"], "sensor fusion")], 3)
+    turn = _figure(_statistics(runs["as built"], iris.FUSION), 2, "mean")
     return Headline(
         "fusion, mean error at 20 places", "10.5 cm in x, 7.6 cm in y, 1.9°",
         f"{means(runs['as built'])}, {turn}°; its form {means(runs['its form here'])}; ideal {means(runs['ideal'])}; "
@@ -187,50 +157,48 @@ def _headline(runs: Runs, tilted: Sequence[IrisDrive]) -> Headline:
     )  # fmt: skip
 
 
-def _tracked(drives: Sequence[IrisDrive]) -> str:
+def _tracked(runs: iris.Runs, images: iris.Runs, tilted: iris.Runs, tilted_images: iris.Runs) -> str:
     """Share of the images from 5 s on in which the robot is tracked, drives in which it is never found among them."""
-    return percent([driven.tracked_ratio(5.0) for driven in drives]) if drives else "–"
+    every = {
+        "as built": runs["as built"], "its form here": runs["its form here"], "ideal": runs["ideal"],
+        "mirror tilted by 0.5°": tilted["as built"], "as built on images": images["as built"],
+        "its form here on images": images["its form here"], "tilted on images": tilted_images["as built"],
+    }  # fmt: skip
+    shares = {name: percent([driven.tracked_ratio(5.0) for driven in drives]) for name, drives in every.items()}
+    return ", ".join(f"{name} {share}" for name, share in shares.items())
 
 
-def _statistics(
-    drives: Sequence[IrisDrive], system: str
-) -> list[tuple[ErrorStatistics, ErrorStatistics, ErrorStatistics]]:
-    """Of x, y (m) and heading (rad) at the places of each drive, if the robot was found before the last of them."""
+def _statistics(drives: Sequence[iris.IrisDrive], system: str) -> list[_Statistics]:
+    """Those at the places of each drive, if the robot was found before the last of them."""
     errors = [found for driven in drives if len(found := errors_at_places(driven, system))]
-    of = ErrorStatistics.of
-    return [(of(x), of(y), of(heading)) for x, y, heading in (each.T for each in errors)]
+    return [tuple(map(ErrorStatistics.of, each.T)) for each in errors]
 
 
-def _rows(
-    name: str, runs: Mapping[str, Sequence[IrisDrive]], system: str, with_paper: bool = False
-) -> list[tuple[str, ...]]:
+def _rows(name: str, runs: Mapping[str, Sequence[iris.IrisDrive]], system: str, with_paper: bool = False) -> list[Row]:
     """runs: by form."""
-    ours, paper, ideal = (_statistics(runs.get(form, ()), system) for form in FORMS)
+    ours, paper, ideal = (_statistics(runs.get(form, ()), system) for form in iris.FORMS)
     jitter = spread([100.0 * driven.jitter(system)[0] for driven in runs["as built"] if driven.found])
-    rows: list[tuple[str, ...]] = []
+    rows: list[Row] = []
     for k, (title, key) in enumerate(_FIGURES):
-        told = [f"{value:g}" for value in PAPER[system][k]] if with_paper else ["–"] * 3
-        cells = []
-        for axis in range(3):
-            cells += [told[axis], *(_figure(some, axis, key, key == "mean") for some in (paper, ours))]
-        head = (name, str(len(ours))) if k == 0 else ("", "")
-        best = [_figure(ideal, axis, key) for axis in range(3)]
-        rows.append((*head, title, *cells, jitter if k == 0 else "", *best))
+        said = [f"{value:g}" for value in PAPER[system][k]] if with_paper else [NONE] * 3
+        cells = [cell for axis in range(3) for cell in (said[axis], *(_figure(f, axis, key) for f in (paper, ours)))]
+        best = [_figure(ideal, axis, key, among=spread) for axis in range(3)]
+        first = (name, str(len(ours)), title, *cells, jitter) if k == 0 else ("", "", title, *cells, "")
+        rows.append((*first, *best))
     return rows
 
 
-def _figure(
-    statistics: Sequence[tuple[ErrorStatistics, ErrorStatistics, ErrorStatistics]], axis: int, key: str,
-    with_interval: bool = False,
-) -> str:  # fmt: skip
-    values = np.array([getattr(s[axis], key) for s in statistics])
-    said = interval if with_interval else spread
+def _figure(statistics: Sequence[_Statistics], axis: int, key: str, among: Callable[..., str] | None = None) -> str:
+    """One figure of x, y or heading over the robots; a mean has its interval where nothing else is asked."""
+    values = np.array([getattr(each[axis], key) for each in statistics])
+    said = among or (interval if key == "mean" else spread)
     return said(np.degrees(values), 3) if axis == 2 else said(100.0 * values)
 
 
 def error_map_figure(field: FieldModel) -> Figure:
     """Figure 9: the field and its error map, y to the left and x upwards, lines black."""
-    figure, (plan, errors) = new_figure(1, 2, width_in=8.0, height_in=5.6)
+    titles = (f"(a) {field.name}", "(b) error map")
+    figure, (plan, errors) = new_figure(1, 2, (8.0, 5.6), titles, ("y (m)", "x (m)"))
     found = error_map(field)
     low = found.origin_m
     high = low + found.resolution_m * (np.array(found.values.shape[::-1]) - 1)
@@ -238,31 +206,20 @@ def error_map_figure(field: FieldModel) -> Figure:
         plan.plot(line[:, 1], line[:, 0], color=INK, linewidth=1.2)
     shown = errors.imshow(found.picture(), cmap="gray", vmin=0, vmax=255, extent=(high[1], low[1], low[0], high[0]))
     figure.colorbar(shown, ax=errors, shrink=0.7, label=f"error (255 is {found.farthest_m:g} m)")
-    for axes, title in ((plan, f"(a) {field.name}"), (errors, "(b) error map")):
+    for axes in (plan, errors):
         axes.grid(visible=False)
-        axes.set_aspect("equal")
-        axes.set_xlim(high[1], low[1])
-        axes.set_ylim(low[0], high[0])
-        axes.set_xlabel("y (m)")
-        axes.set_ylabel("x (m)")
-        axes.set_title(title, fontsize=10)
+        axes.set(aspect="equal", xlim=(high[1], low[1]), ylim=(low[0], high[0]))
     return figure
 
 
-def _places_figure(driven: IrisDrive) -> Figure:
+def _places_figure(driven: iris.IrisDrive) -> Figure:
     """As figure 15: the places, with what odometry and fusion say of each."""
-    figure, axes = new_figure(width_in=8.0, height_in=5.8)
-    field_axes(axes[0], driven.field)
-    _draw_places(axes[0], driven)
-    axes[0].legend(frameon=False, loc="upper right", fontsize=8)
-    return figure
-
-
-def _draw_places(axes: Axes, driven: IrisDrive) -> None:
-    first = [images[0] for images in standing(driven)]
-    for number, (x, y, _) in enumerate(driven.truth[first], start=1):
+    figure, (axes,) = new_figure(size_in=(8.0, 5.8), field=driven.field)
+    true = driven.truth[[images[0] for images in standing(driven)]]
+    for number, (x, y, _) in enumerate(true, start=1):
         axes.annotate(str(number), (x, y), xytext=(5, 5), textcoords="offset points", fontsize=8)
-    axes.plot(*driven.truth[first, :2].T, "o", color=BLUE, markersize=8, label="truth", zorder=3)
-    for system, color, size in (("odometry", MAGENTA, 4), ("sensor fusion", RED, 4)):
-        places = driven.truth[first] + errors_at_places(driven, system)
-        axes.plot(*places[:, :2].T, "o", color=color, markersize=size, label=system, zorder=4)
+    dots(axes, true, BLUE, 8, label="truth", zorder=3)
+    for system, color in ((iris.ODOMETRY, MAGENTA), (iris.FUSION, RED)):
+        dots(axes, true + errors_at_places(driven, system), color, label=system, zorder=4)
+    axes.legend(frameon=False, loc="upper right", fontsize=8)
+    return figure

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from touchline.config import Settings
+from touchline.experiments.drives import Track
+from touchline.experiments.harness import gathered
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.localization.published.iris.modes import MIN_POINTS
@@ -19,7 +23,9 @@ from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
 from touchline.types import Estimate, Frame, Mode, Observation, Samples, Status, empty_points
 
 IDEAL = ("ideal=true",)
-SYSTEMS = ("odometry", "particle filter", "sensor fusion")
+SYSTEMS = ODOMETRY, PARTICLES, FUSION = "odometry", "particle filter", "sensor fusion"
+FORMS = ("as built", "its form here", "ideal")
+IMAGE_ROBOTS = 1  # robots whose images are rendered, which takes a hundred times as long as their points
 
 Disturb = Callable[[Frame], Frame]
 
@@ -28,63 +34,45 @@ Disturb = Callable[[Frame], Frame]
 class IrisDrive:
     """One drive from the first located image on, N images; none if the robot was never found.
 
-    stamp_ns (N,); truth (N, 3) and tracks, by the names of SYSTEMS: x, y (m), heading (rad), field frame. seen (N,):
-    whether the image showed anything. modes, statuses: of the fusion. before_ns (B,): stamps of the images before the
-    first.
+    tracks: by the names of SYSTEMS, (N) each. seen (N,): whether the image showed anything. modes: of the fusion.
+    before_ns (B,): stamps of the images before the first.
     """
 
     field: FieldModel
-    stamp_ns: npt.NDArray[np.int64]
-    truth: FloatArray
-    tracks: dict[str, FloatArray]
+    tracks: Mapping[str, Track]
     seen: npt.NDArray[np.bool_]
     modes: tuple[Mode | None, ...]
-    statuses: tuple[Status, ...]
     before_ns: npt.NDArray[np.int64]
 
     @property
-    def found_after(self) -> int:
-        """Images before the first."""
-        return len(self.before_ns)
+    def fused(self) -> Track:
+        """Of the fusion."""
+        return self.tracks[FUSION]
 
-    def tracked_ratio(self, start_s: float) -> float:
-        """Share of all images from some time on in which the robot is tracked; of none before it is found."""
-        tracking = np.array([status is Status.TRACKING for status in self.statuses], dtype=np.bool_)
-        start_ns = int(1e9 * start_s)
-        late = int(np.count_nonzero(self.stamp_ns >= start_ns) + np.count_nonzero(self.before_ns >= start_ns))
-        return float(np.count_nonzero(tracking[self.stamp_ns >= start_ns])) / max(late, 1)
+    @property
+    def truth(self) -> FloatArray:
+        """(N, 3) where the robot was."""
+        return self.fused.truth
 
     @property
     def found(self) -> bool:
         """Whether the robot was found, and followed for two images at least."""
-        return len(self.stamp_ns) > 1
+        return len(self.truth) > 1
 
-    def errors(self, system: str) -> FloatArray:
-        """Track minus truth (N, 3) in m, m, rad."""
-        errors: FloatArray = self.tracks[system] - self.truth
-        errors[:, 2] = wrap_angles(errors[:, 2])
-        return errors
-
-    def distances_m(self, system: str) -> FloatArray:
-        """Distance from the truth (N,)."""
-        errors = self.errors(system)
-        return np.hypot(errors[:, 0], errors[:, 1])
+    def tracked_ratio(self, start_s: float) -> float:
+        """Share of all images from some time on in which the robot is tracked; of none before it is found."""
+        late = self.fused.times_s >= start_s
+        count = np.count_nonzero(late) + np.count_nonzero(self.before_ns >= 1e9 * start_s)
+        return float(np.count_nonzero(self.fused.tracking[late])) / max(int(count), 1)
 
     def jitter(self, system: str) -> tuple[float, float]:
         """How much the error changes from image to image, root mean square: position (m), heading (rad)."""
-        steps = np.diff(self.errors(system), axis=0)
-        return math.sqrt(float(np.mean(steps[:, 0] ** 2 + steps[:, 1] ** 2))), math.sqrt(
-            float(np.mean(wrap_angles(steps[:, 2]) ** 2))
-        )
+        steps = np.diff(self.tracks[system].errors, axis=0)
+        turns = wrap_angles(steps[:, 2])
+        return math.sqrt(float(np.mean(steps[:, 0] ** 2 + steps[:, 1] ** 2))), math.sqrt(float(np.mean(turns**2)))
 
 
-def drive(
-    frames: Iterable[Frame],
-    truth: Samples,
-    setup: RobotSetup,
-    seed: int,
-    paper: bool = False,
-) -> IrisDrive:
+def drive(frames: Iterable[Frame], truth: Samples, setup: RobotSetup, seed: int, paper: bool = False) -> IrisDrive:
     """Take every frame through the fusion, the particle filter alone and the odometry alone.
 
     truth: values (N, 3), one for each frame. Odometry and particles start where the fusion first found the robot and
@@ -92,25 +80,24 @@ def drive(
     mean (figure 8), moved by the same wheels and gyro. Nothing comes to them from the fusion. paper: all three with the
     system's preset.
     """
-    settings = paper_settings("iris-fusion") if paper else IrisFusionSettings()
-    assert isinstance(settings, IrisFusionSettings)
-    system = open_system("iris-fusion", setup, settings, np.random.default_rng(seed))
-    s = settings
+    s: Settings = paper_settings("iris-fusion") if paper else IrisFusionSettings()
+    assert isinstance(s, IrisFusionSettings)
+    system = open_system("iris-fusion", setup, s, np.random.default_rng(seed))
     history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
     odometry = DeadReckoning(history)
-    particles = IrisParticles(setup.field, np.random.default_rng(seed), settings.particles)
-    told: list[Estimate] = []
-    poses: dict[str, list[Pose]] = {name: [] for name in SYSTEMS}
+    particles = IrisParticles(setup.field, np.random.default_rng(seed), s.particles)
+    estimates: list[Estimate] = []
+    poses: list[tuple[Pose, Pose, Pose]] = []
     before: list[int] = []
     for frame in frames:
         history.add(frame)
         motion = odometry.advance(frame.stamp_ns)
         estimate = system.step(frame)
         points = empty_points() if estimate.observation is None else estimate.observation.points
-        if told:
+        if estimates:
             particles.predict(motion)
             if len(points) >= MIN_POINTS:
-                most = len(points) if settings.paper.all_points else settings.max_points
+                most = len(points) if s.paper.all_points else s.max_points
                 particles.update(evenly_chosen(points.positions_m, most))
         elif estimate.status is Status.TRACKING:
             odometry.set_pose(estimate.pose)
@@ -118,39 +105,45 @@ def drive(
         else:
             before.append(frame.stamp_ns)
             continue
-        told.append(estimate)
-        for name, pose in zip(SYSTEMS, (odometry.pose, particles.estimate().pose, estimate.pose), strict=True):
-            poses[name].append(pose)
+        estimates.append(estimate)
+        poses.append((odometry.pose, particles.estimate().pose, estimate.pose))
+    rows = np.array(poses, dtype=np.float64).reshape(-1, len(SYSTEMS), 3)
+    times_s = np.array([e.stamp_ns for e in estimates], dtype=np.int64) / 1e9
+    tracking = np.array([e.status is Status.TRACKING for e in estimates], dtype=np.bool_)
+    true = np.asarray(truth.values[len(before) :], dtype=np.float64)
     return IrisDrive(
         setup.field,
-        np.array([e.stamp_ns for e in told], dtype=np.int64),
-        np.asarray(truth.values[len(before) :], dtype=np.float64),
-        {name: np.array(track, dtype=np.float64).reshape(-1, 3) for name, track in poses.items()},
-        np.array([e.points > 0 for e in told], dtype=np.bool_),
-        tuple(e.mode for e in told),
-        tuple(e.status for e in told),
+        {name: Track(times_s, rows[:, k], true, tracking) for k, name in enumerate(SYSTEMS)},
+        np.array([e.points > 0 for e in estimates], dtype=np.bool_),
+        tuple(e.mode for e in estimates),
         np.array(before, dtype=np.int64),
     )
 
 
 Runs = dict[str, list[IrisDrive]]
 """Drives by form: the names of FORMS, and the same on images."""
-FORMS = ("as built", "its form here", "ideal")
-IMAGE_ROBOTS = 1  # robots whose images are rendered, which takes a hundred times as long as their points
 
 
-def by_form(seeds: Sequence[int], one: Callable[[int, tuple[str, ...], bool], IrisDrive]) -> Runs:
-    """The drives of each form: one(seed, changes to the robot as built, whether by the paper's own form)."""
-    runs: Runs = {form: [] for form in FORMS}
-    for seed in seeds:
-        runs["as built"].append(one(seed, (), False))
-        runs["its form here"].append(one(seed, (), True))
-        runs["ideal"].append(one(seed, IDEAL, False))
-    return runs
+def by_form(seeds: int, what: str, one: Callable[[int, str, tuple[str, ...], bool], IrisDrive]) -> Runs:
+    """The drives of each form at the observation level: one(seed, level, changes to the robot, whether by the paper's
+    own form).
+    """
+
+    def forms(seed: int) -> dict[str, IrisDrive]:
+        forms = (((), False), ((), True), (IDEAL, False))
+        return {name: one(seed, "points", *form) for name, form in zip(FORMS, forms, strict=True)}
+
+    return gathered(forms, range(seeds), what)
 
 
-def missed_note(drives: Sequence[IrisDrive]) -> tuple[str, ...]:
+def found_of(runs: Mapping[str, Sequence[IrisDrive]]) -> Runs:
+    """By form those drives in which the robot was found."""
+    return {form: [driven for driven in drives if driven.found] for form, drives in runs.items()}
+
+
+def missed_note(*runs: Mapping[str, Sequence[IrisDrive]]) -> tuple[str, ...]:
     """A note on drives in which the robot was not found, if there are any."""
+    drives = [driven for some in runs for each in some.values() for driven in each]
     missed = sum(not driven.found for driven in drives)
     return (f"The robot was not found in {missed} of {len(drives)} drives; they are left out.",) if missed else ()
 
@@ -168,27 +161,27 @@ def covered(start_s: float, seconds: float) -> Disturb:
     return disturb
 
 
-def slipped(start_s: float, metres: float, direction_rad: float, wheels_rad: tuple[float, float]) -> Disturb:
-    """Within 0.15 s the measuring wheels roll some way in a direction of the robot frame that the robot doesn't go."""
+def _changed(name: str, change: Callable[[FloatArray, FloatArray], FloatArray]) -> Disturb:
+    """A frame whose samples of that name are changed: change(times in s, values)."""
 
     def disturb(frame: Frame) -> Frame:
-        if frame.wheels is None:
+        told: Samples | None = getattr(frame, name)
+        if told is None:
             return frame
-        share = np.clip((frame.wheels.stamp_ns / 1e9 - start_s) / 0.15, 0.0, 1.0)
-        rolled = metres * np.cos(np.array(wheels_rad) - direction_rad)
-        return replace(frame, wheels=Samples(frame.wheels.stamp_ns, frame.wheels.values + np.outer(share, rolled)))
+        changed: dict[str, Any] = {name: Samples(told.stamp_ns, change(told.stamp_ns / 1e9, told.values))}
+        return replace(frame, **changed)
 
     return disturb
+
+
+def slipped(start_s: float, metres: float, direction_rad: float, wheels_rad: tuple[float, float]) -> Disturb:
+    """Within 0.15 s the measuring wheels roll some way in a direction of the robot frame that the robot doesn't go."""
+    rolled = metres * np.cos(np.array(wheels_rad) - direction_rad)
+    return _changed("wheels", lambda at_s, sums: sums + np.outer(np.clip((at_s - start_s) / 0.15, 0.0, 1.0), rolled))
 
 
 def drifting(start_s: float, rad_s: float) -> Disturb:
     """From some time on the gyro shows so much more than the true rate."""
-
-    def disturb(frame: Frame) -> Frame:
-        if frame.gyro is None:
-            return frame
-        values = frame.gyro.values.copy()
-        values[:, 2] += np.where(frame.gyro.stamp_ns / 1e9 >= start_s, rad_s, 0.0)
-        return replace(frame, gyro=Samples(frame.gyro.stamp_ns, values))
-
-    return disturb
+    return _changed(
+        "gyro", lambda at_s, rates: rates + np.outer(np.where(at_s >= start_s, rad_s, 0.0), (0.0, 0.0, 1.0))
+    )

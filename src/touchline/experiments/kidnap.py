@@ -1,52 +1,40 @@
-"""lu2013-kidnap (figure 9) and xiong-kidnap (figure 8): the robot is carried elsewhere and finds back."""
+"""lu2013-kidnap (figure 9) and xiong-kidnap (figure 8): the robot is carried elsewhere and finds back.
+
+In play: a match among eight robots, in which the robot is carried elsewhere every few seconds.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from touchline.experiments.kidnap_play import (
-    COLUMNS,
-    CYCLES,
-    EVERY_S,
-    RIGHT_M,
-    WITHIN,
-    PlayKidnap,
-    Row,
-    is_right,
-    kidnaps_in_play,
-    play_rate,
-    play_row,
-)
-from touchline.experiments.progress import computed, follow
-from touchline.experiments.result import ExperimentResult, Headline, rate, spread
-from touchline.experiments.scenes import (
-    BLUE,
-    FIELD,
-    RED,
-    field_axes,
-    new_figure,
-    random_place,
-    the_camera,
-    the_views,
-)
+from touchline.experiments.drives import FOOLED_FRAMES, NEAR_M, NEAR_RAD, BoolArray, driven, followed, longest
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, gathered, rate, spread
+from touchline.experiments.scenes import BLUE, FIELD, RED, new_figure, random_place, the_camera, the_views
 from touchline.field import FieldModel, open_field
 from touchline.geometry import Pose, wrap_angle
 from touchline.systems import RobotSetup, open_system, paper_settings
 from touchline.systems.nubot_mcl import NubotMcl
 from touchline.systems.nubot_mti import NubotMti
-from touchline.types import Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
+from touchline.types import Estimate, Frame, LinePoints, Observation, Prior, Samples, Status, empty_points
 
-PERIOD_S = 0.1
-SPEED_M_S = 0.3
+PERIOD_S, SPEED_M_S = 0.1, 0.3
 BEFORE = 6  # frames at the old place
 COVERED = 3  # covered images while the robot is carried, as in the papers
 PER_SEED = 40
+EVERY_S, SECONDS = 4.0, 100.0  # in play
+CYCLES, WITHIN = 15, 10
+COLUMNS = (
+    "kidnaps", "noticed after (frames)", "paper", "right at frame 10: its form here", "right at frame 10",
+    "frames until right", "longest", "tracked though wrong for more than 5 frames", "ideal: right at frame 10",
+    "wrong before: ours, its form, ideal",
+)  # fmt: skip
+OURS, PAPER, IDEAL = "ours", "its form", "ideal"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -60,7 +48,7 @@ class Kidnap:
     old: Pose
     new: Pose
     waited: int | None
-    right: npt.NDArray[np.bool_]
+    right: BoolArray
     found: Pose
     truth: Pose
 
@@ -107,9 +95,7 @@ class Carried:
 
 def kidnap(
     system_name: str,
-    field: FieldModel,
-    old: Pose,
-    new: Pose,
+    places: tuple[Pose, Pose],
     error_rad: float,
     covered: int,
     seed: Sequence[int],
@@ -117,40 +103,40 @@ def kidnap(
 ) -> Kidnap:
     """Track at the old place, carry to the new one with so many covered images, count frames from the first one there.
 
-    error_rad: of the compass at the new place; tracking had corrected it at the old one. paper: in its own form.
+    places: old and new, on the 18 x 12 m field. error_rad: of the compass at the new place; tracking had corrected it
+    at the old one. paper: in its own form.
     """
     rng = np.random.default_rng(seed)
-    system = _system(system_name, field, rng, paper)
+    setup, settings = RobotSetup(open_field(FIELD), the_camera()), paper_settings(system_name) if paper else None
+    system = open_system(system_name, setup, settings, rng)
+    assert isinstance(system, NubotMti | NubotMcl)  # how often it has failed is not in its estimates
+    old, pose = places
     system.reset(Prior(pose=old))
-    robot = Carried(rng)
-    pose = old
+    robot, here = Carried(rng), old
     for _ in range(BEFORE):
-        system.step(robot.frame(pose, 0.0, covered=False))
-        pose = robot.drive(pose)
-    pose = new
+        system.step(robot.frame(here, 0.0, covered=False))
+        here = robot.drive(here)
     before = system.failure.failures
-    noticed = [
-        system.step(robot.frame(pose, error_rad, covered=True)).status is not Status.TRACKING for _ in range(covered)
-    ]
-    waited = 0 if any(noticed) or system.failure.failures > before else None
+    hidden = [system.step(robot.frame(pose, error_rad, covered=True)) for _ in range(covered)]
+    noticed = [system.failure.failures > before or any(one.status is not Status.TRACKING for one in hidden)]
     right = []
     found, truth = system.tracker.filter.pose, pose
     for number in range(CYCLES):
         estimate = system.step(robot.frame(pose, error_rad, covered=False))
-        if waited is None and (estimate.status is not Status.TRACKING or system.failure.failures > before):
-            waited = number
-        right.append(is_right(estimate, pose))
+        noticed.append(estimate.status is not Status.TRACKING or system.failure.failures > before)
+        right.append(_is_right(estimate, pose))
         if number == WITHIN - 1:
             found, truth = estimate.pose, pose
         pose = robot.drive(pose)
-    return Kidnap(old, new, waited, np.array(right), found, truth)
+    waited = max(noticed.index(True) - 1, 0) if any(noticed) else None
+    return Kidnap(*places, waited, np.array(right), found, truth)
 
 
-def _system(name: str, field: FieldModel, rng: np.random.Generator, paper: bool) -> NubotMti | NubotMcl:
-    """The system that is examined, with its parts at hand: how often it has failed is not in its estimates."""
-    system = open_system(name, RobotSetup(field, the_camera()), paper_settings(name) if paper else None, rng)
-    assert isinstance(system, NubotMti | NubotMcl)
-    return system
+def _is_right(estimate: Estimate, truth: Pose) -> bool:
+    """Whether a robot is tracked within 30 cm and 10 degrees of the truth."""
+    turned = abs(wrap_angle(estimate.pose.heading - truth.heading))
+    near = estimate.pose.distance_to(truth) < NEAR_M and turned < NEAR_RAD
+    return near and estimate.status is Status.TRACKING
 
 
 def random_kidnaps(system_name: str, seed: int, error_deg: float, covered: int, paper: bool = False) -> list[Kidnap]:
@@ -159,113 +145,149 @@ def random_kidnaps(system_name: str, seed: int, error_deg: float, covered: int, 
     rng = np.random.default_rng([seed, 9])
     done: list[Kidnap] = []
     while len(done) < PER_SEED:
-        old, new = random_place(field, rng, 0.5), random_place(field, rng)
-        if old.distance_to(new) < 2.0:
+        places = random_place(field, rng, 0.5), random_place(field, rng)
+        if places[0].distance_to(places[1]) < 2.0:
             continue
         error = math.radians(error_deg) * float(rng.choice([-1.0, 1.0]))
         of_seed = (seed, len(done), round(10 * error_deg))
-        done.append(kidnap(system_name, field, old, new, error, covered, of_seed, paper))
+        done.append(kidnap(system_name, places, error, covered, of_seed, paper))
     return done
 
 
 Condition = tuple[float, int]  # the compass's error (degrees), covered images
-Runs = dict[Condition, list[list[Kidnap]]]
 
 
-def _all_runs(system: str, conditions: Sequence[Condition], seeds: int) -> tuple[Runs, list[Row]]:
+def _random(task: tuple[str, Condition, int]) -> dict[tuple[Condition, str], list[Kidnap]]:
+    """Ours, and the paper's form."""
+    system, condition, seed = task
+    return {(condition, form): random_kidnaps(system, seed, *condition, form == PAPER) for form in (OURS, PAPER)}
+
+
+def _alone(
+    system: str, conditions: Sequence[Condition], seeds: int
+) -> tuple[dict[tuple[Condition, str], list[list[Kidnap]]], list[Row]]:
     """Of each condition and seed the random kidnaps of a lone robot as designed; their rows."""
-    ours: Runs = {condition: [] for condition in conditions}
-    paper: Runs = {condition: [] for condition in conditions}
-    tasks = [(system, seed, condition) for condition in conditions for seed in range(seeds)]
-    for (_, _, condition), found in zip(tasks, computed(_random, tasks, "runs of kidnaps"), strict=True):
-        ours[condition].append(found[0])
-        paper[condition].append(found[1])
-    return ours, [
-        _summary(f"alone, as designed, compass off by {error:g}°, {_covering(covered)}", ours[error, covered],
-                 paper[error, covered])
+    tasks = [(system, condition, seed) for condition in conditions for seed in range(seeds)]
+    runs = gathered(_random, tasks, "runs of kidnaps")
+    return runs, [
+        _row(f"alone, as designed, compass off by {error:g}°, {_covering(covered)}", runs[(error, covered), OURS],
+             runs[(error, covered), PAPER])
         for error, covered in conditions
     ]  # fmt: skip
 
 
-def _random(task: tuple[str, int, Condition]) -> tuple[list[Kidnap], list[Kidnap]]:
-    """Ours, and the paper's form."""
-    system, seed, condition = task
-    return random_kidnaps(system, seed, *condition), random_kidnaps(system, seed, *condition, paper=True)
+@dataclass(frozen=True, eq=False, slots=True)
+class PlayKidnap:
+    """What a system said in each frame (CYCLES,) from the first at the new place on: right; tracked though wrong.
+
+    before: whether it was right in the last frame before; only then a kidnap counts.
+    """
+
+    before: bool
+    right: BoolArray
+    fooled: BoolArray
 
 
-def _in_play(system: str, seeds: int) -> tuple[dict[int, list[PlayKidnap]], list[Row]]:
-    """By covered images the kidnaps in matches of robots as built; their rows."""
-    found, rows = {}, []
+def kidnaps_in_play(system: str, seed: int, covered: int, ideal: bool = False, paper: bool = False) -> list[PlayKidnap]:
+    """The kidnaps of one match, each with so many covered images; a robot as built or ideal, paper: in its own form."""
+    changes = [f"disturbances.kidnap_every_s={EVERY_S:g}", f"disturbances.covered_images={covered}"]
+    drive = driven("match", seed, SECONDS, *changes, *(["ideal=true"] if ideal else []))
+    track = followed(system, drive, seed, paper_settings(system) if paper else None)
+    right, fooled = track.found, track.tracking & ~track.found
+    first = np.searchsorted(drive.times_s, drive.times_of("kidnap"))
+    return [
+        PlayKidnap(bool(right[k - covered - 1]), right[k : k + CYCLES], fooled[k : k + CYCLES])
+        for k in first
+        if k + CYCLES <= len(right)
+    ]
+
+
+def _match(task: tuple[str, int, int]) -> dict[tuple[int, str], list[PlayKidnap]]:
+    forms = {OURS: (False, False), PAPER: (False, True), IDEAL: (True, False)}
+    return {(task[2], form): kidnaps_in_play(*task, *how) for form, how in forms.items()}
+
+
+def _in_play(system: str, seeds: int) -> tuple[list[str], list[Row]]:
+    """Kidnaps in matches, covered and in full view: how many are right, and their rows."""
+    rates, rows = [], []
     for covered in (COVERED, 0):
         tasks = [(system, seed, covered) for seed in range(seeds)]
-        matches = list(computed(_match, tasks, f"matches with kidnaps {_covering(covered)}"))
-        ours, paper, ideal = ([one for match in matches for one in match[form]] for form in range(3))
-        found[covered] = ours
-        rows.append(play_row(f"in play, {_covering(covered)}", ours, paper, ideal))
-    return found, rows
+        matches = gathered(_match, tasks, f"matches with kidnaps {_covering(covered)}")
+        ours, paper, ideal = (list(chain(*matches[covered, form])) for form in (OURS, PAPER, IDEAL))
+        rates.append(_play_rate(ours))
+        rows.append(_play_row(f"in play, {_covering(covered)}", ours, paper, ideal))
+    return rates, rows
 
 
-def _match(task: tuple[str, int, int]) -> tuple[list[PlayKidnap], list[PlayKidnap], list[PlayKidnap]]:
-    """Ours, the paper's form, the ideal robot."""
-    return kidnaps_in_play(*task), kidnaps_in_play(*task, paper=True), kidnaps_in_play(*task, ideal=True)
+def _play_row(name: str, ours: Sequence[PlayKidnap], paper: Sequence[PlayKidnap], ideal: Sequence[PlayKidnap]) -> Row:
+    """The kidnaps of robots that were right before, ours and the paper's form as built, ideal."""
+    kidnaps = [one for one in ours if one.before]
+    until = [int(np.argmax(one.right)) + 1 for one in kidnaps if one.right.any()]
+    fooled = sum(longest(one.fooled) > FOOLED_FRAMES for one in kidnaps)
+    last = f"{max(until, default=0)}" if len(until) == len(kidnaps) else f"over {CYCLES}"
+    left_out = ", ".join(str(sum(not one.before for one in some)) for some in (ours, paper, ideal))
+    return (
+        name, NONE, NONE, _play_rate(paper), _play_rate(ours), spread(until), last, f"{fooled} of {len(kidnaps)}",
+        _play_rate(ideal), left_out,
+    )  # fmt: skip
+
+
+def _play_rate(kidnaps: Sequence[PlayKidnap]) -> str:
+    """Share right at the tenth frame, of those that counted."""
+    counted = [bool(one.right[WITHIN - 1]) for one in kidnaps if one.before]
+    return rate(sum(counted), len(counted))
 
 
 def lu2013_kidnap(seeds: int) -> ExperimentResult:
     """In play; then figure 9's two kidnaps and random ones with compasses that err by 5, 10 and 20 degrees."""
-    play, rows = _in_play("nubot-mcl", seeds)
+    rates, rows = _in_play("nubot-mcl", seeds)
     conditions = [(5.0, COVERED), (10.0, COVERED), (20.0, COVERED), (5.0, 0)]
-    runs, alone = _all_runs("nubot-mcl", conditions, seeds)
-    field = open_field(FIELD)
+    runs, alone = _alone("nubot-mcl", conditions, seeds)
     pairs = [(Pose(-6.0, -3.0, 0.5), Pose(5.5, 3.5, 2.5)), (Pose(6.0, -4.0, -2.0), Pose(-3.0, 2.5, 1.0))]
-    shown = [kidnap("nubot-mcl", field, a, b, math.radians(5.0), COVERED, (0, k)) for k, (a, b) in enumerate(pairs)]
+    shown = [kidnap("nubot-mcl", pair, math.radians(5.0), COVERED, (0, k)) for k, pair in enumerate(pairs)]
     return ExperimentResult(
-        "lu2013-kidnap",
         f"Figure 9 of Lu et al. 2013: kidnapped robots find back by particles; {PER_SEED} random kidnaps per seed",
-        seeds,
         COLUMNS,
         (*rows, *alone),
-        Headline("kidnaps in play right 10 frames after: covered; in full view", "2 of 2 shown",
-                 f"{play_rate(play[COVERED])}; {play_rate(play[0])}"),
+        Headline("kidnaps in play right 10 frames after: covered; in full view", "2 of 2 shown", "; ".join(rates)),
         _NOTES,
         (
-            ("figure9", _field_figure(field, shown)),
-            ("curve", _curve_figure({f"{e:g}°, {_covering(c)}": runs[e, c] for e, c in conditions})),
+            ("figure9", _field_figure(open_field(FIELD), shown)),
+            ("curve", _curve_figure({f"{e:g}°, {_covering(c)}": runs[(e, c), OURS] for e, c in conditions})),
         ),
-    )  # fmt: skip
+    )
 
 
 def xiong_kidnap(seeds: int) -> ExperimentResult:
     """Figure 8's five pairs at crossings of lines, kidnaps in play, and random ones."""
     field = open_field(FIELD)
-    shown = []
     places = _crossing_places(field)
-    for k in follow(range(5), "kidnaps between crossings"):
-        old, new = places[2 * k], places[2 * k + 1]
-        shown.append(kidnap("nubot-mti", field, old, new, math.radians(3.0), COVERED, (8, k)))
-    pairs = [
-        (f"alone, as designed, {'BDFHJ'[k]} → {'CEGIK'[k]}: ({one.new.x:.2f}, {one.new.y:.2f}) m", "–", "found", "–",
+    pairs = list(zip(places[::2], places[1::2], strict=True))
+    shown = [
+        kidnap("nubot-mti", pairs[k], math.radians(3.0), COVERED, (8, k))
+        for k in follow(range(len(pairs)), "kidnaps between crossings")
+    ]
+    rows = [
+        (f"alone, as designed, {'BDFHJ'[k]} → {'CEGIK'[k]}: ({one.new.x:.2f}, {one.new.y:.2f}) m", NONE, "found", NONE,
          f"{100 * one.found.distance_to(one.truth):.1f} cm off" if one.success else "not found", str(one.cycles),
-         str(one.cycles), "–", "–", "–")
+         str(one.cycles), *[NONE] * 3)
         for k, one in enumerate(shown)
     ]  # fmt: skip
-    play, rows = _in_play("nubot-mti", seeds)
-    _, alone = _all_runs("nubot-mti", [(5.0, COVERED), (20.0, COVERED), (5.0, 0)], seeds)
+    rates, play = _in_play("nubot-mti", seeds)
+    _, alone = _alone("nubot-mti", [(5.0, COVERED), (20.0, COVERED), (5.0, 0)], seeds)
     return ExperimentResult(
-        "xiong-kidnap",
         f"Figure 8 of Xiong et al.: five kidnaps between crossings of lines, and {PER_SEED} random ones per seed",
-        seeds,
         COLUMNS,
-        (*rows, *pairs, *alone),
+        (*play, *rows, *alone),
         Headline("kidnaps in play right within 10 frames: covered; in full view", "5 of 5 shown",
-                 f"{play_rate(play[COVERED])}; {play_rate(play[0])}; between crossings "
-                 f"{sum(one.success for one in shown)} of 5"),
+                 f"{'; '.join(rates)}; between crossings {sum(one.success for one in shown)} of 5"),
         _NOTES,
         (("figure8", _field_figure(field, shown)),),
     )  # fmt: skip
 
 
 _NOTES = (
-    f"Right: tracked within {100 * RIGHT_M:.0f} cm and 10°. Frames count from the first at the new place; rates "
+    f"Right: tracked within {100 * NEAR_M:.0f} cm and 10°. Frames count from the first at the new place; rates "
     f"have Wilson's interval of 95 %. Covered: {COVERED} images show nothing while the robot is carried; in full view "
     "the system has to notice by itself.",
     f"In play: the scenario match at the observation level, robots as built, one per seed, eight others about; carried "
@@ -283,30 +305,23 @@ def _covering(covered: int) -> str:
     return "covered" if covered else "in full view"
 
 
-def _rate(runs: Sequence[Sequence[Kidnap]]) -> str:
+def _right(runs: Sequence[Sequence[Kidnap]]) -> str:
     """Share right at the tenth frame, over the seeds' runs."""
     every = [one.success for run in runs for one in run]
     return rate(sum(every), len(every))
 
 
-def _summary(name: str, runs: Sequence[Sequence[Kidnap]], paper: Sequence[Sequence[Kidnap]]) -> Row:
+def _row(name: str, runs: Sequence[Sequence[Kidnap]], paper: Sequence[Sequence[Kidnap]]) -> Row:
     """A row over the seeds' runs."""
     every = [one for run in runs for one in run]
     waited = [one.waited for one in every if one.waited is not None]
-    unnoticed = len(every) - len(waited)
-    unwell = sum(not one.success for one in every if one.waited is None)
+    unnoticed = [one.success for one in every if one.waited is None]
     noticed = f"median {np.median(waited):.0f}, longest {max(waited)}" if waited else "never"
+    if unnoticed:
+        noticed += f"; {len(unnoticed)} of {len(every)} never, {unnoticed.count(False)} of them wrong"
+    until = spread([float(np.mean([one.cycles or CYCLES for one in run])) for run in runs])
     cycles = [one.cycles for one in every if one.cycles is not None]
-    return (
-        name,
-        noticed + (f"; {unnoticed} of {len(every)} never, {unwell} of them wrong" if unnoticed else ""),
-        "–",
-        _rate(paper),
-        _rate(runs),
-        spread([float(np.mean([one.cycles or CYCLES for one in run])) for run in runs]),
-        f"{max(cycles)}" if cycles else "–",
-        *["–"] * 3,
-    )
+    return name, noticed, NONE, _right(paper), _right(runs), until, f"{max(cycles)}" if cycles else NONE, *[NONE] * 3
 
 
 def _crossing_places(field: FieldModel) -> list[Pose]:
@@ -319,8 +334,7 @@ def _crossing_places(field: FieldModel) -> list[Pose]:
 
 def _field_figure(field: FieldModel, kidnaps: Sequence[Kidnap]) -> Figure:
     """As the papers' figures: arrows from place to place, red where the robot found itself, blue where it was."""
-    figure, (axes,) = new_figure(width_in=8.0, height_in=5.8)
-    field_axes(axes, field)
+    figure, (axes,) = new_figure(size_in=(8.0, 5.8), field=field)
     letters = iter("ABCDEFGHIJKLMN" if len(kidnaps) < 5 else "BCDEFGHIJK")
     for one in kidnaps:
         for place in (one.old, one.new):
@@ -331,15 +345,12 @@ def _field_figure(field: FieldModel, kidnaps: Sequence[Kidnap]) -> Figure:
     return figure
 
 
-def _curve_figure(kidnaps: dict[str, list[list[Kidnap]]]) -> Figure:
-    figure, (axes,) = new_figure()
-    lowest = 100.0
-    for name, runs in kidnaps.items():
-        shares = 100.0 * np.mean([one.right for run in runs for one in run], axis=0)
+def _curve_figure(kidnaps: Mapping[str, Sequence[Sequence[Kidnap]]]) -> Figure:
+    figure, (axes,) = new_figure(labels=("frames at the new place", "right (%)"))
+    curves = {name: 100.0 * np.mean([o.right for run in runs for o in run], axis=0) for name, runs in kidnaps.items()}
+    for name, shares in curves.items():
         axes.plot(np.arange(1, CYCLES + 1), shares, "o-", markersize=3, label=name)
-        lowest = min(lowest, float(shares.min()))
-    axes.set_xlabel("frames at the new place")
-    axes.set_ylabel("right (%)")
+    lowest = min(float(shares.min()) for shares in curves.values())
     axes.set_ylim(max(0.0, 10.0 * math.floor(lowest / 10.0 - 0.5)), 101.0)
     axes.legend(frameon=False, title="compass off by")
     return figure

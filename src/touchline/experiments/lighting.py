@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, paper_cells, percent, spread
 from touchline.experiments.lighting_runs import (
     CASES,
     DARKER,
@@ -23,15 +25,13 @@ from touchline.experiments.lighting_runs import (
     SWITCH_S,
     THIRD,
     Case,
-    Drive,
     Robot,
+    Run,
     drive,
     learned_colours,
     points_in_the_dark,
 )
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, percent, spread
-from touchline.experiments.scenes import BLUE, RED, field_axes, new_figure
+from touchline.experiments.scenes import BLUE, RED, dots, new_figure, way
 from touchline.geometry import FloatArray
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
@@ -47,13 +47,8 @@ BUILT = 3  # robots as built, of whom more would take too long
 WITHOUT = (SECOND, THIRD, GLASS)  # cases that are driven without control, too
 
 
-@dataclass(frozen=True, slots=True)
-class Runs:
-    """The drives by case and control (True, or False for the first case's settings)."""
-
-    ours: dict[tuple[str, bool], list[Drive]]
-    paper: dict[tuple[str, bool], list[Drive]]
-    ideal: dict[tuple[str, bool], list[Drive]]
+Job = tuple[str, bool]  # a case's name and whether the exposure is controlled (False: the first case's settings)
+Runs = Mapping[str, Mapping[Job, Sequence[Run]]]  # by form: ours, paper, ideal
 
 
 def lu2013_lighting(seeds: int) -> ExperimentResult:
@@ -72,16 +67,14 @@ def lu2013_lighting(seeds: int) -> ExperimentResult:
     rows = [row for case in CASES for row in _rows(case, True, runs)]
     rows += [row for case in WITHOUT for row in _rows(case, False, runs)]
     return ExperimentResult(
-        "lu2013-lighting",
         "Table 2 of Lu et al. 2013: errors under other light, colours learned in the first case only",
-        seeds,
         COLUMNS,
-        tuple(rows),
+        rows,
         _headline(runs),
-        (*_NOTES, _switched_off(runs.ours[THIRD.name, False]), _darkness(dark), _exposures(runs.ours)),
+        (*_NOTES, _switched_off(runs["ours"][THIRD.name, False]), _darkness(dark), _exposures(runs["ours"])),
         (
-            ("tracks", _tracks_figure([(c.name, runs.ours[c.name, True][0]) for c in (FIRST, SECOND, THIRD)])),
-            ("exposure", _exposure_figure(runs.ours)),
+            ("tracks", _tracks_figure([(c.name, runs["ours"][c.name, True][0]) for c in (FIRST, SECOND, THIRD)])),
+            ("exposure", _exposure_figure(runs["ours"])),
         ),
     )
 
@@ -89,14 +82,15 @@ def lu2013_lighting(seeds: int) -> ExperimentResult:
 def _all_runs(robots: Sequence[Robot], best: Mapping[tuple[int, bool], tuple[float, float]]) -> Runs:
     """All drives; best: exposure (ms) and gain of the first case, by seed and whether the robot is ideal."""
     jobs = [(case, True) for case in CASES] + [(case, False) for case in WITHOUT]
-    names = [(case.name, control) for case, control in jobs]
-    runs = Runs({name: [] for name in names}, {name: [] for name in names}, {name: [] for name in names})
+    runs: dict[str, dict[Job, list[Run]]] = {
+        form: {(case.name, control): [] for case, control in jobs} for form in ("ours", "paper", "ideal")
+    }
     every = [(robot, job) for robot in robots for job in jobs if not robot.ideal or _has_ideal(*job)]
     for robot, (case, control) in follow(every, "drives"):
         fixed = None if control else best[robot.seed, robot.ideal]
-        (runs.ideal if robot.ideal else runs.ours)[case.name, control].append(drive(case, robot, fixed))
+        runs["ideal" if robot.ideal else "ours"][case.name, control].append(drive(case, robot, fixed))
         if control and case.paper is not None and not robot.ideal:
-            runs.paper[case.name, control].append(drive(case, replace(robot, paper=True), None))
+            runs["paper"][case.name, control].append(drive(case, replace(robot, paper=True), None))
     return runs
 
 
@@ -126,26 +120,23 @@ _NOTES = (
 )
 
 
-def _rows(case: Case, control: bool, runs: Runs) -> list[tuple[str, ...]]:
+def _rows(case: Case, control: bool, runs: Runs) -> list[Row]:
     """Mean, standard deviation and maximum, as the paper has them."""
-    ours, paper, ideal = (each[case.name, control] for each in (runs.ours, runs.paper, runs.ideal))
-    lines: list[tuple[str, ...]] = []
-    with_paper = case.paper is not None and control
+    ours, paper, ideal = (runs[form][case.name, control] for form in ("ours", "paper", "ideal"))
+    rows: list[Row] = []
+    said = case.paper if control else None
     for k, (title, key) in enumerate((("mean", "mean"), ("std", "std_signed"), ("max", "max"))):
-        told = tuple(f"{v:g}" for v in case.paper[k]) if with_paper and case.paper else ("–",) * 3
-        cells: list[str] = []
-        for name, paper_says in zip(("x", "y", "heading", "position"), (*told, None), strict=True):
-            here = [_figure(some, name, key) for some in (paper, ours)]
-            cells += here if paper_says is None else [paper_says, *here]
-        more = ("",) * 6
+        cells = paper_cells(said and said[k], partial(_figure, key=key), paper, ours)
+        head, last = ("", ""), ""
+        more: Row = ("",) * 6
         if k == 0:
-            its = _of_the_first(paper, runs.paper)
-            theirs = f"{paper_ratio(case):.2f}" if with_paper else "–"
-            points = spread([float(run.points.mean()) for run in ours], 0)
-            more = (theirs, its, _of_the_first(ours, runs.ours), points, _tracked(paper), _tracked(ours))
-        head = (case.name, "controlled" if control else "as in the first") if k == 0 else ("", "")
-        lines.append((*head, title, *cells, *more, _figure(ideal, "position", key), _tracked(ideal) if k == 0 else ""))
-    return lines
+            theirs = NONE if said is None else f"{paper_ratio(case):.2f}"
+            ratios = (_of_the_first(some, runs[form]) for some, form in ((paper, "paper"), (ours, "ours")))
+            points = spread([float(run.track.points.mean()) for run in ours], 0)
+            head = (case.name, "controlled" if control else "as in the first")
+            more, last = (theirs, *ratios, points, _tracked(paper), _tracked(ours)), _tracked(ideal)
+        rows.append((*head, title, *cells, *more, _figure(ideal, "position", key), last))
+    return rows
 
 
 def _has_ideal(case: Case, control: bool) -> bool:
@@ -153,17 +144,17 @@ def _has_ideal(case: Case, control: bool) -> bool:
     return case is GLASS or (control and case.paper is not None)
 
 
-def _figure(runs: Sequence[Drive], name: str, key: str) -> str:
+def _figure(runs: Sequence[Run], name: str, key: str) -> str:
     tables = [run.errors for run in runs if run.errors is not None]
     scale, decimals = (1.0, 4) if name == "heading" else (100.0, 2)
     return spread([scale * getattr(getattr(t, name), key) for t in tables], decimals)
 
 
-def _tracked(runs: Sequence[Drive]) -> str:
-    return percent([float(run.tracked.mean()) for run in runs])
+def _tracked(runs: Sequence[Run]) -> str:
+    return percent([float(run.track.tracking.mean()) for run in runs])
 
 
-def _of_the_first(runs: Sequence[Drive], every: Mapping[tuple[str, bool], Sequence[Drive]]) -> str:
+def _of_the_first(runs: Sequence[Run], every: Mapping[Job, Sequence[Run]]) -> str:
     ratios = [run.mean_xy_m / first.mean_xy_m for run, first in zip(runs, every[FIRST.name, True], strict=False)]
     return spread(ratios) if np.isfinite(ratios).all() else "–"
 
@@ -176,32 +167,32 @@ def paper_ratio(case: Case) -> float:
 
 
 def _headline(runs: Runs) -> Headline:
-    def error_m(every: Mapping[tuple[str, bool], Sequence[Drive]], case: Case) -> float:
+    def error_m(every: Mapping[Job, Sequence[Run]], case: Case) -> float:
         return float(np.mean([run.mean_xy_m for run in every[case.name, True]]))
 
-    def ratios(every: Mapping[tuple[str, bool], Sequence[Drive]]) -> str:
+    def ratios(every: Mapping[Job, Sequence[Run]]) -> str:
         return ", ".join(f"{error_m(every, case) / error_m(every, FIRST):.2f}" for case in (SECOND, THIRD))
 
     def points(case: Case, control: bool) -> float:
-        return float(np.mean([run.points.mean() for run in runs.ours[case.name, control]]))
+        return float(np.mean([run.track.points.mean() for run in runs["ours"][case.name, control]]))
 
     left = [100.0 * points(case, False) / points(FIRST, True) for case in (SECOND, THIRD)]
     return Headline(
         "mean error of the second and third case over the first's; line points left without control",
         f"{paper_ratio(SECOND):.2f}, {paper_ratio(THIRD):.2f}; none, –",
-        f"{ratios(runs.ours)}; {left[0]:.0f} %, {left[1]:.0f} %; ideal {ratios(runs.ideal)}",
+        f"{ratios(runs['ours'])}; {left[0]:.0f} %, {left[1]:.0f} %; ideal {ratios(runs['ideal'])}",
     )
 
 
-def _switched_off(runs: Sequence[Drive]) -> str:
+def _switched_off(runs: Sequence[Run]) -> str:
     """What the third case leaves of the line points while the lamps are off."""
     told = []
     for turn, level in enumerate(LEFT_ON):
         left = []
         for run in runs:
-            interval = (np.arange(len(run.points)) + 1) / RATE_HZ // SWITCH_S
+            interval = (np.arange(len(run.track.points)) + 1) / RATE_HZ // SWITCH_S
             off = (interval % 2 == 1) & (interval // 2 % len(LEFT_ON) == turn)
-            left.append(100.0 * float(run.points[off].mean() / run.points[interval % 2 == 0].mean()))
+            left.append(100.0 * float(run.track.points[off].mean() / run.track.points[interval % 2 == 0].mean()))
         told.append(f"{spread(left, 0)} % at {500.0 * level:g} lx")
     return f"Third case without control, line points while the lamps are off: {', '.join(told)}."
 
@@ -218,7 +209,7 @@ def _darkness(dark: Sequence[FloatArray]) -> str:
     )
 
 
-def _exposures(runs: Mapping[tuple[str, bool], Sequence[Drive]]) -> str:
+def _exposures(runs: Mapping[Job, Sequence[Run]]) -> str:
     """How far the control moved."""
     base = np.mean([run.stops[0] for run in runs[FIRST.name, True]])
     found = {case.name: 2.0 ** (np.mean([run.stops.mean() for run in runs[case.name, True]]) - base) for case in CASES}
@@ -230,28 +221,26 @@ def _exposures(runs: Mapping[tuple[str, bool], Sequence[Drive]]) -> str:
     )
 
 
-def _tracks_figure(drives: Sequence[tuple[str, Drive]]) -> Figure:
+def _tracks_figure(drives: Sequence[tuple[str, Run]]) -> Figure:
     """As figure 8 (a), (e), (f): black the way, red the traces, black points where the exposure was searched."""
-    figure, axes = new_figure(1, len(drives), width_in=4.6 * len(drives), height_in=3.6)
-    field = Simulation(open_scenario("lighting-1")).field
-    for axis, (name, run) in zip(axes, drives, strict=True):
-        field_axes(axis, field)
-        axis.plot(run.truth[:, 0], run.truth[:, 1], color="black", linewidth=1.8, zorder=2)
-        axis.plot(run.path[run.tracked, 0], run.path[run.tracked, 1], color=RED, linewidth=0.8, zorder=3)
-        axis.plot(run.truth[run.searched, 0], run.truth[run.searched, 1], "o", color="black", markersize=6, zorder=4)
-        axis.set_title(name, fontsize=10)
+    field, names = Simulation(open_scenario("lighting-1")).field, [name for name, _ in drives]
+    figure, axes = new_figure(1, len(drives), (4.6 * len(drives), 3.6), names, field=field)
+    for axis, (_, run) in zip(axes, drives, strict=True):
+        way(axis, run.track.truth, "black", 1.8, zorder=2)
+        way(axis, run.track.poses[run.track.tracking], RED, 0.8, zorder=3)
+        dots(axis, run.track.truth[run.searched], "black", 6, zorder=4)
     return figure
 
 
-def _exposure_figure(every: Mapping[tuple[str, bool], Sequence[Drive]]) -> Figure:
+def _exposure_figure(every: Mapping[Job, Sequence[Run]]) -> Figure:
     """Line points and exposure over time, with control and without."""
     shown = WITHOUT
-    figure, axes = new_figure(2, len(shown), width_in=4.6 * len(shown), height_in=5.4)
+    figure, axes = new_figure(2, len(shown), (4.6 * len(shown), 5.4))
     for k, case in enumerate(shown):
         for control, colour, label in ((True, BLUE, "controlled"), (False, RED, "as in the first case")):
             run = every[case.name, control][0]
-            seconds = (np.arange(len(run.points)) + 1) / RATE_HZ
-            axes[k].plot(seconds, run.points, color=colour, linewidth=1.0, label=label)
+            seconds = (np.arange(len(run.track.points)) + 1) / RATE_HZ
+            axes[k].plot(seconds, run.track.points, color=colour, linewidth=1.0, label=label)
             axes[k + len(shown)].plot(seconds, 2.0**run.stops, color=colour, linewidth=1.2)
         axes[k].set(title=case.name, ylim=(0, None))
         axes[k + len(shown)].set(yscale="log", xlabel="time (s)", ylim=(4.0, 1200.0))

@@ -12,14 +12,15 @@ import numpy.typing as npt
 from touchline.camera.exposure import ExposureControl, ExposureSettings, mirror_masks
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
-from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
+from touchline.evaluation.metrics import ErrorTable
+from touchline.experiments.drives import Drive, Track, track_of
 from touchline.geometry import FloatArray
 from touchline.perception import LinePointDetector
 from touchline.perception.colour_file import load_colours, save_colours
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import LightSettings, open_scenario
 from touchline.systems import SYSTEMS, RobotSetup, open_system
-from touchline.types import ImageArray, Samples, Status
+from touchline.types import Frame, ImageArray
 
 PaperRow = tuple[float, float, float]
 RATE_HZ = 2.5  # images per second: enough to follow a robot at 1.5 m/s, and each has to be rendered
@@ -80,30 +81,23 @@ CASES = (FIRST, SECOND, THIRD, DULL, GLASS)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Drive:
-    """One run. errors: since the first tracked image, None if there is none.
+class Run:
+    """One run of N images. stops (N,): log2 of exposure (ms) times gain. searched (N,): whether it was searched."""
 
-    points, tracked (N,): of each image. path, truth (N, 3). stops (N,): log2 of exposure (ms) times gain. searched
-    (N,): whether the control searched.
-    """
-
-    errors: ErrorTable | None
-    points: npt.NDArray[np.int64]
-    tracked: npt.NDArray[np.bool_]
-    path: npt.NDArray[np.float64]
-    truth: npt.NDArray[np.float64]
+    track: Track
     stops: npt.NDArray[np.float64]
     searched: npt.NDArray[np.bool_]
 
     @property
-    def mean_m(self) -> float:
-        """Mean position error; infinite if nothing was tracked."""
-        return float("inf") if self.errors is None else self.errors.position.mean
+    def errors(self) -> ErrorTable | None:
+        """Since the first tracked image, None if there is none."""
+        return self.track.table()
 
     @property
     def mean_xy_m(self) -> float:
         """Root of the squared mean errors in x and y, which is all that Table 2 tells; infinite without any."""
-        return float("inf") if self.errors is None else float(np.hypot(self.errors.x.mean, self.errors.y.mean))
+        errors = self.errors
+        return float("inf") if errors is None else float(np.hypot(errors.x.mean, errors.y.mean))
 
 
 class _Camera:
@@ -187,12 +181,13 @@ class Robot:
     paper: bool = False
 
 
-def drive(case: Case, robot: Robot, fixed: tuple[float, float] | None, seconds: float | None = None) -> Drive:
+def drive(case: Case, robot: Robot, fixed: tuple[float, float] | None, seconds: float | None = None) -> Run:
     """One run with frozen colours. fixed: exposure (ms) and gain all along; none: the control keeps them right."""
     run = simulation(case, robot.seed, seconds, robot.ideal)
     preset, colours = PAPER if robot.paper else None, f"learning.colour_file={robot.colours}"
     settings = load_settings(SYSTEMS["nubot-mcl"].settings, None, [colours], preset=preset)
-    system = open_system("nubot-mcl", RobotSetup(run.field, run.camera), settings, np.random.default_rng(robot.seed))
+    setup = RobotSetup(run.field, run.camera)
+    system = open_system("nubot-mcl", setup, settings, np.random.default_rng(robot.seed))
     loop = ControlledExposure(run, robot.paper) if fixed is None else None
     if fixed is not None:
         run.set(*fixed)
@@ -205,14 +200,9 @@ def drive(case: Case, robot: Robot, fixed: tuple[float, float] | None, seconds: 
         estimates.append(system.step(frame))
         stops.append(np.log2(run.exposure_ms * run.gain))
         searched.append(sought)
-    path, truth = np.array([e.pose for e in estimates]), np.asarray(run.truth.poses, dtype=np.float64)
-    tracked = np.array([e.status is Status.TRACKING for e in estimates])
-    try:
-        errors = error_table(Samples(run.image_stamps, path), Samples(run.truth.stamp_ns, truth), located=tracked)
-    except NothingToCompareError:
-        errors = None
-    points = np.array([e.points for e in estimates])
-    return Drive(errors, points, tracked, path, truth, np.array(stops, dtype=np.float64), np.array(searched))
+    frames = [Frame(int(stamp)) for stamp in run.image_stamps]
+    track = track_of(Drive(setup, frames, np.asarray(run.truth.poses, dtype=np.float64)), estimates)
+    return Run(track, np.array(stops, dtype=np.float64), np.array(searched))
 
 
 def points_in_the_dark(

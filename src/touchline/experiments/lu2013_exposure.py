@@ -11,9 +11,8 @@ from touchline.camera.exposure import ExposureControl, ExposureSettings, Mask, i
 from touchline.camera.exposure_search import Tried
 from touchline.config import PAPER, load_settings
 from touchline.errors import TouchlineError
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, spread
-from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure, public_recording, random_place
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, spread
+from touchline.experiments.scenes import BLUE, MAGENTA, RED, dots, new_figure, public_recording, random_place
 from touchline.geometry import FloatArray
 from touchline.perception import LinePointDetector
 from touchline.simulation.cameras.linear_camera import LinearImageCamera
@@ -85,21 +84,25 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
     papers = load_settings(ExposureSettings, None, ["check_every=1"], preset=PAPER)
     simulation = Simulation(open_scenario(CASES["lamps"], 0))
     recording = public_recording(PUBLIC)
-    places, built_paper = [], []
-    for seed in follow(range(seeds), "places"):
-        places.append(_simulated_cases(seed, ours))
-        built_paper.append([_case(case.name, case.camera, case.masks, papers) for case in places[-1]])
+    places = [_simulated_cases(seed, ours) for seed in follow(range(seeds), "places")]
     ideal = [_simulated_cases(seed, ours, ideal=True) for seed in follow(range(seeds), "ideal robots")]
     recorded = [] if recording is None else _recorded_cases(recording, ours)
-    printed = [[_case(case.name, case.camera, case.masks, papers) for case in cases] for cases in recorded]
+    built_paper, printed = (
+        [[_case(case.name, case.camera, case.masks, papers) for case in cases] for cases in some]
+        for some in (places, recorded)
+    )
     groups = [("robot as built", [*zip(places, built_paper, strict=True)])]
     groups += [("ideal robot", [(cases, []) for cases in ideal])]
     groups += [(f"recorded, place {k}", [pair]) for k, pair in enumerate(zip(recorded, printed, strict=True))]
     rows = [_case_row(source, k, pairs, (ours, papers)) for source, pairs in groups for k in range(len(pairs[0][0]))]
-    followed = follow([*places, *recorded], "searches at places")
-    changes = [change for cases in followed for change in _all_changes(cases, ours)]
-    in_its_form = [change for cases in [*built_paper, *printed] for change in _all_changes(cases, papers)]
-    at_best = [change for cases in ideal for change in _all_changes(cases, ours)]
+    changes, in_its_form, at_best = (
+        [change for cases in follow(some, what) for change in _all_changes(cases, settings)]
+        for some, what, settings in (
+            ([*places, *recorded], "searches at places", ours),
+            ([*built_paper, *printed], "searches in its form", papers),
+            (ideal, "searches of ideal robots", ours),
+        )
+    )
     notes = [
         f"Changes from one lighting to another, robots as built and recorded images: {_searched(changes)}. Its form "
         f"here: {_searched(in_its_form)}. Ideal robots: {_searched(at_best)}. The first image of each is the one that "
@@ -112,7 +115,7 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
         notes.append(
             f"The recorded images ({PUBLIC}) were not found; TOUCHLINE_DATA names the folder of the recordings."
         )
-    shown = places[0] if not recorded else recorded[0]
+    shown = [*recorded, *places][0]
     pictures = [
         ("surface", _surface_figure([places[0][0], *(cases[1] for cases in recorded[:1])], ours)),
         ("path", _path_figure([places[0], *recorded[:1]], ours)),
@@ -120,19 +123,17 @@ def lu2013_exposure(seeds: int) -> ExperimentResult:
     ]
     sun = next(c for c in _all_changes(shown, ours) if "sun" in c.after.name)
     return ExperimentResult(
-        "lu2013-exposure",
         "Figures 6, 10 and 11 of Lu et al. 2013: image entropy over exposure and gain, and the search for its peak",
-        seeds,
         ("images", "light", "paper: best", "its form here", "exposure (ms)", "gain", "highest entropy"),
-        tuple(rows),
+        rows,
         Headline(
             "images until the best exposure after a change of light; entropy short of the peak",
             "several; –",
             f"{np.mean([len(c.tried) for c in changes]):.1f}, at most {max(len(c.tried) for c in changes)}; "
             f"{max(c.loss for c in changes):.3f} (sun: {len(sun.tried)})",
         ),
-        tuple(notes),
-        tuple(pictures),
+        notes,
+        pictures,
     )
 
 
@@ -204,7 +205,7 @@ def _change(before: Case, after: Case, settings: ExposureSettings) -> Change:
 
 def _case_row(
     source: str, k: int, pairs: list[tuple[list[Case], list[Case]]], both: tuple[ExposureSettings, ExposureSettings]
-) -> tuple[str, ...]:
+) -> Row:
     """pairs: at each place the cases by our settings and by the paper's (both)."""
     cases, papers = [pair[0][k] for pair in pairs], [pair[1][k] for pair in pairs if pair[1]]
     best, printed = (
@@ -212,8 +213,8 @@ def _case_row(
         for some, settings in zip((cases, papers), both, strict=True)
     )
     name = cases[0].name
-    paper = "12 ms, 12" if "sun" in name else "18 ms, 18" if name == "lamps" else "–"
-    its_form = f"{spread([b[0] for b in printed], 1)} ms, {spread([b[1] for b in printed], 1)}" if printed else "–"
+    paper = "12 ms, 12" if "sun" in name else "18 ms, 18" if name == "lamps" else NONE
+    its_form = f"{spread([b[0] for b in printed], 1)} ms, {spread([b[1] for b in printed], 1)}" if printed else NONE
     return (
         source, name, paper, its_form, spread([b[0] for b in best], 1), spread([b[1] for b in best]),
         spread([float(case.entropy.max()) for case in cases]),
@@ -222,7 +223,7 @@ def _case_row(
 
 def _surface_figure(cases: list[Case], settings: ExposureSettings) -> Figure:
     """Figure 6 (a), (b): seen from above, with the ridge and the path."""
-    figure, axes = new_figure(1, len(cases), 5.2 * len(cases), 4.4)
+    figure, axes = new_figure(1, len(cases), (5.2 * len(cases), 4.4))
     exposures, gains = np.geomspace(1.0, 120.0, _GRID), np.geomspace(0.5, 30.0, _GRID)
     for axis, case, title in zip(axes, cases, ("simulated hall", "recorded linear images"), strict=False):
         surface = np.array([[_entropy(case.camera, e, g, case.masks[1]) for e in exposures] for g in gains])
@@ -242,7 +243,7 @@ def _surface_figure(cases: list[Case], settings: ExposureSettings) -> Figure:
 
 def _path_figure(places: list[list[Case]], settings: ExposureSettings) -> Figure:
     """Figures 6 (c), 11 (c): entropy along the path for each light, and the searches from the light before."""
-    figure, axes = new_figure(1, len(places), 5.6 * len(places), 4.2)
+    figure, axes = new_figure(1, len(places), (5.6 * len(places), 4.2))
     for axis, cases, title in zip(axes, places, ("simulated hall", "recorded linear images"), strict=False):
         for k, (case, tint) in enumerate(zip(cases, _TINTS, strict=False)):
             axis.plot(2.0**case.stops, case.entropy, color=tint, label=case.name)
@@ -261,7 +262,7 @@ def _images_figure(cases: list[Case], simulation: Simulation, settings: Exposure
     detector = LinePointDetector(simulation.camera, line_width_m=simulation.field.line_width)
     shots = [(lamps, lamps, "lamps, their best settings"), (lamps, sun, "sun, the lamps' settings"),
              (sun, sun, "sun, its own best settings")]  # fmt: skip
-    figure, axes = new_figure(2, len(shots), 4.0 * len(shots), 8.2)
+    figure, axes = new_figure(2, len(shots), (4.0 * len(shots), 8.2))
     for k, (settings_of, light, title) in enumerate(shots):
         exposure_ms, gain = settings.path.at(float(settings_of.stops[settings_of.peak]))
         light.camera.set(exposure_ms, gain)
@@ -277,7 +278,7 @@ def _images_figure(cases: list[Case], simulation: Simulation, settings: Exposure
         axes[k].set_title(f"{title}\n{exposure_ms:.1f} ms, gain {gain:.2f}", fontsize=9)
         palette = np.array([(60, 60, 60), (60, 160, 70), (245, 245, 245)], dtype=np.uint8)
         axes[k + 3].imshow(palette[detector.colours.classify(image)])
-        axes[k + 3].plot(points.pixels[:, 0], points.pixels[:, 1], ".", color=RED, markersize=3)
+        dots(axes[k + 3], points.pixels, RED, 3, marker=".")
         axes[k + 3].set_title(f"{len(points)} line points, colours of the first", fontsize=9)
     for axis in axes:
         axis.axis("off")

@@ -5,23 +5,19 @@ No figure of a paper. NEES is the squared error of x, y and heading in the measu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.camera import OmniCamera
 from touchline.camera.uncertainty import CameraUncertainty
-from touchline.experiments.faults import Drive, Fault, one_line
-from touchline.experiments.progress import computed
-from touchline.experiments.reliability_runs import driven
-from touchline.experiments.result import ExperimentResult, Headline, interval
+from touchline.experiments.drives import Track, driven, followed
+from touchline.experiments.faults import Fault, one_line
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, interval
 from touchline.experiments.scenes import BLUE, new_figure
-from touchline.geometry import wrap_angles
-from touchline.systems import RobotSetup, open_system
-from touchline.types import Status
 
 SYSTEMS = ("nubot-mti", "nubot-mcl", "iris-fusion", "touchline")
 ROBOTS = 10  # per seed
@@ -71,44 +67,32 @@ class Honesty(NamedTuple):
     tracked: float
 
 
-Found: TypeAlias = dict[tuple[str, str], list[Honesty]]
+Found = Mapping[tuple[str, str], Sequence[Honesty]]  # by condition and system
 
 
 def nees(seeds: int) -> ExperimentResult:
     """Every condition for every system, ten robots per seed."""
-    found: Found = {key: [] for key in keys()}
-    for told in computed(_robot, range(ROBOTS * seeds), "robots"):
-        for key, one in zip(keys(), told, strict=True):
-            found[key].append(one)
-    return told_of(found, seeds)
+    return page(gathered(_robot, range(ROBOTS * seeds), "robots"))
 
 
-def _robot(seed: int) -> list[Honesty]:
-    """Every condition with every system, as `keys`."""
-    return [honesty(c, system, seed) for c in CONDITIONS for system in SYSTEMS]
+def _robot(seed: int) -> dict[tuple[str, str], Honesty]:
+    """One robot under every condition, with every system."""
+    return {(c.name, system): honesty(c, system, seed) for c in CONDITIONS for system in SYSTEMS}
 
 
-def keys() -> list[tuple[str, str]]:
-    """Every condition's name with every system."""
-    return [(c.name, system) for c in CONDITIONS for system in SYSTEMS]
-
-
-def told_of(found: Found, seeds: int) -> ExperimentResult:
-    """The table, headline and picture of what so many seeds have come to."""
-    tracked = {key: [one for one in told if one.tracked] for key, told in found.items()}
-    asked = keys()[: 3 * len(SYSTEMS)]
-    means = [float(np.mean([one.nees for one in tracked[key]])) for key in asked]
-    covers = [100.0 * float(np.mean([one.covered for one in tracked[key]])) for key in asked]
+def page(found: Found) -> ExperimentResult:
+    """The table, headline and picture."""
+    asked = [_tracked(found[c.name, system]) for c in CONDITIONS[:3] for system in SYSTEMS]
+    means = [float(np.mean([one.nees for one in each])) for each in asked]
+    covers = [100.0 * float(np.mean([one.covered for one in each])) for each in asked]
     return ExperimentResult(
-        "nees",
         "How honest the stated covariance is: NEES per degree of freedom, and how much of the time the truth lies "
         "within the 95 % ellipse of x, y and heading",
-        seeds,
         COLUMNS,
-        tuple(_row(*key, found[key]) for key in keys()),
+        [(*key, *_cells(each)) for key, each in found.items()],
         Headline(
             "NEES per degree of freedom; 95 % ellipse covers: free, 50 % hidden, one line, four systems",
-            "–",
+            NONE,
             f"{min(means):.2f}-{max(means):.2f}; {min(covers):.0f}-{max(covers):.0f} %",
         ),
         (
@@ -119,69 +103,63 @@ def told_of(found: Found, seeds: int) -> ExperimentResult:
             f"sectors of 45 degrees. Errors {LARGER:g} times as large as stated: camera.yaml states a third. 100 ms "
             "late: each image comes so long after its stamp, which is right.",
         ),
-        (("robots", _figure(tracked)),),
+        (("robots", _figure(found)),),
     )
 
 
-def _figure(tracked: Found) -> Figure:
+def honesty(condition: Condition, system: str, seed: int) -> Honesty:
+    """One robot under one condition."""
+    drive = driven("straight-tracks", seed, SECONDS, *condition.changes)
+    if condition.line:
+        fault = Fault("", LINE_S, LINE_END_S, one_line(LINE_S))
+        drive = fault.laid_into(drive, np.random.default_rng([seed, 14]))
+    camera = drive.setup.camera
+    if condition.larger != 1.0 and isinstance(camera, OmniCamera):
+        stated = CameraUncertainty(*(value / condition.larger for value in camera.uncertainty))
+        drive = replace(drive, setup=replace(drive.setup, camera=replace(camera, stated_uncertainty=stated)))
+    return honesty_of(followed(system, drive, seed), condition.counted_s)
+
+
+def honesty_of(track: Track, counted_s: tuple[float, float]) -> Honesty:
+    """What a system's covariances are worth, in the time that counts."""
+    kept, share = track.tracked_from(*counted_s)
+    if not share:
+        return Honesty(*4 * (float("nan"),), 0.0)
+    squares = kept.squares
+    return Honesty(
+        float(squares.mean()) / DEGREES_OF_FREEDOM,
+        float(np.mean(squares < COVERED)),
+        float(kept.distances_m.mean()),
+        float(np.sqrt(np.mean(kept.deviations_m**2))),
+        share,
+    )
+
+
+def _tracked(robots: Sequence[Honesty]) -> list[Honesty]:
+    return [one for one in robots if one.tracked]
+
+
+def _cells(robots: Sequence[Honesty]) -> Row:
+    seen = _tracked(robots)
+    return (
+        interval([one.nees for one in seen]),
+        interval([100.0 * one.covered for one in seen], 1),
+        interval([100.0 * one.error_m for one in seen]),
+        interval([100.0 * one.stated_m for one in seen]),
+        f"{100.0 * np.mean([one.tracked for one in robots]):.1f}",
+    )
+
+
+def _figure(found: Found) -> Figure:
     """NEES per degree of freedom of each robot, by condition; the grey band is what is asked."""
-    figure, axes = new_figure(1, len(SYSTEMS), width_in=14.0, height_in=3.6)
+    figure, axes = new_figure(1, len(SYSTEMS), (14.0, 3.6), SYSTEMS, ("NEES / 3", ""))
     for each, system in zip(axes, SYSTEMS, strict=True):
         each.axvspan(0.5, 2.0, color="0.9")
         for row, c in enumerate(CONDITIONS):
-            values = [one.nees for one in tracked[c.name, system]]
+            values = [one.nees for one in _tracked(found[c.name, system])]
             each.semilogx(values, np.linspace(row - 0.3, row + 0.3, len(values)), ".", color=BLUE, markersize=3)
         each.set_yticks(range(len(CONDITIONS)), [c.name if system == SYSTEMS[0] else "" for c in CONDITIONS])
         each.invert_yaxis()
         each.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
         each.set_xticks([], minor=True)
-        each.set_title(system, fontsize=10)
-        each.set_xlabel("NEES / 3")
     return figure
-
-
-def honesty(condition: Condition, system: str, seed: int) -> Honesty:
-    """One robot under one condition."""
-    drive, setup, _ = driven("straight-tracks", seed, SECONDS, *condition.changes)
-    if condition.line:
-        fault = Fault("", LINE_S, LINE_END_S, one_line(LINE_S))
-        drive = fault.laid_into(drive, np.random.default_rng([seed, 14]))
-    if condition.larger != 1.0 and isinstance(setup.camera, OmniCamera):
-        stated = CameraUncertainty(*(value / condition.larger for value in setup.camera.uncertainty))
-        setup = replace(setup, camera=replace(setup.camera, stated_uncertainty=stated))
-    return followed(drive, setup, system, seed, condition.counted_s)
-
-
-def followed(drive: Drive, setup: RobotSetup, system: str, seed: int, counted_s: tuple[float, float]) -> Honesty:
-    """What a system's covariances are worth on a drive, in the time that counts."""
-    told = open_system(system, setup, None, np.random.default_rng(seed))
-    estimates = [told.step(frame) for frame in drive.frames]
-    errors = np.array([one.pose for one in estimates]) - drive.truth
-    errors[:, 2] = wrap_angles(errors[:, 2])
-    covariances = np.array([one.covariance for one in estimates])
-    counts = (drive.times_s >= counted_s[0]) & (drive.times_s < counted_s[1])
-    tracked = counts & np.array([one.status is Status.TRACKING for one in estimates])
-    if not tracked.any():
-        return Honesty(*4 * (float("nan"),), 0.0)
-    errors, covariances = errors[tracked], covariances[tracked]
-    squares = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
-    return Honesty(
-        float(squares.mean()) / DEGREES_OF_FREEDOM,
-        float(np.mean(squares < COVERED)),
-        float(np.hypot(errors[:, 0], errors[:, 1]).mean()),
-        float(np.sqrt(np.mean(covariances[:, 0, 0] + covariances[:, 1, 1]))),
-        float(tracked.sum() / counts.sum()),
-    )
-
-
-def _row(condition: str, system: str, told: Sequence[Honesty]) -> tuple[str, ...]:
-    seen = [one for one in told if one.tracked]
-    return (
-        condition,
-        system,
-        interval([one.nees for one in seen]),
-        interval([100.0 * one.covered for one in seen], 1),
-        interval([100.0 * one.error_m for one in seen]),
-        interval([100.0 * one.stated_m for one in seen]),
-        f"{100.0 * np.mean([one.tracked for one in told]):.1f}",
-    )

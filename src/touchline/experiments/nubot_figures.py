@@ -14,7 +14,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline.calibration.mirror import MirrorCalibration, calibrate_mirror
-from touchline.experiments.scenes import CARPET, FIELD, RED, new_figure
+from touchline.experiments.scenes import CARPET, FIELD, RED, dots, image_figure, new_figure
 from touchline.field import open_field
 from touchline.perception import LinePointDetector
 from touchline.perception.colour import GREEN, WHITE
@@ -52,10 +52,7 @@ def calibrated_head(simulation: Simulation) -> tuple[MirrorCalibration, ImageArr
 def calibration_figure(calibration: MirrorCalibration, image: ImageArray) -> Figure:
     """Figure 2: the edges found in one image, the distance map, and the image laid out in metres."""
     picture = mirror_picture(calibration, image, calibration.sightings[0])
-    figure, (axes,) = new_figure(width_in=3 * SIDE_IN, height_in=SIDE_IN + 0.2)
-    axes.imshow(picture[..., ::-1])
-    axes.axis("off")
-    return figure
+    return image_figure([picture], (3 * SIDE_IN, SIDE_IN + 0.2))[0]
 
 
 def distances_figure() -> Figure:
@@ -64,13 +61,11 @@ def distances_figure() -> Figure:
     distances = found.values[..., 0]
     low = np.array(found.origin_m)
     high = low + found.resolution_m * (np.array(distances.shape[::-1]) - 1)
-    figure, (axes,) = new_figure(width_in=8.0, height_in=5.2)
+    figure, (axes,) = new_figure(size_in=(8.0, 5.2), labels=("x (m)", "y (m)"))
     extent = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
     shown = axes.imshow(distances, cmap="gray_r", vmin=0.0, vmax=2.5, origin="lower", extent=extent)
     figure.colorbar(shown, ax=axes, shrink=0.8, label="distance to the nearest line (m)")
     axes.grid(visible=False)
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
     return figure
 
 
@@ -90,8 +85,8 @@ def detection_figure(
     detector = LinePointDetector(simulation.camera, line_width_m=simulation.field.line_width)
     detector.learn([image])
     assert detector.colours is not None
-    figure, axes = new_figure(1, 1 + len(hidden), SIDE_IN * (1 + len(hidden)), SIDE_IN + 0.4)
-    axes[0].imshow(image[..., ::-1])
+    size_in = (SIDE_IN * (1 + len(hidden)), SIDE_IN + 0.4)
+    figure, axes = image_figure([image] * (1 + len(hidden)), size_in)
     axes[0].set_title("panoramic image", fontsize=10)
     for each, (title, black) in zip(axes[1:], hidden, strict=True):
         seen = image if black is None else np.where(black[..., np.newaxis], np.uint8(0), image)
@@ -101,9 +96,7 @@ def detection_figure(
         picture[classes == WHITE] = PAINT
         if black is not None:
             picture[black] = INK
-        each.imshow(picture)
-        each.plot(*points.pixels.T, ".", color=RED, markersize=4)
+        each.images[0].set_data(picture)
+        dots(each, points.pixels, RED, 4, marker=".")
         each.set_title(f"{title}: {len(points)} points".lstrip(": "), fontsize=10)
-    for each in axes:
-        each.axis("off")
     return figure

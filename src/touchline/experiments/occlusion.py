@@ -2,37 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline.camera import Camera, require_omni
-from touchline.evaluation.metrics import ErrorTable, NothingToCompareError, error_table
-from touchline.experiments.nubot_figures import (
-    calibrated_head,
-    calibration_figure,
-    detection_figure,
-    distances_figure,
-    rendered_image,
+from touchline.evaluation.metrics import ErrorTable
+from touchline.experiments import nubot_figures
+from touchline.experiments.drives import Drive, Track, drive_of, followed, track_of
+from touchline.experiments.harness import (
+    NONE,
+    ExperimentResult,
+    Headline,
+    Row,
+    follow,
+    gathered,
+    interval,
+    paper_cells,
+    percent,
+    spread,
 )
-from touchline.experiments.progress import computed, follow
-from touchline.experiments.result import ExperimentResult, Headline, interval, percent, spread
-from touchline.experiments.scenes import RED, field_axes, new_figure, public_recording
+from touchline.experiments.scenes import RED, new_figure, public_recording, way
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray
 from touchline.simulation.run import Eyes, Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup, open_system, paper_settings
-from touchline.types import Frame, ImageArray, Samples, Status
+from touchline.types import ImageArray
 
 Sectors = tuple[tuple[float, float], ...]
 PaperRow = tuple[float, float, float]
 
 ALONE = "nubot-mcl-alone"
+FORMS = OURS, PAPER, IDEAL = "ours", "its form", "ideal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +51,8 @@ class Condition:
     """
 
     name: str
-    sectors: Sectors
-    paper: tuple[PaperRow, PaperRow, PaperRow] | None
+    sectors: Sectors = ()
+    paper: tuple[PaperRow, PaperRow, PaperRow] | None = None
     system: str = "nubot-mcl"
     changes: tuple[str, ...] = ()
     scenario: str = "straight-tracks"
@@ -64,27 +70,23 @@ CONDITIONS = (
     Condition("12.5 %", _ONE, ((5.981, 7.143, 0.059), (7.595, 7.313, 0.075), (32.817, 35.036, 0.468))),
     Condition("25 %", _TWO, ((5.732, 7.417, 0.064), (7.016, 7.103, 0.080), (33.830, 30.449, 0.550))),
     Condition("50 %", _FOUR, ((7.830, 6.946, 0.063), (10.017, 6.780, 0.080), (47.035, 29.730, 0.530))),
-    Condition("50 % in one half", _HALF, None),
-    Condition("free, MCL alone", (), None, ALONE),
-    Condition("50 %, MCL alone", _FOUR, None, ALONE),
+    Condition("50 % in one half", _HALF),
+    Condition("free, MCL alone", system=ALONE),
+    Condition("50 %, MCL alone", _FOUR, system=ALONE),
 )
 _RANGE_SPREAD = "camera.mirror.range_spread=0.01"
-STRIP = Condition("free, of calibrate mirror on images", (), None, calibrated=True)
+STRIP = Condition("free, of calibrate mirror on images", calibrated=True)
 OTHER_ROBOTS = (
-    Condition("free, of the design, ranges 1 %", (), None, changes=("camera.known_from=design", _RANGE_SPREAD)),
-    Condition(
-        "free, of calibrate range, ranges 1 %", (), None, changes=("camera.known_from=calibrate-range", _RANGE_SPREAD)
-    ),
-    Condition("free, vibration of 0.3°", (), None, changes=("camera.mirror.vibration_deg=0.3",)),
-    Condition("free, no delay", (), None, changes=("camera.delay_s=0",)),
-    Condition("free, 100 ms late", (), None, changes=("camera.delay_s=0.1",)),
-    Condition(
-        "free, 100 ms late, stamped on arrival", (), None, changes=("camera.delay_s=0.1", "camera.stamped=arrived")
-    ),
+    Condition("free, of the design, ranges 1 %", changes=("camera.known_from=design", _RANGE_SPREAD)),
+    Condition("free, of calibrate range, ranges 1 %", changes=("camera.known_from=calibrate-range", _RANGE_SPREAD)),
+    Condition("free, vibration of 0.3°", changes=("camera.mirror.vibration_deg=0.3",)),
+    Condition("free, no delay", changes=("camera.delay_s=0",)),
+    Condition("free, 100 ms late", changes=("camera.delay_s=0.1",)),
+    Condition("free, 100 ms late, stamped on arrival", changes=("camera.delay_s=0.1", "camera.stamped=arrived")),
 )  # fmt: skip
 PLAY = (
-    Condition("match", (), None, "nubot-mti", scenario="match"),
-    Condition("match, without odometry", (), None, "nubot-mti", scenario="match", odometry=False),
+    Condition("match", system="nubot-mti", scenario="match"),
+    Condition("match, without odometry", system="nubot-mti", scenario="match", odometry=False),
 )
 RECORDING = "omni_msl_track"
 RECORDED_SEEDS = 2  # of the particles, whose chance changes little there
@@ -96,22 +98,6 @@ COLUMNS = (
 )  # fmt: skip
 FROM_S = 5.0  # errors count from here on
 AFTER_SHOVE_S = 1.15  # what lies within a second after a shove, which takes 0.15 s
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Drive:
-    """One run: its errors, where the robot was believed (N, 3) and truly was (N, 3), and the field.
-
-    errors: None where nothing was tracked. quiet_m: position errors (M,) of the tracked frames but those within a
-    second after a shove. tracked: share of the frames that count.
-    """
-
-    errors: ErrorTable | None
-    quiet_m: FloatArray
-    tracked: float
-    path: FloatArray
-    truth: FloatArray
-    field: FieldModel
 
 
 _SIMULATED = (
@@ -136,155 +122,142 @@ _RECORDED = (
     f"{RECORDED_SEEDS} seeds, those of the particles."
 )
 _NOT_FOUND = f"The recording {RECORDING} was not found; TOUCHLINE_DATA names the folder of the recordings."
-Drives = dict[str, list[Drive]]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Run:
+    """One run: its errors, None where nothing was tracked, and its track.
+
+    quiet_m: position errors (M,) of the tracked frames but those within a second after a shove. tracked: share of the
+    frames that count.
+    """
+
+    errors: ErrorTable | None
+    quiet_m: FloatArray
+    tracked: float
+    track: Track
+    field: FieldModel
+
+
+Runs = Mapping[tuple[str, str], Sequence[Run]]  # by condition and form
 
 
 def lu2013_occlusion(seeds: int) -> ExperimentResult:
     """Table 1: nubot-mcl on five straight tracks with black sectors fixed in the view."""
     every = (*CONDITIONS, STRIP, *OTHER_ROBOTS)
-    ours, paper, ideal = _all_drives(every, CONDITIONS, seeds)
-    rows = [row for c in every for row in _rows(c, ours[c.name], paper[c.name], ideal[c.name])]
+    runs = _all_runs(every, CONDITIONS, seeds)
     recorded = _recorded(min(seeds, RECORDED_SEEDS))
-    rows += [row for c, errors in recorded for row in _rows(c, errors, [], [])]
+    shown = CONDITIONS[:4]
+    head = nubot_figures.calibrated_head(_taken(CONDITIONS[0], 0, False)[1])
     return ExperimentResult(
-        "lu2013-occlusion",
         "Table 1 of Lu et al. 2013: errors with 0 to 50 % of the view hidden",
-        seeds,
         COLUMNS,
-        tuple(rows),
+        [row for c in every for row in _rows(c, runs)] + [row for found in recorded for row in _rows(*found)],
         Headline("mean errors with 0 to 50 % hidden", "5.7-7.8 cm in x and y, 0.044-0.064 rad",
-                 f"{_range_of(ours)}; its form {_range_of(paper)}; ideal {_range_of(ideal)}"),
+                 f"{_range_of(runs, OURS)}; its form {_range_of(runs, PAPER)}; ideal {_range_of(runs, IDEAL)}"),
         (_SIMULATED, _STRIP, _ALONE, _RECORDED if recorded else _NOT_FOUND),
         (
-            ("figure2", calibration_figure(*calibrated_head(_driven(CONDITIONS[0], 0, False)[0]))),
+            ("figure2", nubot_figures.calibration_figure(*head)),
             ("figures-4-7", _pictures_figure()),
-            ("figure5", distances_figure()),
-            ("tracks", _tracks_figure([ours[c.name][0] for c in CONDITIONS[:4]], [c.name for c in CONDITIONS[:4]])),
+            ("figure5", nubot_figures.distances_figure()),
+            ("tracks", _tracks_figure([runs[c.name, OURS][0] for c in shown], [c.name for c in shown])),
         ),
     )  # fmt: skip
 
 
 def _pictures_figure() -> Figure:
     """Figures 4 and 7: an image and the points found in it, free and with its black sectors."""
-    simulation, image = rendered_image()
+    simulation, image = nubot_figures.rendered_image()
     shown = [("free", None), *((c.name, black_pixels(simulation.camera, c.sectors)) for c in CONDITIONS[1:4])]
-    return detection_figure(simulation, image, shown)
+    return nubot_figures.detection_figure(simulation, image, shown)
 
 
-def _all_drives(every: Sequence[Condition], shown: Sequence[Condition], seeds: int) -> tuple[Drives, Drives, Drives]:
-    """By condition the seeds' drives: ours, and of those shown beside them the paper's form and ideal robots."""
-    ours: Drives = {c.name: [] for c in every}
-    paper: Drives = {c.name: [] for c in every}
-    ideal: Drives = {c.name: [] for c in every}
-    tasks = [(c, seed, c in shown) for c in every for seed in range(seeds)]
-    for (c, *_), (first, *others) in zip(tasks, computed(_drives_of, tasks, "drives"), strict=True):
-        ours[c.name].append(first)
-        for beside, one in zip((paper, ideal), others, strict=False):
-            beside[c.name].append(one)
-    return ours, paper, ideal
+def _all_runs(every: Sequence[Condition], shown: Sequence[Condition], seeds: int) -> Runs:
+    """Ours of every condition; of those shown beside them the paper's form and ideal robots, too."""
+    return gathered(_runs_of, [(c, seed, c in shown) for c in every for seed in range(seeds)], "drives")
 
 
-def _drives_of(task: tuple[Condition, int, bool]) -> list[Drive]:
-    """Ours, and where it is shown beside it the paper's form and the ideal robot."""
+def _runs_of(task: tuple[Condition, int, bool]) -> dict[tuple[str, str], Run]:
     condition, seed, shown = task
-    beside = [drive(condition, seed, paper=True), drive(condition, seed, ideal=True)] if shown else []
-    return [drive(condition, seed), *beside]
+    forms = zip(FORMS, ((False, False), (False, True), (True, False)), strict=True)
+    return {(condition.name, form): drive(condition, seed, *how) for form, how in forms if shown or form == OURS}
 
 
-def _range_of(drives: Drives) -> str:
+def _range_of(runs: Runs, form: str) -> str:
     """Least and largest mean errors of the paper's four conditions."""
-    means = [float(np.mean(_figures(drives[c.name], "position", "mean"))) for c in CONDITIONS[:4]]
-    turns = [float(np.mean(_figures(drives[c.name], "heading", "mean"))) for c in CONDITIONS[:4]]
+    of = [runs[c.name, form] for c in CONDITIONS[:4]]
+    means, turns = ([float(np.mean(_figures(some, name, "mean"))) for some in of] for name in ("position", "heading"))
     return f"{min(means):.2f}-{max(means):.2f} cm away, {min(turns):.4f}-{max(turns):.4f} rad"
 
 
 def xiong_tracking(seeds: int) -> ExperimentResult:
     """Table 1: nubot-mti on five straight tracks; other robots; in a match, with and without odometry."""
     free = Condition("free", (), _FREE_PAPER, "nubot-mti")
-    others = [replace(c, system="nubot-mti") for c in OTHER_ROBOTS]
-    every, shown = (free, *others, *PLAY), (free, *PLAY)
-    ours, paper, ideal = _all_drives(every, shown, seeds)
-    position, printed, at_best = (_figures(each["free"], "position", "mean") for each in (ours, paper, ideal))
-    heading = _figures(ours["free"], "heading", "mean")
+    every = (free, *(replace(c, system="nubot-mti") for c in OTHER_ROBOTS), *PLAY)
+    runs = _all_runs(every, (free, *PLAY), seeds)
+    position, printed, at_best = (interval(_figures(runs["free", form], "position", "mean")) for form in FORMS)
+    heading = interval(_figures(runs["free", OURS], "heading", "mean"), 4)
     return ExperimentResult(
-        "xiong-tracking",
         "Table 1 of Xiong et al.: errors along straight lines",
-        seeds,
         COLUMNS,
-        tuple(row for c in every for row in _rows(c, ours[c.name], paper[c.name], ideal[c.name])),
+        [row for c in every for row in _rows(c, runs)],
         Headline("mean errors along straight lines", "5.9 cm in x, 6.0 cm in y, 0.044 rad",
-                 f"{interval(position)} cm in position, {interval(heading, 4)} rad; its form {interval(printed)} cm; "
-                 f"ideal {interval(at_best)} cm"),
+                 f"{position} cm in position, {heading} rad; its form {printed} cm; ideal {at_best} cm"),
         (
             _SIMULATED.partition(" One black sector")[0],
             "Match: the scenario match, 3 m/s among eight robots that shove; the same frames once with odometry and "
             "once without.",
         ),
         (
-            ("figure6", detection_figure(*rendered_image(1), [("", None)])),
-            ("tracks", _tracks_figure(ours["free"][:1], ["nubot-mti"])),
+            ("figure6", nubot_figures.detection_figure(*nubot_figures.rendered_image(1), [("", None)])),
+            ("tracks", _tracks_figure(runs["free", OURS][:1], ["nubot-mti"])),
         ),
     )  # fmt: skip
 
 
 @lru_cache(maxsize=2)
-def _driven(c: Condition, seed: int, ideal: bool) -> tuple[Simulation, Camera, tuple[Frame, ...]]:
-    """A run, the camera that its camera.yaml tells and its frames, kept for the next system that takes them."""
+def _taken(c: Condition, seed: int, ideal: bool) -> tuple[Drive, Simulation]:
+    """A run with the camera that its camera.yaml tells, kept for the next system that takes it."""
     scenario = open_scenario(c.scenario, seed, changes=["ideal=true"] if ideal else c.changes)
     hidden = scenario.camera.model_copy(update={"black_sectors_deg": c.sectors})
     chosen = scenario.model_copy(update={"camera": hidden})
     simulation = Simulation(chosen, level="points")
-    camera: Camera = simulation.camera
-    if c.calibrated:
-        camera = calibrated_head(simulation)[0].camera
-        simulation = Simulation(chosen, level="points", eyes=Eyes(known=camera))
-    return simulation, camera, tuple(simulation)
+    if not c.calibrated:
+        return drive_of(simulation), simulation
+    camera = nubot_figures.calibrated_head(simulation)[0].camera
+    return drive_of(Simulation(chosen, level="points", eyes=Eyes(known=camera)), camera), simulation
 
 
-def drive(condition: Condition, seed: int, ideal: bool = False, paper: bool = False) -> Drive:
+def drive(condition: Condition, seed: int, ideal: bool = False, paper: bool = False) -> Run:
     """A robot of this seed, as built or ideal, along the tracks under a condition; paper: by the paper's own form."""
-    simulation, camera, frames = _driven(condition, seed, ideal)
-    setup = RobotSetup(simulation.field, camera, simulation.wheel_directions_rad)
-    settings = paper_settings(condition.system) if paper else None
-    system = open_system(condition.system, setup, settings, np.random.default_rng(seed))
-    told = frames if condition.odometry else [replace(frame, odometry=None) for frame in frames]
-    estimates = [system.step(frame) for frame in told]
-    path = np.array([estimate.pose for estimate in estimates])
-    truth = simulation.truth
-    poses, times_s = np.asarray(truth.poses), 1e-9 * simulation.image_stamps
-    located = np.array([estimate.status is Status.TRACKING for estimate in estimates])
-    counted = located & (times_s >= FROM_S)
-    try:
-        errors = error_table(Samples(simulation.image_stamps, path), Samples(truth.stamp_ns, poses), located=counted)
-    except NothingToCompareError:
-        errors = None
-    shoves = np.array([event["t"] for event in simulation.track.events if event["kind"] == "slip"])
-    since = times_s[:, np.newaxis] - shoves
-    quiet = counted & ~((since >= 0.0) & (since < AFTER_SHOVE_S)).any(axis=1)
-    quiet_m = np.hypot(*(path[quiet, :2] - poses[quiet, :2]).T)
-    tracked = float(np.mean(located[times_s >= FROM_S]))
-    return Drive(errors, quiet_m, tracked, path[located], poses, simulation.field)
+    taken, _ = _taken(condition, seed, ideal)
+    if not condition.odometry:
+        taken = replace(taken, frames=[replace(frame, odometry=None) for frame in taken.frames])
+    track = followed(condition.system, taken, seed, paper_settings(condition.system) if paper else None)
+    late = track.times_s >= FROM_S
+    since = track.times_s[:, np.newaxis] - np.array(taken.times_of("slip"))
+    quiet = track.tracking & late & ~((since >= 0.0) & (since < AFTER_SHOVE_S)).any(axis=1)
+    errors, tracked = track.table(track.tracking & late), float(np.mean(track.tracking[late]))
+    return Run(errors, track.distances_m[quiet], tracked, track, taken.field)
 
 
-def _recorded(seeds: int) -> list[tuple[Condition, list[Drive]]]:
+def _recorded(seeds: int) -> list[tuple[Condition, Runs]]:
     """The same conditions over the images of a recording, those of MCL alone once; empty where it isn't found."""
     recording = public_recording(RECORDING)
     if recording is None:
         return []
-    truth = recording.truth
-    assert truth is not None, f"{RECORDING} holds its truth"
-    chosen = [replace(c, name=f"recorded, {c.name}", paper=None) for c in CONDITIONS]
-    found: list[tuple[Condition, list[Drive]]] = [(c, []) for c in chosen]
-    for (condition, drives), seed in follow([(f, seed) for f in found for seed in range(seeds)], "recorded drives"):
-        rng, setup = np.random.default_rng(seed), RobotSetup(recording.field, recording.camera)
-        system = open_system(condition.system, setup, rng=rng)
-        hidden = black_pixels(recording.camera, condition.sectors)
-        estimates = [system.step(replace(frame, image=_blackened(frame.image, hidden))) for frame in recording]
-        located = np.array([estimate.status is Status.TRACKING for estimate in estimates])
-        path, poses = np.array([estimate.pose for estimate in estimates]), np.asarray(truth.poses)
-        errors = error_table(Samples(recording.image_stamps, path), Samples(truth.stamp_ns, poses), located=located)
-        drives.append(Drive(errors, np.zeros(0), float(np.mean(located)), path[located], poses, recording.field))
-    return found
+    assert recording.truth is not None, f"{RECORDING} holds its truth"
+    setup = RobotSetup(recording.field, recording.camera)
+    blind = Drive(setup, [replace(frame, image=None) for frame in recording], np.asarray(recording.truth.poses))
+    found: dict[str, list[Run]] = {c.name: [] for c in CONDITIONS}
+    for c, seed in follow([(c, seed) for c in CONDITIONS for seed in range(seeds)], "recorded drives"):
+        system = open_system(c.system, setup, rng=seed)
+        hidden = black_pixels(recording.camera, c.sectors)
+        frames = (replace(frame, image=_blackened(frame.image, hidden)) for frame in recording)
+        track = track_of(blind, [system.step(frame) for frame in frames])
+        found[c.name].append(Run(track.table(), np.zeros(0), float(np.mean(track.tracking)), track, recording.field))
+    renamed = [(replace(c, name=f"recorded, {c.name}", paper=None), found[c.name]) for c in CONDITIONS]
+    return [(c, {(c.name, OURS): runs}) for c, runs in renamed]
 
 
 def black_pixels(camera: Camera, sectors: Sectors) -> npt.NDArray[np.bool_]:
@@ -302,44 +275,37 @@ def _blackened(image: ImageArray | None, hidden: npt.NDArray[np.bool_]) -> Image
     return None if image is None else np.where(hidden[..., np.newaxis], np.uint8(0), image)
 
 
-def _rows(
-    condition: Condition, drives: Sequence[Drive], paper: Sequence[Drive], ideal: Sequence[Drive]
-) -> list[tuple[str, ...]]:
+def _rows(condition: Condition, every: Runs) -> list[Row]:
     """Mean, deviation and maximum, as the paper has them, what 99 % of quiet frames stay below, share tracked."""
-    rows: list[tuple[str, ...]] = []
+    ours, paper, ideal = (every.get((condition.name, form), ()) for form in FORMS)
+    rows: list[Row] = []
     for k, (title, key) in enumerate((("mean", "mean"), ("std", "std_signed"), ("max", "max"))):
-        cells = []
-        told = ("–", "–", "–") if condition.paper is None else tuple(f"{value:g}" for value in condition.paper[k])
-        for name, paper_says in zip(("x", "y", "heading", "position"), (*told, None), strict=True):
-            said = interval if key == "mean" else spread
-            here = [said(_figures(some, name, key), 4 if name == "heading" else 2) for some in (paper, drives)]
-            cells += here if paper_says is None else [paper_says, *here]
-        beside = spread(_figures(ideal, "position", key)), spread(_figures(ideal, "heading", key), 4)
+        cells = paper_cells(condition.paper and condition.paper[k], partial(_cell, key=key), paper, ours)
+        beside = (spread(_figures(ideal, "position", key)), spread(_figures(ideal, "heading", key), 4))
         rows.append((condition.name if k == 0 else "", title, *cells, *beside))
-    dashes = ["–"] * 9
-    if all(len(each.quiet_m) for each in drives):
-        quiet = [[100.0 * float(np.quantile(d.quiet_m, 0.99)) for d in some if len(d.quiet_m)]
-                 for some in (paper, drives, ideal)]  # fmt: skip
-        rows.append(("", "99 %", *dashes, *map(spread, quiet), "–"))
-    shares = [percent([d.tracked for d in some]) for some in (paper, drives, ideal)]
-    rows.append(("", "tracked", *dashes, *shares, "–"))
-    return rows
+    dashes, forms = [NONE] * 9, (paper, ours, ideal)
+    if all(len(each.quiet_m) for each in ours):
+        quiet = [[100.0 * float(np.quantile(d.quiet_m, 0.99)) for d in some if len(d.quiet_m)] for some in forms]
+        rows.append(("", "99 %", *dashes, *map(spread, quiet), NONE))
+    return [*rows, ("", "tracked", *dashes, *(percent([d.tracked for d in some]) for some in forms), NONE)]
 
 
-def _figures(drives: Sequence[Drive], name: str, key: str) -> list[float]:
-    """One figure of the error tables, in cm or rad, of each drive."""
+def _cell(runs: Sequence[Run], name: str, key: str) -> str:
+    """A figure of runs, a mean with its interval."""
+    return (interval if key == "mean" else spread)(_figures(runs, name, key), 4 if name == "heading" else 2)
+
+
+def _figures(runs: Sequence[Run], name: str, key: str) -> list[float]:
+    """One figure of the error tables, in cm or rad, of each run."""
     scale = 1.0 if name == "heading" else 100.0
-    tables = [each.errors for each in drives if each.errors is not None]
-    return [scale * float(getattr(getattr(errors, name), key)) for errors in tables]
+    return [scale * float(getattr(getattr(run.errors, name), key)) for run in runs if run.errors is not None]
 
 
-def _tracks_figure(drives: Sequence[Drive], names: Sequence[str]) -> Figure:
+def _tracks_figure(runs: Sequence[Run], names: Sequence[str]) -> Figure:
     """As figure 8: black the way, red the traces of the localization."""
-    grid = (2, 2) if len(drives) > 1 else (1, 1)
-    figure, axes = new_figure(*grid, width_in=9.0, height_in=6.6 if len(drives) > 1 else 6.0)
-    for each, drive, name in zip(axes, drives, names, strict=False):
-        field_axes(each, drive.field)
-        each.plot(drive.truth[:, 0], drive.truth[:, 1], color="black", linewidth=1.8, zorder=2)
-        each.plot(drive.path[:, 0], drive.path[:, 1], color=RED, linewidth=0.8, zorder=3)
-        each.set_title(name, fontsize=10)
+    many = len(runs) > 1
+    figure, axes = new_figure(1 + many, 1 + many, (9.0, 6.6 if many else 6.0), names, field=runs[0].field)
+    for each, run in zip(axes, runs, strict=False):
+        way(each, run.track.truth, "black", 1.8, zorder=2)
+        way(each, run.track.poses[run.track.tracking], RED, 0.8, zorder=3)
     return figure

@@ -9,18 +9,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline import palette
-from touchline.experiments.faults import Drive
-from touchline.experiments.own_drives import FROM_S, HALF, LATE, MATCH, SECONDS, SHAKING, TRACKS, UNTOUCHED, Condition
-from touchline.experiments.own_play import KIDNAP_SECONDS, KIDNAPS
-from touchline.experiments.own_table import OWN
-from touchline.experiments.progress import computed
-from touchline.experiments.reliability_runs import WITHIN_FRAMES, Kidnapped, driven, kidnaps_of, outcome
-from touchline.experiments.result import ExperimentResult, Headline, interval, rate
+from touchline.experiments.drives import KIDNAPS, WITHIN_FRAMES, Drive, Kidnapped, Track, driven, kidnaps_of, track_of
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, interval, rate
+from touchline.experiments.own import FROM_S, HALF, KIDNAP_SECONDS, LATE, MATCH, SECONDS, SHAKING, TRACKS, UNTOUCHED
+from touchline.experiments.own_points import OWN
 from touchline.experiments.scenes import new_figure
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.search.pose_search import Known, Mode
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
-from touchline.systems import RobotSetup, open_system
+from touchline.systems import open_system
 from touchline.systems.touchline import Touchline
 from touchline.types import Prior
 
@@ -29,11 +26,11 @@ _SECTOR = ("camera.black_sectors_deg=[[120,360]]",)
 
 
 class Part(NamedTuple):
-    """What is left out. settings: of the system without it; change: of the system itself; drive: of the scenario."""
+    """What is left out. settings: of the system without it; swap: what stands in its place; drive: of the scenario."""
 
     name: str
     settings: Mapping[str, Any] = {}
-    change: Callable[[Touchline], None] = lambda system: None
+    swap: Callable[[Touchline], None] = lambda system: None
     drive: tuple[str, ...] = ()
 
 
@@ -75,14 +72,14 @@ _NO_SCALES = {f"odometry.{way}_scale": 0.0 for way in ("forward", "sideways", "t
 _NEVER_IN_DOUBT = {"min_explained": 0.01, "search_every": 1000, "blind_frames": 1000, "min_probability": 0.51}
 PARTS = (
     Part("nothing"),
-    Part("search of the whole field", change=_without_search),
-    Part("hypotheses: one pose alone", change=_with_one_hypothesis),
+    Part("search of the whole field", swap=_without_search),
+    Part("hypotheses: one pose alone", swap=_with_one_hypothesis),
     Part("odometry's scales as states", _NO_SCALES, _with_scales_as_noise),
-    Part("test for shoves", change=_without_shoves),
-    Part("lean of each image", change=_without_lean),
+    Part("test for shoves", swap=_without_shoves),
+    Part("lean of each image", swap=_without_lean),
     Part("self-calibration", {"self_calibration": False}),
     Part("failure detection", _NEVER_IN_DOUBT, _without_search),
-    Part("late images: each applied when it arrives", change=_without_delay, drive=("camera.stamped=arrived",)),
+    Part("late images: each applied when it arrives", swap=_without_delay, drive=("camera.stamped=arrived",)),
 )
 CONDITIONS = (TRACKS, HALF, MATCH, SHAKING, UNTOUCHED, LATE)
 COLUMNS = (
@@ -93,46 +90,73 @@ COLUMNS = (
 
 
 class Driven(NamedTuple):
-    """Of one drive: mean and 99 % of the errors of its tracked frames (cm), NaN without one, and the share of all
-    frames that were wrong and called tracking (%).
+    """Of one drive: mean and 99 % of the errors of its tracked frames (cm), NaN without one, the share of all frames
+    that were wrong and called tracking (%), and its kidnaps. Of a run with kidnaps only such count as wrong beside
+    which the true pose was not named.
     """
 
     mean_cm: float
     p99_cm: float
     wrong: float
+    kidnaps: Sequence[Kidnapped] = ()
 
 
-class Kidnaps(NamedTuple):
-    """Of one run: its kidnaps, and the share of its frames that were wrong, called tracking, and the true pose was not
-    named beside (%).
-    """
-
-    kidnaps: Sequence[Kidnapped]
-    wrong: float
+Found = Mapping[tuple[str, str], Sequence[Driven]]  # by part, and by condition or view
 
 
 def own_ablations(seeds: int) -> ExperimentResult:
     """The same robots with each part left out in turn."""
-    drives: dict[tuple[str, str], list[Driven]] = {}
-    kidnaps: dict[tuple[str, str], list[Kidnaps]] = {}
-    for of_drives, of_kidnaps in computed(_all_without, range(seeds), "robots"):
-        for part, condition, one in of_drives:
-            drives.setdefault((part, condition), []).append(one)
-        for part, view, found in of_kidnaps:
-            kidnaps.setdefault((part, view), []).append(found)
-    rows = [(*_cells(part.name, drives), *_kidnap_cells(part.name, kidnaps)) for part in PARTS]
-    worst = max(PARTS[1:], key=lambda part: float(np.mean([one.mean_cm for one in drives[part.name, UNTOUCHED.name]])))
+    found: dict[tuple[str, str], list[Driven]] = {}
+    for of_robot in computed(without_parts, range(seeds), "robots"):
+        for part, where, one in of_robot:
+            found.setdefault((part, where), []).append(one)
+    return page(found)
+
+
+def without_parts(seed: int) -> list[tuple[str, str, Driven]]:
+    """Part, condition or view, and what came of it, of one robot's drives and its runs with kidnaps."""
+    drives = [(c.name, c.scenario, seed, SECONDS, c.changes) for c in CONDITIONS]
+    for view, runs in KIDNAP_RUNS.items():
+        changes: tuple[str, ...] = KIDNAPS if view == "full view" else (*KIDNAPS, *_SECTOR)
+        drives += [(view, "match", run, KIDNAP_SECONDS, changes) for run in range(runs * seed, runs * (seed + 1))]
+    found = []
+    for where, scenario, number, seconds, changes in drives:
+        for part in PARTS:
+            drive = driven(scenario, number, seconds, *changes, *part.drive)
+            track = track_of(drive, [*map(without(part, drive, number).step, drive.frames)])
+            found.append((part.name, where, _told(drive, track, where in KIDNAP_RUNS)))
+    return found
+
+
+def without(part: Part, drive: Drive, seed: int) -> Touchline:
+    """Our own system without a part, told where a drive begins."""
+    system = open_system(OWN, drive.setup, part.settings, np.random.default_rng(seed))
+    assert isinstance(system, Touchline)
+    part.swap(system)
+    system.reset(Prior(Pose(*drive.truth[0].tolist())))
+    return system
+
+
+def _told(drive: Drive, track: Track, kidnapped: bool) -> Driven:
+    wrong = 100.0 * float((track.unnamed if kidnapped else track.wrong).mean())
+    errors_cm = 100.0 * track.part(track.tracking & (track.times_s >= FROM_S)).distances_m
+    if len(errors_cm) == 0:
+        return Driven(float("nan"), float("nan"), wrong, kidnaps_of(drive, track))
+    return Driven(float(errors_cm.mean()), float(np.quantile(errors_cm, 0.99)), wrong, kidnaps_of(drive, track))
+
+
+def page(found: Found) -> ExperimentResult:
+    """The table, headline and picture."""
+    untouched = [[one.mean_cm for one in found[part.name, UNTOUCHED.name]] for part in PARTS]
+    worst = 1 + int(np.argmax([np.mean(robots) for robots in untouched[1:]]))
     return ExperimentResult(
-        "own-ablations",
         f"Our own system, {OWN}, with parts of it left out",
-        seeds,
         COLUMNS,
-        tuple(rows),
-        Headline(f"{UNTOUCHED.name}: {OWN}; without {worst.name} (cm)", "–",
-                 "; ".join(interval([one.mean_cm for one in drives[part.name, UNTOUCHED.name]])
-                           for part in (PARTS[0], worst))),
+        [_row(part.name, found) for part in PARTS],
+        Headline(f"{UNTOUCHED.name}: {OWN}; without {PARTS[worst].name} (cm)", NONE,
+                 "; ".join(interval(untouched[k]) for k in (0, worst))),
         (_NOTES,),
-        (("parts", _picture(drives, kidnaps)),),
+        (("parts", _picture(found)),),
     )  # fmt: skip
 
 
@@ -148,92 +172,31 @@ _NOTES = (
 )
 
 
-def _all_without(seed: int) -> tuple[list[tuple[str, str, Driven]], list[tuple[str, str, Kidnaps]]]:
-    return driven_without(seed), kidnapped_without(seed)
-
-
-def driven_without(seed: int) -> list[tuple[str, str, Driven]]:
-    """Part, condition and what came of it, of one robot."""
-    found = []
-    for condition in CONDITIONS:
-        for part in PARTS:
-            drive, setup, _ = driven(condition.scenario, seed, SECONDS, *condition.changes, *part.drive)
-            found.append((part.name, condition.name, _followed(part, drive, setup, seed)))
-    return found
-
-
-def kidnapped_without(seed: int) -> list[tuple[str, str, Kidnaps]]:
-    """Part, view and what came of the kidnaps, of one robot's runs."""
-    found = []
-    for view, runs in KIDNAP_RUNS.items():
-        hidden = () if view == "full view" else _SECTOR
-        for run in range(runs * seed, runs * (seed + 1)):
-            for part in PARTS:
-                drive, setup, times_s = driven("match", run, KIDNAP_SECONDS, *KIDNAPS, *hidden, *part.drive)
-                system = without(part, setup, drive, run)
-                came = outcome(drive, [system.step(frame) for frame in drive.frames])
-                wrong = 100.0 * float(came.unnamed.mean())
-                found.append((part.name, view, Kidnaps(kidnaps_of(drive, times_s, came), wrong)))
-    return found
-
-
-def without(part: Part, setup: RobotSetup, drive: Drive, seed: int) -> Touchline:
-    """Our own system without a part, told where a drive begins."""
-    system = open_system(OWN, setup, part.settings, np.random.default_rng(seed))
-    assert isinstance(system, Touchline)
-    part.change(system)
-    system.reset(Prior(Pose(*drive.truth[0].tolist())))
-    return system
-
-
-def _followed(part: Part, drive: Drive, setup: RobotSetup, seed: int) -> Driven:
-    system = without(part, setup, drive, seed)
-    found = outcome(drive, [system.step(frame) for frame in drive.frames])
-    errors_cm = 100.0 * found.errors_m[found.tracking & (drive.times_s >= FROM_S)]
-    wrong = 100.0 * float(found.wrong.mean())
-    if len(errors_cm) == 0:
-        return Driven(float("nan"), float("nan"), wrong)
-    return Driven(float(errors_cm.mean()), float(np.quantile(errors_cm, 0.99)), wrong)
-
-
-def _cells(name: str, drives: Mapping[tuple[str, str], Sequence[Driven]]) -> tuple[str, ...]:
-    of = [drives[name, condition.name] for condition in CONDITIONS]
+def _row(part: str, found: Found) -> Row:
+    of = [found[part, condition.name] for condition in CONDITIONS]
     cells = [f"{interval([o.mean_cm for o in each])}; {interval([o.p99_cm for o in each], 1)}" for each in of]
-    return name, *cells, f"{np.mean([one.wrong for each in of for one in each]):.2f}"
-
-
-def _kidnap_cells(name: str, runs: Mapping[tuple[str, str], Sequence[Kidnaps]]) -> tuple[str, ...]:
-    cells = []
+    cells.append(f"{np.mean([one.wrong for each in of for one in each]):.2f}")
     for view in KIDNAP_RUNS:
-        kidnaps = [one for run in runs[name, view] for one in run.kidnaps]
-        cells += [rate(sum(one.right for one in kidnaps), len(kidnaps)), interval([r.wrong for r in runs[name, view]])]
-    return tuple(cells)
+        kidnaps = [one.right for run in found[part, view] for one in run.kidnaps]
+        cells += [rate(sum(kidnaps), len(kidnaps)), interval([run.wrong for run in found[part, view]])]
+    return part, *cells
 
 
-def _picture(
-    drives: Mapping[tuple[str, str], Sequence[Driven]], kidnaps: Mapping[tuple[str, str], Sequence[Kidnaps]]
-) -> Figure:
+def _picture(found: Found) -> Figure:
     """Mean errors under each condition over those of the whole system, and kidnaps, with a part left out."""
-    figure, (left, right) = new_figure(1, 2, 13.0, 4.2)
-
-    def mean(part: Part, condition: Condition) -> float:
-        return float(np.mean([one.mean_cm for one in drives[part.name, condition.name]]))
-
+    figure, (left, right) = new_figure(1, 2, (13.0, 4.2))
     heights = np.arange(len(PARTS))
     for condition, tint in zip(CONDITIONS, palette.SERIES, strict=False):
-        ratios = [mean(part, condition) / mean(PARTS[0], condition) for part in PARTS]
+        means = [float(np.mean([one.mean_cm for one in found[part.name, condition.name]])) for part in PARTS]
+        ratios = [mean / means[0] for mean in means]
         left.plot(ratios, heights, "o", color=tint, markersize=6, alpha=0.85, label=condition.name)
-    left.set_xscale("log")
-    left.set_yticks(heights, [part.name for part in PARTS])
-    left.set_xlabel("mean error over that of the whole system")
+    left.set(xscale="log", xlabel="mean error over that of the whole system")
     for n, (view, tint) in enumerate(zip(KIDNAP_RUNS, palette.SERIES, strict=False)):
-        shares = [
-            100.0 * np.mean([one.right for run in kidnaps[part.name, view] for one in run.kidnaps]) for part in PARTS
-        ]
-        right.barh(heights + 0.36 * (n - 0.5), shares, 0.32, color=tint, label=view)
-    right.set_yticks(heights, [""] * len(PARTS))
+        kidnaps = [[one.right for run in found[part.name, view] for one in run.kidnaps] for part in PARTS]
+        right.barh(heights + 0.36 * (n - 0.5), 100.0 * np.array([*map(np.mean, kidnaps)]), 0.32, color=tint, label=view)
     right.set_xlabel(f"kidnaps right within {WITHIN_FRAMES} frames (%)")
-    for axis in (left, right):
+    for axis, names in ((left, [part.name for part in PARTS]), (right, [""] * len(PARTS))):
+        axis.set_yticks(heights, names)
         axis.set_ylim(len(PARTS) - 0.5, -0.5)
         axis.legend(frameon=True, fontsize=8)
     return figure

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -20,9 +20,7 @@ from touchline import palette
 from touchline.evaluation.points.bench import RIGHT_M, RIGHT_RAD, PointBench, bench_points
 from touchline.evaluation.points.localizers import point_localizer
 from touchline.evaluation.points.point_set import USUAL_NOISE, PointSet, polar_covariances
-from touchline.experiments.own_table import OWN, row
-from touchline.experiments.progress import follow, tell
-from touchline.experiments.result import interval, rate
+from touchline.experiments.harness import NONE, Row, follow, interval, rate, tell
 from touchline.experiments.scenes import FIELD, INK, new_figure, random_place
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose, wrap_angle
@@ -32,7 +30,10 @@ from touchline.localization.search.pose_search import Mode, PoseSearch
 from touchline.types import LinePoints
 
 FRAMES = 300  # of a set
-SYSTEMS = (OWN, "nubot-mti")
+OWN = "touchline"
+OTHERS = ("nubot-mti", "nubot-mcl", "iris-fusion")
+SYSTEMS = (OWN, *OTHERS)
+BENCHED = SYSTEMS[:2]
 MIN_M, MAX_M = 0.5, 6.0
 MAX_POINTS, MIN_POINTS = 100, 20  # of lines, in a frame
 SPACING_M = 0.02  # of the places on the lines that points are drawn from
@@ -96,7 +97,7 @@ def point_runs(seeds: int) -> PointRuns:
     """Errors beside the bound, capture from afar, and the modes of the search."""
     sets = [drawn_set(FULL, FRAMES, np.random.default_rng([seed, 15])) for seed in range(seeds)]
     benches = {}
-    for system in follow(SYSTEMS, "point sets"):
+    for system in follow(BENCHED, "point sets"):
         benches[system] = [bench_points(points, point_localizer(system, points.field)) for points in sets]
     tell("searches from afar")
     far = [from_far(points, np.random.default_rng([seed, 16])) for seed, points in enumerate(sets)]
@@ -107,7 +108,7 @@ def point_runs(seeds: int) -> PointRuns:
     return PointRuns(benches, far, kept)
 
 
-def point_rows(runs: PointRuns) -> list[tuple[str, ...]]:
+def point_rows(runs: PointRuns) -> list[Row]:
     """The rows of all of that."""
     rows = [each for way in WAYS for each in _way_rows(way, runs.benches)]
     found, times_ms = zip(*runs.far, strict=True)
@@ -116,39 +117,40 @@ def point_rows(runs: PointRuns) -> list[tuple[str, ...]]:
     return [*rows, *(each for view in VIEWS for each in _search_rows(view, runs.kept[view.name]))]
 
 
-def _way_rows(way: str, found: dict[str, list[PointBench]]) -> list[tuple[str, ...]]:
-    told = {system: [getattr(bench, way) for bench in benches] for system, benches in found.items()}
-    tracks = way == "init"
+def row(what: str, figure: str, asked: str, said: Mapping[str, str], less: str = NONE) -> Row:
+    """A row of `own`. said: by system. less: ours less the best other's, paired."""
+    return (what, figure, asked, *(said.get(system, NONE) for system in SYSTEMS), less)
+
+
+def _way_rows(way: str, benches: Mapping[str, Sequence[PointBench]]) -> list[Row]:
+    found = {system: [getattr(bench, way) for bench in each] for system, each in benches.items()}
+    bound, time_us = ("≤ 1.13", "≤ 60") if way == "init" else (NONE, "≤ 3000")
+    times = {system: interval([one.times_bound for one in each], 3) for system, each in found.items()}
+    shares = {system: interval([100.0 * one.success for one in each]) for system, each in found.items()}
+    spent = {system: interval([one.us_per_update for one in each], 0) for system, each in found.items()}
     return [
-        row(
-            f"points, {WAYS[way]}",
-            "error over the bound",
-            "≤ 1.13" if tracks else "–",
-            {system: interval([one.times_bound for one in each], 3) for system, each in told.items()},
-        ),
-        row("", "found (%)", "≥ 99.9", {s: interval([100.0 * one.success for one in x]) for s, x in told.items()}),
-        row(
-            "",
-            "time (µs)",
-            "≤ 60" if tracks else "≤ 3000",
-            {system: interval([one.us_per_update for one in each], 0) for system, each in told.items()},
-        ),
+        row(f"points, {WAYS[way]}", "error over the bound", bound, times),
+        row("", "found (%)", "≥ 99.9", shares),
+        row("", "time (µs)", time_us, spent),
     ]
 
 
-def _search_rows(view: View, kept: Sequence[Kept]) -> list[tuple[str, ...]]:
+def _search_rows(view: View, kept: Sequence[Kept]) -> list[Row]:
     sure, right = _of_those_given(*SURE, kept)
-    shares = zip(*(one[:4] for one in kept), strict=True)
-    first, among, near, fixed = ([100.0 * share for share in each] for each in shares)
+    first, among, near, fixed = (
+        interval([100.0 * share for share in each]) for each in zip(*(one[:4] for one in kept), strict=True)
+    )
     low, high = (f"{100 * share:.0f}" for share in SURE)
-    return [
-        row(f"points, {view.name}, from nothing", "likeliest right (%)", view.first, {OWN: interval(first)}),
-        row("", "right among the modes (%)", view.among, {OWN: interval(among)}),
-        row("", "near among the modes (%)", "–", {OWN: interval(near)}),
-        row("", "the same where points fix the place (%)", view.among, {OWN: interval(fixed)}),
-        row("", f"right of the modes given {low} to {high} %", f"{low}-{high} %", {OWN: rate(right, sure)}),
-        row("", "time (ms)", "≤ 3", {OWN: interval([one.median_ms for one in kept])}),
-    ]
+    figures = (
+        ("likeliest right (%)", view.first, first),
+        ("right among the modes (%)", view.among, among),
+        ("near among the modes (%)", NONE, near),
+        ("the same where points fix the place (%)", view.among, fixed),
+        (f"right of the modes given {low} to {high} %", f"{low}-{high} %", rate(right, sure)),
+        ("time (ms)", "≤ 3", interval([one.median_ms for one in kept])),
+    )
+    names = [f"points, {view.name}, from nothing", *[""] * (len(figures) - 1)]
+    return [row(name, what, asked, {OWN: said}) for name, (what, asked, said) in zip(names, figures, strict=True)]
 
 
 def _of_those_given(low: float, high: float, kept: Sequence[Kept]) -> tuple[int, int]:
@@ -159,8 +161,8 @@ def _of_those_given(low: float, high: float, kept: Sequence[Kept]) -> tuple[int,
 
 def picture(runs: PointRuns) -> Figure:
     """Errors over the bound by where a search begins, and how often modes are right by what they are given."""
-    figure, (left, right) = new_figure(1, 2, 10.0, 4.2)
-    for n, (system, tint) in enumerate(zip(SYSTEMS, (INK, palette.BLUE), strict=True)):
+    figure, (left, right) = new_figure(1, 2, (10.0, 4.2))
+    for n, (system, tint) in enumerate(zip(BENCHED, (INK, palette.BLUE), strict=True)):
         for k, way in enumerate(WAYS):
             values = [getattr(bench, way).times_bound for bench in runs.benches[system]]
             at = k + 0.2 * (n - 0.5)
@@ -173,13 +175,12 @@ def picture(runs: PointRuns) -> Figure:
     edges = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 1.01])
     for view, tint in zip(VIEWS, palette.SERIES, strict=False):
         kept = runs.kept[view.name]
-        told = np.concatenate([one.told for one in kept])
+        given = np.concatenate([one.told for one in kept])
         bins = [(low, high, _of_those_given(low, high, kept)) for low, high in pairwise(edges)]
-        points = [(told[(told >= low) & (told < high)].mean(), ok / n) for low, high, (n, ok) in bins if n >= 20]
+        points = [(given[(given >= low) & (given < high)].mean(), ok / n) for low, high, (n, ok) in bins if n >= 20]
         right.plot(*np.array(points).reshape(-1, 2).T, "o-", color=tint, linewidth=1.0, markersize=4, label=view.name)
     right.plot([0, 1], [0, 1], color=INK, linewidth=0.8, linestyle="--")
-    right.set_xlabel("probability that modes are given")
-    right.set_ylabel("share of them that is right")
+    right.set(xlabel="probability that modes are given", ylabel="share of them that is right")
     right.legend(frameon=False, fontsize=8)
     return figure
 

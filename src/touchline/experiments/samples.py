@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, interval, rate, spread
-from touchline.experiments.scenes import FIELD, MAGENTA, RED, field_axes, new_figure, points_from
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, rate, spread
+from touchline.experiments.scenes import FIELD, MAGENTA, RED, new_figure, points_from
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.published.nubot.global_search import GlobalSearch, SearchRound
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.weights import precision_weights
+from touchline.localization.registration.weights import precision_weights
 from touchline.systems import paper_settings
 from touchline.systems.nubot_mti import NubotMtiSettings
 
@@ -63,27 +62,14 @@ def searches(seeds: int, c_m: float | None = None, ideal: bool = False, paper: b
 def xiong_samples(seeds: int) -> ExperimentResult:
     """Figure 7: the mean error of every sample, the five best of them."""
     found, paper, ideal = searches(seeds), searches(seeds, paper=True), searches(seeds, ideal=True)
-    rows = []
-    for seed, (search, in_its_form, at_best) in enumerate(zip(found, paper, ideal, strict=True)):
-        order = np.argsort(search.round.errors)
-        away = np.hypot(*(search.round.samples_m[order[:5]] - PLACE).T)
-        off = [f"{100 * each.taken.distance_to(each.truth):.2f} cm" for each in (in_its_form, search, at_best)]
-        rows.append(
-            (
-                str(seed), str(len(order)), f"{away[0]:.2f} m", f"{search.round.errors[order[0]]:.4f}",
-                f"{np.count_nonzero(away < 1.0)} of 5", "9 cm", *off,
-            )
-        )  # fmt: skip
     right = [search.taken.distance_to(search.truth) < NEAR_M for search in found]
     return ExperimentResult(
-        "xiong-samples",
         "Figure 7 of Xiong et al.: the mean error of each of the 315 samples of a robot near (0, -2) m",
-        seeds,
         (
             "robot", "samples", "best sample is off by", "its error", "of the five best within 1 m",
             "pose is off by: paper", "its form here", "ours", "ideal robot",
         ),
-        tuple(rows),
+        [(str(seed), *_cells(*forms)) for seed, forms in enumerate(zip(found, paper, ideal, strict=True))],
         Headline("robot near (0, -2) m found among 315 samples", "found, 9 cm from (0, -2) m",
                  f"{rate(sum(right), len(right))} found, {_off_by(found)} cm off; its form {_off_by(paper)} cm; ideal "
                  f"{_off_by(ideal)} cm"),
@@ -97,15 +83,21 @@ def xiong_samples(seeds: int) -> ExperimentResult:
     )  # fmt: skip
 
 
+def _cells(search: Search, paper: Search, ideal: Search) -> Row:
+    order = np.argsort(search.round.errors)
+    away = np.hypot(*(search.round.samples_m[order[:5]] - PLACE).T)
+    off = [f"{100 * each.taken.distance_to(each.truth):.2f} cm" for each in (paper, search, ideal)]
+    error = f"{search.round.errors[order[0]]:.4f}"
+    return str(len(order)), f"{away[0]:.2f} m", error, f"{np.count_nonzero(away < 1.0)} of 5", "9 cm", *off
+
+
 def _off_by(found: list[Search]) -> str:
     """How far the pose taken is off (cm), over the robots."""
     return interval([100 * search.taken.distance_to(search.truth) for search in found])
 
 
 def _map_figure(search: Search) -> Figure:
-    field = open_field(FIELD)
-    figure, (axes,) = new_figure(width_in=8.0, height_in=5.8)
-    field_axes(axes, field)
+    figure, (axes,) = new_figure(size_in=(8.0, 5.8), field=open_field(FIELD))
     errors, places = search.round.errors, search.round.samples_m
     order = np.argsort(errors)
     shades = axes.scatter(places[:, 0], places[:, 1], c=errors, cmap="gray", s=42, zorder=2, linewidths=0)
@@ -152,13 +144,10 @@ def xiong_convergence(seeds: int) -> ExperimentResult:
         "ours, ideal robot": searches(seeds, ideal=True),
     }
     ends = {name: [d for search in each for d in descents(search)] for name, each in found.items()}
-    paper = ("the paper", "5", "2 of 5", "about 10", "0.006", "above 0.018", "–", "8.2, 8.8, 9.3 m")
-    said = ", ".join(_summary(ends["ours"])[2:5])
-    like = ", ".join(_summary(ends["ours, c = 2.55 m"])[2:5])
+    paper = ("the paper", "5", "2 of 5", "about 10", "0.006", "above 0.018", NONE, "8.2, 8.8, 9.3 m")
+    said, like = (", ".join(_summary(ends[name])[2:5]) for name in ("ours", "ours, c = 2.55 m"))
     return ExperimentResult(
-        "xiong-convergence",
         "Figure 9 of Xiong et al.: RPROP from the five best samples of a robot near (0, -2) m",
-        seeds,
         ("form", "descents", "right", "steps until settled", "error when right", "least error when wrong",
          "off by when right", "off by when wrong"),
         (paper, *((name, *_summary(each)) for name, each in ends.items()), *_first_robot(found["ours"][0])),
@@ -173,22 +162,22 @@ def xiong_convergence(seeds: int) -> ExperimentResult:
     )  # fmt: skip
 
 
-def _summary(every: list[Descent]) -> tuple[str, ...]:
+def _summary(every: list[Descent]) -> Row:
     right, wrong = [d for d in every if d.right], [d for d in every if not d.right]
     decimals = 4 if not right or np.mean([d.after for d in right]) > 1e-3 else 5
     return (
         str(len(every)), f"{len(right)} of {len(every)}", spread([float(d.steps) for d in right], 1),
-        spread([d.after for d in right], decimals), f"{min(d.after for d in wrong):.4f}" if wrong else "–",
+        spread([d.after for d in right], decimals), f"{min(d.after for d in wrong):.4f}" if wrong else NONE,
         f"{spread([100.0 * d.off_m for d in right])} cm", f"{spread([d.off_m for d in wrong], 1)} m",
     )  # fmt: skip
 
 
-def _first_robot(search: Search) -> list[tuple[str, ...]]:
+def _first_robot(search: Search) -> list[Row]:
     """A row for each of its descents."""
     return [
         (f"first robot from ({d.start_m[0]:.1f}, {d.start_m[1]:.1f}) to ({d.end_m[0]:.2f}, {d.end_m[1]:.2f}) m", "1",
-         "yes" if d.right else "no", str(d.steps), *((f"{d.after:.4f}", "–") if d.right else ("–", f"{d.after:.4f}")),
-         *((f"{100 * d.off_m:.1f} cm", "–") if d.right else ("–", f"{d.off_m:.1f} m")))
+         "yes" if d.right else "no", str(d.steps), *((f"{d.after:.4f}", NONE) if d.right else (NONE, f"{d.after:.4f}")),
+         *((f"{100 * d.off_m:.1f} cm", NONE) if d.right else (NONE, f"{d.off_m:.1f} m")))
         for d in descents(search)
     ]  # fmt: skip
 
@@ -201,13 +190,11 @@ def _steps_until_settled(trace: FloatArray) -> int:
 
 
 def _convergence_figure(search: Search) -> Figure:
-    figure, (axes,) = new_figure()
+    figure, (axes,) = new_figure(labels=("RPROP step", "mean error, equation (2)"))
     for letter, candidate in zip("ABCDE", sorted(search.round.candidates, key=lambda c: c.error), strict=False):
         off_m = candidate.pose.distance_to(search.truth)
         label = f"{letter}: ends at ({candidate.pose.x:.2f}, {candidate.pose.y:.2f})"
         axes.plot(candidate.iterations[:, 3], "-" if off_m < NEAR_M else "--", label=label)
-    axes.set_xlabel("RPROP step")
-    axes.set_ylabel("mean error, equation (2)")
     axes.set_ylim(bottom=0.0)
     axes.legend(frameon=False)
     return figure

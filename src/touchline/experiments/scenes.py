@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,12 +17,12 @@ from matplotlib.patches import Rectangle
 from touchline import palette
 from touchline.camera import OmniCamera, require_omni
 from touchline.field import FieldModel, open_field
-from touchline.geometry import Pose
+from touchline.geometry import FloatArray, Pose
 from touchline.simulation.observation.observed_lines import ObservedLines
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import MotionSettings, open_scenario
 from touchline.sources import Recording, open_source
-from touchline.types import LinePoints
+from touchline.types import ImageArray, LinePoints
 
 FIELD = "msl-18x12"
 DATA_VARIABLE = "TOUCHLINE_DATA"  # names the folder of the public recordings
@@ -78,12 +80,46 @@ def field_axes(axes: Axes, field: FieldModel, beyond_m: float = 1.5) -> None:
 
 
 def new_figure(
-    rows: int = 1, columns: int = 1, width_in: float = 7.2, height_in: float = 4.2
+    rows: int = 1,
+    columns: int = 1,
+    size_in: tuple[float, float] = (7.2, 4.2),
+    titles: Sequence[str] = (),
+    labels: tuple[str, str] = ("", ""),
+    field: FieldModel | None = None,
+    beyond_m: float = 1.5,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure and its axes, row by row."""
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
-    for each in axes:
+    """A figure and its axes, row by row. labels: of x and y of all of them; field: is drawn into each."""
+    figure = Figure(figsize=size_in, layout="constrained")
+    axes = list(np.atleast_1d(figure.subplots(rows, columns)).ravel())
+    for number, each in enumerate(axes):
         each.grid(visible=True, color="#d8ddd8", linewidth=0.6)
         each.set_axisbelow(True)
-    return figure, list(axes)
+        each.set(xlabel=labels[0], ylabel=labels[1])
+        each.set_title(titles[number] if number < len(titles) else "", fontsize=10)
+        if field is not None:
+            field_axes(each, field, beyond_m)
+    return figure, axes
+
+
+def way(axes: Axes, poses: FloatArray, color: str, width: float = 1.0, **more: Any) -> None:
+    """A line through poses (N, 3)."""
+    axes.plot(*poses[:, :2].T, color=color, linewidth=width, **more)
+
+
+def dots(axes: Axes, poses: FloatArray, color: str, size: float = 4.0, **more: Any) -> None:
+    """A dot at each of poses or points (N, 2 or more)."""
+    axes.plot(*poses[:, :2].T, more.pop("marker", "o"), color=color, markersize=size, **more)
+
+
+def robot_dots(axes: Axes, values: Sequence[float], height: float, color: str, label: str | None = None) -> None:
+    """A dot for each robot, at a height of its condition."""
+    axes.plot(values, [height] * len(values), "o", color=color, markersize=3.5, alpha=0.8, label=label)
+
+
+def image_figure(images: Sequence[ImageArray], size_in: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """Images (BGR) side by side."""
+    figure, axes = new_figure(1, len(images), size_in)
+    for each, image in zip(axes, images, strict=True):
+        each.imshow(image[..., ::-1])
+        each.axis("off")
+    return figure, axes

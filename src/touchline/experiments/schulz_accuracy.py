@@ -1,35 +1,34 @@
-"""schulz-accuracy (figure 5): five minutes of walking, with and without lines."""
+"""schulz-accuracy (figure 5): five minutes of walking, with and without lines, and recorded walks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, percent, spread
+from touchline.experiments import schulz_runs
+from touchline.experiments.drives import Track
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, percent, spread, together
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure
-from touchline.experiments.schulz_recorded import recorded_note, recorded_rows
 from touchline.experiments.schulz_runs import (
     AS_BUILT,
     AS_SIMULATED,
     FIELDS,
     IDEAL,
     NEAR_M,
+    OURS,
     PANNING,
+    PAPER,
+    PRESETS,
+    RECORDINGS,
     WITHOUT_LINES,
     Robot,
-    Track,
-    either_end,
-    random_areas,
     settings,
-    time_until_right,
     tracked,
     walk,
-    with_false_crossings,
 )
 from touchline.systems.nimbro_lines import NimbroLinesSettings
 from touchline.types import Prior
@@ -37,9 +36,9 @@ from touchline.types import Prior
 SECONDS, SECONDS_WITH_FALSE, SECONDS_FROM_NOWHERE = 300.0, 600.0, 30.0
 FALSE_SHARES = (0.1, 0.3, 0.5)
 STARTS_FROM_NOWHERE = 4  # per seed
+STARTS, LAST_S = 10, 5.0  # of a recording
 COLUMNS = ("robot", "field", "system", "features", "median (cm)", "within 40 cm", "95 % (cm)", "heading (°)", "right")
 LINES, NO_LINES = "all", "without lines"
-OURS, PAPER = "nimbro-lines", "the paper's own form"
 
 
 _SIMULATED = (
@@ -59,6 +58,17 @@ _FALSE = (
 )
 
 
+_RECORDED = (
+    f"Recorded: images, {STARTS} starts within 0.3 m and 10° (± over these); in brackets the median over the last "
+    f"{LAST_S:g} s. The odometry alone starts at the truth."
+)
+_NOT_FOUND = f"{' and '.join(RECORDINGS)} were not found; TOUCHLINE_DATA names the folder of the recordings."
+_PAPER_ROWS = (
+    ("the paper's robot", "TeenSize 2010", "the paper", "all", "17", "89 %", NONE, NONE, NONE),
+    ("", "", "", "without lines", "26", "66 %", NONE, NONE, NONE),
+)
+
+
 class Case(NamedTuple):
     """One row: which robot, which of FIELDS, which form of the system, with lines or without."""
 
@@ -70,88 +80,98 @@ class Case(NamedTuple):
 
 def cases() -> list[Case]:
     """As built first; the ideal robot last."""
-    built = [
-        Case(AS_BUILT, field, system, features)
-        for field in FIELDS
-        for system in (OURS, PAPER)
-        for features in (LINES, NO_LINES)
-    ]
+    built = [Case(AS_BUILT, *each) for each in product(FIELDS, (OURS, PAPER), (LINES, NO_LINES))]
     simulated = [Case(AS_SIMULATED, field, system, LINES) for field in FIELDS for system in (OURS, PAPER)]
     return built + simulated + [Case(robot, field, OURS, LINES) for robot in (PANNING, IDEAL) for field in FIELDS]
 
 
 def schulz_accuracy(seeds: int) -> ExperimentResult:
     """Walks at the observation level, then the recordings."""
-    tracks: dict[Case, list[Track]] = {case: [] for case in cases()}
-    places = dict.fromkeys((case.robot, case.field) for case in tracks)
-    for (robot, field), seed in follow([(place, seed) for place in places for seed in range(seeds)], "walks"):
-        walked = walk(field, robot, seed, SECONDS)
-        for case in tracks:
-            if (case.robot, case.field) == (robot, field):
-                tracks[case].append(tracked(walked, _settings(case), seed))
-    rows: list[tuple[str, ...]] = [
-        ("the paper's robot", "TeenSize 2010", "the paper", "all", "17", "89 %", "–", "–", "–"),
-        ("", "", "", "without lines", "26", "66 %", "–", "–", "–"),
-    ]
-    rows += [(case.robot.name, case.field, case.system, case.features, *_cells(tracks[case])) for case in tracks]
-    rows += _false_rows(seeds)
+    places = list(product(dict.fromkeys((case.robot, case.field) for case in cases()), range(seeds)))
+    walks = together(_walked(place, seed) for place, seed in follow(places, "walks"))
+    tracks = {case: walks[case] for case in cases()}
+    false = list(product(FIELDS, range(seeds)))
+    with_false = together(_with_false(*each) for each in follow(false, "walks, false crossings"))
+    starts = list(product(FIELDS, range(seeds * STARTS_FROM_NOWHERE)))
+    nowhere = together({field: _wait(field, n)} for field, n in follow(starts, "starts from nowhere"))
     recorded = recorded_rows()
-    built = [case for case in tracks if case.robot is AS_BUILT and case.system == OURS]
-    ours = [_headline(tracks[case]) for case in built if case.features == LINES]
+    built = {case: some for case, some in tracks.items() if case.robot is AS_BUILT and case.system == OURS}
+    ours = ["{} cm, {}".format(*_cells(some)) for case, some in built.items() if case.features == LINES]
     return ExperimentResult(
-        "schulz-accuracy",
         "Figure 5 of Schulz and Behnke 2012: five minutes of walking, with lines and without",
-        seeds,
         COLUMNS,
-        (*rows, *recorded),
+        [
+            *_PAPER_ROWS,
+            *((case.robot.name, *case[1:], *_cells(some)) for case, some in tracks.items()),
+            *((*key, OURS, LINES, *_cells(some)) for key, some in with_false.items()),
+            *recorded,
+        ],
         Headline(
             "median error and poses within 40 cm, robot as built, coloured goals; white goals",
             "17 cm, 89 % (without lines: 26 cm, 66 %)",
             "; ".join(ours),
         ),
-        (_SIMULATED, _STARTS, _FALSE, _from_nowhere(seeds), recorded_note(bool(recorded))),
-        (("figure5", _histogram({case: tracks[case] for case in built})),),
+        (_SIMULATED, _STARTS, _FALSE, _from_nowhere(nowhere), _RECORDED if recorded else _NOT_FOUND),
+        (("figure5", _histogram(built)),),
     )
 
 
+def _walked(place: tuple[Robot, str], seed: int) -> dict[Case, Track]:
+    """Every case of a robot on a field."""
+    walked = walk(place[1], place[0], seed, SECONDS)
+    return {case: tracked(walked, seed, _settings(case)) for case in cases() if case[:2] == place}
+
+
 def _settings(case: Case) -> NimbroLinesSettings:
-    changes = WITHOUT_LINES if case.features == NO_LINES else ()
-    return settings("paper" if case.system == PAPER else None, *changes)
+    return settings(PRESETS[case.system], *(WITHOUT_LINES if case.features == NO_LINES else ()))
 
 
-def _cells(tracks: Sequence[Track]) -> tuple[str, ...]:
+def _with_false(field: str, seed: int) -> dict[tuple[str, str], Track]:
+    """A longer walk whose crossings are partly none."""
+    walked = walk(field, AS_SIMULATED, seed, SECONDS_WITH_FALSE)
+    false = {share: schulz_runs.with_false_crossings(walked, share, seed) for share in FALSE_SHARES}
+    return {(f"{100 * share:.0f} % false crossings", field): tracked(each, seed) for share, each in false.items()}
+
+
+def _wait(field: str, number: int) -> float:
+    """Seconds until the pose is right without being told any."""
+    areas = schulz_runs.random_areas(field, number)
+    walked = walk(field, AS_SIMULATED, number, SECONDS_FROM_NOWHERE, areas)
+    track = tracked(walked, number, prior=Prior())
+    return schulz_runs.time_until_right(schulz_runs.either_end(track) if walked.field.is_symmetric else track)
+
+
+def _cells(tracks: Sequence[Track]) -> Row:
     """Median, share within 40 cm, 95 %, heading, share right and believed."""
     return (
         spread([100.0 * float(np.median(t.distances_m)) for t in tracks], 1),
         percent([float(np.mean(t.distances_m <= NEAR_M)) for t in tracks]),
         spread([100.0 * float(np.quantile(t.distances_m, 0.95)) for t in tracks], 0),
         spread([float(np.degrees(np.median(t.turns_rad))) for t in tracks], 2),
-        percent([float(np.mean(t.right & t.tracking)) for t in tracks]),
+        percent([schulz_runs.believed(t) for t in tracks]),
     )
 
 
-def _false_rows(seeds: int) -> list[tuple[str, ...]]:
-    """Longer walks whose crossings are partly none."""
-    tracks: dict[tuple[str, float], list[Track]] = {(field, share): [] for field in FIELDS for share in FALSE_SHARES}
-    for field, seed in follow([(field, seed) for field in FIELDS for seed in range(seeds)], "walks, false crossings"):
-        walked = walk(field, AS_SIMULATED, seed, SECONDS_WITH_FALSE)
-        for share in FALSE_SHARES:
-            frames = with_false_crossings(walked.frames, share, seed)
-            tracks[field, share].append(tracked(replace(walked, frames=frames), settings(), seed))
-    return [
-        (f"{100 * share:.0f} % false crossings", field, OURS, LINES, *_cells(found))
-        for (field, share), found in tracks.items()
-    ]
+def recorded_rows() -> list[Row]:
+    """Images of walking humanoids, beside what the odometry alone makes of them; none of a recording not found."""
+    rows: list[Row] = []
+    for name in RECORDINGS:
+        walked, by_paper = schulz_runs.recorded_walk(name), schulz_runs.recorded_walk(name, "paper")
+        if walked is None or by_paper is None:
+            continue
+        ours = [tracked(walked, seed, settings()) for seed in follow(range(STARTS), f"starts in {name}")]
+        paper = [tracked(by_paper, seed, settings("paper")) for seed in range(STARTS)]
+        alone = [schulz_runs.dead_reckoned(walked)]
+        for system, features, tracks in ((OURS, "all", ours), (PAPER, "all", paper), ("odometry alone", "none", alone)):
+            last = walked.times_s > walked.times_s[-1] - LAST_S
+            ends = spread([100.0 * float(np.median(t.distances_m[last])) for t in tracks], 1)
+            median, *others = _cells(tracks)
+            rows.append((f"recorded: {name}", walked.field.name, system, features, f"{median} (last {ends})", *others))
+    return rows
 
 
-def _from_nowhere(seeds: int) -> str:
+def _from_nowhere(times: Mapping[str, Sequence[float]]) -> str:
     """A sentence on how long it takes until the pose is right without being told any."""
-    times: dict[str, list[float]] = {field: [] for field in FIELDS}
-    numbers = range(seeds * STARTS_FROM_NOWHERE)
-    for field, number in follow([(field, number) for field in FIELDS for number in numbers], "starts from nowhere"):
-        walked = walk(field, AS_SIMULATED, number, SECONDS_FROM_NOWHERE, random_areas(field, number))
-        track = tracked(walked, settings(), number, Prior())
-        times[field].append(time_until_right(either_end(track) if walked.field.is_symmetric else track))
     parts = [
         f"{field}: median {np.median(waited):.1f} s, 90 % {np.quantile(waited, 0.9, method='higher'):.1f} s, "
         f"{np.count_nonzero(np.isinf(waited))} of {len(waited)} never"
@@ -159,20 +179,15 @@ def _from_nowhere(seeds: int) -> str:
     ]
     return (
         "From nowhere, time until the pose is right and stays so for two seconds (as simulated, "
-        f"{SECONDS_FROM_NOWHERE:g} s each; where nothing tells the ends apart, at either end): "
-        + "; ".join(parts)
-        + "."
+        f"{SECONDS_FROM_NOWHERE:g} s each; where nothing tells the ends apart, at either end): {'; '.join(parts)}."
     )
 
 
-def _headline(tracks: Sequence[Track]) -> str:
-    median, near = _cells(tracks)[:2]
-    return f"{median} cm, {near}"
-
-
-def _histogram(tracks: dict[Case, list[Track]]) -> Figure:
+def _histogram(tracks: Mapping[Case, Sequence[Track]]) -> Figure:
     """The middle of figure 5: distances from the truth, of the robot as built."""
-    figure, axes = new_figure(1, len(FIELDS), 9.0, 3.4)
+    titles = [f"{field} ({what})" for field, what in FIELDS.items()]
+    labels = ("distance from the truth (m); the last bar: all beyond", "poses (%)")
+    figure, axes = new_figure(1, len(FIELDS), (9.0, 3.4), titles, labels)
     edges = np.arange(0.0, 1.05, 0.05)
     for axis, field in zip(axes, FIELDS, strict=True):
         for case, tint in zip((c for c in tracks if c.field == field), (BLUE, RED), strict=False):
@@ -181,8 +196,5 @@ def _histogram(tracks: dict[Case, list[Track]]) -> Figure:
             axis.stairs(shares, edges, fill=True, alpha=0.35, color=tint)
             axis.stairs(shares, edges, color=tint, label=case.features)
         axis.axvline(NEAR_M, color=MAGENTA, linewidth=1.0, linestyle="--")
-        axis.set_title(f"{field} ({FIELDS[field]})", fontsize=10)
-        axis.set_xlabel("distance from the truth (m); the last bar: all beyond")
-        axis.set_ylabel("poses (%)")
         axis.legend(frameon=False)
     return figure

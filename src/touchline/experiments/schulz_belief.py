@@ -10,19 +10,27 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from touchline.errors import TouchlineError
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, percent, spread
-from touchline.experiments.scenes import BLUE, MAGENTA, field_axes, new_figure
-from touchline.experiments.schulz_runs import AS_SIMULATED, RIGHT_M, RIGHT_RAD, random_areas, settings, walk
+from touchline.experiments.harness import ExperimentResult, Headline, follow, percent, spread
+from touchline.experiments.scenes import BLUE, MAGENTA, new_figure
+from touchline.experiments.schulz_runs import (
+    AS_SIMULATED,
+    OURS,
+    PAPER,
+    PRESETS,
+    RIGHT_M,
+    RIGHT_RAD,
+    random_areas,
+    settings,
+    walk,
+)
 from touchline.field import FieldModel, open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angles
-from touchline.localization.particles.feature_model import FeatureModel, field_lines
-from touchline.localization.particles.features import Features
+from touchline.localization.registration.feature_model import FeatureModel, field_lines
+from touchline.localization.registration.features import Features
 from touchline.types import LandmarkKind, Observation
 
 FIELD = "indoor-9x6"
-PAPER = "the paper's own form"
 STEP_M, HEADINGS = 0.1, 72
 _BEYOND_M = 0.5
 _SHOWN_M = 0.3  # between the particles of the figure
@@ -68,37 +76,29 @@ class Seen(NamedTuple):
 def schulz_belief(seeds: int) -> ExperimentResult:
     """One frame per seed, the belief by four sets of features in both forms of the observation model."""
     field = open_field(FIELD)
-    forms = {PAPER: "paper", "nimbro-lines": None}
-    found: dict[tuple[str, str], list[tuple[int, float, float]]] = {(f, p): [] for f in forms for p in PANELS}
-    shown: dict[str, Belief] = {}
-    first: Seen | None = None
-    for seed in follow(range(seeds), "frames"):
-        seen = chosen_frame(seed)
-        first = first or seen
-        for (form, panel), values in found.items():
-            belief = belief_of(field, seen.observation, panel, forms[form])
-            values.append(_summary(belief, seen.pose))
-            if seen is first and forms[form] == "paper":
-                shown[panel] = belief
-    assert first is not None
+    seen = [chosen_frame(seed) for seed in follow(range(seeds), "frames")]
+    shown = {panel: belief_of(field, seen[0].observation, panel, PRESETS[PAPER]) for panel in PANELS}
+    found = {
+        (system, panel): [_summary(belief_of(field, s.observation, panel, PRESETS[system]), s.pose) for s in seen]
+        for system in (PAPER, OURS)
+        for panel in PANELS
+    }
     rows = []
-    for (form, panel), values in found.items():
+    for key, values in found.items():
         modes, mass, wide = (np.array(column) for column in zip(*values, strict=True))
-        rows.append((form, panel, _PAPER[panel], spread(modes, 1), percent(mass), spread(wide, 2)))
-    corners, ours = found[PAPER, "crossings"], found[PAPER, "lines, crossings, pole"]
+        rows.append((*key, _PAPER[key[1]], spread(modes, 1), percent(mass), spread(wide, 2)))
+    corners, ours = (spread([v[0] for v in found[PAPER, name]], 1) for name in ("crossings", "lines, crossings, pole"))
     return ExperimentResult(
-        "schulz-belief",
         "Figure 4 of Schulz and Behnke 2012: the belief by the features of one frame",
-        seeds,
         ("observation model", "features", "paper: positions", "positions", "belief that is right", "area (m²)"),
-        tuple(rows),
+        rows,
         Headline(
             "positions left by crossings; by lines, crossings and one pole",
             "2; almost 1",
-            f"{spread([v[0] for v in corners], 1)}; {spread([v[0] for v in ours], 1)}",
+            f"{corners}; {ours}",
         ),
         _NOTES,
-        (("figure4", _figure(field, shown, first)),),
+        (("figure4", _figure(field, shown, seen[0])),),
     )
 
 
@@ -153,13 +153,11 @@ def _summary(belief: Belief, truth: Pose) -> tuple[int, float, float]:
 
 
 def _figure(field: FieldModel, shown: dict[str, Belief], seen: Seen) -> Figure:
-    figure, axes = new_figure(2, 2, 8.0, 5.8)
-    for axis, (panel, belief) in zip(axes, shown.items(), strict=True):
-        field_axes(axis, field, beyond_m=_BEYOND_M)
+    figure, axes = new_figure(2, 2, (8.0, 5.8), list(shown), field=field, beyond_m=_BEYOND_M)
+    for axis, belief in zip(axes, shown.values(), strict=True):
         _draw(axis, belief)
         x, y, heading = seen.pose
         axis.quiver(x, y, math.cos(heading), math.sin(heading), color=MAGENTA, scale=18.0, width=0.008, zorder=4)
-        axis.set_title(panel, fontsize=10)
     return figure
 
 

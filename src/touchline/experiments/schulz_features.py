@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from touchline.camera import GroundView, ground_view
 from touchline.experiments.feature_truth import Tally, TrueFeatures
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline
-from touchline.experiments.scenes import new_figure, public_recording
-from touchline.experiments.schulz_runs import random_areas
+from touchline.experiments.harness import ExperimentResult, Headline, Row, follow
+from touchline.experiments.scenes import image_figure, public_recording
+from touchline.experiments.schulz_runs import RECORDINGS, random_areas
 from touchline.experiments.schulz_runs import settings as system_settings
 from touchline.geometry import Pose
 from touchline.motion import LeanFilter
@@ -24,7 +22,6 @@ from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
 from touchline.types import Frame, ImageArray
 
-RECORDINGS = ("humanoid_9x6_walk", "humanoid_hsl_pan")
 FIELDS = ("indoor-9x6", "humanoid-kid-9x6")
 CROSSINGS_M, LINES_M, LANDMARKS_M = 3.0, 5.0, 5.0
 _PLACES, _SECONDS = 2, 2.0  # per seed, and of each walk there
@@ -77,9 +74,9 @@ def measure(source: Recording | Simulation, settings: LineGraphSettings | None =
     return scores
 
 
-def table(name: str, scores: FeatureScores) -> list[tuple[str, ...]]:
+def table(name: str, scores: FeatureScores) -> list[Row]:
     """Rows of a source: what, precision, recall, how many there are and were found."""
-    rows: list[tuple[str, ...]] = []
+    rows: list[Row] = []
     crossings = {f"{kind} crossings": tally for kind, tally in scores.crossings.items()}
     landmarks = {LANDMARKS[kind]: tally for kind, tally in scores.landmarks.items()}
     for label, tally in (crossings | {"lines": scores.lines} | landmarks).items():
@@ -115,11 +112,9 @@ def schulz_features(seeds: int) -> ExperimentResult:
     for each in ours:
         total = total.plus(each.crossings["all"])
     return ExperimentResult(
-        "schulz-features",
         "Features of the line graph (Schulz and Behnke 2012, sections 3 and 4) against the projected truth",
-        seeds,
         ("images of", "feature", "precision", "recall", "there", "found"),
-        tuple(rows),
+        rows,
         Headline(
             f"crossings within {CROSSINGS_M:g} m: precision, recall",
             "not given",
@@ -135,7 +130,11 @@ def schulz_features(seeds: int) -> ExperimentResult:
             "The camera's pose is that of the IMU or the kinematics, with their errors: these move the boundary, "
             "too. What stands on the field hides its boundary; that counts as error here.",
         ),
-        tuple((f"features-{k}", _figure(each)) for k, each in enumerate(ours[:2]) if each.picture is not None),
+        [
+            (f"features-{k}", image_figure([each.picture], (7.2, 4.7))[0])
+            for k, each in enumerate(ours[:2])
+            if each.picture is not None
+        ],
     )
 
 
@@ -176,11 +175,3 @@ def _view(frame: Frame, source: Recording | Simulation) -> GroundView:
 
 def _percent(share: float) -> str:
     return "–" if np.isnan(share) else f"{100.0 * share:.1f} %"
-
-
-def _figure(scores: FeatureScores) -> Figure:
-    figure, (axes,) = new_figure(width_in=7.2, height_in=4.7)
-    assert scores.picture is not None
-    axes.imshow(scores.picture[..., ::-1])
-    axes.axis("off")
-    return figure

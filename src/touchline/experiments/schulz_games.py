@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, percent
-from touchline.experiments.scenes import BLUE, MAGENTA, field_axes, new_figure
+from touchline.experiments.drives import Drive, Track
+from touchline.experiments.harness import ExperimentResult, Headline, Row, follow, percent, together
+from touchline.experiments.scenes import BLUE, MAGENTA, dots, field_axes, new_figure, way
 from touchline.experiments.schulz_runs import (
     AS_BUILT,
     AS_SIMULATED,
     IDEAL,
+    OURS,
+    PAPER,
+    PRESETS,
     Robot,
-    Track,
-    Walk,
+    believed,
     either_end,
+    right_of,
     settings,
     time_until_right,
     tracked,
     walk,
 )
 from touchline.field import FieldModel, open_field
+from touchline.geometry import FloatArray
 
 FIELD, SECONDS = "indoor-9x6", 60.0
 GAMES = 10  # per seed: 50 of five seeds
@@ -34,22 +39,15 @@ _INSIDE_M = 0.2  # of the side lines and corners that the robot visits
 _TWO_AGAINST_TWO = ("others.robots=3", "others.moving=true", "others.near_m=1.2", "others.speed_m_s=0.5")
 
 
-class Case(NamedTuple):
-    """A robot, a form of the system, and whether that is told of the fall."""
-
-    robot: Robot
-    preset: str | None
-    told: bool = False
-
-
 _BUILT, _SIMULATED = (robot._replace(changes=_TWO_AGAINST_TWO) for robot in (AS_BUILT, AS_SIMULATED))
+_TOLD = "as built, told of the fall"  # the system is
 CASES = {
-    ("as built", "nimbro-lines"): Case(_BUILT, None),
-    ("as built", "the paper's own form"): Case(_BUILT, "paper"),
-    ("as built, told of the fall", "nimbro-lines"): Case(_BUILT, None, True),
-    ("as simulated", "nimbro-lines"): Case(_SIMULATED, None),
-    ("as simulated", "the paper's own form"): Case(_SIMULATED, "paper"),
-    ("ideal, nobody else", "nimbro-lines"): Case(IDEAL, None),
+    ("as built", OURS): _BUILT,
+    ("as built", PAPER): _BUILT,
+    (_TOLD, OURS): _BUILT,
+    ("as simulated", OURS): _SIMULATED,
+    ("as simulated", PAPER): _SIMULATED,
+    ("ideal, nobody else", OURS): IDEAL,
 }
 COLUMNS = (
     "robot", "system", "right until the fall", "right again: median (s)", "90 % (s)", "longest (s)", "never",
@@ -69,31 +67,23 @@ _NOTES = (
 
 
 class Game(NamedTuple):
-    """A walk, its track and the seconds until it was right again after the fall (inf: never)."""
+    """A track and the seconds until it was right again after the fall (inf: never)."""
 
-    walked: Walk
     track: Track
     waited_s: float
 
 
+Games = Mapping[tuple[str, str], Sequence[Game]]  # by robot and system
+
+
 def schulz_games(seeds: int) -> ExperimentResult:
     """Fifty games of five seeds, each case plays the same ones."""
-    games: dict[tuple[str, str], list[Game]] = {name: [] for name in CASES}
-    for number in follow(range(seeds * GAMES), "games"):
-        walks: dict[Robot, Walk] = {}
-        for name, (robot, preset, told) in CASES.items():
-            if robot not in walks:
-                walks[robot] = game(robot, number)
-            track = tracked(walks[robot], settings(preset), number, forget_s=FALL_S if told else math.inf)
-            games[name].append(Game(walks[robot], track, time_until_right(track, FALL_S)))
-    built = games["as built", "nimbro-lines"]
-    waited = np.array([each.waited_s for each in built])
+    games = together(_played(number) for number in follow(range(seeds * GAMES), "games"))
+    waited = np.array([each.waited_s for each in games["as built", OURS]])
     return ExperimentResult(
-        "schulz-games",
         "Section 6.3 of Schulz and Behnke 2012: games of two against two, with a fall",
-        seeds,
         COLUMNS,
-        tuple(_row(name, each) for name, each in games.items()),
+        [(*name, *_cells(each)) for name, each in games.items()],
         Headline(
             "robot as built: right again after a fall, median; 90 %; within the game",
             "reliably",
@@ -104,7 +94,18 @@ def schulz_games(seeds: int) -> ExperimentResult:
     )
 
 
-def game(robot: Robot, number: int) -> Walk:
+def _played(number: int) -> dict[tuple[str, str], Game]:
+    """One game of every case."""
+    walks = {robot: game(robot, number) for robot in dict.fromkeys(CASES.values())}
+    games = {}
+    for (name, system), robot in CASES.items():
+        forget_s = FALL_S if name == _TOLD else math.inf
+        track = tracked(walks[robot], number, settings(PRESETS[system]), forget_s=forget_s)
+        games[name, system] = Game(track, time_until_right(track, FALL_S))
+    return games
+
+
+def game(robot: Robot, number: int) -> Drive:
     """One game; the number is its seed."""
     field, rng = open_field(FIELD), np.random.default_rng([number, 26])
     places = [_unfavourable(field, rng) for _ in range(5)]
@@ -131,41 +132,36 @@ def _unfavourable(field: FieldModel, rng: np.random.Generator) -> tuple[float, f
     return round(x, 2), round(y, 2), 0.0
 
 
-def _row(name: tuple[str, str], games: list[Game]) -> tuple[str, ...]:
-    waited = np.array([each.waited_s for each in games])
-    until = [
-        float(np.mean((t.right & t.tracking)[t.times_s < FALL_S - DOWN_S])) for t in (each.track for each in games)
-    ]
-    wrong = [t.tracking & ~t.right for t in (each.track for each in games)]
-    twins = [w & either_end(each.track).right for w, each in zip(wrong, games, strict=True)]
+def _cells(games: Sequence[Game]) -> Row:
+    tracks, waited = [each.track for each in games], np.array([each.waited_s for each in games])
+    wrong = [t.tracking & ~right_of(t) for t in tracks]
+    twins = [float(np.mean(w & right_of(either_end(t)))) for w, t in zip(wrong, tracks, strict=True)]
     return (
-        *name,
-        percent(until),
+        percent([believed(t.part(t.times_s < FALL_S - DOWN_S)) for t in tracks]),
         f"{np.median(waited):.1f}",
         _quantile(waited),
         f"{np.max(waited[np.isfinite(waited)], initial=0.0):.1f}",
         f"{np.isinf(waited).sum()} of {len(waited)}",
         percent([float(np.mean(w)) for w in wrong]),
-        percent([float(np.mean(w)) for w in twins]),
+        percent(twins),
     )
 
 
-def _quantile(waited_s: np.ndarray) -> str:
+def _quantile(waited_s: FloatArray) -> str:
     value = float(np.quantile(waited_s, 0.9, method="higher"))
     return f"{value:.1f}" if math.isfinite(value) else "–"
 
 
-def _figure(field: FieldModel, games: dict[tuple[str, str], list[Game]]) -> Figure:
+def _figure(field: FieldModel, games: Games) -> Figure:
     """One game from above; beside it which share of the robots is right again after so long."""
-    figure, (above, curve) = new_figure(1, 2, 10.0, 3.8)
-    first = games["as built", "nimbro-lines"][0]
+    figure, (above, curve) = new_figure(1, 2, (10.0, 3.8))
+    track = games["as built", OURS][0].track
     field_axes(above, field, beyond_m=0.6)
-    before = first.track.times_s < FALL_S
-    above.plot(*first.walked.truth[before, :2].T, color="black", linewidth=1.0)
-    above.plot(*first.walked.truth[~before, :2].T, color="black", linewidth=1.0, label="truth")
-    for chosen, label in ((before, "until the fall"), (~before, "after it")):
-        tint = BLUE if label == "until the fall" else MAGENTA
-        above.plot(*first.track.poses[chosen, :2].T, ".", color=tint, markersize=3, label=label)
+    before, after = track.part(track.times_s < FALL_S), track.part(track.times_s >= FALL_S)
+    way(above, before.truth, "black")
+    way(above, after.truth, "black", label="truth")
+    for part, tint, label in ((before, BLUE, "until the fall"), (after, MAGENTA, "after it")):
+        dots(above, part.poses, tint, 3, marker=".", label=label)
     above.legend(frameon=False, fontsize=8, loc="upper left")
     for name, each in games.items():
         waited = np.sort([game.waited_s for game in each])

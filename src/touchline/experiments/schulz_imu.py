@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from touchline.calibration.imu import ImuCalibration, calibrate_imu
 from touchline.camera import GroundView, PinholeCamera, ground_view
 from touchline.errors import InputError
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, spread
+from touchline.experiments.harness import ExperimentResult, Headline, follow, spread
 from touchline.experiments.scenes import BLUE, RED, new_figure
 from touchline.geometry import FloatArray
 from touchline.simulation.recording import write_recording
@@ -75,11 +74,9 @@ def schulz_imu(seeds: int) -> ExperimentResult:
             cells.append(f"{spread(left, 1)} ({np.mean(shift):.0f})")
         rows.append((f"{name}, against the geometry (px)", "shown", *cells))
     return ExperimentResult(
-        "schulz-imu",
         "Figure 3 of Schulz and Behnke 2012: the learned mapping from IMU readings to image offsets",
-        seeds,
         ("figure", "paper", "its form here", "ours"),
-        tuple(rows),
+        rows,
         Headline(
             "four marks before a robot that walks in place wander; with the learned correction",
             "shown",
@@ -135,10 +132,9 @@ def against_geometry(
 
 
 def _figure(each: Learned) -> Figure:
-    figure, axes = new_figure(1, len(LEANS_DEG), 11.0, 3.0)
-    for axis, (name, (roll, pitch)) in zip(axes, LEANS_DEG.items(), strict=True):
+    figure, axes = new_figure(1, len(LEANS_DEG), (11.0, 3.0), list(LEANS_DEG))
+    for axis, (roll, pitch) in zip(axes, LEANS_DEG.values(), strict=True):
         _draw(axis, each, math.radians(roll), math.radians(pitch))
-        axis.set_title(name, fontsize=10)
     return figure
 
 

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, percent, spread
-from touchline.experiments.scenes import BLUE, MAGENTA, RED, field_axes, new_figure
+from touchline.experiments.drives import Track
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, percent, spread, together
+from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure, way
 from touchline.experiments.schulz_runs import (
     AS_BUILT,
     AS_SIMULATED,
     IDEAL,
     ONLY_LINES,
+    OURS,
+    PAPER,
+    PRESETS,
     TRACKING_ALONE,
     WITHOUT_LINES,
     Robot,
-    Track,
+    believed,
     settings,
     tracked,
     walk,
@@ -29,29 +32,13 @@ from touchline.geometry import wrap_angles
 
 FIELD, SECONDS = "indoor-9x6", 600.0
 CONDITIONS = {"all observations": (), "no lines": WITHOUT_LINES, "only lines": ONLY_LINES}
-ALL, NONE, ONLY = CONDITIONS
+ALL, WITHOUT, ONLY = CONDITIONS
 TRUTH = "truth"
 # Table 2: Euclid (m) and angle (rad).
-PAIRS = {(ALL, NONE): (0.17, 0.09), (ALL, ONLY): (0.14, 0.07), (NONE, ONLY): (0.26, 0.15)}
+PAIRS = {(ALL, WITHOUT): (0.17, 0.09), (ALL, ONLY): (0.14, 0.07), (WITHOUT, ONLY): (0.26, 0.15)}
 COLUMNS = ("robot", "system", "condition", "reference", "paper (m)", "ours (m)", "paper (rad)", "ours (rad)", "right")
-
-
-class Case(NamedTuple):
-    """A robot and a form of the system."""
-
-    robot: Robot
-    preset: str | None
-
-
-CASES = (
-    Case(AS_BUILT, None),
-    Case(AS_BUILT, "paper"),
-    Case(AS_SIMULATED, None),
-    Case(AS_SIMULATED, "paper"),
-    Case(IDEAL, None),
-)
-_NAMES = {None: "nimbro-lines", "paper": "the paper's own form"}
-_BESIDE = {None: (), "paper": TRACKING_ALONE}
+CASES = ((AS_BUILT, OURS), (AS_BUILT, PAPER), (AS_SIMULATED, OURS), (AS_SIMULATED, PAPER), (IDEAL, OURS))
+_BESIDE = {OURS: (), PAPER: TRACKING_ALONE}
 _NOTES = (
     f"The scenario humanoid-walk on {FIELD} at the observation level, {SECONDS:g} s from target area to target area, "
     "per seed; the start is told within 0.3 m and 10°, all three tracks are of the same frames. The robots are those "
@@ -61,73 +48,66 @@ _NOTES = (
     "does its own form: no random particles.",
 )
 
-Tracks = dict[str, Track]
+Tracks = Mapping[str, Track]  # by condition
 
 
 def schulz_lines_only(seeds: int) -> ExperimentResult:
     """Ten minutes per seed, three conditions."""
-    found: dict[Case, list[Tracks]] = {case: [] for case in CASES}
-    for robot, seed in follow(
-        [(robot, seed) for robot in (AS_BUILT, AS_SIMULATED, IDEAL) for seed in range(seeds)], "walks"
-    ):
-        walked = walk(FIELD, robot, seed, SECONDS)
-        for case in (case for case in CASES if case.robot is robot):
-            found[case].append(
-                {
-                    name: tracked(walked, settings(case.preset, *_BESIDE[case.preset], *off), seed)
-                    for name, off in CONDITIONS.items()
-                }
-            )
+    walks = list(product((AS_BUILT, AS_SIMULATED, IDEAL), range(seeds)))
+    found = together(_tracks(robot, seed) for robot, seed in follow(walks, "walks"))
     built = found[CASES[0]]
-    to_truth = [100.0 * _apart(tracks, ONLY, TRUTH)[0] for tracks in built]
-    to_all = [100.0 * _apart(tracks, ALL, ONLY)[0] for tracks in built]
-    lost = percent([1.0 - _right(tracks[ONLY]) for tracks in built])
+    pairs = ((ONLY, TRUTH), (ALL, ONLY))
+    to_truth, to_all = (spread([100.0 * _apart(tracks, *pair)[0] for tracks in built], 1) for pair in pairs)
+    lost = percent([1.0 - believed(tracks[ONLY]) for tracks in built])
     return ExperimentResult(
-        "schulz-lines-only",
         "Table 2 and figure 6 of Schulz and Behnke 2012: pose tracking by lines alone",
-        seeds,
         COLUMNS,
-        tuple(row for case in CASES for row in _rows(case, found[case])),
+        [row for case in CASES for row in _rows(case, found[case])],
         Headline(
             "lines alone, robot as built: mean deviation from the truth; from the track of all; frames not right",
             "–; 14 cm; none",
-            f"{spread(to_truth, 1)} cm; {spread(to_all, 1)} cm; {lost}",
+            f"{to_truth} cm; {to_all} cm; {lost}",
         ),
         _NOTES,
         (("figure6", _figure(open_field(FIELD), built[0])),),
     )
 
 
-def _rows(case: Case, found: Sequence[Tracks]) -> list[tuple[str, ...]]:
-    pairs = {**PAIRS, **{(name, TRUTH): (None, None) for name in CONDITIONS}}
-    rows: list[tuple[str, ...]] = []
-    for index, ((one, other), paper) in enumerate(pairs.items()):
+def _tracks(robot: Robot, seed: int) -> dict[tuple[Robot, str], Tracks]:
+    """Of one walk by both forms of the system."""
+    walked = walk(FIELD, robot, seed, SECONDS)
+    return {
+        (robot, system): {
+            name: tracked(walked, seed, settings(PRESETS[system], *_BESIDE[system], *off))
+            for name, off in CONDITIONS.items()
+        }
+        for chosen, system in CASES
+        if chosen is robot
+    }
+
+
+def _rows(case: tuple[Robot, str], found: Sequence[Tracks]) -> list[Row]:
+    rows: list[Row] = []
+    for one, other in (*PAIRS, *((name, TRUTH) for name in CONDITIONS)):
         apart = np.array([_apart(tracks, one, other) for tracks in found])
-        right = percent([_right(tracks[one]) for tracks in found]) if other == TRUTH else "–"
-        first = (case.robot.name, _NAMES[case.preset]) if index == 0 else ("", "")
-        said = ["–" if value is None else f"{value:g}" for value in paper]
-        rows.append((*first, one, other, said[0], spread(apart[:, 0], 3), said[1], spread(apart[:, 1], 3), right))
+        metres, radians = (f"{value:g}" for value in PAIRS[one, other]) if other != TRUTH else (NONE, NONE)
+        right = percent([believed(tracks[one]) for tracks in found]) if other == TRUTH else NONE
+        first = ("", "") if rows else (case[0].name, case[1])
+        rows.append((*first, one, other, metres, spread(apart[:, 0], 3), radians, spread(apart[:, 1], 3), right))
     return rows
 
 
 def _apart(tracks: Tracks, one: str, other: str) -> tuple[float, float]:
     """Mean distance (m) and angle (rad) between two tracks."""
-    reference = tracks[one].truth if other == TRUTH else tracks[other].poses
-    offset = tracks[one].poses - reference
+    offset = tracks[one].poses - (tracks[one].truth if other == TRUTH else tracks[other].poses)
     return float(np.hypot(offset[:, 0], offset[:, 1]).mean()), float(np.abs(wrap_angles(offset[:, 2])).mean())
-
-
-def _right(track: Track) -> float:
-    return float(np.mean(track.right & track.tracking))
 
 
 def _figure(field: FieldModel, tracks: Tracks) -> Figure:
     """Figure 6: the tracks of the first circle."""
-    figure, axes = new_figure(1, len(CONDITIONS), 11.0, 3.2)
-    once = tracks[ALL].times_s <= 75.0
+    figure, axes = new_figure(1, len(CONDITIONS), (11.0, 3.2), list(tracks), field=field, beyond_m=0.6)
     for axis, (name, track), tint in zip(axes, tracks.items(), (MAGENTA, RED, BLUE), strict=True):
-        field_axes(axis, field, beyond_m=0.6)
-        axis.plot(*track.truth[once, :2].T, color="black", linewidth=1.0, label="truth", zorder=2)
-        axis.plot(*track.poses[once, :2].T, color=tint, linewidth=1.0, label=name, zorder=3)
-        axis.set_title(name, fontsize=10)
+        first = track.part(track.times_s <= 75.0)
+        way(axis, first.truth, "black", label="truth", zorder=2)
+        way(axis, first.poses, tint, label=name, zorder=3)
     return figure

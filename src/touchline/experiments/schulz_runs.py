@@ -1,31 +1,35 @@
-"""What the experiments of nimbro-lines share: walks of a humanoid at the observation level, and tracks of them."""
+"""What the experiments with humanoids share: walks at the observation level or recorded, and tracks of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from touchline.config import load_settings
-from touchline.experiments.progress import tell
-from touchline.experiments.scenes import random_place
-from touchline.field import FieldModel, open_field
-from touchline.geometry import FloatArray, Pose, wrap_angles
+from touchline.evaluation.runner import robot_setup
+from touchline.experiments.drives import BoolArray, Drive, Track, followed
+from touchline.experiments.faults import seen_as
+from touchline.experiments.harness import tell
+from touchline.experiments.scenes import public_recording, random_place
+from touchline.field import open_field
+from touchline.geometry import Pose
 from touchline.motion import MotionHistory
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.simulation.observation.features import leaning
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.sources import Source
 from touchline.systems import RobotSetup
 from touchline.systems.nimbro_lines import NimbroLines, NimbroLinesSettings
-from touchline.types import Crossings, Frame, Observation, Prior, Status, generic_covariances
+from touchline.types import Crossings, Frame, Observation, Prior, generic_covariances
 
+OURS, PAPER = "nimbro-lines", "the paper's own form"
+PRESETS = {OURS: None, PAPER: "paper"}
 SCENARIO = "humanoid-walk"
+RECORDINGS = ("humanoid_9x6_walk", "humanoid_hsl_pan")
 FIELDS = {"indoor-9x6": "coloured goals, poles", "humanoid-kid-9x6": "white goals, no poles"}
 NEAR_M = 0.4  # the paper counts how many poses are within it
 RIGHT_M, RIGHT_RAD = 0.5, math.radians(20.0)
@@ -62,52 +66,7 @@ PANNING = Robot("head panning ± 60°", pan_deg=60.0)
 IDEAL = Robot("ideal", 0.0, changes=("others.robots=0", "others.balls=0"))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Walk:
-    """What a robot saw and measured. truth (N, 3): x, y (m), heading (rad) at the frames. setup: told to a system."""
-
-    setup: RobotSetup
-    frames: tuple[Frame, ...]
-    truth: FloatArray
-
-    @property
-    def field(self) -> FieldModel:
-        """Where it walked."""
-        return self.setup.field
-
-    @property
-    def times_s(self) -> FloatArray:
-        """(N,) of the frames."""
-        return np.array([frame.stamp_ns for frame in self.frames]) / 1e9
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Track:
-    """Where a system said that the robot was. poses, truth (N, 3); tracking (N,): whether it believed it."""
-
-    times_s: FloatArray
-    poses: FloatArray
-    truth: FloatArray
-    tracking: npt.NDArray[np.bool_]
-
-    @property
-    def distances_m(self) -> FloatArray:
-        """(N,) from the truth."""
-        distances: FloatArray = np.hypot(*(self.poses - self.truth)[:, :2].T)
-        return distances
-
-    @property
-    def turns_rad(self) -> FloatArray:
-        """(N,) absolute errors of the heading."""
-        return np.abs(wrap_angles(self.poses[:, 2] - self.truth[:, 2]))
-
-    @property
-    def right(self) -> npt.NDArray[np.bool_]:
-        """(N,) within 0.5 m and 20°."""
-        return np.asarray((self.distances_m <= RIGHT_M) & (self.turns_rad <= RIGHT_RAD))
-
-
-def walk(field_name: str, robot: Robot, seed: int, seconds: float, changes: Sequence[str] = ()) -> Walk:
+def walk(field_name: str, robot: Robot, seed: int, seconds: float, changes: Sequence[str] = ()) -> Drive:
     """A humanoid walks from target area to target area; its frames hold features at the observation level."""
     changed = (f"field={field_name}", *robot.changes, *changes)
     noise = PINHOLE_FEATURES.model_copy(
@@ -120,7 +79,7 @@ def walk(field_name: str, robot: Robot, seed: int, seconds: float, changes: Sequ
     simulation = Simulation(open_scenario(SCENARIO, seed, seconds, changed), "points", feature_noise=noise)
     frames = tuple(_seen(simulation, robot, index) for index in range(len(simulation)))
     setup = RobotSetup(simulation.field, height_m=PINHOLE_FEATURES.height_m)
-    return Walk(setup, frames, np.asarray(simulation.truth.poses))
+    return Drive(setup, frames, np.asarray(simulation.truth.poses))
 
 
 def _seen(simulation: Simulation, robot: Robot, index: int) -> Frame:
@@ -139,16 +98,6 @@ def settings(preset: str | None = None, *changes: str) -> NimbroLinesSettings:
     return load_settings(NimbroLinesSettings, None, changes, preset=preset)
 
 
-def seen_in_images(setup: RobotSetup, frames: Source, what: str, chosen: NimbroLinesSettings) -> tuple[Frame, ...]:
-    """Frames with what the system's detector finds in their images, once for all tracks."""
-    system = NimbroLines(setup, chosen, np.random.default_rng(0))
-    seen = []
-    for frame in frames:
-        seen.append(replace(frame, image=None, observation=system.step(frame).observation))
-        tell(f"images of {what}, {len(seen)}")
-    return tuple(seen)
-
-
 def start_about(truth: Pose, seed: int) -> Pose:
     """A pose within 0.3 m and 10° of the truth."""
     rng = np.random.default_rng([seed, 21])
@@ -161,26 +110,22 @@ def start_about(truth: Pose, seed: int) -> Pose:
 
 
 def tracked(
-    walked: Walk, chosen: NimbroLinesSettings, seed: int, prior: Prior | None = None, forget_s: float = math.inf
+    walked: Drive,
+    seed: int,
+    chosen: NimbroLinesSettings | Mapping[str, Any] | None = None,
+    prior: Prior | None = None,
+    forget_s: float = math.inf,
+    system: str = OURS,
 ) -> Track:
-    """The system's track of a walk. prior: what it is told at the start; None: a pose near the true one.
+    """A system's track of a walk. prior: what it is told at the start; None: a pose near the true one.
 
     forget_s: when it is told that it may be anywhere.
     """
-    system = NimbroLines(walked.setup, chosen, np.random.default_rng([seed, 22]))
-    system.reset(Prior(start_about(Pose(*walked.truth[0]), seed)) if prior is None else prior)
-    estimates = []
-    for frame, time_s in zip(walked.frames, walked.times_s, strict=True):
-        if time_s >= forget_s:
-            system.reset()
-            forget_s = math.inf
-        estimates.append(system.step(frame))
-    poses = np.array([estimate.pose for estimate in estimates])
-    tracking = np.array([estimate.status is Status.TRACKING for estimate in estimates])
-    return Track(walked.times_s, poses, walked.truth, tracking)
+    start = Prior(start_about(Pose(*walked.truth[0]), seed)) if prior is None else prior
+    return followed(system, walked, [seed, 22], chosen, start, forget_s)
 
 
-def dead_reckoned(walked: Walk) -> Track:
+def dead_reckoned(walked: Drive) -> Track:
     """The odometry alone, from the true start on."""
     history, pose, poses = MotionHistory(), Pose(*walked.truth[0]), []
     for frame in walked.frames:
@@ -189,28 +134,41 @@ def dead_reckoned(walked: Walk) -> Track:
     return Track(walked.times_s, np.array(poses), walked.truth, np.ones(len(poses), dtype=np.bool_))
 
 
-def with_false_crossings(frames: Iterable[Frame], share: float, seed: int) -> tuple[Frame, ...]:
-    """Frames of whose crossings so many are none: even in the view, of random kinds, turned anyhow."""
-    rng = np.random.default_rng([seed, 23])
-    return tuple(replace(frame, observation=_with_false(frame.observation, share, rng)) for frame in frames)
-
-
-def _with_false(seen: Observation | None, share: float, rng: np.random.Generator) -> Observation | None:
-    if seen is None:
+def recorded_walk(name: str, preset: str | None = None) -> Drive | None:
+    """A recording with what nimbro-lines, or the paper's own form of it, sees in its images; None where not found."""
+    recording = public_recording(name)
+    if recording is None:
         return None
-    true, n = seen.crossings, PINHOLE_FEATURES
-    count = int(rng.poisson(len(true) * share / (1.0 - share)))
-    ranges, bearings = n.farthest_m * np.sqrt(rng.random(count)), rng.uniform(-0.65, 0.65, count)
-    places = np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings)))
-    crossings = Crossings(
-        np.concatenate((true.kinds, rng.choice(["L", "T", "X"], count))),
-        np.concatenate((true.positions_m, places)),
-        np.concatenate((true.orientations_rad, rng.uniform(-math.pi, math.pi, count))),
-        np.concatenate((true.covariances_m2, generic_covariances(places))),
-        np.ones(len(true) + count),
-        np.full((len(true) + count, 2), np.nan),
-    )
-    return replace(seen, crossings=crossings)
+    assert recording.truth is not None, f"{name} holds its truth"
+    setup = robot_setup(recording)
+    system = NimbroLines(setup, settings(preset), np.random.default_rng(0))
+    seen: list[Frame] = []
+    for frame in recording:
+        seen.append(replace(frame, image=None, observation=system.step(frame).observation))
+        tell(f"images of {name}, {len(seen)}")
+    return Drive(setup, seen, np.asarray(recording.truth.poses))
+
+
+def with_false_crossings(walked: Drive, share: float, seed: int) -> Drive:
+    """A walk of whose crossings so many are none: even in the view, of random kinds, turned anyhow."""
+    rng, n = np.random.default_rng([seed, 23]), PINHOLE_FEATURES
+
+    def with_false(frame: Frame, seen: Observation) -> Observation:
+        true = seen.crossings
+        count = int(rng.poisson(len(true) * share / (1.0 - share)))
+        ranges, bearings = n.farthest_m * np.sqrt(rng.random(count)), rng.uniform(-0.65, 0.65, count)
+        places = np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings)))
+        crossings = Crossings(
+            np.concatenate((true.kinds, rng.choice(["L", "T", "X"], count))),
+            np.concatenate((true.positions_m, places)),
+            np.concatenate((true.orientations_rad, rng.uniform(-math.pi, math.pi, count))),
+            np.concatenate((true.covariances_m2, generic_covariances(places))),
+            np.ones(len(true) + count),
+            np.full((len(true) + count, 2), np.nan),
+        )
+        return replace(seen, crossings=crossings)
+
+    return seen_as(walked, with_false)
 
 
 def random_areas(field_name: str, seed: int, areas: int = 4) -> tuple[str, ...]:
@@ -222,15 +180,24 @@ def random_areas(field_name: str, seed: int, areas: int = 4) -> tuple[str, ...]:
 
 def either_end(track: Track) -> Track:
     """Of each pose and its twin at the field's other end the nearer one to the truth."""
-    twins = track.poses * (-1.0, -1.0, 1.0) + (0.0, 0.0, math.pi)
-    turned = replace(track, poses=twins)
+    turned = track.turned
     nearer = turned.distances_m + turned.turns_rad < track.distances_m + track.turns_rad
-    return replace(track, poses=np.where(nearer[:, np.newaxis], twins, track.poses))
+    return replace(track, poses=np.where(nearer[:, np.newaxis], turned.poses, track.poses))
+
+
+def right_of(track: Track) -> BoolArray:
+    """(N,) whether the pose is within 0.5 m and 20°."""
+    return track.within(RIGHT_M, RIGHT_RAD)
+
+
+def believed(track: Track) -> float:
+    """Share of the frames that are right and believed."""
+    return float(np.mean(right_of(track) & track.tracking))
 
 
 def time_until_right(track: Track, from_s: float = 0.0) -> float:
     """Seconds from a time until the pose is right, believed, and stays so for two seconds; inf if never."""
-    good = track.right & track.tracking
+    good = right_of(track) & track.tracking
     for index in np.flatnonzero(good & (track.times_s >= from_s)):
         stays = (track.times_s >= track.times_s[index]) & (track.times_s < track.times_s[index] + 2.0)
         if good[stays].all():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from typing import Any, NamedTuple
@@ -13,10 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.evaluation.runner import robot_setup
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, spread
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, follow, spread, together
 from touchline.experiments.scenes import BLUE, RED, new_figure, public_recording
-from touchline.experiments.schulz_runs import SCENARIO, settings, start_about
+from touchline.experiments.schulz_runs import OURS, PAPER, PRESETS, SCENARIO, settings, start_about
 from touchline.geometry import FloatArray, Pose
 from touchline.perception.line_graph import detector, structure
 from touchline.simulation.run import Simulation
@@ -60,8 +59,6 @@ _NOTES = (
     "else: the table of ground places for the frame's lean, the centre circle, the observation.",
 )
 
-Times = dict[str, FloatArray]
-
 
 class Images(NamedTuple):
     """What a robot saw from its start on, and in words what that is."""
@@ -74,55 +71,57 @@ class Images(NamedTuple):
 
 def schulz_timing(seeds: int) -> ExperimentResult:
     """The images of a walk, once per seed."""
-    default: list[Times] = []
-    paper: list[Times] = []
     images: Images | None = None
+    passes: list[dict[tuple[str, str], FloatArray]] = []
     for seed in follow(range(seeds), "passes"):
         images = images or _images()
-        setup, frames, start, _ = images
-        default.append(times_us(setup, frames, start_about(start, seed), None))
-        paper.append(times_us(setup, frames, start_about(start, seed), "paper"))
+        passes.append(times_us(images, seed))
+    found = together(passes)
+    paper_us = {
+        **{part: f"{us:.0f}" for part, us in PAPER_US.items()},
+        REST: NONE,
+        ALL: f"{sum(PAPER_US.values()):.0f}",
+    }
     rows = [
         (
             part,
-            f"{PAPER_US[part]:.0f}" if part in PAPER_US else f"{sum(PAPER_US.values()):.0f}" if part == ALL else "–",
-            spread([float(np.median(times[part])) for times in default], 0),
-            f"{np.mean([np.quantile(times[part], 0.99) for times in default]):.0f}",
-            spread([float(np.median(times[part])) for times in paper], 0),
+            paper_us.get(part, NONE),
+            spread([float(np.median(times)) for times in found[OURS, part]], 0),
+            f"{np.mean([np.quantile(times, 0.99) for times in found[OURS, part]]):.0f}",
+            spread([float(np.median(times)) for times in found[PAPER, part]], 0),
         )
         for part in (*PAPER_US, REST, ALL)
     ]
-    total_ms = [float(np.median(times[ALL])) / 1e3 for times in default]
+    total_ms = [float(np.median(times)) / 1e3 for times in found[OURS, ALL]]
     return ExperimentResult(
-        "schulz-timing",
         "Table 1 of Schulz and Behnke 2012: time from an image to the pose",
-        seeds,
         ("part", "paper (µs)", "nimbro-lines (µs)", "99 %", "the paper's own form (µs)"),
-        tuple(rows),
+        rows,
         Headline(f"image to pose with {PARTICLES} particles (median)", "6.1 ms", f"{spread(total_ms)} ms"),
         (images.what if images else "", *_NOTES),
-        (("parts", _figure(default)),),
+        (("parts", _figure(found)),),
     )
 
 
-def times_us(setup: RobotSetup, frames: Sequence[Frame], start: Pose, preset: str | None) -> Times:
-    """Processor time (N,) in µs of each part, of one pass over the images without the first few."""
+def times_us(images: Images, seed: int) -> dict[tuple[str, str], FloatArray]:
+    """Processor time (N,) in µs of each part, by both forms, of one pass over the images without the first few."""
     number = (f"particles.min_particles={PARTICLES}", f"particles.max_particles={PARTICLES}")
-    system = NimbroLines(setup, settings(preset, *number), np.random.default_rng(0))
-    system.reset(Prior(start))
-    found: defaultdict[str, list[float]] = defaultdict(list)
-    spent: defaultdict[str, float] = defaultdict(float)
-    with _watched(spent):
-        for frame in frames:
-            spent.clear()
-            began = time.thread_time_ns()
-            system.step(frame)
-            spent[ALL] = (time.thread_time_ns() - began) / 1e3
-            spent[FILTER] = spent[ALL] - spent[SEEING]
-            spent[REST] = spent[SEEING] - sum(spent[part] for part in PARTS if part != SEEING)
-            for part in (*PAPER_US, REST, ALL):
-                found[part].append(spent[part])
-    return {part: np.array(values[_WARM:]) for part, values in found.items()}
+    found: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
+    for form, preset in PRESETS.items():
+        system = NimbroLines(images.setup, settings(preset, *number), np.random.default_rng(0))
+        system.reset(Prior(start_about(images.start, seed)))
+        spent: defaultdict[str, float] = defaultdict(float)
+        with _watched(spent):
+            for frame in images.frames:
+                spent.clear()
+                began = time.thread_time_ns()
+                system.step(frame)
+                spent[ALL] = (time.thread_time_ns() - began) / 1e3
+                spent[FILTER] = spent[ALL] - spent[SEEING]
+                spent[REST] = spent[SEEING] - sum(spent[part] for part in PARTS if part != SEEING)
+                for part in (*PAPER_US, REST, ALL):
+                    found[form, part].append(spent[part])
+    return {key: np.array(values[_WARM:]) for key, values in found.items()}
 
 
 @contextmanager
@@ -164,16 +163,14 @@ def _images() -> Images:
     return Images(RobotSetup(simulation.field, simulation.camera), frames, simulation.truth[0], where)
 
 
-def _figure(found: Sequence[Times]) -> Figure:
+def _figure(found: Mapping[tuple[str, str], Sequence[FloatArray]]) -> Figure:
     """The parts beside the paper's."""
-    figure, (axes,) = new_figure(width_in=7.6, height_in=3.8)
-    parts = list(PAPER_US)
-    ours = [float(np.mean([np.median(times[part]) for times in found])) for part in parts]
-    rows = np.arange(len(parts))
-    axes.barh(rows - 0.2, [PAPER_US[part] for part in parts], 0.38, color=RED, label="paper, 1.3 GHz")
-    axes.barh(rows + 0.2, ours, 0.38, color=BLUE, label="nimbro-lines")
-    axes.set_yticks(rows, parts)
+    figure, (axes,) = new_figure(size_in=(7.6, 3.8), labels=("time (µs)", ""))
+    ours = [float(np.mean([np.median(times) for times in found[OURS, part]])) for part in PAPER_US]
+    rows = np.arange(len(PAPER_US))
+    axes.barh(rows - 0.2, list(PAPER_US.values()), 0.38, color=RED, label="paper, 1.3 GHz")
+    axes.barh(rows + 0.2, ours, 0.38, color=BLUE, label=OURS)
+    axes.set_yticks(rows, list(PAPER_US))
     axes.invert_yaxis()
-    axes.set_xlabel("time (µs)")
     axes.legend(frameon=False)
     return figure

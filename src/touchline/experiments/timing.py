@@ -1,79 +1,136 @@
-"""lu2013-timing (figure 12) and xiong-timing (figure 11)."""
+"""lu2013-timing (figure 12), xiong-timing (figure 11) and iris-timing (section III.C): the time of the parts."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
+from typing import TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.config import Settings
-from touchline.experiments.progress import follow
-from touchline.experiments.result import ExperimentResult, Headline, spread
+from touchline.config import PAPER, Settings, load_settings
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, percent, spread, together
+from touchline.experiments.iris_eyes import open_iris
+from touchline.experiments.iris_runs import IDEAL
 from touchline.experiments.scenes import BLUE, FIELD, RED, new_figure, points_from, random_place
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.published.nubot.matcher import Matcher
 from touchline.localization.published.nubot.particles import NubotParticlePaper, NubotParticles, NubotParticleSettings
+from touchline.motion import DeadReckoning, MotionHistory, WheelSettings
 from touchline.motion.odometry import Motion
+from touchline.perception import HsvLineDetector
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import RobotSetup, paper_settings
+from touchline.systems import RobotSetup, open_system, paper_settings
+from touchline.systems.iris_fusion import IrisFusionSettings
 from touchline.systems.nubot_mcl import NubotMclSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
-from touchline.types import Frame
+from touchline.types import Frame, Status
 
-CYCLES = 1000
+CYCLES, FRAMES, UPDATES, IMAGES = 1000, 20, 1000, 100
 COUNTS = (100, 300, 600, 1000, 3000, 10_000, 30_000, 100_000)
 MOTION = Motion(Pose(0.1, 0.0, 0.02), np.diag([1e-4, 1e-4, 1e-5]), 0.0)
 POINTS = 100
 POINT_COUNTS = (10, 30, 300, 1000)
-FRAMES = 20
+PARTICLES = (100, 300, 600, 1000, 3000, 10_000)  # of iris-fusion
+SCENARIO, PAPER_MS = "tour-20", 1.6
 COLUMNS = ("part", "paper", "its form here: median", "median", "99 %", "longest", "ideal robot: median")
+_WARM = 20  # updates that compile and fill caches
+Input = TypeVar("Input")
+Times = Sequence[FloatArray]  # ms, of each seed
+
+
+def timed_ms(work: Callable[[Input], object], inputs: Sequence[Input]) -> FloatArray:
+    """Processor time (ms) (N,) of a call for each input."""
+    times = np.empty(len(inputs))
+    for k, each in enumerate(inputs):
+        start = time.thread_time()  # a process's clock may go on in steps of 4 ms
+        work(each)
+        times[k] = time.thread_time() - start
+    return 1e3 * times
+
+
+def _cycles(work: Callable[[], object], cycles: int) -> FloatArray:
+    """Processor time (ms) (cycles,) of each call; a few calls before compile and warm."""
+    for _ in range(5):
+        work()
+    return timed_ms(lambda _: work(), range(cycles))
+
+
+def _median(times_ms: Times, unit: str = "µs") -> str:
+    return _said([float(np.median(each)) for each in times_ms], unit) if len(times_ms) else NONE
+
+
+def _said(values_ms: Sequence[float], unit: str) -> str:
+    return f"{spread(1e3 * np.array(values_ms), 0)} µs" if unit == "µs" else f"{spread(values_ms)} ms"
+
+
+def _row(name: str, paper: str, ours: Times, paper_ms: Times = (), ideal_ms: Times = (), unit: str = "µs") -> Row:
+    """paper_ms: its form here."""
+    late = _said([float(np.quantile(each, 0.99)) for each in ours], unit)
+    longest = f"{spread([float(each.max()) for each in ours], 1)} ms"
+    return name, paper, _median(paper_ms, unit), _median(ours, unit), late, longest, _median(ideal_ms, unit)
+
+
+def _lone(name: str, said: str, more: str = "") -> Row:
+    """A row of a single figure."""
+    return name, NONE, "", said, more, "", ""
+
+
+def _curve(title: str, lines: Sequence[tuple[FloatArray, str, float, str]], xlabel: str) -> Figure:
+    """Times (ms) over frames or cycles, each with its colour, width and label."""
+    figure, (axes,) = new_figure(labels=(xlabel, title))
+    for times_ms, color, width, label in lines:
+        axes.plot(times_ms, color=color, linewidth=width, label=label)
+    axes.legend(frameon=False)
+    return figure
 
 
 def lu2013_timing(seeds: int) -> ExperimentResult:
     """1000 cycles of the particle part and of the matching part, each seed from another place; then the curve."""
     matcher = Matcher(open_field(FIELD).distance_map())
     ours, ideal = (
-        [_parts(matcher, seed, CYCLES, best) for seed in follow(range(seeds), name)]
+        together(_lu_parts(matcher, seed, best) for seed in follow(range(seeds), name))
         for best, name in ((False, "robots as built"), (True, "ideal robots"))
     )
-    paper = [_paper_parts(seed, CYCLES) for seed in follow(range(seeds), "in the paper's form")]
-    particle_ms, refined_ms, matching_ms = (np.array([part[k] for part in ours]) for k in range(3))
-    best_ms = [np.array([part[k] for part in ideal]) for k in range(3)]
-    paper_ms = [np.array([part[k] for part in paper]) for k in range(2)]
+    paper = together(_paper_parts(seed) for seed in follow(range(seeds), "in the paper's form"))
     counts = follow(COUNTS, "numbers of particles")
     curve_us = [1e3 * float(np.min(_particle_cycles(matcher, 0, max(20, 20_000 // n), n))) for n in counts]
     by_points_us = [1e3 * float(np.min(_particle_cycles(matcher, 0, 200, points=n))) for n in POINT_COUNTS]
     weights_us, plain_us = _weights_and_twin(matcher)
     rows = [
-        _row("particles: one cycle, 600 x 100", "15-25 ms", particle_ms, paper_ms[0], best_ms[0]),
-        _row("particles: the same with five refined clusters", "–", refined_ms, None, best_ms[1]),
-        _row("matching: one cycle, 100 points", "1-3 ms", matching_ms, paper_ms[1], best_ms[2]),
+        _row(name, said, ours[part], paper.get(part, ()), ideal[part])
+        for name, said, part in (
+            ("particles: one cycle, 600 x 100", "15-25 ms", "particles"),
+            ("particles: the same with five refined clusters", NONE, "refined"),
+            ("matching: one cycle, 100 points", "1-3 ms", "matching"),
+        )
     ]
     rows += [
-        _lone("particles: weights alone, 600 x 100", weights_us),
-        _lone("particles: weights alone, plain NumPy", plain_us, f"{plain_us / weights_us:.0f} times"),
+        _lone("particles: weights alone, 600 x 100", f"{weights_us:.0f} µs"),
+        _lone("particles: weights alone, plain NumPy", f"{plain_us:.0f} µs", f"{plain_us / weights_us:.0f} times"),
     ]
     slope = np.polyfit(np.log(COUNTS[2:]), np.log(curve_us[2:]), 1)[0]
-    for prefix, each, many in (("{} x 100", COUNTS, curve_us), ("600 x {}", POINT_COUNTS, by_points_us)):
-        for n, us in zip(each, many, strict=True):
-            pairs = n * (POINTS if each is COUNTS else 600)
-            rows.append(
-                _lone(f"particles: {prefix.format(n)}", us, f"{1e3 * us / pairs:.1f} ns per particle and point")
-            )
+    curves = [(f"{n} x 100", n * POINTS, us) for n, us in zip(COUNTS, curve_us, strict=True)]
+    curves += [(f"600 x {n}", n * 600, us) for n, us in zip(POINT_COUNTS, by_points_us, strict=True)]
+    rows += [
+        _lone(f"particles: {name}", f"{us:.0f} µs", f"{1e3 * us / pairs:.1f} ns per particle and point")
+        for name, pairs, us in curves
+    ]
+    shown = [(ours["particles"][0], RED, 0.8, "particles, 600 x 100 points"),
+             (ours["matching"][0], BLUE, 0.8, "matching, 100 points")]  # fmt: skip
+    cycles = _curve("time (ms)", shown, "cycle")
+    cycles.axes[0].set_ylim(0.0, 4.0 * float(np.median(ours["particles"][0])))  # beyond other programs interrupted
     return ExperimentResult(
-        "lu2013-timing",
         "Figure 12 of Lu et al. 2013: time of one cycle of the particle part and of the matching part",
-        seeds,
         COLUMNS,
-        tuple(rows),
+        rows,
         Headline("one cycle of 600 particles; of matching (median)", "15-25 ms; 1-3 ms",
-                 f"{_median_us(particle_ms)}; {_median_us(matching_ms)}; its form {_median_us(paper_ms[0])}; "
-                 f"{_median_us(paper_ms[1])}"),
+                 f"{_median(ours['particles'])}; {_median(ours['matching'])}; its form {_median(paper['particles'])}; "
+                 f"{_median(paper['matching'])}"),
         (
             f"{CYCLES} cycles per seed on one core: motion, weights, resampling in every cycle, estimate, {POINTS} "
             "points at the observation level; processor time, so that other work on the machine doesn't count. The "
@@ -82,45 +139,26 @@ def lu2013_timing(seeds: int) -> ExperimentResult:
             f"From 600 to 100 000 particles the time grows with the power {slope:.2f} of their number (fastest of 20 "
             "cycles or more).",
         ),
-        (("cycles", _cycles_figure(particle_ms[0], matching_ms[0])), ("particles", _curve_figure(curve_us))),
+        (("cycles", cycles), ("particles", _counts_figure(curve_us))),
     )  # fmt: skip
 
 
-def _parts(matcher: Matcher, seed: int, cycles: int, ideal: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Milliseconds (cycles,) of particles, of the same with refined clusters, and of matching."""
-    return (
-        _particle_cycles(matcher, seed, cycles, ideal=ideal),
-        _particle_cycles(matcher, seed, cycles, refined=5, ideal=ideal),
-        _matching_cycles(matcher, seed, ideal),
-    )
+def _lu_parts(matcher: Matcher, seed: int, ideal: bool) -> dict[str, FloatArray]:
+    """Milliseconds (CYCLES,) of particles, of the same with refined clusters, and of matching."""
+    return {
+        "particles": _particle_cycles(matcher, seed, CYCLES, ideal=ideal),
+        "refined": _particle_cycles(matcher, seed, CYCLES, refined=5, ideal=ideal),
+        "matching": _matching_cycles(matcher, seed, ideal),
+    }
 
 
-def _paper_parts(seed: int, cycles: int) -> tuple[FloatArray, FloatArray]:
-    """Milliseconds (cycles,) of particles and of matching by the paper's own form."""
+def _paper_parts(seed: int) -> dict[str, FloatArray]:
+    """Milliseconds (CYCLES,) of particles and of matching by the paper's own form."""
     settings = paper_settings("nubot-mcl")
     assert isinstance(settings, NubotMclSettings)
     matcher = Matcher(open_field(FIELD).distance_map(), settings.matching)
-    return _cycles_of(matcher, seed, cycles, settings.particles), _matching_cycles(matcher, seed)
-
-
-def _median_us(times_ms: FloatArray) -> str:
-    return f"{spread(1e3 * np.median(times_ms, axis=1), 0)} µs"
-
-
-def _row(
-    name: str, paper: str, times_ms: FloatArray, paper_ms: FloatArray | None, ideal_ms: FloatArray
-) -> tuple[str, ...]:
-    """times_ms, paper_ms (its form here), ideal_ms: (seeds, cycles)."""
-    late = np.quantile(times_ms, 0.99, axis=1)
-    return (
-        name, paper, "–" if paper_ms is None else _median_us(paper_ms), _median_us(times_ms),
-        f"{spread(1e3 * late, 0)} µs", f"{spread(times_ms.max(axis=1), 1)} ms", _median_us(ideal_ms),
-    )  # fmt: skip
-
-
-def _lone(name: str, us: float, more: str = "") -> tuple[str, ...]:
-    """A row of a single figure."""
-    return name, "–", "", f"{us:.0f} µs", more, "", ""
+    particles = _cycles_of(matcher, seed, CYCLES, settings.particles)
+    return {"particles": particles, "matching": _matching_cycles(matcher, seed)}
 
 
 @cache
@@ -132,18 +170,6 @@ def _seen(seed: int, ideal: bool) -> tuple[Pose, FloatArray]:
         points = points_from(pose, seed, ideal).positions_m
         if len(points) >= POINTS:
             return pose, np.ascontiguousarray(points[rng.permutation(len(points))[:POINTS]])
-
-
-def _timed(work: Callable[[], object], cycles: int) -> FloatArray:
-    """Processor time (ms) (cycles,) of each call; a few calls before compile and warm."""
-    for _ in range(5):
-        work()
-    times = np.empty(cycles)
-    for k in range(cycles):
-        start = time.thread_time()  # a process's clock may go on in steps of 4 ms
-        work()
-        times[k] = time.thread_time() - start
-    return 1e3 * times
 
 
 def _particle_cycles(
@@ -169,7 +195,7 @@ def _cycles_of(
         mcl.predict(MOTION)
         mcl.update(chosen, None)
 
-    return _timed(cycle, cycles)
+    return _cycles(cycle, cycles)
 
 
 def _weights_and_twin(matcher: Matcher) -> tuple[float, float]:
@@ -190,8 +216,8 @@ def _weights_and_twin(matcher: Matcher) -> tuple[float, float]:
         iy = np.clip((y - table.origin_m[1]) / step_m + 0.5, 0, squares.shape[0] - 1).astype(int)
         return np.asarray(-squares[iy, ix].sum(axis=1))
 
-    compiled = _timed(lambda: mcl.log_likelihoods(points, None, particles), 200)
-    return 1e3 * float(compiled.min()), 1e3 * float(_timed(plain, 50).min())
+    compiled = _cycles(lambda: mcl.log_likelihoods(points, None, particles), 200)
+    return 1e3 * float(compiled.min()), 1e3 * float(_cycles(plain, 50).min())
 
 
 def _matching_cycles(matcher: Matcher, seed: int, ideal: bool = False) -> FloatArray:
@@ -199,97 +225,169 @@ def _matching_cycles(matcher: Matcher, seed: int, ideal: bool = False) -> FloatA
     pose, points = _seen(seed, ideal)
     start = Pose(pose.x + 0.05, pose.y - 0.05, pose.heading + 0.02)
     weights = np.full(len(points), 1.0 / len(points))
-    return _timed(lambda: matcher.match(points, weights, start), CYCLES)
+    return _cycles(lambda: matcher.match(points, weights, start), CYCLES)
 
 
-def _cycles_figure(particle_ms: FloatArray, matching_ms: FloatArray) -> Figure:
-    """As figure 12: red the particles, blue the matching, over the cycles."""
-    figure, (axes,) = new_figure()
-    axes.plot(particle_ms, color=RED, linewidth=0.8, label="particles, 600 x 100 points")
-    axes.plot(matching_ms, color=BLUE, linewidth=0.8, label="matching, 100 points")
-    axes.set_ylim(0.0, 4.0 * float(np.median(particle_ms)))  # beyond are cycles that other programs interrupted
-    axes.set_xlabel("cycle")
-    axes.set_ylabel("time (ms)")
-    axes.legend(frameon=False)
-    return figure
-
-
-def _curve_figure(curve_us: list[float]) -> Figure:
-    figure, (axes,) = new_figure()
+def _counts_figure(curve_us: list[float]) -> Figure:
+    figure, (axes,) = new_figure(labels=("particles", "time of one cycle with 100 points (µs)"))
     axes.loglog(COUNTS, curve_us, "o-", color=RED)
     axes.axhspan(15e3, 25e3, xmin=0.0, color=BLUE, alpha=0.15, label="the paper's 600 particles")
-    axes.set_xlabel("particles")
-    axes.set_ylabel("time of one cycle with 100 points (µs)")
     axes.legend(frameon=False)
     return figure
 
 
 def xiong_timing(seeds: int) -> ExperimentResult:
     """Whole frames, image to pose, on rendered images: once searching in every frame, once tracking."""
-    ours, paper = [], []
-    for seed in follow(range(seeds), "drives"):
-        simulation, frames = _rendered(seed)
-        ours.append(_whole_frames(simulation, frames, NubotMtiSettings()))
-        paper.append(_whole_frames(simulation, frames, paper_settings("nubot-mti")))
-    ideal = [_whole_frames(*_rendered(seed, True), NubotMtiSettings()) for seed in follow(range(seeds), "ideal robots")]
-    parts = [[np.array([times[k] for times in some]) for some in (ours, paper, ideal)] for k in (0, 1)]
-    (searching, *_), (tracking, *_) = parts
-    rows = (
-        _row("whole frame, global localization", "35-45 ms", *parts[0]),
-        _row("whole frame, tracking", "18-24 ms", *parts[1]),
+    built, ideal = (
+        together(_whole_frames(seed, best) for seed in follow(range(seeds), name))
+        for best, name in ((False, "drives"), (True, "ideal robots"))
     )
+    searching, tracking = ((built[s, "ours"], built[s, "paper"], ideal[s, "ours"]) for s in (True, False))
+    shown = [
+        (built[True, "ours"][0], RED, 1.0, "global localization"),
+        (built[False, "ours"][0], BLUE, 1.0, "tracking"),
+    ]
+    frames = _curve("time (ms)", shown, "frame")
+    frames.axes[0].set_ylim(bottom=0.0)
     return ExperimentResult(
-        "xiong-timing",
         "Figure 11 of Xiong et al.: time of a whole frame in global localization and in tracking",
-        seeds,
         COLUMNS,
-        rows,
+        (
+            _row("whole frame, global localization", "35-45 ms", *searching),
+            _row("whole frame, tracking", "18-24 ms", *tracking),
+        ),
         Headline("whole frame searching; tracking (median)", "35-45 ms; 18-24 ms",
-                 f"{_median_us(searching)}; {_median_us(tracking)}; its form {_median_us(parts[0][1])}; "
-                 f"{_median_us(parts[1][1])}"),
+                 f"{_median(searching[0])}; {_median(tracking[0])}; its form {_median(searching[1])}; "
+                 f"{_median(tracking[1])}"),
         (
             "Rendered images of 480 x 480 pixels on one core, from the image array to the pose, processor time; the "
             f"paper's times include grabbing the image, on a 1.66 GHz processor. Robots as built, {FRAMES} frames "
             "each; its form here: with the system's preset `paper`.",
         ),
-        (("frames", _frames_figure(searching[0], tracking[0])),),
+        (("frames", frames),),
     )  # fmt: skip
 
 
-def _rendered(seed: int, ideal: bool = False) -> tuple[Simulation, list[Frame]]:
-    """A drive and its images."""
+def _whole_frames(seed: int, ideal: bool) -> dict[tuple[bool, str], FloatArray]:
+    """Milliseconds (FRAMES,) per frame of a drive, by whether it is searched in each and by form."""
     scenario = open_scenario("straight-tracks", seed, (FRAMES + 10) / 10.0, ["ideal=true"] if ideal else [])
     simulation = Simulation(scenario)
-    return simulation, list(simulation)
+    frames = list(simulation)
+    forms = {"ours": NubotMtiSettings()} | ({} if ideal else {"paper": paper_settings("nubot-mti")})
+    return {
+        (search, form): _frame_times(simulation, frames, settings, search)
+        for form, settings in forms.items()
+        for search in (True, False)
+    }
 
 
-def _whole_frames(simulation: Simulation, frames: list[Frame], settings: Settings) -> tuple[FloatArray, FloatArray]:
-    """Milliseconds (FRAMES,) per frame, searching and tracking."""
-    assert isinstance(settings, NubotMtiSettings)
-    return _frame_times(simulation, frames, settings, True), _frame_times(simulation, frames, settings, False)
-
-
-def _frame_times(simulation: Simulation, frames: list[Frame], settings: NubotMtiSettings, search: bool) -> FloatArray:
+def _frame_times(simulation: Simulation, frames: list[Frame], settings: Settings, search: bool) -> FloatArray:
     """Milliseconds (FRAMES,) per frame; search: the pose is forgotten before each."""
-    setup = RobotSetup(simulation.field, simulation.camera)
-    system = NubotMti(setup, settings, np.random.default_rng(0))
+    assert isinstance(settings, NubotMtiSettings)
+    system = NubotMti(RobotSetup(simulation.field, simulation.camera), settings, np.random.default_rng(0))
     times = []
     for frame in frames:
         if search:
             system.belief.lose()
-        start = time.process_time()
-        system.step(frame)
-        times.append(1e3 * (time.process_time() - start))
+        times.append(timed_ms(system.step, [frame])[0])
     return np.array(times[-FRAMES:])
 
 
-def _frames_figure(searching_ms: FloatArray, tracking_ms: FloatArray) -> Figure:
-    """As figure 11: red the global localization, blue the tracking."""
-    figure, (axes,) = new_figure()
-    axes.plot(searching_ms, color=RED, linewidth=1.0, label="global localization")
-    axes.plot(tracking_ms, color=BLUE, linewidth=1.0, label="tracking")
-    axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("frame")
-    axes.set_ylabel("time (ms)")
-    axes.legend(frameon=False)
+def iris_timing(seeds: int) -> ExperimentResult:
+    """1000 updates of the tour over the 9 x 6 m field per seed; line points of 100 images; other particle counts."""
+    found = together(_iris_parts(seed) for seed in follow(range(seeds), "tours"))
+    setup, frames = _tour(seeds - 1)
+    points = float(np.mean([len(frame.observation.points) for frame in frames if frame.observation is not None]))
+    counts = follow(PARTICLES, "numbers of particles")
+    curve_ms = [float(np.median(_updates(setup, frames[:200], 0, count)[0])) for count in counts]
+    rows = [
+        _row("one update: points, wheels and gyro to pose", f"{PAPER_MS} ms", found["updates"], found["paper"],
+             found["ideal"], "ms"),
+        _row("of it: odometry, equations (1) to (6)", NONE, found["odometry"], unit="ms"),
+        _row("line points of an image of 480 x 480", NONE, found["detection"], unit="ms"),
+        *(_lone(f"one update with {count} particles", f"{ms:.2f} ms")
+          for count, ms in zip(PARTICLES, curve_ms, strict=True)),
+    ]  # fmt: skip
+    return ExperimentResult(
+        "Time response of Ismail et al. 2021, section III.C: one update of the localization",
+        COLUMNS,
+        rows,
+        Headline("one update, from points and sensors to the pose (median)", f"{PAPER_MS} ms",
+                 f"{_median(found['updates'], 'ms')}; its form {_median(found['paper'], 'ms')}; ideal "
+                 f"{_median(found['ideal'], 'ms')}"),
+        (
+            f"{len(frames)} updates per seed at 10 Hz on one core, 600 particles, {points:.0f} points per image, five "
+            "samples of wheels and gyro each, of robots as built; the search at the start is among them, the robot is "
+            f"followed in {percent(np.array(found['tracking']).ravel())} of them. Processor time. The paper does not "
+            "say what its time of 1.6 ms includes, nor on which computer.",
+        ),
+        (("updates", _updates_figure(found["updates"][0], curve_ms)),),
+    )  # fmt: skip
+
+
+def _iris_parts(seed: int) -> dict[str, FloatArray]:
+    """Milliseconds of each update, its odometry alone and an image's line points; `tracking`: share of them, (1,)."""
+    setup, frames = _tour(seed)
+    updates, tracking = _updates(setup, frames, seed)
+    return {
+        "updates": updates,
+        "tracking": np.array([tracking]),
+        "paper": _updates(setup, frames, seed, paper=True)[0],
+        "odometry": _odometry(setup, frames),
+        "detection": _detection(seed),
+        "ideal": _updates(*_tour(seed, ideal=True), seed)[0],
+    }
+
+
+def _tour(seed: int, ideal: bool = False) -> tuple[RobotSetup, list[Frame]]:
+    """The robot of a tour and its frames, which bring their line points."""
+    scenario = open_scenario(SCENARIO, seed + 1, changes=IDEAL if ideal else [])
+    simulation, setup = open_iris(scenario, "points", seed)
+    return setup, [frame for frame, _ in zip(simulation, range(UPDATES), strict=False)]
+
+
+def _updates(
+    setup: RobotSetup, frames: Sequence[Frame], seed: int, particles: int = 600, paper: bool = False
+) -> tuple[FloatArray, float]:
+    """Milliseconds (N,) of every step on frames that bring their line points, and the share of tracking."""
+    changes = [f"particles.particles={particles}"]
+    settings = load_settings(IrisFusionSettings, None, changes, preset=PAPER if paper else None)
+    system = open_system("iris-fusion", setup, settings, np.random.default_rng(seed))
+    for frame in frames[:_WARM]:
+        system.step(frame)
+    system.reset()
+    followed: list[bool] = []
+    times_ms = timed_ms(lambda frame: followed.append(system.step(frame).status is Status.TRACKING), frames)
+    return times_ms, sum(followed) / len(frames)
+
+
+def _odometry(setup: RobotSetup, frames: Sequence[Frame]) -> FloatArray:
+    """Milliseconds (N,) of the wheels and the gyro alone."""
+    history = MotionHistory(wheels=WheelSettings(), wheel_directions_rad=setup.wheel_directions_rad)
+    odometry = DeadReckoning(history)
+
+    def motion(frame: Frame) -> Motion:
+        history.add(frame)
+        return odometry.advance(frame.stamp_ns)
+
+    return timed_ms(motion, frames)
+
+
+def _detection(seed: int) -> FloatArray:
+    """Milliseconds (IMAGES,) of the line points of images along the tour."""
+    simulation = Simulation(open_scenario(SCENARIO, seed + 1))
+    detector = HsvLineDetector(simulation.camera, None, simulation.field.line_width)
+    images = [simulation.image(int(k)) for k in np.linspace(0, len(simulation) - 1, IMAGES // 5)]
+    detector.detect(images[0])
+    return timed_ms(detector.detect, images * 5)
+
+
+def _updates_figure(times_ms: FloatArray, curve_ms: Sequence[float]) -> Figure:
+    figure, axes = new_figure(1, 2, (9.6, 3.6), labels=("", "time (ms)"))
+    axes[0].plot(times_ms, color=BLUE, linewidth=0.8)
+    axes[0].axhline(PAPER_MS, color=RED, linestyle="--", label="the paper's average")
+    axes[0].set(xlabel="update", ylim=(0.0, 2.0 * PAPER_MS), title="one update")
+    axes[0].legend(fontsize=8)
+    axes[1].plot(PARTICLES, curve_ms, "o-", color=BLUE)
+    axes[1].set(xscale="log", yscale="log", xlabel="particles", ylabel="median time (ms)", title="other numbers")
     return figure

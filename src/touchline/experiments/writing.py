@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from touchline.errors import InputError
-from touchline.experiments.result import ExperimentResult
+from touchline.experiments.harness import ExperimentResult
 from touchline.files.new import replace_file
 from touchline.files.opened import read_text
 

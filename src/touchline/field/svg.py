@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 _CARPET, _PAINT, _GOAL = "#2c7c3a", "#f8f8f8", "#54924f"
 
 
-def field_svg(field: FieldModel, width_px: int = 640) -> str:
-    """The field with its lines, marks, goals and posts; x to the right, y up, metres within."""
+def field_svg(field: FieldModel, width_px: int = 640, marks: str = "") -> str:
+    """The field with its lines, marks, goals and posts; x to the right, y up, metres within; marks: SVG on top."""
     beyond = max([field.border, *(goal.depth + 0.1 for goal in field.goals)])
     length, width = field.length + 2.0 * beyond, field.width + 2.0 * beyond
     paths = " ".join("M" + " ".join(f"{x:.3f},{y:.3f}" for x, y in line) for line in field.polylines(0.1))
-    marks = "".join(f'<circle cx="{x:.3f}" cy="{y:.3f}" r="{d / 2:.3f}" fill="{_PAINT}"/>' for x, y, d in field.discs)
+    discs = "".join(f'<circle cx="{x:.3f}" cy="{y:.3f}" r="{d / 2:.3f}" fill="{_PAINT}"/>' for x, y, d in field.discs)
     nets = "".join(
         f'<rect x="{min(goal.x, goal.x + (goal.depth if goal.x > 0 else -goal.depth)):.3f}" '
         f'y="{min(goal.y_posts):.3f}" width="{goal.depth:.3f}" height="{max(goal.y_posts) - min(goal.y_posts):.3f}" '
@@ -33,5 +33,5 @@ def field_svg(field: FieldModel, width_px: int = 640) -> str:
         f'viewBox="{-length / 2:.3f} {-width / 2:.3f} {length:.3f} {width:.3f}"><g transform="scale(1,-1)">'
         f'<rect x="{-length / 2:.3f}" y="{-width / 2:.3f}" width="{length:.3f}" height="{width:.3f}" fill="{_CARPET}"/>'
         f'{nets}<path d="{paths}" fill="none" stroke="{_PAINT}" stroke-width="{field.line_width:g}" '
-        f'stroke-linecap="square"/>{marks}{posts}</g></svg>'
+        f'stroke-linecap="square"/>{discs}{posts}{marks}</g></svg>'
     )

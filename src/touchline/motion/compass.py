@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings
 from touchline.geometry import wrap_angle
 from touchline.motion.gyro import IntegratedGyro
 from touchline.motion.samples import NANOSECONDS, SampleHistory
@@ -17,12 +14,13 @@ from touchline.types import Samples
 # noise of half a degree
 RATE_WINDOW_S = 0.1
 MAX_AGE_S = 0.3  # age of the newest sample beyond which there is no heading: three image periods
+# probability that a compass is false from the first image on, built in or told the wrong way round: the pose's twin has
+# it as long as nothing but the compass tells the end
+COMPASS_FALSE = 0.02
 
 
 class CompassTrackSettings(Settings):
     """How the heading at a stamp follows from samples before it."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "rate_window_s", "oldest_s")
 
     lag_s: float = Field(
         0.02,

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings
 from touchline.geometry import FloatArray
 from touchline.motion.integrated import IntegratedSensor
 from touchline.motion.samples import NANOSECONDS
@@ -19,8 +16,6 @@ GAP_S = 0.25  # time without a reading after which the turn in it is unknown: tw
 
 class GyroSettings(Settings):
     """How the gyro is scaled, and how much it errs."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "noise_rad", "gap_s")
 
     scale: float = Field(1.0, gt=0, description="true turning rate per rate that the gyro shows")
     bias_rad_s: float = Field(0.0, description="what the gyro shows at rest (rad/s); 0: not known")

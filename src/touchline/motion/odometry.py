@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS, SampleHistory
 from touchline.types import Samples
@@ -26,17 +25,16 @@ UNKNOWN_TURN_RAD_S = 1.5  # rate that may have been turned at while the odometry
 class OdometrySettings(Settings):
     """The noise of dead reckoning, and what to assume without it."""
 
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(__name__, "travel_noise_m", "travel_noise_rad", "turn_noise_rad", "drift_m", "drift_rad"),
-        **constants_now(__name__, "unknown_speed_m_s", "unknown_turn_rad_s"),
-        **constants_now("touchline.motion.samples", "extrapolation_s"),
-    }
-
     forward_scale: float = Field(
         0.03, ge=0, description="relative error of forward travel: driven wheels err by 2 to 3 %"
     )
     sideways_scale: float = Field(0.03, ge=0, description="relative error of sideways travel: as forward")
     turn_scale: float = Field(0.03, ge=0, description="relative error of rotation: as forward")
+
+    @property
+    def scales(self) -> tuple[float, float, float]:
+        """Relative errors of travel ahead, travel aside and turns."""
+        return self.forward_scale, self.sideways_scale, self.turn_scale
 
 
 class Motion(NamedTuple):

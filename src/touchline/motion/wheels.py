@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.motion.integrated import IntegratedSensor
 from touchline.motion.samples import EXTRAPOLATION_S, NANOSECONDS
 from touchline.motion.wheel_pair import WheelPair
@@ -32,14 +29,6 @@ class WheelPaper(Settings):
 
 class WheelSettings(Settings):
     """How the wheels are scaled, and how much they err."""
-
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(__name__, "max_speed_m_s", "most_speed_m_s"),
-        **constants_now("touchline.motion.wheel_odometry", "drift_m"),
-        **constants_now("touchline.motion.gyro", "gyro_noise_rad", "gap_s"),
-        "a_dir_rad": "the recording tells it: wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml",
-        "b_dir_rad": "the recording tells it: wheels: {a_dir_rad: …, b_dir_rad: …} in sequence.yaml",
-    }
 
     a_lever_m: float = Field(
         0.0,

@@ -1,6 +1,7 @@
 """Image -> observation: colour classes, scan lines, the field's boundary, line points."""
 
 from touchline.perception.detector import Detector, observe
+from touchline.perception.detectors import detector_for
 from touchline.perception.hsv_lines import HsvLineDetector, HsvLinePaper, HsvLineSettings
 from touchline.perception.line_graph.detector import LineGraphDetector
 from touchline.perception.line_graph.settings import LineGraphSettings
@@ -18,5 +19,6 @@ __all__ = [
     "LinePointDetector",
     "LinePointSettings",
     "SelfLearningDetector",
+    "detector_for",
     "observe",
 ]

@@ -10,10 +10,9 @@ section II.B.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -21,7 +20,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from touchline.camera import Camera, OmniCamera, open_camera, require_omni
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import NoCarpetError, pixel_noise, smoothed, smoothing_for
@@ -88,24 +87,6 @@ class HsvLinePaper(Settings):
 
 class HsvLineSettings(Settings):
     """Detection of lines by thresholds. Lengths in the image are in pixels, for images of about 500 pixels."""
-
-    renamed: ClassVar[Mapping[str, str]] = {"least_green": "paper.min_green", "thresholds": "paper.thresholds"}
-
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(
-            __name__,
-            "closing_px",
-            "opening_px",
-            "smoothing_px",
-            "gap_px",
-            "flank_px",
-            "longest_run",
-            "coarsest_px_m",
-            "noise_m",
-            "white",
-        ),
-        "least_contrast": "a covered camera is told by the same contrast everywhere (perception/covered.py)",
-    }
 
     fixed: FixedThresholds = FixedThresholds()
     automatic: AutomaticThresholds = AutomaticThresholds()

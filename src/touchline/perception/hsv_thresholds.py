@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings
 from touchline.perception.colour import NoCarpetError
 from touchline.types import ImageArray
 
@@ -41,12 +40,6 @@ CARPET_QUANTILE = 0.4
 class FixedThresholds(Settings):
     """Thresholds set by hand for one lighting, as the paper does; the values suit the recordings under lamps."""
 
-    renamed: ClassVar[Mapping[str, str]] = {
-        "least_saturation": "min_saturation",
-        "least_value": "min_value",
-        "least_lightness": "min_lightness",
-    }
-
     hue_low_deg: float = Field(90.0, ge=0, le=360, description="least hue of green (degrees)")
     hue_high_deg: float = Field(170.0, ge=0, le=360, description="greatest hue of green (degrees)")
     min_saturation: float = Field(0.25, ge=0, le=1, description="least HSV saturation of green: a carpet has 0.45")
@@ -58,10 +51,6 @@ class FixedThresholds(Settings):
 
 class AutomaticThresholds(Settings):
     """What the thresholds taken from an image are, relative to its carpet."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__, "hue_sigmas", "least_hue_width_deg", "saturation_share", "value_share", "carpet_quantile"
-    )
 
     lightness_ratio: float = Field(
         1.45,

@@ -6,8 +6,8 @@ green-white-green transitions. Colours are learned from the recording's own firs
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal
+from collections.abc import Sequence
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from touchline.camera import Camera, require_omni
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.errors import TouchlineError
 from touchline.geometry import FloatArray
 from touchline.perception.colour import (
@@ -99,23 +99,6 @@ class LinePointPaper(Settings):
 
 class LinePointSettings(Settings):
     """Detection of line points. Lengths in the image are in pixels, so they hold for images of about 500 pixels."""
-
-    renamed: ClassVar[Mapping[str, str]] = {"least_contrast": "min_contrast"}
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(
-            __name__,
-            "least_sigmas",
-            "least_whiteness",
-            "flank_px",
-            "longest_run_px",
-            "steepest_crossing",
-            "blur_px",
-            "coarsest_px_m",
-            "field_gap_m",
-            "noise_m",
-        ),
-        **constants_now("touchline.perception.colour", "colour"),
-    }
 
     radial_scan_lines: int = Field(
         72, ge=8, le=10_000, description="rays from the robot outwards; both NuBot papers use 72"

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from pydantic import Field
 
 from touchline.camera import Camera
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.errors import InputError
 from touchline.perception.colour import ColourModel, NoCarpetError
 from touchline.perception.colour_file import load_colours
@@ -35,11 +32,6 @@ class LearningPaper(Settings):
 
 class LearningSettings(Settings):
     """When colours are learned."""
-
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(__name__, "faded_green", "faded_frames"),
-        "least_contrast": "a covered camera is told by the same contrast everywhere (perception/covered.py)",
-    }
 
     frames: int = Field(
         5,

@@ -223,8 +223,6 @@ class CalibrationSettings(Settings):
 class Scenario(Settings):
     """One run: field, world, robot, camera, and the seed of everything random in it."""
 
-    renamed = {"mishaps": "disturbances"}  # noqa: RUF012
-
     name: str = Field("", description="name of the run; of a file without one, the file's")
     description: str = Field("", description="one sentence for sequence.yaml")
     seed: int = Field(1, ge=0, description="of everything random")
@@ -298,8 +296,6 @@ def _as_built(values: Mapping[str, Any]) -> dict[str, Any]:
         del behind["others"]
     if "light" in values:  # lamps and windows are those of a hall that is no larger than it has to be
         behind["hall"].update(stands=False, beside=False)
-    if "mishaps" in values:
-        behind["mishaps"] = behind.pop("disturbances")
     return behind
 
 

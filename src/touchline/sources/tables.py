@@ -197,7 +197,7 @@ def to_stamps(times_s: FloatArray) -> StampArray:
 def _parse_clean(lines: Sequence[Line], width: int) -> FloatArray | None:
     """All columns of well-formed rows at once; None if any row isn't."""
     try:
-        values = np.loadtxt([line.text for line in lines], delimiter=",", comments=None, ndmin=2)
+        values = np.loadtxt([line.text for line in lines], delimiter=",", comments=None, ndmin=2)  # read already
     except ValueError:
         return None
     return values if values.shape == (len(lines), width) else None

@@ -21,8 +21,7 @@ from touchline.systems.nubot_mcl import NubotMcl, NubotMclSettings
 from touchline.systems.nubot_mcl_alone import NubotMclAlone, NubotMclAloneSettings
 from touchline.systems.nubot_mti import NubotMti, NubotMtiSettings
 from touchline.systems.setup import RobotSetup, as_setup
-from touchline.systems.touchline import TouchlineSettings
-from touchline.systems.touchline_perspective import touchline_system
+from touchline.systems.touchline import Touchline, TouchlineSettings
 from touchline.types import System
 
 
@@ -77,7 +76,7 @@ SYSTEMS = {
             "touchline",
             "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
             TouchlineSettings,
-            touchline_system,
+            Touchline,
             cameras=("omni", "pinhole"),
         ),
         SystemInfo(

@@ -14,28 +14,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
+from touchline.field.region import OWN_HALF
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
+from touchline.localization.camera_errors.mirror_response import HEIGHT_M
 from touchline.localization.particles.particle_set import ParticleEstimate
 from touchline.localization.published.iris.field_side import FieldSide
-from touchline.localization.published.iris.modes import (
-    MIN_POINTS,
-    ImageDoubt,
-    SensorFusion,
-    SensorFusionSettings,
-    difference,
-    shared_out,
-)
+from touchline.localization.published.iris.image_doubt import ImageMirror
+from touchline.localization.published.iris.modes import MIN_POINTS, SensorFusion, SensorFusionSettings
 from touchline.localization.published.iris.particles import IrisParticles, IrisParticleSettings
 from touchline.localization.published.iris.restart import RestartRule, RestartSettings
-from touchline.localization.published.nubot.camera_errors import HEIGHT_M, CameraErrors, CameraFit
-from touchline.localization.published.nubot.global_search import OWN_HALF
 from touchline.localization.registration.covariance import is_one_line
+from touchline.localization.registration.learned_mirror import LearnedMirror
 from touchline.motion import (
     CompassTrackSettings,
     DeadReckoning,
@@ -47,8 +41,8 @@ from touchline.motion import (
 )
 from touchline.motion.samples import NANOSECONDS
 from touchline.perception import HsvLineDetector, HsvLineSettings, observe
-from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import (
     Estimate,
     Frame,
@@ -89,16 +83,6 @@ class IrisPaper(Settings):
 class IrisFusionSettings(Settings):
     """Everything that the paper fixes, and everything that it leaves open."""
 
-    renamed: ClassVar = {
-        "wheels.wheel_error": "wheels.scale_error",
-        "wheels.gyro_scale": "gyro.scale",
-        "wheels.gyro_bias_rad_s": "gyro.bias_rad_s",
-        "wheels.gyro_error": "gyro.scale_error",
-        "wheels.gyro_bias_error_rad_s": "gyro.bias_error_rad_s",
-        "wheels.fallback": "odometry",
-        "most_points": "max_points",
-    }
-    removed: ClassVar = constants_now(__name__, "own_half_m")
     lines: HsvLineSettings = HsvLineSettings()
     max_points: int = Field(
         100,
@@ -143,7 +127,8 @@ class IrisFusion:
         self.odometry = DeadReckoning(self.history)
         self.rng = rng
         told = settings.fusion.paper
-        self.camera_errors = CameraErrors(field, told.camera_errors, setup.camera, told.displacement)
+        self.image = ImageMirror(LearnedMirror(field, setup.camera, told.camera_errors, (told.displacement, True)))
+        self.mirror = self.image.mirror
         self.fusion = SensorFusion(settings.fusion)
         self.restart = RestartRule(settings.restart)
         self.side = FieldSide(settings.restart.paper.heading_rad)
@@ -157,8 +142,7 @@ class IrisFusion:
         self.history.clear()
         self.odometry.reset(prior.pose)
         self.fusion.forget()
-        self.camera_errors.reset()
-        self.fit: CameraFit | None = None
+        self.image.reset()
         self.status = Status.SEARCHING
         self.side.start(known=True, told=prior.pose is not None)
         self.stamp_ns: int | None = None
@@ -181,7 +165,7 @@ class IrisFusion:
         compass_rad = self.history.at(frame.stamp_ns).heading_rad
         vision, residual_m = self._particle_filter(observation.points, motion, compass_rad)  # figure 8, (7) to (14)
         self.fusion.update(  # fuse: figure 11, (15) to (19)
-            self.odometry.pose, motion, vision, duration_s, motion.by_gyro, self._image_doubt(vision)
+            self.odometry.pose, motion, vision, duration_s, motion.by_gyro, vision and self.image.doubt(vision.pose)
         )
         self._correct(compass_rad)  # figure 1: the odometry's offset
         return self._report(observation, residual_m, clock)
@@ -196,7 +180,7 @@ class IrisFusion:
     def _report(self, observation: Observation, residual_m: float, clock: Stopwatch) -> Estimate:
         unknown = self.searching or self.side.either_end
         status = Status.SEARCHING if unknown and self.status is Status.TRACKING else self.status
-        covariance = self.unknown.copy() if unknown else self.fusion.believed_covariance + self.camera_errors.unseen
+        covariance = self.unknown.copy() if unknown else self.fusion.believed_covariance
         twin = self.fusion.pose.mirrored(), residual_m, self.side.twin_probability, mirrored_covariance(covariance)
         return Estimate(
             observation.stamp_ns,
@@ -249,28 +233,28 @@ class IrisFusion:
         """Whether a robot that is here now, also as the points would have it, has begun in the start region, if any."""
         if self.region is None:
             return True
-        poses = [pose] if self.fit is None else [pose, self.fit.pose]
+        poses = [pose] if self.image.pose is None else [pose, self.image.pose]
         return all(self.region.contains(each.compose(self.moved.inverse())) for each in poses)
 
     def _cycles(self, points: LinePoints, count: int) -> tuple[ParticleEstimate, float]:
         """So many cycles on one image."""
         most = len(points) if self.settings.paper.all_points else self.settings.max_points
         chosen = points_chosen(points, most)
-        positions_m = np.ascontiguousarray(self.camera_errors.corrected(chosen.positions_m))
+        positions_m = self.mirror.corrected(chosen.positions_m)
         pose = self.odometry.pose
         for _ in range(count - 1):
             pose = self._cycle(positions_m).pose
             self._move(_STILL)
         if not self.searching:
-            errors = self.camera_errors.of_image(chosen, pose)
-            positions_m = np.ascontiguousarray(self.camera_errors.corrected(chosen.positions_m, errors))
+            positions_m = self.mirror.corrected(chosen.positions_m, self.image.errors_of(chosen, pose))
         found = self._cycle(positions_m)
-        self.fit = self.camera_errors.fit(chosen, found.pose)
-        near = self.fit is not None and self.fit.pose.distance_to(found.pose) <= NEAR_M
-        if self.fit is None or not self.camera_errors.enabled or (self.camera_errors.settled and not near):
+        self.image.see(chosen, found.pose)
+        fitted = self.image.pose
+        near = fitted is not None and fitted.distance_to(found.pose) <= NEAR_M
+        if fitted is None or not self.mirror.enabled or (self.mirror.settled and not near):
             errors_m, near_m = self.particles.errors_m(positions_m, found.pose), NEAR_M
         else:
-            errors_m, near_m = self.fit.residuals_m, NEAR_FITTED_M
+            errors_m, near_m = self.image.residuals_m, NEAR_FITTED_M
         inlier_ratio = float(np.mean(errors_m <= near_m + self._shaken_m(positions_m)))
         return found._replace(points=len(points), inlier_ratio=inlier_ratio), float(errors_m.mean())
 
@@ -279,7 +263,7 @@ class IrisFusion:
 
         There the strict measure tells sooner that it is not where it was. The paper knows no errors of its camera.
         """
-        if not self.searching or not self.camera_errors.enabled:
+        if not self.searching or not self.mirror.enabled:
             return np.zeros(len(positions_m))
         shaken_m: FloatArray = np.minimum(SHAKE_RAD * np.sum(positions_m**2, axis=1) / HEIGHT_M, NEAR_M)
         return shaken_m
@@ -288,14 +272,6 @@ class IrisFusion:
         """Equations (7) to (14)."""
         self.restart.count_cycle()
         return self.particles.update(positions_m)
-
-    def _image_doubt(self, vision: ParticleEstimate | None) -> ImageDoubt | None:
-        """Of the pose that the particles say: what points and camera leave open, and how far off them it is."""
-        if vision is None or self.fit is None:
-            return None
-        aside = shared_out(difference(vision.pose, self.fit.pose))
-        covariance: FloatArray = self.fit.covariance[:3, :3] + aside
-        return ImageDoubt(covariance, self.fit.of_pose, self.fit.unshown + aside)
 
     def _start(self, compass_rad: float | None) -> None:
         """Spread the particles over the field, or the start region; the compass helps with the first headings alone."""
@@ -326,8 +302,8 @@ class IrisFusion:
     def _correct(self, compass_rad: float | None) -> None:
         """Figure 1: the offset of the odometry from the fused pose; some particles stay about it. And the status."""
         if self.fusion.mode is not Mode.ODOMETRY:
-            if self.fit is not None and self.fusion.confirmed:
-                self.camera_errors.learn(self.fit)
+            if self.fusion.confirmed:
+                self.image.learn()
             self.odometry.set_pose(self.fusion.pose)
             self.status, self.searching = Status.TRACKING, False
             self.restart.found()

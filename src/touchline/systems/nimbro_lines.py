@@ -19,19 +19,19 @@ import numpy as np
 from touchline.camera import PinholeCamera
 from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
-from touchline.geometry import Pose
-from touchline.localization.particles.feature_model import FeatureModel, FeatureView, field_lines
-from touchline.localization.particles.features import Features, FeatureSettings
+from touchline.field.region import OWN_HALF, Region
+from touchline.geometry import FloatArray, Pose
 from touchline.localization.published.nimbro.feature_belief import BeliefSettings
 from touchline.localization.published.nimbro.feature_filter import FeatureFilter
 from touchline.localization.published.nimbro.feature_tracker import FeatureTracker
 from touchline.localization.published.nimbro.particles import NimbroParticles, NimbroParticleSettings
 from touchline.localization.published.nimbro.twin_odds import TwinOdds
-from touchline.localization.published.nubot.global_search import OWN_HALF, Region
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
+from touchline.localization.registration.features import Features, FeatureSettings, levelled
 from touchline.motion import LeanFilter, MotionHistory
 from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
-from touchline.systems.report import Stopwatch
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Observation, Prior, as_prior
 
 CAMERA_HEIGHT_M = 1.0  # where nobody tells: that of a robot between kid and adult size
@@ -126,7 +126,7 @@ class NimbroLines:
         self.tracker.predict(motion, self.particles.filter.motion_model.deviations(motion))
         frame = self.leaning.carried(frame)  # roll and pitch at the image, section 4.4
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # features, sections 3 and 4
-        view = self.features.of(observation, self.tracker.filter.lean)  # egocentric, sections 4.4 and 5.3
+        view = self.features.of(observation, self._level)  # egocentric, sections 4.4 and 5.3
         mode = self.particles.update(view, self._side(), self.tracker.belief.is_searching)  # resampling, (4) to (8)
         self.tracker.update(view, mode, frame.stamp_ns)  # ours: least squares about the main mode; is it believed
         if self.tracker.turned:
@@ -138,6 +138,11 @@ class NimbroLines:
     def _search(self) -> None:
         self.tracker.lose()
         self.particles.restart()
+
+    def _level(self, ground: FloatArray) -> FloatArray:
+        """Ground points without the lean that the tracker has found."""
+        lean = self.tracker.filter.lean
+        return ground if lean is None else levelled(ground, self.features.height_m, lean)
 
     def _side(self) -> Pose | Region | None:
         """The end of the field, where that is known: the pose's, or what was told before there is a pose."""

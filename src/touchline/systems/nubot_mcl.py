@@ -12,9 +12,6 @@ soccer robots, Advanced Robotics 2013, figure 3.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 
 from touchline.localization.published.nubot.belief import Belief
@@ -25,7 +22,6 @@ from touchline.localization.published.nubot.global_localizer import Prediction
 from touchline.localization.published.nubot.global_search import GlobalSearch
 from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs
 from touchline.localization.published.nubot.matcher import Match, Matcher
-from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
 from touchline.localization.published.nubot.particle_localizer import (
     ParticleLocalizer,
     ParticleSearch,
@@ -36,20 +32,14 @@ from touchline.localization.published.nubot.pose_filter import Fusion
 from touchline.localization.published.nubot.tracker import Tracker
 from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
-from touchline.systems.nubot_settings import NubotSettings
-from touchline.systems.report import Stopwatch, report
+from touchline.systems.nubot import NubotSettings, report
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 
 class NubotMclSettings(ParticleSearchSettings, NubotSettings):
     """Everything that the paper fixes, and everything that it leaves open."""
-
-    removed: ClassVar[Mapping[str, str]] = {
-        **ParticleSearchSettings.removed,
-        **NubotSettings.removed,
-        "followed_by": "to follow the robot by particles alone run the system nubot-mcl-alone",
-    }
 
 
 class NubotMcl:
@@ -67,7 +57,7 @@ class NubotMcl:
         )
         self.max_range_m = setup.max_range_m
         self.history = MotionHistory(s.step_noise, s.compass_track)
-        self.tilt = MirrorTilt(field, s.mirror_tilt, camera)
+        self.tilt = s.mirror_tilt.mirror(field, camera)
         self.compass_correction = CompassCorrection(s.compass)
         self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
         matcher = Matcher(field.distance_map(), s.matching)

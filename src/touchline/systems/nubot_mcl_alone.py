@@ -22,16 +22,17 @@ from touchline.localization.published.nubot.global_localizer import Localization
 from touchline.localization.published.nubot.global_search import GlobalSearch
 from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs
 from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
-from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
 from touchline.localization.published.nubot.particle_follower import ParticleFollower
 from touchline.localization.published.nubot.particle_localizer import ParticleSearch, ParticleSearchSettings
 from touchline.localization.published.nubot.particles import NubotParticles
 from touchline.localization.published.nubot.pose_filter import FusionSettings, PoseFilter
-from touchline.localization.published.nubot.weights import WeightSettings
+from touchline.localization.registration.learned_mirror import LearnedMirror
+from touchline.localization.registration.weights import WeightSettings
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
-from touchline.systems.report import Stopwatch, report
+from touchline.systems.nubot import report
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Prior, Status, as_prior
 
 
@@ -71,8 +72,9 @@ class NubotMclAlone:
         )
         self.follower = ParticleFollower(ParticleSearch(self.particles, s))
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
+        mirror = LearnedMirror(field, enabled=False)
         # Only matches tell of mirror and compass, and there are none here: both are taken as they are.
-        self.inputs = MatchInputs(self.history, MirrorTilt(field), CompassCorrection(), s.weights, s.failure.min_points)
+        self.inputs = MatchInputs(self.history, mirror, CompassCorrection(), s.weights, s.failure.min_points)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:

@@ -24,14 +24,13 @@ from touchline.localization.published.nubot.global_search import SAMPLE_C_M, Glo
 from touchline.localization.published.nubot.grid_localizer import GridLocalizer
 from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs
 from touchline.localization.published.nubot.matcher import Match, Matcher
-from touchline.localization.published.nubot.mirror_tilt import MirrorTilt
 from touchline.localization.published.nubot.pose_filter import Fusion
 from touchline.localization.published.nubot.tracker import Tracker
 from touchline.motion import MotionHistory
 from touchline.perception import SelfLearningDetector, observe
-from touchline.systems.nubot_settings import NubotSettings
-from touchline.systems.report import Stopwatch, report
+from touchline.systems.nubot import NubotSettings, report
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Hypothesis, Prior, Status, as_prior
 
 
@@ -56,7 +55,7 @@ class NubotMti:
         )
         self.max_range_m = setup.max_range_m
         self.history = MotionHistory(s.step_noise, s.compass_track)
-        self.tilt = MirrorTilt(field, s.mirror_tilt, camera)
+        self.tilt = s.mirror_tilt.mirror(field, camera)
         self.compass_correction = CompassCorrection(s.compass)
         self.inputs = MatchInputs(self.history, self.tilt, self.compass_correction, s.weights, s.failure.min_points)
         c_m = SAMPLE_C_M if s.global_search.paper.one_c else s.matching.c_m

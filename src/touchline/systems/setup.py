@@ -48,6 +48,11 @@ class RobotSetup:
             object.__setattr__(self, "height_m", height_m)
 
     @property
+    def walks(self) -> bool:
+        """Whether the robot has legs, as one whose camera sees a sector: a mirror stands on wheels."""
+        return self.height_m is not None if self.camera is None else self.camera.model != "omni"
+
+    @property
     def max_range_m(self) -> float:
         """What is farther away than this can't be a line of the field: the field's diagonal, or the end of the
         camera's range table if that is nearer, and a margin.

@@ -1,63 +1,95 @@
-"""touchline: our own system, line points at the statistical bound; no paper's.
+"""touchline: our own system, at the statistical bound, for every kind of camera; no paper's.
 
-image ─▶ line points ─▶ registration from every hypothesis ─▶ filters, weights ─▶ the best ─▶ estimate
-              │                      ▲ odometry                   │                 ▲
-              └─▶ search of the whole field ─▶ new hypotheses ◀───┘ undecided       └─ compass: which end
+image ─▶ points, lines, features ─▶ registration from every hypothesis ─▶ filters, weights ─▶ the best ─▶ estimate
+              │                          ▲ odometry                          │                 ▲
+              └─▶ search of the whole field ─▶ new hypotheses ◀──────────────┘ in doubt        └─ which end of the field
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar, Protocol
+import math
+from dataclasses import replace
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
-from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.camera_errors.mirror_head import MirrorHead
-from touchline.localization.estimator.compass_witness import CompassPulse
-from touchline.localization.estimator.end_odds import EndOdds
-from touchline.localization.estimator.exact_mirror import ExactMirror
-from touchline.localization.estimator.image_delay import UNKNOWN_S, ImageDelay
-from touchline.localization.estimator.joint_filter import JointFilter, Unknown
-from touchline.localization.estimator.pose_hypotheses import Member, PoseHypotheses, is_shove
-from touchline.localization.published.nubot.pose_filter import Scales
+from touchline.config import Settings
+from touchline.field.association import FieldAssociations
+from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
+from touchline.localization.camera_errors import camera_errors
+from touchline.localization.camera_errors.base import ALL_ROUND, CameraErrors, placed_points
+from touchline.localization.camera_errors.perspective import HEIGHT_M
+from touchline.localization.estimator.bank import (
+    CARRIED_AWAY,
+    CARRIED_BLIND,
+    Bank,
+    Image,
+    Member,
+    ShoveTest,
+    is_shove,
+)
+from touchline.localization.estimator.compass_fault import StuckCompass
+from touchline.localization.estimator.exact_camera import ExactCamera
+from touchline.localization.estimator.field_end import FieldEnd
+from touchline.localization.estimator.filter import Filter, Unknown
+from touchline.localization.estimator.measurement import MEASUREMENTS
+from touchline.localization.estimator.stamp_delay import UNKNOWN_S, StampDelay
+from touchline.localization.estimator.statistics import CameraErrorStatistics
+from touchline.localization.estimator.step_noise import StepNoise
+from touchline.localization.estimator.sway_delay import SwayDelay
 from touchline.localization.registration.covariance import is_observed
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
+from touchline.localization.registration.features import Features
 from touchline.localization.registration.registration import Registration
-from touchline.localization.search.pose_search import Known, Mode, PoseSearch, contradiction
-from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
-from touchline.motion.delayed import Delayed, delayed, until_stamp
-from touchline.perception import LearningSettings, LinePointSettings, SelfLearningDetector, observe
-from touchline.systems.report import Stopwatch
+from touchline.localization.registration.seen import seen_of
+from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
+from touchline.localization.search.pose_search import Known, Mode, contradiction
+from touchline.motion import CompassTrackSettings, LeanFilter, MotionHistory, OdometrySettings
+from touchline.motion.delayed import delayed, until_stamp
+from touchline.motion.driven import Scales
+from touchline.motion.lean import LAG_S
+from touchline.perception import detector_for, observe
 from touchline.systems.setup import RobotSetup, system_text
+from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Status, as_prior
 
-WIDE = 0.6  # standard deviation (m, rad) of a told pose from which it is a zone: registration reaches no farther
+ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
-SAID_OFTEN = 10.0  # images over which what others say repeats itself
-WATCHED_PARTS = 3  # of the headings: a third of them, in a third of the images, delays none by a whole search
-LEARNED = 0.3  # of what an image says of the camera's errors: points of neighbouring images err together
-HOPELESS = 40.0  # logarithm of odds of the points against the pose that is followed from which another is not tried
+REPEATED_IMAGES = 10.0  # over which what others say repeats itself
+SEARCH_PARTS = 3  # of the headings: a third of them, in a third of the images, delays none by a whole search
+HOPELESS = 40.0  # logarithm of odds against the pose that is followed from which another is not tried
+PLACE_M = 0.01  # error of a crossing's place on the field
+BEYOND_M = 1.0  # so far outside of the field a robot may stand
+BLIND_S = 4.0  # without anything that the pose explains, after which it is in doubt: the robot may have been carried
+STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
+YAW_RATE_RAD_S = 0.003  # drift of the heading by a walking robot's odometry: ten degrees a minute
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
 
 class TouchlineSettings(Settings):
     """The few things that somebody would tune; all else are constants beside their use."""
 
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        "touchline.localization.estimator.pose_hypotheses", "shove_m", "shove_rad"
+    min_points: int = Field(
+        10,
+        ge=1,
+        le=10_000,
+        description="line points without which an image tells nothing, where it shows nothing else",
     )
-
-    min_points: int = Field(10, ge=1, le=10_000, description="line points without which an image tells nothing")
     min_explained: float = Field(
-        0.6, gt=0, lt=1, description="share of the points that a pose must explain, or the whole field is searched"
+        0.6,
+        gt=0,
+        lt=1,
+        description="share of what is seen that a pose must explain, or it is doubted and the whole field is searched",
     )
     min_probability: float = Field(
         0.9, gt=0.5, lt=1, description="probability from which the likeliest pose is tracked, twin not counted"
     )
     blind_frames: int = Field(
-        2, ge=1, le=1_000, description="images in a row without points after which the pose is in doubt"
+        2,
+        ge=1,
+        le=1_000,
+        description="images in a row that show nothing after which the pose is in doubt; through a perspective camera, "
+        "which may look away, not before 4 s have passed",
     )
     search_every: int = Field(
         15,
@@ -65,14 +97,18 @@ class TouchlineSettings(Settings):
         le=1_000,
         description="images in which the whole field is searched once, in parts, though nothing is wrong",
     )
+    compass: bool | None = Field(
+        None,
+        description="whether the compass counts; by default with a mirror alone: humanoids may have none",
+    )
     compass_sigma_rad: float = Field(
         0.15, gt=0, description="standard deviation of a compass heading (rad), drift and magnetic fields included"
     )
     gate: float = Field(
         16.3, gt=0, description="squared Mahalanobis distance from the prediction from which the robot was shoved"
     )
-    start_position_m: float = Field(0.3, gt=0, description="standard deviation of x and y of a pose that is told (m)")
-    start_heading_rad: float = Field(0.15, gt=0, description="standard deviation of a heading that is told (rad)")
+    start_position_m: float = Field(0.3, gt=0, description="standard deviation of x and y of a pose that is given (m)")
+    start_heading_rad: float = Field(0.15, gt=0, description="standard deviation of a heading that is given (rad)")
     self_calibration: bool = Field(
         True,
         description="learn from the lines what a camera differs by from its camera.yaml: a mirror's tilt, centre and "
@@ -83,21 +119,13 @@ class TouchlineSettings(Settings):
 
     @property
     def start_covariance(self) -> FloatArray:
-        """(3, 3) of a pose that is told without one, (m, m, rad)."""
+        """(3, 3) of a pose that is given without one, (m, m, rad)."""
         return np.diag(np.square([self.start_position_m, self.start_position_m, self.start_heading_rad]))
 
     def motion_history(self) -> MotionHistory:
         """The motion without the errors of its scales, which the filters find out."""
         free = {"forward_scale": 0.0, "sideways_scale": 0.0, "turn_scale": 0.0}
         return MotionHistory(self.odometry.model_copy(update=free), self.compass_track)
-
-
-class FieldSearch(Protocol):
-    """What a search of the whole field is asked; as `PoseSearch`."""
-
-    def everywhere(
-        self, positions_m: FloatArray, covariances_m2: FloatArray, known: Sequence[Known], part: tuple[int, int]
-    ) -> tuple[Mode, ...]: ...
 
 
 class Touchline:
@@ -107,29 +135,36 @@ class Touchline:
 
     def __init__(self, setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator) -> None:
         """rng is not needed: nothing here is left to chance."""
-        field, camera, s = setup.field, setup.camera, settings
-        self.setup = setup
-        self.settings = settings
-        self.detector = (
-            None
-            if camera is None
-            else SelfLearningDetector(camera, LinePointSettings(), LearningSettings(), field.line_width)
-        )
+        field = setup.field
+        self.setup, self.settings = setup, settings
+        self.detector = detector_for(setup.camera, field)
         self.max_range_m = setup.max_range_m
-        self.history = s.motion_history()
-        distance_map = field.distance_map()
-        self._lines = distance_map.table
-        registration = Registration(distance_map)
-        self.search: FieldSearch = PoseSearch(field, registration)
-        head = MirrorHead(camera)
-        self.exact = ExactMirror(camera, head)
-        scales = Scales(s.odometry.forward_scale, s.odometry.sideways_scale, s.odometry.turn_scale)
-        self.unknown = Unknown(scales, head.unknown, LEARNED if s.self_calibration else 0.0, UNKNOWN_S)
-        start = self._filter_at(Pose(0.0, 0.0, 0.0), None)
-        self.hypotheses = PoseHypotheses(registration, field.line_tables, start, head, s.gate)
-        self.delay = ImageDelay()
-        self.end, self.pulse = EndOdds(field.is_symmetric), CompassPulse()
+        self.history = settings.motion_history()
+        self.leaning, self.sway, self.delay, self.stuck = LeanFilter(), SwayDelay(), StampDelay(), StuckCompass()
+        self.places = FieldAssociations(field)
+        self.model = FeatureModel(self.places.tables, field_lines(field), polar=False)
+        self.registration = Registration(field.distance_map(), self.places.tables)
+        reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
+        self.search = FieldSearch(field, self.registration, self.model, reach_m)
+        self._open(camera_errors(setup.camera, setup.height_m))
+        self.end = FieldEnd(field.is_symmetric, self.model, self.features.tell_ends_apart)
         self.reset()
+
+    def _open(self, errors: CameraErrors) -> None:
+        """The parts that depend on the camera's errors."""
+        s, walks = self.settings, self.setup.walks
+        self.errors, self.trust = errors, errors.trust
+        self.features = Features(self.places, None, errors.height_m, PLACE_M)
+        more = STEPS_RATIO if walks else 1.0
+        scales = Scales(*(more * scale for scale in s.odometry.scales))
+        self.unknown = Unknown(
+            scales, errors.prior, errors.drift, errors.learned if s.self_calibration else 0.0,
+            YAW_RATE_RAD_S if walks else 0.0, 0.0 if walks else UNKNOWN_S,
+        )  # fmt: skip
+        self.statistics, self.exact = CameraErrorStatistics(errors), ExactCamera(errors)
+        start = Filter(Pose(0.0, 0.0, 0.0), s.start_covariance, self.unknown)
+        lines = self.setup.field.line_tables
+        self.bank = Bank(self.registration, lines, self.statistics, start, StepNoise(walks), ShoveTest(s.gate))
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
@@ -137,199 +172,277 @@ class Touchline:
         if self.detector is not None:
             self.detector.reset()
         self.history.clear()
+        self.leaning.clear()
+        self.sway.reset()
         self.delay.reset()
-        self.pulse.reset()
-        self.hypotheses.members, self.hypotheses.confirmed = [], False
-        self.hypotheses.head.reset()
-        self.own_half = prior.own_half
-        self.zone: Known | None = None
-        placed = prior.pose is not None
-        self.end.reset(told=placed)
-        if prior.pose is not None and prior.covariance is not None and _is_wide(prior.covariance):
-            self.zone, placed = Known(prior.pose.as_array(), np.linalg.inv(prior.covariance)), False
+        self.stuck.reset()
+        self.own_half, self.zone, start = prior.own_half, None, None
+        if prior.pose is not None and prior.covariance is not None and np.diag(prior.covariance).max() > ZONE**2:
+            self.zone = Known(prior.pose.as_array(), np.linalg.inv(prior.covariance))
         elif prior.pose is not None:
-            self.hypotheses.members = [Member(self._filter_at(prior.pose, prior.covariance), 0.0)]
-        self.status = Status.TRACKING if placed else Status.SEARCHING
-        self.blind, self.since_search, self.watched, self.last_ns = 0, 0, 0, 0
+            spread = self.settings.start_covariance if prior.covariance is None else prior.covariance
+            start = Filter(prior.pose, spread, self.unknown)
+        self.bank.reset(start)
+        self.end.reset(known=prior.pose is not None)
+        self.status = Status.SEARCHING if start is None else Status.TRACKING
+        self.since_search, self.search_part, self.blind_frames, self.unexplained_s = 0, 0, 0, 0.0
+        self.explained, self.images, self.last_ns = 1.0, 0, 0
         self.problems: tuple[str, ...] = ()
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
-        clock = Stopwatch()
+        clock, seconds = Stopwatch(), self._seconds(frame)
         # predict: the odometry carries every hypothesis on
-        self.hypotheses.predict(self._moved(frame), self.delay.wandering_s)
-        observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # observe: line points
-        self.pulse.hear(frame.compass)
-        compass_rad = None if self.pulse.sticks else self.history.at(self._taken_ns(frame)).heading_rad
-        if len(observation.points) >= self.settings.min_points:
-            self.hypotheses.update(observation.points)  # register, fuse, weigh
-            self.hypotheses.hear(frame.evidence, 1.0 / SAID_OFTEN)
-            part = self._searched_now()
-            if part is not None:
-                self._search(observation, compass_rad, part)  # search: every pose that explains the points
-        self._judge(frame, observation, compass_rad)  # judge: status, and which end
-        self._judge_delay()  # how late the stamps are
+        shift = self._predict(frame, seconds)
+        self.bank.measure(frame, MEASUREMENTS)  # measure: by further sensors
+        # observe: line points, lines, crossings, landmarks, at the lean of the image
+        frame = self.leaning.carried(frame, round(1e9 * self._late_s))
+        observation = clock.perception(observe, frame, self.detector, self.max_range_m)
+        image = self._image(frame, observation, shift)
+        if self._shows_something(image):
+            self.bank.register(image)  # register: fit the image from every hypothesis
+            modes = self._search(frame, observation, image)  # search: in doubt, every pose that explains it
+            self.bank.update(image, modes, CARRIED_BLIND if self._is_blind else CARRIED_AWAY)  # fuse, weigh
+            self.bank.update_from_team(frame.evidence, 1.0 / REPEATED_IMAGES)
+            self._judge_end(frame, observation, seconds)  # which end of the field
+        self._judge_status(seconds)  # is the pose believed?
+        self._judge_delay(frame)  # how late are the stamps?
         return self._report(observation, clock)
 
-    def _moved(self, frame: Frame) -> Delayed:
-        """The robot's motion from when the last image was taken to when this one was, as far as the delay is known."""
-        before_ns, best = self.history.clocks.frame_ns, self.hypotheses.best
+    def _seconds(self, frame: Frame) -> float:
+        """Since the frame before."""
+        seconds = 1e-9 * max(frame.stamp_ns - self.last_ns, 0) if self.last_ns else 0.0
+        self.last_ns, self.problems = frame.stamp_ns, ()
+        return seconds
+
+    @property
+    def _late_s(self) -> float:
+        """How late images are stamped, as the pose that is followed has learned it."""
+        best = self.bank.best
+        return 0.0 if best is None else best.filter.late_s
+
+    def _predict(self, frame: Frame, seconds: float) -> FloatArray | None:
+        """From when the last image was taken to when this one was; (3,) by how much that may be off, robot frame."""
+        before_ns = self.history.clocks.frame_ns
         self.history.add(frame)
-        start_ns = frame.stamp_ns if before_ns is None else before_ns
-        return delayed(self.history, start_ns, frame.stamp_ns, 0.0 if best is None else best.filter.late_s)
+        self.stuck.update(frame.compass)
+        moved = delayed(self.history, frame.stamp_ns if before_ns is None else before_ns, frame.stamp_ns, self._late_s)
+        self.bank.predict(moved, seconds)
+        self.followed = self.bank.best
+        self.predicted = np.zeros(3) if self.followed is None else self.followed.filter.pose.as_array()
+        return self.delay.wandering_s * moved.after if self.delay.wandering_s else None
 
-    def _taken_ns(self, frame: Frame) -> int:
-        return frame.stamp_ns - round(1e9 * self.delay.late_s)
+    def _image(self, frame: Frame, observation: Observation, shift: FloatArray | None) -> Image:
+        """What registration takes of a frame."""
+        if self._tells_a_perspective_camera(observation):
+            self.setup = replace(self.setup, height_m=HEIGHT_M)
+            best = self.bank.best
+            self._open(camera_errors(None, HEIGHT_M))
+            if best is not None:
+                self.bank.reset(Filter(best.filter.pose, best.filter.covariance, self.unknown))
+        seen = seen_of(observation, self.features, self.statistics.noise)
+        return Image(seen, self.errors.response(frame), shift)
 
-    def _judge_delay(self) -> None:
-        """How late images are stamped, by the pose that is followed."""
-        best = self.hypotheses.best
-        if self.status is Status.TRACKING and self.blind == 0 and best is not None:
-            unforeseen = self.hypotheses.head.unforeseen  # shaking that the first images' lines were not fitted with
-            late = self.delay.update(best.filter.late_s, unforeseen * best.filter.delay_deviation_s)
-            self.problems += () if late is None else (late,)
+    def _tells_a_perspective_camera(self, seen: Observation) -> bool:
+        """Whether a robot that tells of no camera shows lines, crossings or landmarks at first, and no line points."""
+        known = self.setup.camera is not None or self.setup.height_m is not None
+        if known or self.images or len(seen.points):
+            return False
+        return bool(len(seen.lines) or len(seen.crossings) or len(seen.landmarks))
 
-    def _searched_now(self) -> tuple[int, int] | None:
-        """Which of so many parts of the headings is searched in this frame: in doubt all of them, else each in turn."""
-        best = self.hypotheses.best
+    def _shows_something(self, image: Image) -> bool:
+        """Whether an image tells anything of the pose."""
+        seen = image.seen
+        shows = len(seen.positions_m) >= self.settings.min_points or len(seen.raw_m) > 0
+        self.blind_frames = 0 if shows else self.blind_frames + 1
+        return shows
+
+    @property
+    def _is_blind(self) -> bool:
+        """Whether nothing that the pose explains has been seen for too long."""
+        blind = self.blind_frames >= self.settings.blind_frames and self.unexplained_s >= self.trust.looks_away_s
+        return blind or self.unexplained_s > BLIND_S
+
+    def _searched_part(self) -> tuple[int, int] | None:
+        """Which of so many parts of the field's headings is searched in this image: in doubt all of them, else each in
+        turn, now and then.
+        """
+        best, s = self.bank.best, self.settings
         self.since_search += 1
-        doubted = self.status is not Status.TRACKING or self.blind >= self.settings.blind_frames
-        if doubted or best is None or best.explained < self.settings.min_explained:
-            return 0, 1
-        parts = min(WATCHED_PARTS, self.settings.search_every)
-        if self.since_search * parts < self.settings.search_every:
+        if self.status is not Status.TRACKING or best is None or not is_observed(best.filter.covariance):
+            return WHOLE
+        good = s.min_explained if self.trust.good is None else self.trust.good
+        if min(best.explained, self.explained) < good:
+            return WHOLE
+        parts = min(SEARCH_PARTS, s.search_every)
+        if self.since_search * parts < s.search_every:
             return None
-        self.watched = (self.watched + 1) % parts
-        return self.watched, parts
+        self.search_part = (self.search_part + 1) % parts
+        return self.search_part, parts
 
-    def _search(self, observation: Observation, compass_rad: float | None, part: tuple[int, int]) -> None:
-        self.since_search = 0
-        points, before = observation.points, self.hypotheses.best
-        upright = self.hypotheses.upright(points)
-        modes = self.search.everywhere(upright, points.covariances_m2, self._known(compass_rad), part)
-        if part != (0, 1) and before is not None and before.fit is not None:
-            least = before.fit.log_likelihood - HOPELESS
-            modes = tuple(mode for mode in modes if mode.log_likelihood > least)
-        if self.own_half and before is None:
-            modes = tuple(mode for mode in modes if mode.pose.x <= 0.0)
-        if self.end.symmetric:
-            modes = self._at_one_end(modes)
-        self.hypotheses.add(modes, points)
-        best = self.hypotheses.best
-        if best is None or best is before or self._goes_on_jumping(before, best):
+    def _search(self, frame: Frame, observation: Observation, image: Image) -> tuple[Mode, ...]:
+        """Poses that explain an image; on a symmetric field one of each pair of twins."""
+        part = self._searched_part()
+        if part is None:
+            return ()
+        self.since_search, best, knowing = 0, self.bank.best, self.bank.knowing
+        expected = knowing.prior(self.statistics.per_image)
+        view = self._view(observation, knowing, frame)
+        upright = self.bank.upright(image)
+        searched = Searched(image.seen, view, upright, expected, image.response, self.trust is ALL_ROUND)
+        known = self._known(self._compass(frame))
+        modes = self.search.modes(searched, known, part)
+        if part != WHOLE and best is not None and best.fit is not None:
+            min_likely = best.fit.log_likelihood - HOPELESS
+            modes = tuple(mode for mode in modes if mode.log_likelihood > min_likely)
+        if not self.end.symmetric:
+            return tuple(mode for mode in modes if mode.pose.x <= 0.0 or best is not None or not self.own_half)
+        if self.own_half and best is None:
+            modes = tuple(mode if mode.pose.x <= 0.0 else mode.mirrored() for mode in modes)
+        return self._at_one_end(modes, aligned=not known)
+
+    def _view(self, observation: Observation, knowing: Filter, frame: Frame) -> FeatureView:
+        """The features of an image, without the camera's errors that a filter knows."""
+        response = self.errors.response(frame)
+        return self.features.of(observation, lambda points: placed_points(points, knowing.errors, response))
+
+    def _compass(self, frame: Frame) -> float | None:
+        """The compass heading (rad) when the image was taken; None where none counts."""
+        counts = self.trust is ALL_ROUND if self.settings.compass is None else self.settings.compass
+        if not counts or self.stuck.sticks:
+            return None
+        return self.history.at(frame.stamp_ns - round(1e9 * self.delay.late_s)).heading_rad
+
+    def _known(self, compass_rad: float | None) -> tuple[Known, ...]:
+        """What a compass says of every pose, and the zone that the robot was said to be in."""
+        zone = () if self.zone is None else (self.zone,)
+        if compass_rad is None or self.end.compass.is_suspect:
+            return zone
+        information = np.diag([0.0, 0.0, 1.0 / self.settings.compass_sigma_rad**2])
+        return (Known(np.array([0.0, 0.0, compass_rad]), information), *zone)
+
+    def _at_one_end(self, modes: tuple[Mode, ...], aligned: bool) -> tuple[Mode, ...]:
+        """Of each pair of twins the likelier one, or that which is nearer to a pose that is followed. aligned: nothing
+        tells them apart, and the heading that is followed decides.
+        """
+        best, kept = self.bank.best, list[Mode]()
+        followed = [one.filter.pose for one in self.bank.members]
+        for mode in sorted(modes, key=lambda one: -sum(_is_near(one.pose, pose) for pose in followed)):
+            if any(_is_near(mode.pose, one.pose) or _is_near(mode.pose.mirrored(), one.pose) for one in kept):
+                continue
+            apart = 0.0 if best is None else math.cos(mode.pose.heading - best.filter.pose.heading)
+            kept.append(mode.mirrored() if aligned and apart < 0.0 else mode)
+        return tuple(kept)
+
+    def _judge_end(self, frame: Frame, observation: Observation, seconds: float) -> None:
+        """Which of the pose and its twin is right, by the compass, by colours and by what others say."""
+        best, end = self.bank.best, self.end
+        if best is None:
             return
-        told = before is None and (self.own_half or self._is_in_zone(best.filter.pose))  # found, or found elsewhere
-        self.end.begin(told, self._compass_error(best.filter.pose, compass_rad))
+        compass_rad = self._compass(frame)
+        if self.followed is None or not is_shove(best.filter.pose.as_array() - self.predicted):
+            self._begin_end(best, compass_rad)
+        elif best.shoved or best is not self.followed:
+            end.jumped()
+        if self._is_consistent(best):  # a pose in doubt says nothing of a compass
+            end.update_from_compass(_compass_error(best.filter.pose, compass_rad), seconds)
+        if end.colours_tell:
+            end.update_from_colours(self._view(observation, best.filter, frame), best.filter.pose)
+        end.update_from_team(frame.evidence, best.filter.pose, seconds)
+        if end.is_refuted:
+            self.problems = (end.refutation,)
+            self._turn()
+
+    def _begin_end(self, best: Member, compass_rad: float | None) -> None:
+        """A pose was found anew, or found elsewhere."""
+        known = self.followed is None and (self.own_half or self._is_in_zone(best.filter.pose))
+        self.end.begin(known, _compass_error(best.filter.pose, compass_rad))
         self.zone = None
         if self.end.symmetric and self.end.log_odds < 0.0:  # the compass has probably failed
             self._turn()
 
-    def _goes_on_jumping(self, before: Member | None, best: Member) -> bool:
-        """Whether a pose is the rest of a jump that has left the end open; it stays so."""
-        if before is None or not self.end.undecided:
-            return False
-        return is_shove(best.filter.pose.as_array() - before.filter.pose.as_array())
-
-    def _known(self, compass_rad: float | None) -> tuple[Known, ...]:
-        """What a compass says of every pose, and what was told of where the robot is found."""
-        told = () if self.zone is None else (self.zone,)
-        if compass_rad is None or self.end.compass.is_suspect:
-            return told
-        information = np.diag([0.0, 0.0, 1.0 / self.settings.compass_sigma_rad**2])
-        return (Known(np.array([0.0, 0.0, compass_rad]), information), *told)
+    def _turn(self) -> None:
+        """The twin is the pose from now on."""
+        self.bank.turn()
+        self.end.turn()
 
     def _is_in_zone(self, pose: Pose) -> bool:
-        """Whether a pose is where the robot was told to be, and its twin clearly is not."""
+        """Whether a pose is in the zone that was given, and its twin clearly is not."""
         if self.zone is None:
             return False
         return contradiction(pose.mirrored(), self.zone) - contradiction(pose, self.zone) > CLEARLY
 
-    def _at_one_end(self, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
-        """Of each pair of twins the likelier one, or the one that is nearer to a pose that is followed."""
-        kept: list[Mode] = []
-        followed = [one.filter.pose for one in self.hypotheses.members]
-        for mode in sorted(modes, key=lambda one: -sum(_near(one.pose, pose) for pose in followed)):
-            if not any(_near(mode.pose.mirrored(), other.pose) for other in kept):
-                kept.append(mode)
-        return tuple(kept)
+    def _is_consistent(self, best: Member) -> bool:
+        """Whether a pose is the only likely one, known in all directions, and explains the image."""
+        s = self.settings
+        decided = self.bank.probabilities[0] >= s.min_probability and self.bank.is_confirmed
+        return decided and is_observed(best.filter.covariance) and best.explained >= s.min_explained
 
-    def _judge(self, frame: Frame, observation: Observation, compass_rad: float | None) -> None:
-        """The status, and the end of the field by what the compass and others say."""
-        self.blind = 0 if len(observation.points) >= self.settings.min_points else self.blind + 1
-        seconds = 1e-9 * max(observation.stamp_ns - self.last_ns, 0) if self.last_ns else 0.0
-        self.last_ns, self.problems = observation.stamp_ns, ()
-        best = self.hypotheses.best
+    def _judge_status(self, seconds: float) -> None:
+        """Whether the pose is believed."""
+        best, s, tracked = self.bank.best, self.settings, self.status is Status.TRACKING
         if best is None:
             return
-        if best.shoved:
-            self.end.jumped()
-        decided = self.hypotheses.probability >= self.settings.min_probability
-        observed = is_observed(best.filter.covariance)
-        explained = best.explained >= self.settings.min_explained
-        if decided and observed and explained and self.blind == 0:  # a pose in doubt says nothing of a compass
-            self.end.update(self._compass_error(best.filter.pose, compass_rad), seconds)
-        self.end.hear(frame.evidence, best.filter.pose, seconds)
-        if self.end.is_refuted:
-            self.problems = (f"{' and '.join(self.end.against)}: the robot is at the other end of the field",)
-            self._turn()
-        decided = decided and not (self.end.symmetric and self.end.undecided)
-        least = 0.5 if self.status is Status.TRACKING else 1.0  # of what else would be doubted
-        explained = self.blind > 0 or best.explained >= least * self.settings.min_explained
-        if decided and explained and observed and self.blind < self.settings.blind_frames:
-            self.status = Status.TRACKING
-            self.hypotheses.confirmed = True
+        if self.blind_frames == 0:
+            memory = 1.0 if self.images == 0 or self.unexplained_s > BLIND_S else self.trust.memory
+            self.explained += memory * (best.explained - self.explained)
+            self.images += 1
+        fits = self.blind_frames == 0 and best.explained >= 0.5 * s.min_explained
+        self.unexplained_s = 0.0 if fits else self.unexplained_s + seconds
+        decided = self.bank.probabilities[0] >= s.min_probability and self.bank.is_confirmed
+        decided = decided and self.end.is_decided(s.min_probability)
+        ratio = self.trust.tracked_ratio if tracked else 1.0
+        explained = self.blind_frames > 0 or self.explained >= ratio * s.min_explained
+        if decided and explained and is_observed(best.filter.covariance) and not self._is_blind:
+            self.status, self.bank.confirmed = Status.TRACKING, True
+            self.problems += self.end.report_undecided(seconds)
         else:
-            self.status = Status.SEARCHING if self.status is not Status.TRACKING or decided else Status.LOST
+            self.status = Status.SEARCHING if not tracked or decided else Status.LOST
 
-    def _turn(self) -> None:
-        """The twin is the pose from now on."""
-        self.hypotheses.turn()
-        self.end.turn()
-
-    @staticmethod
-    def _compass_error(pose: Pose, compass_rad: float | None) -> float | None:
-        return None if compass_rad is None else wrap_angle(compass_rad - pose.heading)
-
-    def _filter_at(self, pose: Pose, covariance: FloatArray | None) -> JointFilter:
-        told = self.settings.start_covariance if covariance is None else covariance
-        return JointFilter(pose, told, self.unknown)
-
-    def _at_stamp(self, one: JointFilter, stamp_ns: int) -> JointFilter:
-        """A filter carried from when the last image was taken to its stamp."""
-        late_s = self.delay.late_s
-        return one.ahead(until_stamp(self.history, stamp_ns, late_s)) if late_s else one
+    def _judge_delay(self, frame: Frame) -> None:
+        """How late images are stamped, by the motion that the pose shows or by how a walking robot sways."""
+        best = self.bank.best
+        if best is None or best.fit is None or self.status is not Status.TRACKING or self.blind_frames:
+            return
+        pans = frame.base_from_camera is not None  # where the head was then is not known: named, and not corrected
+        if not self.setup.walks:
+            late_s, deviation_s = best.filter.late_s, self.statistics.lean_ratio * best.filter.delay_deviation_s
+        elif frame.image is None or best.explained < self.settings.min_explained:
+            return
+        else:
+            lean_rad = best.fit.state[3:5] - best.filter.errors[:2]
+            lag_s = LAG_S if pans else self._late_s
+            late_s, deviation_s = self.sway.update(lean_rad, self.leaning, frame.stamp_ns, lag_s)
+        problem = self.delay.update(late_s, deviation_s, correctable=not pans)
+        self.problems += () if problem is None else (problem,)
+        if self.setup.walks:
+            self.bank.delayed_by(self.delay.late_s, self.delay.deviation_s)
 
     def _report(self, observation: Observation, clock: Stopwatch) -> Estimate:
-        best, end = self.hypotheses.best, self.end.probability
-        count = len(observation.points)
-        residuals_m = self.hypotheses.mean_distances_m(observation.points, self._lines)
-        if best is None:
-            pose, covariance, residual_m, probability = Pose(0.0, 0.0, 0.0), UNKNOWN, float("nan"), None
-        else:
-            probability = self.hypotheses.probability * end
-            now = self._at_stamp(best.filter, observation.stamp_ns)
-            pose, covariance = self.exact.pose_of(now)
-            covariance = covariance + self.hypotheses.head.unseen(now)
-            residual_m = residuals_m[0]
+        best, end, members = self.bank.best, self.end.probability, self.bank.members
+        seen = (observation.points, observation.lines, observation.crossings, observation.landmarks)
         others: list[Hypothesis] = []
-        for one, left_m in zip(self.hypotheses.members, residuals_m, strict=True):
-            share = self.hypotheses.probability * float(np.exp(one.log_odds))
+        pose, covariance, residual_m = Pose(0.0, 0.0, 0.0), UNKNOWN, float("nan")
+        for one, probability in zip(members, self.bank.probabilities, strict=True):
             now = self._at_stamp(one.filter, observation.stamp_ns)
-            place, spread = (pose if one is best else now.pose), now.covariance
-            if one is not best:
-                others.append(Hypothesis(place, left_m, share * end, spread.copy()))
+            at, spread = self.exact.pose_of(now) if one is best else (now.pose, now.covariance)
+            spread = spread + self.statistics.floor(now)
+            off_m = float("nan") if one.fit is None else float(one.fit.residual_m)
+            if one is best:
+                pose, covariance, residual_m = at, spread, off_m
+            else:
+                others.append(Hypothesis(at, off_m, probability * end, spread))
             if end < 1.0:
-                others.append(Hypothesis(place.mirrored(), left_m, share * (1.0 - end)))
-        tracked = self.status is Status.TRACKING
+                others.append(Hypothesis(at.mirrored(), off_m, probability * (1.0 - end), mirrored_covariance(spread)))
         return Estimate(
             observation.stamp_ns,
             pose,
-            covariance.copy() if tracked else covariance + UNKNOWN,
+            covariance if self.status is Status.TRACKING else covariance + UNKNOWN,
             self.status,
             residual_m,
-            count,
+            sum(map(len, seen)),
             tuple(others),
-            probability,
+            None if best is None else self.bank.probabilities[0] * end,
             clock.perception_ms,
             clock.localization_ms,
             observation,
@@ -337,11 +450,14 @@ class Touchline:
             odometry=None if best is None else best.filter.odometry,
         )
 
+    def _at_stamp(self, one: Filter, stamp_ns: int) -> Filter:
+        """A filter carried from when the last image was taken to its stamp."""
+        return one.ahead(until_stamp(self.history, stamp_ns, self.delay.late_s)) if self.delay.late_s else one
 
-def _is_wide(covariance: FloatArray) -> bool:
-    """Whether a pose that is told is a zone to search rather than one to begin at."""
-    return bool(np.diagonal(covariance).max() > WIDE**2)
+
+def _compass_error(pose: Pose, compass_rad: float | None) -> float | None:
+    return None if compass_rad is None else wrap_angle(compass_rad - pose.heading)
 
 
-def _near(one: Pose, other: Pose) -> bool:
+def _is_near(one: Pose, other: Pose) -> bool:
     return one.distance_to(other) < 0.5 and abs(wrap_angle(one.heading - other.heading)) < 0.5

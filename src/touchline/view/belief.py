@@ -17,13 +17,13 @@ import numpy.typing as npt
 from touchline.field import FieldModel
 from touchline.field.drawing import FieldView, draw_field, field_view
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.particles.feature_model import FeatureModel
-from touchline.localization.particles.features import FeaturePaper, Features
+from touchline.localization.registration.feature_model import FeatureModel
+from touchline.localization.registration.features import FeaturePaper, Features
 from touchline.perception.feature_pictures import CROSSING_PAINT, LANDMARK_PAINT, LINE_PAINT, label, landmark_name
 from touchline.perception.stages import Legend, Paint, with_legend
 from touchline.systems import LocalizationSystem
 from touchline.systems.nimbro_lines import NimbroLines
-from touchline.systems.touchline_perspective import TouchlinePerspective
+from touchline.systems.touchline import Touchline
 from touchline.types import Estimate, ImageArray, Observation, Status
 from touchline.view.overlay import LINE_COLOR
 
@@ -53,7 +53,7 @@ def particles_of(system: LocalizationSystem) -> FloatArray | None:
 
 def belief_of(system: LocalizationSystem, field: FieldModel, seen: Observation) -> Belief | None:
     """What one observation alone says of the pose; None of a system without a model of features, and of no features."""
-    if not isinstance(system, NimbroLines | TouchlinePerspective):
+    if not isinstance(system, NimbroLines | Touchline):
         return None
     told = system.features.settings
     paper = FeaturePaper(covariances=False, oriented_t=told.paper.oriented_t)
@@ -61,7 +61,7 @@ def belief_of(system: LocalizationSystem, field: FieldModel, seen: Observation) 
     view = Features(system.features.associations, settings, system.features.height_m).of(seen)
     if view.size == 0:
         return None
-    own = system.search.proposals.model if isinstance(system, TouchlinePerspective) else system.particles.sensor_model
+    own = system.model if isinstance(system, Touchline) else system.particles.sensor_model
     model = FeatureModel(own.tables, own.lines, polar=True)
     half_x, half_y = 0.5 * field.length + _BEYOND_M, 0.5 * field.width + _BEYOND_M
     headings = 2.0 * math.pi * np.arange(_HEADINGS) / _HEADINGS - math.pi

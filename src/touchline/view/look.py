@@ -15,7 +15,8 @@ from touchline.field import FieldModel, open_field
 from touchline.files.images import read_image
 from touchline.files.opened import open_bytes
 from touchline.geometry import FloatArray, Pose
-from touchline.localization import WeightSettings, locate_points, precision_weights
+from touchline.localization.one_shot.locate import locate_points
+from touchline.localization.registration.weights import WeightSettings, precision_weights
 from touchline.messages import counted
 from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at

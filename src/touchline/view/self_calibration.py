@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
 
 from touchline.calibration.self_calibration import SelfCalibration
-from touchline.calibration.self_perspective import PerspectiveSelfCalibration
 from touchline.field import FieldModel
 from touchline.field.drawing import draw_field, field_view
 from touchline.geometry import FloatArray, Pose
@@ -18,19 +18,8 @@ _NEAR_M = 0.1
 _ON, _OFF = (255, 200, 0), (0, 120, 255)  # BGR
 
 
-def self_picture(found: SelfCalibration, field: FieldModel) -> ImageArray:
-    """Points near lines are blue, others orange. BGR."""
-    before = [one.points.positions_m for one in found.views]
-    after = [found.camera.ground_from_image(one.points.pixels) for one in found.views]
-    starts = np.array([one.pose for one in found.views])
-    return np.vstack((
-        _panel(before, starts, field, f"before: {100 * found.before[0]:.0f} % of the points on lines"),
-        _panel(after, found.poses, field, f"after: {100 * found.after[0]:.0f} %"),
-    ))  # fmt: skip
-
-
-def perspective_self_picture(found: PerspectiveSelfCalibration, field: FieldModel) -> ImageArray:
-    """What a perspective camera saw, likewise: line points, crossings and landmarks."""
+def self_picture(found: SelfCalibration[Any], field: FieldModel) -> ImageArray:
+    """Line points, crossings and landmarks: those near lines are blue, others orange. BGR."""
     (before, after), (starts, poses) = found.points_m, found.poses
     return np.vstack((
         _panel(before, starts, field, f"before: {100 * found.before[0]:.0f} % in place"),

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from touchline.calibration.field_sizes.sizes import FieldSizes, line_velocities, round_lines
+from touchline.calibration.bundle import Block, NormalEquations, entries, marginal, prior_block, residual_block
+from touchline.calibration.field_sizes.sizes import FieldSizes, line_velocities
+from touchline.calibration.nearest_line import nearest_line
 from touchline.field import FieldModel
-from touchline.field.distances import arc_sweep
-from touchline.geometry import FloatArray, wrap_angles
+from touchline.geometry import FloatArray
 
 HEIGHT_M = 0.75  # of the mirror: its lean moves the ground by height² times the bend
 BEND_PER_M, SHAKE_PER_M = 0.015, 0.005  # standard deviations of the bend: of the head, and from image to image
@@ -34,6 +35,7 @@ _WIDE_STEPS = 4
 _SCALES, _ROUNDS, _HELD = 49, 10, 1e11  # scales that are tried, and steps with each of them held
 _NOTHING = 1e-3  # share of what is said of a size that is not its prior: less than this is nothing
 _OWN = 5  # parameters of a place: x, y, heading, and its own bend
+_OWN_PRIOR = np.array([1e-6, 1e-6, 1e-6, SHAKE_PER_M**-2.0, SHAKE_PER_M**-2.0])  # of poses it only damps steps
 
 
 class Place(NamedTuple):
@@ -58,44 +60,34 @@ class SizeFit(NamedTuple):
     residuals_m: FloatArray
 
 
-class _Sums(NamedTuple):
-    """Normal equations of the common parameters with the places' own eliminated, and each place's part (M, K)."""
-
-    matrix: FloatArray
-    vector: FloatArray
-    parts: FloatArray
-    own_steps: list[tuple[FloatArray, FloatArray]]
-    residuals_m: FloatArray
-
-
 def fit_sizes(places: Sequence[Place], sizes: FieldSizes, scale: float = USUAL_SCALE) -> SizeFit:
     """Fit places and sizes from poses that are close on the field as the rules say.
 
     scale: standard deviation of a common scale of all ranges.
     """
     camera = np.array([BEND_PER_M, BEND_PER_M, scale, CURVE])
-    count = len(sizes.sizes)
-    common = np.zeros(_CAMERA + count)
-    own = np.array([[*place.pose, 0.0, 0.0] for place in places])
+    shared, own = entries(_CAMERA + len(sizes.sizes), len(places), _OWN)
+    state = np.zeros(own[-1, -1] + 1)
+    state[own[:, :3]] = [place.pose for place in places]
     repeated = REPEATED
     for k, width_m in enumerate((*WIDTHS_M, *WIDTHS_M[-4:])):
-        sums = _sums(places, sizes, common, own, width_m)
+        common, blocks = state[shared], _blocks(places, sizes, state, (shared, own), width_m)[0]
         if k == len(WIDTHS_M):
-            repeated = max(REPEATED, _disagreement(sums, _prior(common, camera, wide=False)))
-        step = _best_common(sums, common, camera, repeated, wide=k < _WIDE_STEPS) - common
-        step[_CAMERA:] = np.clip(common[_CAMERA:] + step[_CAMERA:], -MAX_M, MAX_M) - common[_CAMERA:]
-        common = common + step
-        for i, (solved, slope) in enumerate(sums.own_steps):
-            own[i] += solved - slope @ step
-    sums = _sums(places, sizes, common, own, WIDTHS_M[-1])
-    modes = _modes(sums.matrix / repeated, (sums.matrix @ common + sums.vector) / repeated, common, camera)
+            repeated = max(REPEATED, _disagreement(blocks, shared, _prior(common, camera)))
+        blocks = [one.divided(repeated) for one in blocks]
+        best = _best_common(blocks, shared, common, camera, wide=k < _WIDE_STEPS)
+        best[_CAMERA:] = np.clip(best[_CAMERA:], -MAX_M, MAX_M)
+        held = prior_block(shared, np.full(len(shared), _HELD), common - best)
+        state = state + NormalEquations([*blocks, held]).step()
+    blocks, residuals_m = _blocks(places, sizes, state, (shared, own), WIDTHS_M[-1])
+    modes = _modes(*_common_equations([one.divided(repeated) for one in blocks], shared, state[shared], camera), camera)
     chances = np.exp(np.min(modes.costs) - modes.costs)
     chances /= chances.sum()
     change = chances @ modes.change_m
     variances = chances @ (modes.variance_m2 + (modes.change_m - change) ** 2)
     mean = float(chances @ modes.scales)
     mean_deviation = float(np.sqrt(chances @ (modes.scales - mean) ** 2))
-    return SizeFit(change, np.sqrt(variances), mean, mean_deviation, own[:, :3], sums.residuals_m)
+    return SizeFit(change, np.sqrt(variances), mean, mean_deviation, state[own[:, :3]], residuals_m)
 
 
 class _Modes(NamedTuple):
@@ -108,86 +100,99 @@ class _Modes(NamedTuple):
     common: FloatArray
 
 
+def _common_equations(
+    blocks: Sequence[Block], shared: npt.NDArray[np.intp], common: FloatArray, camera: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Matrix (K, K) and vector (K,) that the places alone, whatever their poses, give the common parameters (K,)."""
+    matrix, gradient = marginal(blocks, shared, _prior(common, camera))
+    return matrix, matrix @ common + gradient, common
+
+
 def _modes(matrix: FloatArray, vector: FloatArray, common: FloatArray, camera: FloatArray) -> _Modes:
     """What suits matrix @ common = vector and the prior best, for scales all over what the camera may be wrong by.
 
     Cauchy's prior has several minima: a wrong scale with many wrong sizes, for one wrong size. Each counts.
     """
     scales = camera[2] * np.linspace(-3.0, 3.0, _SCALES)
-    held = np.zeros_like(matrix)
+    held, toward = np.zeros_like(matrix), np.tile(vector, (_SCALES, 1))
     held[2, 2] = _HELD
-    costs, changes, variances, states = [], [], [], []
-    for scale in scales:
-        found = common.copy()
-        found[_CAMERA:] *= 3.0  # a size that is near to the rules would stay there
-        for _ in range(_ROUNDS):
-            prior = _prior(found, camera, wide=False)
-            found = np.linalg.solve(matrix + prior + held, vector + held[:, 2] * scale)
-        wrong = found[:_CAMERA] / camera
-        cost = 0.5 * found @ matrix @ found - vector @ found + 0.5 * wrong @ wrong
-        costs.append(cost + float(np.sum(np.log1p((found[_CAMERA:] / RULES_M) ** 2))))
-        prior = _prior(found, camera, wide=False)
-        spread = np.diag(np.linalg.inv(matrix + prior + held))
-        own_say = np.maximum(1.0 - np.diag(prior) * spread, _NOTHING)[_CAMERA:]  # without a size's own prior
-        changes.append(found[_CAMERA:] / own_say)
-        variances.append(np.where(own_say > _NOTHING, spread[_CAMERA:] / own_say, np.inf))
-        states.append(found)
-    return _Modes(scales, np.array(costs), np.array(changes), np.array(variances), np.array(states))
+    toward[:, 2] += _HELD * scales
+    found = np.tile(common, (_SCALES, 1))
+    found[:, _CAMERA:] *= 3.0  # a size that is near to the rules would stay there
+    for _ in range(_ROUNDS):
+        whole = matrix + held + _diagonals(_prior(found, camera))
+        found = np.linalg.solve(whole, toward[..., np.newaxis])[..., 0]
+    costs = 0.5 * ((found @ matrix - 2.0 * vector) * found).sum(axis=1)
+    costs += 0.5 * np.square(found[:, :_CAMERA] / camera).sum(axis=1)
+    costs += np.log1p((found[:, _CAMERA:] / RULES_M) ** 2).sum(axis=1)
+    prior = _prior(found, camera)
+    spread = np.diagonal(np.linalg.inv(matrix + held + _diagonals(prior)), axis1=1, axis2=2)[:, _CAMERA:]
+    own_say = np.maximum(1.0 - prior[:, _CAMERA:] * spread, _NOTHING)  # without a size's own prior
+    variances = np.where(own_say > _NOTHING, spread / own_say, np.inf)
+    return _Modes(scales, costs, found[:, _CAMERA:] / own_say, variances, found)
 
 
-def _best_common(sums: _Sums, common: FloatArray, camera: FloatArray, repeated: float, wide: bool) -> FloatArray:
+def _best_common(
+    blocks: Sequence[Block], shared: npt.NDArray[np.intp], common: FloatArray, camera: FloatArray, wide: bool
+) -> FloatArray:
     """The common parameters that suit the equations and the prior best."""
-    matrix = sums.matrix / repeated
-    vector = matrix @ common + sums.vector / repeated
-    if wide:
-        return np.asarray(np.linalg.solve(matrix + _prior(common, camera, wide), vector))
-    modes = _modes(matrix, vector, common, camera)
+    if wide:  # all sizes and the scale together fit as well: the scale is held
+        prior = np.concatenate((camera**-2.0, np.full(len(common) - _CAMERA, WIDE_M**-2.0)))
+        prior[2] = _HELD
+        best: FloatArray = common + NormalEquations([*blocks, prior_block(shared, prior, common)]).step()[shared]
+        return best
+    modes = _modes(*_common_equations(blocks, shared, common, camera), camera)
     return np.asarray(modes.common[int(np.argmin(modes.costs))])
 
 
-def _prior(common: FloatArray, camera: FloatArray, wide: bool) -> FloatArray:
-    """Inverse variances of the common parameters, as a matrix: camera's (4,), and Cauchy's for sizes as they are."""
-    weights = np.empty(len(common))
-    weights[:_CAMERA] = 1.0 / camera**2
-    if wide:
-        weights[2] = _HELD  # all sizes and the scale together fit as well
-    weights[_CAMERA:] = WIDE_M**-2.0 if wide else 2.0 / (RULES_M**2 + common[_CAMERA:] ** 2)
-    return np.diag(weights)
+def _prior(common: FloatArray, camera: FloatArray) -> FloatArray:
+    """Inverse variances (..., K) of the common parameters (..., K): the camera's (4,), and Cauchy's for sizes as they
+    are.
+    """
+    sizes = 2.0 / (RULES_M**2 + common[..., _CAMERA:] ** 2)
+    return np.concatenate((np.broadcast_to(camera**-2.0, (*common.shape[:-1], _CAMERA)), sizes), axis=-1)
 
 
-def _disagreement(sums: _Sums, prior: FloatArray) -> float:
+def _diagonals(values: FloatArray) -> FloatArray:
+    """Diagonal matrices (..., K, K) of values (..., K)."""
+    return values[..., np.newaxis] * np.eye(values.shape[-1])
+
+
+def _disagreement(blocks: Sequence[Block], shared: npt.NDArray[np.intp], prior: FloatArray) -> float:
     """How much more the places' parts differ from each other than their points' noise says: Huber's sandwich."""
-    if len(sums.parts) < 4:
+    if len(blocks) < 4:
         return 2.0 * REPEATED
-    inverse = np.linalg.inv(sums.matrix + prior)
-    told = inverse @ (sums.parts.T @ sums.parts) @ inverse
-    expected = np.maximum(np.diag(inverse @ sums.matrix @ inverse), 1e-12)[_CAMERA:]
-    return float(np.max(np.diag(told)[_CAMERA:] / expected))
+    equations = NormalEquations([*blocks, prior_block(shared, prior, np.zeros(len(prior)))])
+    covariance = equations.covariance(shared)
+    told = np.square(equations.influences(blocks, shared)).sum(axis=0)
+    expected = np.maximum(np.diag(covariance) - np.square(covariance) @ prior, 1e-12)
+    return float(np.max(told[_CAMERA:] / expected[_CAMERA:]))
 
 
-def _sums(places: Sequence[Place], sizes: FieldSizes, common: FloatArray, own: FloatArray, width_m: float) -> _Sums:
-    field = sizes.field(common[_CAMERA:])
-    segments, rounds = line_velocities(sizes, common[_CAMERA:])
-    size = len(common)
-    matrix, vector = np.zeros((size, size)), np.zeros(size)
-    parts, own_steps, residuals = [], [], []
-    own_prior = np.diag([1e-6, 1e-6, 1e-6, SHAKE_PER_M**-2.0, SHAKE_PER_M**-2.0])
-    for place, state in zip(places, own, strict=True):
-        rows, distances, on_line = _rows(place, state, common, field, (segments, rounds))
+def _blocks(
+    places: Sequence[Place],
+    sizes: FieldSizes,
+    state: FloatArray,
+    at: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    width_m: float,
+) -> tuple[list[Block], FloatArray]:
+    """The normal equations of each place, its own prior included, and all points' distances (N,) from the lines."""
+    shared, own = at
+    field, velocities = sizes.field(state[shared][_CAMERA:]), line_velocities(sizes, state[shared][_CAMERA:])
+    blocks, residuals = [], []
+    for place, mine in zip(places, own, strict=True):
+        rows, distances, on_line = _rows(place, state[mine], state[shared], field, velocities)
         weights = (width_m**2 / (width_m**2 + distances**2)) ** 2 / (place.deviations**2 + FLOOR_M**2)
-        weights[~on_line] = 0.0
-        weighted = rows * weights[:, np.newaxis]
-        whole, right = weighted.T @ rows, -weighted.T @ distances
-        mine = whole[:_OWN, :_OWN] + own_prior
-        value = right[:_OWN] - own_prior @ state
-        solved = np.linalg.solve(mine, np.column_stack((value, whole[:_OWN, _OWN:])))
-        own_steps.append((solved[:, 0], solved[:, 1:]))
-        part = right[_OWN:] - whole[_OWN:, :_OWN] @ solved[:, 0]
-        matrix += whole[_OWN:, _OWN:] - whole[_OWN:, :_OWN] @ solved[:, 1:]
-        vector += part
-        parts.append(part)
+        blocks.append(
+            residual_block(
+                np.concatenate((mine, shared)),
+                np.vstack((rows, np.eye(_OWN, rows.shape[1]))),
+                np.concatenate((distances, np.where(_OWN_PRIOR > 1.0, state[mine], 0.0))),
+                np.concatenate((np.where(on_line, weights, 0.0), _OWN_PRIOR)),
+            )
+        )
         residuals.append(np.abs(distances))
-    return _Sums(matrix, vector, np.array(parts), own_steps, np.concatenate(residuals))
+    return blocks, np.concatenate(residuals)
 
 
 def _rows(
@@ -223,42 +228,15 @@ def nearest_lines(
     moves along that normal with each size. Beyond a line's end, and at arcs, which no size
     describes well enough, the distance is NaN.
     """
-    a, step = field.segments[:, :2], field.segments[:, 2:] - field.segments[:, :2]
-    squares = np.sum(step**2, axis=1)
-    share = np.clip(((placed[:, np.newaxis] - a) * step).sum(axis=2) / squares, 0.0, 1.0)
-    feet = a + share[..., np.newaxis] * step
-    off = placed[:, np.newaxis] - feet
-    to_segments = np.hypot(off[..., 0], off[..., 1])
-    rounds = round_lines(field)
-    outward = placed[:, np.newaxis] - rounds[:, :2]
-    reach = np.maximum(np.hypot(outward[..., 0], outward[..., 1]), 1e-9)
-    to_rounds = np.where(_beside(field, outward), np.abs(reach - rounds[:, 2]), np.inf)
-    best = np.argmin(np.column_stack((to_segments, to_rounds)), axis=1)
-    n, rows = len(field.segments), np.arange(len(placed))
-    straight = best < n
-    k = np.where(straight, best, 0)
-    lateral = np.column_stack((-step[k, 1], step[k, 0])) / np.sqrt(squares[k])[:, np.newaxis]
-    at = share[rows, k][:, np.newaxis]
-    moves = velocities[0][:, k, :2] * (1.0 - at) + velocities[0][:, k, 2:] * at  # (J, N, 2)
-    distances, normals = (off[rows, k] * lateral).sum(axis=1), lateral
-    moved = np.einsum("jnd,nd->nj", moves, normals)
-    if len(rounds):
-        m = np.where(straight, 0, best - n)
-        away = outward[rows, m] / reach[rows, m][:, np.newaxis]
-        turned = np.einsum("jnd,nd->nj", velocities[1][:, m, :2], away) + velocities[1][:, m, 2].T
-        distances = np.where(straight, distances, reach[rows, m] - rounds[m, 2])
-        normals = np.where(straight[:, np.newaxis], normals, away)
-        moved = np.where(straight[:, np.newaxis], moved, turned)
-    beyond = straight & (to_segments[rows, k] > np.abs(distances) + 1e-3)  # past an end: of no line's sideways place
-    of_arc = best >= n + len(field.circles)
-    return np.where(beyond | of_arc, np.nan, distances), normals, moved
-
-
-def _beside(field: FieldModel, outward: FloatArray) -> npt.NDArray[np.bool_]:
-    """(N, R) whether a circle or arc reaches into the direction of a point from its centre."""
-    angles = np.arctan2(outward[..., 1], outward[..., 0])
-    inside = np.ones(angles.shape, dtype=np.bool_)
-    for column, (_, _, _, start, end) in enumerate(field.arcs, start=len(field.circles)):
-        sweep = arc_sweep(start, end)
-        inside[:, column] = np.abs(wrap_angles(angles[:, column] - start - 0.5 * sweep)) <= 0.5 * sweep
-    return inside
+    near, count = nearest_line(field.line_tables, placed), len(field.segments)
+    straight, along = near.line < count, near.along[:, np.newaxis]
+    ends = velocities[0][:, np.where(straight, near.line, 0)]
+    moves = ends[..., :2] * (1.0 - along) + ends[..., 2:] * along  # (J, N, 2)
+    grown = np.zeros(moves.shape[:2])
+    if velocities[1].shape[1]:
+        rounds = velocities[1][:, np.where(straight, 0, near.line - count)]
+        moves = np.where(straight[:, np.newaxis], moves, rounds[..., :2])
+        grown = np.where(straight, 0.0, rounds[..., 2])
+    moved = np.einsum("jnd,nd->nj", moves, near.normal) + grown.T
+    of_arc = near.line >= count + len(field.circles)
+    return np.where(near.is_beyond | of_arc, np.nan, near.distance_m), near.normal, moved

@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.calibration.lines.candidates import Candidate, find_candidates
-from touchline.calibration.lines.certainty import Certainty, certainty_of
+from touchline.calibration.lines.certainty import Alone, Certainty, certainty_of, each_alone
 from touchline.calibration.lines.equations import Lines, Seen
 from touchline.calibration.lines.joint import JointFit, expected_mirror, fit_in_steps, linearise, starting
 from touchline.calibration.lines.mirror_shape import MirrorShape
-from touchline.calibration.lines.one_robot import Alone, each_alone
 from touchline.calibration.lines.range_curve import KNOTS, fit_curve, held_upright
 from touchline.calibration.lines.search import CENTER_PX, WIDTHS
 from touchline.errors import NoFitError

@@ -80,38 +80,37 @@ def spline_slopes(radius_px, knot_px, knots, slopes):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def equations(seen, state, lines, noise, matrix, vector):  # type: ignore[no-untyped-def]
-    """Fill matrix (P, P) and vector (P,) of a Gauss-Newton step for one image; returns its mean robust error (0..1).
+def equations(seen, states, lines, noise):  # type: ignore[no-untyped-def]
+    """Of states (S, P) and one image: mean robust errors (S,), 0 to 1, matrices (S, P, P) and vectors (S, P) of
+    Gauss-Newton steps.
 
-    state (P,): the mirror's parameters, K spline coefficients, the pose x, y (m), heading (rad). The error is Geman's
-    and McClure's e²/(width² + e²); matrix and vector are those of half its sum, times width²: one pixel counts 1.
+    A state: the mirror's parameters, K spline coefficients, the pose x, y (m), heading (rad). The error is Geman's and
+    McClure's e²/(width² + e²); matrix and vector are those of half its sum, times width²: one pixel counts 1.
     """
     pixels, handedness, knot_px = seen
-    size = len(state)
-    matrix[:] = 0.0
-    vector[:] = 0.0
+    count, size = states.shape
+    errors, matrices, vectors = np.zeros(count), np.zeros((count, size, size)), np.zeros((count, size))
     row = np.zeros(size)
     weights, slopes = np.zeros(4), np.zeros(4)
-    error = 0.0
-    for i in range(len(pixels)):
-        d, sigma, _, _ = residual(pixels[i], handedness, knot_px, state, lines, noise, (row, weights, slopes))
-        if sigma < 0.0:
-            error += 1.0
-            continue
-        e = d / (sigma * noise.width)
-        share = 1.0 / (1.0 + e * e)
-        error += 1.0 - share
-        weight = (share / sigma) ** 2
+    for j in range(count):
+        matrix, vector = matrices[j], vectors[j]
+        for i in range(len(pixels)):
+            d, sigma, _, _ = residual(pixels[i], handedness, knot_px, states[j], lines, noise, (row, weights, slopes))
+            share = 0.0
+            if sigma > 0.0:
+                share = 1.0 / (1.0 + (d / (sigma * noise.width)) ** 2)
+                weight = (share / sigma) ** 2
+                for k in range(size):
+                    if row[k] != 0.0:
+                        part = weight * row[k]
+                        vector[k] += part * d
+                        for m in range(k + 1):
+                            matrix[k, m] += part * row[m]
+            errors[j] += (1.0 - share) / len(pixels)
         for k in range(size):
-            if row[k] != 0.0:
-                part = weight * row[k]
-                vector[k] += part * d
-                for m in range(k + 1):
-                    matrix[k, m] += part * row[m]
-    for k in range(size):
-        for m in range(k):
-            matrix[m, k] = matrix[k, m]
-    return error / len(pixels)
+            for m in range(k):
+                matrix[m, k] = matrix[k, m]
+    return errors, matrices, vectors
 
 
 @njit(cache=True)

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from touchline.calibration.bundle import Equations, NormalEquations, minimise, prior_block, residual_block
 from touchline.calibration.lines.equations import BEND_X, BEND_Y, SHAPE, Lines, Noise, Seen, linearised
 from touchline.calibration.lines.search import GROUND_M, WIDTHS
-from touchline.calibration.lines.sides import sides_of
+from touchline.calibration.nearest_line import nearest_line
 from touchline.geometry import FloatArray
 
 BEND_PER_M = 0.015  # standard deviation of the bend: a mirror 0.3 degrees off per axis
@@ -22,8 +23,6 @@ HELD = 1e12
 _ANYWHERE = 1e-4  # of a pose, where no line says: within 100 m
 _CLOSE_PX = 6.0  # where the next line is so near, blur draws a point aside: it counts half
 _MIN_GAP_M, _MAX_CROWDED = 0.001, 1000.0
-_STEPS = 60
-_SETTLED = 1e-3
 
 
 class Expected(NamedTuple):
@@ -56,7 +55,7 @@ class JointFit(NamedTuple):
 
 
 class Linearised(NamedTuple):
-    """All points: distances (N,) from the line they are nearest to, as it lies (m), their derivatives (N, P) by the
+    """Points: distances (N,) from the line they are nearest to, as it lies (m), their derivatives (N, P) by the
 
     state, standard deviations (N,) (m), the line's number (N,) and the image's (N,), and places on the field (N, 2).
     """
@@ -86,28 +85,17 @@ def expected_mirror(center: FloatArray, center_px: float, bends: bool) -> Expect
 
 def fit_jointly(seen: Sequence[Seen], start: JointFit, expected: Expected, lines: Lines, width: float) -> JointFit:
     """Levenberg's and Marquardt's steps from a start until they settle."""
-    size, images = len(start.mirror), len(seen)
-    state = np.concatenate((start.mirror, np.ravel(start.poses), start.aside_m))
-    total, cost, matrix, vector = _whole(seen, state, size, expected, lines, width)
-    damping = 1e-3
-    for _ in range(_STEPS):
-        damped = matrix + np.diag(damping * np.diag(matrix) + 1e-9)
-        trial = state - np.linalg.solve(damped, vector)
-        new = _whole(seen, trial, size, expected, lines, width)
-        if not new[0] < total:
-            damping *= 6.0
-            if damping > 1e5:
-                break
-            continue
-        settled = total - new[0] < _SETTLED
-        state, (total, cost, matrix, vector) = trial, new
-        damping = max(0.2 * damping, 1e-7)
-        if settled:
-            break
-    points = sum(len(one.pixels) for one in seen)
-    ends = np.cumsum([size, 3 * images])
-    error = cost * expected.noise / (points * width**2)
-    return JointFit(state[:size], state[size : ends[1]].reshape(-1, 3), state[ends[1] :], error, cost, matrix)
+    size = len(start.mirror)
+    state, found = minimise(lambda state: _equations(seen, state, size, expected, lines, width), _state(start))
+    cost = found.cost - _priors(state, size, len(seen), expected).cost
+    poses, aside = np.split(state[size:], [3 * len(seen)])
+    error = cost * expected.noise / (sum(len(one.pixels) for one in seen) * width**2)
+    matrix = NormalEquations(found.blocks).matrix.toarray()
+    return JointFit(state[:size], poses.reshape(-1, 3), aside, error, cost, matrix)
+
+
+def _state(fit: JointFit) -> FloatArray:
+    return np.concatenate((fit.mirror, np.ravel(fit.poses), fit.aside_m))
 
 
 def fit_in_steps(seen: Sequence[Seen], start: JointFit, expected: Expected, lines: Lines) -> JointFit:
@@ -125,8 +113,12 @@ def starting(mirror: FloatArray, poses: FloatArray, lines: Lines) -> JointFit:
 
 def linearise(seen: Sequence[Seen], fit: JointFit, lines: Lines) -> Linearised:
     """The points of all images as a fit places them."""
-    size, state = len(fit.mirror), np.concatenate((fit.mirror, np.ravel(fit.poses), fit.aside_m))
-    parts = [_single(one, state, size, k, len(seen), lines) for k, one in enumerate(seen)]
+    state, parts = _state(fit), []
+    for k, one in enumerate(seen):
+        at, part = _single(one, state, len(fit.mirror), k, len(seen), lines)
+        rows = np.zeros((len(part.rows), len(state)))
+        rows[:, at] = part.rows
+        parts.append(part._replace(rows=rows))
     return Linearised(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
@@ -136,49 +128,61 @@ def crowding(seen: Sequence[Seen], fit: JointFit, lines: Lines) -> FloatArray:
     together or apart.
     """
     points = linearise(seen, fit, lines)
-    _, _, next_m = sides_of(lines.tables, points.places)
+    next_m = nearest_line(lines.tables, points.places).next_m
     near = np.where(np.isfinite(points.sigmas_m), _CLOSE_PX * points.sigmas_m / np.maximum(next_m, _MIN_GAP_M), 0.0)
     factor: FloatArray = np.minimum(1.0 + near**4, _MAX_CROWDED)
     return factor
 
 
-def _whole(
+def _equations(
     seen: Sequence[Seen], state: FloatArray, size: int, expected: Expected, lines: Lines, width: float
-) -> tuple[float, float, FloatArray, FloatArray]:
-    """Cost, the points' part of it, and matrix and vector of a step, expectations included."""
-    matrix, vector = _ANYWHERE * np.eye(len(state)), np.zeros(len(state))
-    off, aside = state[:size] - expected.mean, state[size + 3 * len(seen) :]
-    matrix[:size, :size] = expected.information
-    vector[:size] = expected.information @ off
-    expectation = float(off @ vector[:size]) + 2.0 * float(np.sum(np.log1p((aside / expected.line_m) ** 2)))
-    last = np.arange(len(state) - len(aside), len(state))
-    weights = 2.0 / (expected.line_m**2 + aside**2)  # Cauchy's: most lie as the field says, a few far off
-    matrix[last, last] = weights
-    vector[last] = weights * aside
-    cost, first = 0.0, 0
+) -> Equations:
+    """Cost and normal equations at a state, expectations included."""
+    blocks, cost = _priors(state, size, len(seen), expected)
+    first = 0
     for k, one in enumerate(seen):
-        distances, rows, sigmas = _single(one, state, size, k, len(seen), lines)[:3]
+        at, part = _single(one, state, size, k, len(seen), lines)
+        sigmas = part.sigmas_m
         if expected.wider is not None:
             sigmas = sigmas * expected.wider[first : first + len(sigmas)]
         first += len(sigmas)
-        shares = 1.0 / (1.0 + (distances / (width * sigmas)) ** 2)
+        shares = 1.0 / (1.0 + (part.distances_m / (width * sigmas)) ** 2)
         shares[~np.isfinite(sigmas)] = 0.0
-        weighted = rows * (shares**2 / (sigmas**2 * expected.noise))[:, np.newaxis]
-        matrix += weighted.T @ rows
-        vector += weighted.T @ distances
+        blocks.append(residual_block(at, part.rows, part.distances_m, shares**2 / (sigmas**2 * expected.noise)))
         cost += width**2 * float(np.sum(1.0 - shares)) / expected.noise
-    return cost + expectation, cost, matrix, vector
+    return Equations(blocks, cost)
 
 
-def _single(one: Seen, state: FloatArray, size: int, k: int, images: int, lines: Lines) -> Linearised:
-    """Those of image k alone."""
-    pose = slice(size + 3 * k, size + 3 * k + 3)
-    own = np.concatenate((state[:size], state[pose]))
-    distances, slopes, sigmas, places = linearised(one, own, lines, Noise(GROUND_M, 1.0))
-    line, side, _ = sides_of(lines.tables, places)
+def _priors(state: FloatArray, size: int, images: int, expected: Expected) -> Equations:
+    """What is expected of mirror, poses and lines: most lie as the field says, a few far off (Cauchy's prior)."""
+    mirror, poses, asides = np.split(np.arange(len(state)), [size, size + 3 * images])
+    off, aside = state[mirror] - expected.mean, state[asides]
+    blocks = [
+        prior_block(mirror, expected.information, off),
+        prior_block(poses, np.full(len(poses), _ANYWHERE), np.zeros(len(poses))),
+        prior_block(asides, 2.0 / (expected.line_m**2 + aside**2), aside),
+    ]
+    cost = float(off @ expected.information @ off) + 2.0 * float(np.sum(np.log1p((aside / expected.line_m) ** 2)))
+    return Equations(blocks, cost)
+
+
+def _single(
+    one: Seen, state: FloatArray, size: int, k: int, images: int, lines: Lines
+) -> tuple[npt.NDArray[np.intp], Linearised]:
+    """The points of image k, and the numbers (K,) of the state's entries that they depend on: columns of the rows."""
+    own = np.concatenate((np.arange(size), size + 3 * k + np.arange(3)))
+    distances, slopes, sigmas, places = linearised(one, state[own], lines, Noise(GROUND_M, 1.0))
+    nearest = nearest_line(lines.tables, places)
+    line, side = nearest.line, nearest.side
+    met, column = np.unique(line, return_inverse=True)
+    by_line = np.where(column[:, np.newaxis] == np.arange(len(met)), -side[:, np.newaxis], 0.0)
     first = size + 3 * images
-    rows = np.zeros((len(distances), len(state)))
-    rows[:, :size], rows[:, pose] = slopes[:, :size], slopes[:, size:]
-    rows[np.arange(len(line)), first + line] = -side
-    distances = distances - side * state[first + line]
-    return Linearised(distances, rows, sigmas, line, np.full(len(line), k), places)
+    part = Linearised(
+        distances - side * state[first + line],
+        np.hstack((slopes, by_line)),
+        sigmas,
+        line,
+        np.full(len(line), k),
+        places,
+    )
+    return np.concatenate((own, first + met)), part

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from touchline.calibration.lines.image_points import Circle
+from touchline.calibration.lines.images import Circle
 from touchline.errors import InputError
 from touchline.files.opened import text_lines
 from touchline.geometry import FloatArray

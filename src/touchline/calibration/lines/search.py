@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from touchline.calibration.lines.equations import (
     LOG_SCALE,
@@ -67,87 +66,48 @@ def random_starts(bounds: Start, field: FieldModel, count: int, rng: np.random.G
 
 def fitted_starts(seen: Seen, starts: FloatArray, bounds: Start, lines: Lines) -> tuple[FloatArray, FloatArray]:
     """The best of the states (S, P) after the descent, best first, and their errors (S,)."""
-    states = starts.copy()
+    states = starts
     for width in WIDTHS:
-        errors = _descend_all(seen, states, bounds, lines, Noise(SEARCH_GROUND_M, width), STEPS)
+        states, errors = _descended(seen, states, bounds, lines, Noise(SEARCH_GROUND_M, width))
         best = np.argsort(errors)
         if width != WIDTHS[-1]:
             best = best[: max(1, int(KEPT * len(best)))]
-        states, errors = np.ascontiguousarray(states[best]), errors[best]
+        states, errors = states[best], errors[best]
     return states, errors
 
 
-@njit(cache=True)
-def _descend_all(seen, states, bounds, lines, noise, steps):  # type: ignore[no-untyped-def]
-    errors = np.empty(len(states))
-    for i in range(len(states)):
-        errors[i] = _descend(seen, states[i], bounds, lines, noise, steps)
-    return errors
-
-
-@njit(cache=True)
-def _descend(seen, state, bounds, lines, noise, steps):  # type: ignore[no-untyped-def]
-    """Levenberg's and Marquardt's steps on one state, in place, within bounds; returns its error."""
-    size, n = len(state), len(seen.pixels)
-    matrix, vector = np.zeros((size, size)), np.zeros(size)
-    next_matrix, next_vector = np.zeros((size, size)), np.zeros(size)
-    damped, step, trial = np.zeros((size, size)), np.zeros(size), np.zeros(size)
-    damping = 1e-2
-    error = equations(seen, state, lines, noise, matrix, vector) + _strain(state, bounds, n, noise)
-    for _ in range(steps):
-        for k in range(size):
-            for m in range(size):
-                damped[k, m] = matrix[k, m]
-            damped[k, k] += damping * (matrix[k, k] + 1e-6) + bounds.weight[k]
-            step[k] = -vector[k] - bounds.weight[k] * (state[k] - bounds.mean[k])
-        if not _solve(damped, step):
-            damping *= 10.0
-            continue
-        for k in range(size):
-            trial[k] = min(max(state[k] + step[k], bounds.low[k]), bounds.high[k])
-        new = equations(seen, trial, lines, noise, next_matrix, next_vector) + _strain(trial, bounds, n, noise)
-        if new >= error:
-            damping *= 8.0
-            if damping > 1e4:
-                break
-            continue
-        gained = error - new
-        error, damping = new, max(0.2 * damping, 1e-5)
-        state[:], matrix[:], vector[:] = trial, next_matrix, next_vector
-        if gained < 1e-5:
+def _descended(
+    seen: Seen, states: FloatArray, bounds: Start, lines: Lines, noise: Noise
+) -> tuple[FloatArray, FloatArray]:
+    """States (S, P) after Levenberg's and Marquardt's steps within bounds, each with a damping of its own, and their
+    errors (S,).
+    """
+    states, going, damping = states.copy(), np.arange(len(states)), np.full(len(states), 1e-2)
+    errors, matrices, vectors = _equations_at(seen, states, bounds, lines, noise)
+    for _ in range(STEPS):
+        diagonals = np.diagonal(matrices[going], axis1=1, axis2=2)
+        raised = damping[going, np.newaxis] * (diagonals + 1e-6) + bounds.weight
+        pull = vectors[going] + bounds.weight * (states[going] - bounds.mean)
+        step = np.linalg.solve(
+            matrices[going] + raised[..., np.newaxis] * np.eye(states.shape[1]), pull[..., np.newaxis]
+        )
+        trial = np.clip(states[going] - step[..., 0], bounds.low, bounds.high)
+        new, *equations = _equations_at(seen, trial, bounds, lines, noise)
+        gained = errors[going] - new
+        better = going[gained > 0.0]
+        states[better], errors[better] = trial[gained > 0.0], new[gained > 0.0]
+        matrices[better], vectors[better] = (each[gained > 0.0] for each in equations)
+        damping[going] = np.where(gained > 0.0, np.maximum(0.2 * damping[going], 1e-5), 8.0 * damping[going])
+        going = going[np.where(gained > 0.0, gained >= 1e-5, damping[going] <= 1e4)]
+        if not len(going):
             break
-    return error
+    return states, errors
 
 
-@njit(cache=True)
-def _strain(state, bounds, n, noise):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for k in range(len(state)):
-        total += bounds.weight[k] * (state[k] - bounds.mean[k]) ** 2
-    return total / (n * noise.width**2)
-
-
-@njit(cache=True)
-def _solve(matrix, vector):  # type: ignore[no-untyped-def]
-    """Solve in place by Cholesky's factors; False for a matrix that is not positive definite."""
-    size = len(vector)
-    for i in range(size):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            if i == j:
-                if total <= 1e-14:
-                    return False
-                matrix[i, i] = np.sqrt(total)
-            else:
-                matrix[i, j] = total / matrix[j, j]
-    for i in range(size):
-        for k in range(i):
-            vector[i] -= matrix[i, k] * vector[k]
-        vector[i] /= matrix[i, i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            vector[i] -= matrix[k, i] * vector[k]
-        vector[i] /= matrix[i, i]
-    return True
+def _equations_at(
+    seen: Seen, states: FloatArray, bounds: Start, lines: Lines, noise: Noise
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Errors (S,) of states (S, P), that of their bounds included, with matrices (S, P, P) and vectors (S, P)."""
+    errors, matrices, vectors = equations(seen, np.ascontiguousarray(states), lines, noise)
+    strain = ((states - bounds.mean) ** 2 @ bounds.weight) / (len(seen.pixels) * noise.width**2)
+    return errors + strain, matrices, vectors

@@ -12,8 +12,8 @@ from touchline.field import FieldModel
 from touchline.geometry import Pose
 from touchline.localization.published.nubot.global_search import GlobalSearch
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.weights import WeightSettings, precision_weights
 from touchline.localization.registration.registration import Registration
+from touchline.localization.registration.weights import WeightSettings, precision_weights
 from touchline.localization.search.pose_search import PoseSearch
 from touchline.systems import SYSTEMS, RobotSetup, open_system
 from touchline.types import Frame, LinePoints, Observation, Prior, Samples

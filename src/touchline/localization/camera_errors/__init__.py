@@ -1,1 +1,15 @@
 """What a built camera differs by from its camera.yaml."""
+
+from touchline.camera import Camera
+from touchline.localization.camera_errors.base import CameraErrors
+from touchline.localization.camera_errors.mirror import MirrorErrors
+from touchline.localization.camera_errors.perspective import PerspectiveErrors
+
+
+def camera_errors(camera: Camera | None, height_m: float | None = None) -> CameraErrors:
+    """Those of a camera; without one of a perspective camera at a height, or of a mirror that nobody tells of."""
+    perspective = height_m is not None if camera is None else camera.model != "omni"
+    return PerspectiveErrors.of(camera, height_m) if perspective else MirrorErrors.of(camera)
+
+
+__all__ = ["CameraErrors", "MirrorErrors", "PerspectiveErrors", "camera_errors"]

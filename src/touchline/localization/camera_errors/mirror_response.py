@@ -3,7 +3,7 @@
 A range table tells the shape of its mirror: at each radius the mirror sends the camera's ray to the ground where the
 table says. So it tells, too, where the ray goes once the mirror has moved by a little: it meets the surface elsewhere,
 and at another slope. Lens and height are not in a camera.yaml, usual ones are taken; of these the answer
-depends little (`MISFIT_M2` and `MISFIT_M_PER_PX` of `camera_errors/mirror_head.py` say how little).
+depends little (`MISFIT_M2` and `MISFIT_M_PER_PX` of `mirror.py` say how little).
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray
-from touchline.localization.published.nubot.mirror_fit import SCALE_STEP_M
 
 HEIGHT_M = 0.75  # of the mirror; MSL robots may be 0.8 m high
 APEX_M = 0.1  # of the mirror above the lens
 FOCAL_RATIO = 2.5  # focal length by the mirror's outer radius in the image
+SCALE_STEP_M = 0.1  # between the rows of a table of responses
 MAX_M = 20.0  # of the table of responses
 _MIN_M, _MIN_PIXELS = 0.2, 3  # a table is read from there on, if so many of its pixels see ground
 _SMOOTHED_M = 0.05  # to both sides of a range: tables have steps of their own
@@ -27,12 +27,12 @@ _PIXEL = 8  # of the camera's fine table
 _X, _Y, _Z = np.eye(3)
 
 
-class Response(NamedTuple):
+class MirrorResponse(NamedTuple):
     """What the errors of a mirror do. height_m: of the mirror. parts (K, 4), at ranges r of SCALE_STEP_M each:
 
     along, across (m/px): by how much a displacement of the mirror's image by a pixel moves the ground along the
     direction of the point and across it. outwards, sideways (m²): by how much a lean of g (1/m) moves it along that
-    direction and across it, beyond turning the rays (`registration/mirror_kernels.py`).
+    direction and across it, beyond turning the rays (`mirror.py`).
     """
 
     height_m: float
@@ -54,12 +54,12 @@ class _Surface(NamedTuple):
     reach: FloatArray
 
 
-def mirror_response(camera: OmniCamera | None) -> Response:
+def mirror_response(camera: OmniCamera | None) -> MirrorResponse:
     """That of a camera's mirror, the mean of all directions; without a mirror, or ground in it, nothing is moved."""
     count = int(MAX_M / SCALE_STEP_M) + 1
     radii_px, ranges_m = (np.zeros(0), np.zeros(0)) if camera is None else _table(camera)
     if camera is None or len(radii_px) < _MIN_PIXELS:
-        return Response(HEIGHT_M, np.zeros((count, 4)))
+        return MirrorResponse(HEIGHT_M, np.zeros((count, 4)))
     focal_px = FOCAL_RATIO * max(camera.outer_radius_px, float(radii_px[-1]))
     surface = _surface(radii_px / focal_px, ranges_m)
     above = surface.points - APEX_M * _Z
@@ -73,7 +73,7 @@ def mirror_response(camera: OmniCamera | None) -> Response:
     inside = np.clip(SCALE_STEP_M * np.arange(count), ranges_m[0], ranges_m[-1])
     near = [inside - _SMOOTHED_M, inside, inside + _SMOOTHED_M]
     parts = np.array([np.interp(near, ranges_m, column).mean(axis=0) for column in columns])
-    return Response(HEIGHT_M, np.ascontiguousarray(parts.T))
+    return MirrorResponse(HEIGHT_M, np.ascontiguousarray(parts.T))
 
 
 def _table(camera: OmniCamera) -> tuple[FloatArray, FloatArray]:

@@ -2,7 +2,7 @@
 
 One observation can't average anything out, and a mirror that is 3 pixels off its centre moves the pose by decimetres
 while the lines still fit to centimetres. So the pose is fitted once more together with what a camera is usually wrong
-by (`fusion.camera_errors`): how unsure that fit is, and how far it lies from the pose, are both part of the covariance.
+by (`learned_mirror`): how unsure that fit is, and how far it lies from the pose, are both part of the covariance.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from touchline.camera import Camera, OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.one_shot.thinning import thinned_to
-from touchline.localization.published.nubot.camera_errors import EXACT, CameraErrors, CameraFit
 from touchline.localization.published.nubot.kernels import moments
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.weights import RANGE_NOISE_M
 from touchline.localization.registration.covariance import UNKNOWN_POSITION_M, principal_information
+from touchline.localization.registration.learned_mirror import ImageFit, LearnedMirror
+from touchline.localization.registration.weights import RANGE_NOISE_M
 from touchline.types import LinePoints
 
 MAX_POINTS = 500  # points, evenly over the ground, that tell of the camera: neighbours tell the same
@@ -91,9 +91,9 @@ def _with_spread(
     fit = camera_fit(field, points, pose, spread)
     if fit is None:
         return covariance, CameraDoubt(0.0, 0.0, spread.scale, 0.0, spread.bend_per_m)
-    at = fit.pose
-    off = np.array([at.x - pose.x, at.y - pose.y, wrap_angle(at.heading - pose.heading)])
-    c, s = np.cos(at.heading), np.sin(at.heading)
+    x, y, heading = fit.pose.tolist()
+    off = np.array([x - pose.x, y - pose.y, wrap_angle(heading - pose.heading)])
+    c, s = np.cos(heading), np.sin(heading)
     bend = np.array([[c, -s], [s, c]]) @ fit.errors[:2]
     covariance = covariance + fit.covariance[:3, :3] + np.outer(off, off)
     covariance[:2, :2] += SHIFT_M2**2 * (np.outer(bend, bend) + spread.bend_per_m**2 * np.eye(2))
@@ -105,7 +105,7 @@ def _with_spread(
     return covariance, doubt
 
 
-def camera_fit(field: FieldModel, points: FloatArray, pose: Pose, spread: Spread = USUAL) -> CameraFit | None:
+def camera_fit(field: FieldModel, points: FloatArray, pose: Pose, spread: Spread = USUAL) -> ImageFit | None:
     """Pose and camera errors that suit points (N, 2) in m, robot frame, from a pose that is close; None for none.
 
     spread: what the camera may be wrong by.
@@ -114,12 +114,14 @@ def camera_fit(field: FieldModel, points: FloatArray, pose: Pose, spread: Spread
     variances = (RANGE_NOISE_M + RANGE_NOISE_RATIO * np.hypot(few[:, 0], few[:, 1])) ** 2
     noise = np.eye(2) * variances[:, np.newaxis, np.newaxis]
     seen = LinePoints(few, noise, np.ones(len(few)), np.full_like(few, np.nan))
-    errors = CameraErrors(field)
-    deviations = [spread.bend_per_m, spread.bend_per_m, EXACT, EXACT, spread.scale]
-    errors.covariance, errors.vibration_per_m = np.diag(deviations) ** 2, 0.0  # one image: its shaking is in the spread
-    fit = errors.fit(seen, pose)
-    for _ in range(FITS - 1):
-        fit = fit and errors.fit(seen, fit.pose)
+    mirror, at = LearnedMirror(field), pose.as_array()
+    deviations = [spread.bend_per_m, spread.bend_per_m, 0.0, 0.0, spread.scale]
+    mirror.covariance, mirror.vibration_per_m = np.diag(deviations) ** 2, 0.0  # one image: its shaking is in the spread
+    for _ in range(FITS):
+        fit = mirror.fit_to(seen, at)
+        if fit is None:
+            return None
+        at = fit.pose
     return fit
 
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from touchline.camera import Camera
-from touchline.config import Settings, constants_now
+from touchline.config import Settings
 from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
@@ -24,7 +23,7 @@ from touchline.localization.one_shot.permutation_test import CANDIDATES, Permuta
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.thinning import different, sampled, thinned_to
 from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
-from touchline.localization.published.nubot.weights import WeightSettings, normalized, range_weights
+from touchline.localization.registration.weights import WeightSettings, normalized, range_weights
 from touchline.localization.search.coarse_search import CoarseSearch
 from touchline.localization.search.pose_grid import PoseGrid
 from touchline.types import Hypothesis, LinePoints, Observation, check_point_count
@@ -39,19 +38,6 @@ SAME_RAD = 0.1  # poses with headings nearer than this and SAME_M are one: as SA
 
 class LocateSettings(Settings):
     """The search of `locate_points`."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "least_points": "min_points",
-        "most_median_m": "max_median_m",
-        "rival_factor": "hypothesis_factor",
-        "rival_margin": "hypothesis_margin",
-        "rival_margin_m": "hypothesis_margin_m",
-        "chance.least_significance": "min_significance",
-    }
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now("touchline.localization.one_shot.permutation_test", "chance"),
-        **constants_now(__name__, "beyond_m", "sample_c_m", "sample_points", "same_m", "same_rad"),
-    }
 
     min_points: int = Field(
         8, ge=4, le=10_000_000, description="different points needed: a pose has three unknowns, and clutter"

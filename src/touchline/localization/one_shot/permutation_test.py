@@ -9,9 +9,9 @@ import numpy as np
 from touchline.geometry import FloatArray
 from touchline.localization.one_shot.thinning import thinned, thinned_to
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.weights import normalized
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import CLUTTER_PER_M, Registration
+from touchline.localization.registration.weights import normalized
 from touchline.localization.search.coarse_search import CoarseSearch, Window
 
 PIECES = 8  # pieces that the view is cut into: some 45° of a full circle, about as much as one line fills

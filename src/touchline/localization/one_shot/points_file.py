@@ -14,7 +14,7 @@ from touchline.errors import InputError
 from touchline.files.opened import text_lines
 from touchline.geometry import FloatArray
 from touchline.given import given_path
-from touchline.localization.published.nubot.weights import WeightSettings, precision_weights
+from touchline.localization.registration.weights import WeightSettings, precision_weights
 from touchline.types import MAX_OBSERVED_POINTS, LinePoints, Observation
 
 _NAMES = {"x_m": "x", "x": "x", "y_m": "y", "y": "y", "weight": "weight"}

@@ -8,12 +8,11 @@ import numpy as np
 
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.one_shot.certainty import Spread, camera_fit
 from touchline.localization.one_shot.locate import SAMPLE_POINTS, LocateSettings, whole_field_search
 from touchline.localization.one_shot.thinning import different, thinned_to
-from touchline.localization.published.nubot.matcher import as_pose
-from touchline.localization.published.nubot.weights import normalized
+from touchline.localization.registration.weights import normalized
 
 SCALES = (0.8, 0.84, 0.88, 0.92, 0.96, 1.0, 1.04, 1.08, 1.13, 1.18, 1.24)  # tried: one within 3 % is found from there
 _STARTS = 40  # poses refined at each
@@ -72,6 +71,6 @@ def fit_scale(
         fit = camera_fit(field, factor * seen, pose, Spread(scale=_LOOSE))
         if fit is None:
             break
-        pose, factor = fit.pose, factor * (1.0 + float(fit.errors[4]))
+        pose, factor = as_pose(fit.pose), factor * (1.0 + float(fit.errors[4]))
         deviation = factor * float(np.sqrt(fit.covariance[7, 7]))
     return Scale(factor, deviation)

@@ -14,7 +14,7 @@ A filter of its own, here an augmented MCL on line points:
     particle_filter.predict(motion)
     estimate = particle_filter.update(LineView(points, weights))      # pose and covariance
 
-The systems' own filters are NubotParticles and IrisParticles.
+The systems' own filters are `NubotParticles`, `IrisParticles` and `NimbroParticles` in `published/`.
 """
 
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
@@ -34,8 +34,6 @@ from touchline.localization.particles.resampling import (
     Resampling,
 )
 from touchline.localization.particles.sensor_models import DistanceMapModel, ErrorMapModel, LineView, SensorModel
-from touchline.localization.published.iris.particles import IrisParticles, IrisParticleSettings
-from touchline.localization.published.nubot.particles import NubotParticles, NubotParticleSettings
 
 __all__ = [
     "EVERY_CYCLE",
@@ -44,14 +42,10 @@ __all__ = [
     "DistanceMapModel",
     "ErrorMapModel",
     "InjectionUntilConverged",
-    "IrisParticleSettings",
-    "IrisParticles",
     "KldNumber",
     "LineView",
     "MotionModel",
     "MotionNoise",
-    "NubotParticleSettings",
-    "NubotParticles",
     "ParticleEstimate",
     "ParticleFilter",
     "ParticleNumber",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar
 
 import numba
 import numpy as np
@@ -20,14 +18,6 @@ class MotionNoise(Settings):
 
     They come on top of the odometry's own uncertainty.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "travel_share": "translation_from_translation",
-        "turn_share": "rotation_from_rotation",
-        "bend_rad_per_m": "rotation_from_translation_rad_per_m",
-        "rest_m": "translation_at_rest_m",
-        "rest_rad": "rotation_at_rest_rad",
-    }
 
     translation_from_translation: float = Field(
         0.1, ge=0, description="noise of the position per distance driven (m/m): wheels err by 3 %, more when they slip"

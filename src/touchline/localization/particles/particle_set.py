@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from touchline.geometry import FloatArray, Pose
-from touchline.localization.published.nubot.matcher import as_pose
+from touchline.geometry import FloatArray, Pose, as_pose
 
 
 class ParticleEstimate(NamedTuple):

@@ -8,9 +8,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from touchline.field.region import Region
 from touchline.geometry import FloatArray
 from touchline.localization.particles.particle_set import ParticleEstimate
-from touchline.localization.published.nubot.global_search import Region
 
 WHOLE_FIELD = Region()
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import numba
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, constants_now
+from touchline.config import Settings
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.particles.particle_set import ParticleEstimate, ParticleSet
 
@@ -100,10 +99,6 @@ class AdaptiveSettings(Settings):
 
     References 8, 9, 12 of Lu et al. 2013, who keep 600.
     """
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__, "error", "quantile", "bin_m", "bin_rad", "min_kept_ratio", "min_particles", "kept_share", "least"
-    )
 
     enabled: bool = Field(False, description="draw only as many particles as the spread asks for; the paper keeps all")
 

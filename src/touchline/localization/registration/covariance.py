@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import FloatArray
 
 Moments: TypeAlias = tuple[FloatArray, FloatArray, float, float]
@@ -45,14 +44,6 @@ class UncertaintyPaper(Settings):
 
 class UncertaintySettings(Settings):
     """How curvature becomes a covariance. The paper only says that the second derivatives measure it."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "least_position_m": "min_position_m",
-        "least_heading_rad": "min_heading_rad",
-    }
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__, "clutter_share", "least_residual_m", "unknown_position_m", "unknown_heading_rad"
-    )
 
     min_position_m: float = Field(
         0.002,

@@ -13,19 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from touchline.field.association import AssociationTables
 from touchline.field.distance_map import DistanceMap
 from touchline.field.offset_map import offset_table
 from touchline.geometry import FloatArray
-from touchline.localization.camera_errors.mirror_response import Response
+from touchline.localization.camera_errors.base import Response
+from touchline.localization.registration.joint import Ground, Seen, StateFit, StatePrior, fit_state
 from touchline.localization.registration.kernels import Fit, Fits, Plan, register, register_all
-from touchline.localization.registration.mirror_kernels import StateFit, StatePrior, fit_state
-from touchline.types import LinePoints
 
 GATE2 = 16.0  # at four standard deviations a point has a quarter of its weight left: 1.09 of the bound; at three 1.11
 FLOOR_M = 0.01  # standard deviation that no point falls below: carpet, paint, the map's own error
 # density of clutter along a line's normal (1/m), against that of points of lines: one point in ten within 6 m is none
 CLUTTER_PER_M = 0.1
 USUAL_NOISE = 0.8  # `Fit.noise` of points that err as they say
+NO_PLACES = AssociationTables(np.zeros((0, 2)), np.zeros((0, 0, 0), dtype=np.int16), 0.0, 0.0)
 _UNKNOWN = np.diag(1.0 / np.square([10.0, 10.0, 3.0]))  # inverse covariance of a pose somewhere on a field
 
 
@@ -40,13 +41,6 @@ FINISHING = _plan([0.15, 0.1, 0.05, 0.02, 0.0, 0.0, 0.0])  # from where those en
 SETTLED = _plan([0.1, 0.03, 0.0, 0.0])  # of pose and mirror errors that are nearly known
 UNSETTLED = _plan([0.25, 0.25, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # 0.3 degrees move a line 7 m off by so much
 SHAKEN = _plan([0.5, 0.5, 0.4, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # and in some images three times as far
-
-
-class Head(NamedTuple):
-    """The camera's head: what the errors of its `mirror` do, and of so many points (`repeated`) one counts."""
-
-    mirror: Response
-    repeated: float
 
 
 class Registered(NamedTuple):
@@ -69,8 +63,10 @@ class Registration:
     robot frame, float64, C order. Poses are (3,): x, y (m), heading (rad), field frame.
     """
 
-    def __init__(self, distance_map: DistanceMap) -> None:
+    def __init__(self, distance_map: DistanceMap, places: AssociationTables | None = None) -> None:
+        """places: what crossings and landmarks may be; None where lines alone are registered."""
         self.table = offset_table(distance_map)
+        self.ground = Ground(self.table, NO_PLACES if places is None else places)
 
     def register(
         self, positions_m: FloatArray, covariances_m2: FloatArray, start: FloatArray, plan: Plan = TRACKING
@@ -90,12 +86,9 @@ class Registration:
         fits: Fits = register_all(positions_m, covariances_m2, self.table, starts, plan)
         return fits._replace(noise=fits.noise / USUAL_NOISE)
 
-    def fit_state(self, points: LinePoints, start: FloatArray, prior: StatePrior, plan: Plan, head: Head) -> StateFit:
-        """Pose and mirror errors, jointly, from a start (8,) and with what is known before."""
-        fit: StateFit = fit_state(
-            np.ascontiguousarray(points.positions_m), np.ascontiguousarray(points.covariances_m2), self.table,
-            start, prior, head.mirror, plan, head.repeated,
-        )  # fmt: skip
+    def fit_state(self, seen: Seen, start: FloatArray, prior: StatePrior, plan: Plan, response: Response) -> StateFit:
+        """Pose and camera errors, jointly, from a start (S,) and with what is known before."""
+        fit: StateFit = fit_state(seen, self.ground, start, prior, response, plan)
         return fit
 
 

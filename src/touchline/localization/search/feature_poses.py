@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.geometry import FloatArray
-from touchline.localization.particles.feature_model import FeatureModel, FeatureView, Indices, LineFeatures
 from touchline.localization.particles.resampling import low_variance, tempering
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView, Indices, LineFeatures
 
 PARALLEL = 0.2  # sine of the angle below which lines are parallel
 CROSSING = 0.7  # and above which they cross

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -66,6 +66,10 @@ class Mode:
     log_likelihood: float
     explained: float
     noise: float
+
+    def mirrored(self) -> Mode:
+        """The same at the other end of a symmetric field."""
+        return replace(self, pose=self.pose.mirrored(), covariance=mirrored_covariance(self.covariance))
 
 
 class PoseSearch:

@@ -102,18 +102,8 @@ def _quaternion(rotation: FloatArray) -> Fields:
 
 
 def quaternion_of(rotation: FloatArray) -> tuple[float, float, float, float]:
-    """x, y, z, w of a rotation matrix (3, 3), from its largest part (Shepperd 1978)."""
-    r = rotation
-    squares = np.array([1 + r[0, 0] - r[1, 1] - r[2, 2], 1 - r[0, 0] + r[1, 1] - r[2, 2]])
-    squares = np.append(squares, [1 - r[0, 0] - r[1, 1] + r[2, 2], 1 + r[0, 0] + r[1, 1] + r[2, 2]])
-    rows = np.array(
-        [
-            [squares[0], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
-            [r[0, 1] + r[1, 0], squares[1], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], squares[2], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]],
-        ]
-    )
-    largest = rows[int(np.argmax(squares))]
-    x, y, z, w = (largest / np.linalg.norm(largest)).tolist()
+    """x, y, z, w of a rotation matrix (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat().tolist()
     return x, y, z, w

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from touchline.geometry import FloatArray, Pose3
 
@@ -82,17 +83,10 @@ def plain(frame: str) -> str:
 def rotation(quaternion: Any) -> FloatArray | None:
     """(3, 3) of a geometry_msgs/Quaternion; None if it is none."""
     q = np.array([quaternion.x, quaternion.y, quaternion.z, quaternion.w], dtype=np.float64)
-    length = float(np.linalg.norm(q)) if np.isfinite(q).all() else 0.0
-    if length < 1e-3:
+    if not np.isfinite(q).all() or np.linalg.norm(q) < 1e-3:
         return None
-    x, y, z, w = q / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    matrix: FloatArray = Rotation.from_quat(q).as_matrix()
+    return matrix
 
 
 def pose3(place: Any, quaternion: Any) -> Pose3 | None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from touchline.geometry import wrap_angle
+from touchline.motion.compass import COMPASS_FALSE
 
 # images in a row with such a difference until the compass contradicts, or without it until it agrees
 HEADING_FRAMES = 5
@@ -19,9 +20,6 @@ MAX_AGREED = 600  # images of agreement that count: a minute
 # images in which a compass kept its difference from the pose, up to KEPT_RAD, after which that is its jump
 STEADY_FRAMES = 15
 KEPT_RAD = 0.35
-# probability that a compass is false from the first image on, built in or told the wrong way round: the pose's twin has
-# it as long as nothing but the compass tells the end
-COMPASS_FALSE = 0.02
 
 
 class FieldSide:

@@ -7,16 +7,16 @@ fusion takes one of the two, complementary fusion both. docs/method.md states it
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.particle_set import ParticleEstimate
+from touchline.localization.published.iris.image_doubt import ImageDoubt, difference, shared_out
 from touchline.localization.registration.covariance import widest_m
+from touchline.motion.driven import EXACT_SCALES, driven
 from touchline.motion.odometry import Motion
 from touchline.types import Mode
 
@@ -88,32 +88,6 @@ class SensorFusionSettings(Settings):
     Of each pair of limits the stricter one lets an image be used, the looser one lets it go on: hysteresis.
     """
 
-    renamed: ClassVar[Mapping[str, str]] = {
-        "found_share": "found_ratio",
-        "accepted_share": "accepted_ratio",
-        "beta_period_s": "paper.beta_period_s",
-        "bias_gain_per_s": "paper.bias_gain_per_s",
-    }
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(
-            __name__,
-            "most_bias_rad_s",
-            "enough_points",
-            "least_points",
-            "doubt",
-            "least_share",
-            "narrow_m",
-            "widest_m",
-            "narrow_rad",
-            "widest_rad",
-            "agreement_m",
-            "agreement_rad",
-            "turned_rad",
-            "frames",
-        ),
-        **constants_now("touchline.systems.iris_fusion", "near_m"),
-    }
-
     beta: float = Field(
         0.5,
         ge=0,
@@ -142,27 +116,6 @@ class SensorFusionSettings(Settings):
         "which an image contradicts it, however unsure it is: a shove, twice",
     )
     paper: SensorFusionPaper = SensorFusionPaper()
-
-
-class ImageDoubt(NamedTuple):
-    """How unsure the pose is that the particles say of an image.
-
-    covariance (3, 3): of it, in (m, m, rad), where no pose was known before. information (3, 3): what the image's lines
-    alone say of it. beside (3, 3): covariance of what no line shows.
-    """
-
-    covariance: FloatArray
-    information: FloatArray
-    beside: FloatArray
-
-    def after(self, covariance: FloatArray, spread: FloatArray) -> FloatArray:
-        """Covariance (3, 3) where the odometry's pose has a covariance (3, 3) and the particles a spread (3, 3).
-
-        What lines leave open, particles have from the odometry: along a lone line they err as it does.
-        """
-        weighed = np.linalg.inv(np.eye(3) + spread @ self.information)  # share of the odometry
-        left: FloatArray = weighed @ (covariance + spread @ self.information @ spread) @ weighed.T + self.beside
-        return left
 
 
 class SensorFusion:
@@ -372,12 +325,8 @@ class SensorFusion:
 
     def _moved(self, covariance: FloatArray, motion: Motion, dependent: bool) -> FloatArray:
         """A covariance (3, 3) of the pose after a motion."""
-        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
-        by_pose = np.eye(3)
-        by_pose[0, 2] = -sine * motion.pose.x - cosine * motion.pose.y
-        by_pose[1, 2] = cosine * motion.pose.x - sine * motion.pose.y
-        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        p, q = by_pose @ covariance @ by_pose.T, turn @ motion.covariance @ turn.T
+        step = driven(self.pose, EXACT_SCALES, motion.pose)
+        p, q = step.by_pose @ covariance @ step.by_pose.T, step.by_motion @ motion.covariance @ step.by_motion.T
         if not (dependent and p.any() and q.any()):
             moved: FloatArray = p + q
             return moved
@@ -395,17 +344,6 @@ def blended(odometry: Pose, particles: Pose, beta: float) -> Pose:
         beta * odometry.y + (1.0 - beta) * particles.y,
         wrap_angle(math.atan2(sine, cosine)),
     )
-
-
-def difference(one: Pose, other: Pose) -> FloatArray:
-    """One less the other (3,), m, m, rad."""
-    return np.array([one.x - other.x, one.y - other.y, wrap_angle(one.heading - other.heading)])
-
-
-def shared_out(apart: FloatArray) -> FloatArray:
-    """Covariance (3, 3) by which a difference (3,) is as far off as a pose errs on average."""
-    shared: FloatArray = np.outer(apart, apart) / len(apart)
-    return shared
 
 
 def _spread_m(covariance: FloatArray) -> float:

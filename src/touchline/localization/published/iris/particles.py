@@ -9,15 +9,14 @@ particles ─▶ motion from odometry ─▶ points to the field (7) ─▶ erro
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.field import FieldModel
 from touchline.field.error_map import MAX_ERROR, error_map
+from touchline.field.region import Region
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
@@ -25,7 +24,6 @@ from touchline.localization.particles.particle_set import ParticleEstimate, Part
 from touchline.localization.particles.random_particles import BEYOND_M, UniformPoses
 from touchline.localization.particles.resampling import EVERY_CYCLE, Resampling
 from touchline.localization.particles.sensor_models import ErrorMapModel, LineView
-from touchline.localization.published.nubot.global_search import Region
 from touchline.motion.odometry import Motion
 
 
@@ -94,20 +92,6 @@ class IrisParticlePaper(Settings):
 
 class IrisParticleSettings(Settings):
     """The paper gives 600 particles, 256 steps of the map, the models and the resampling; nothing else."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "least_effective": "paper.tempering_threshold",
-        "nearby_share": "paper.nearby_ratio",
-        "worst_units": "paper.max_units",
-        "max_units": "paper.max_units",
-        "tempering_threshold": "paper.tempering_threshold",
-        "roughening": "paper.roughening",
-        "nearby_ratio": "paper.nearby_ratio",
-    }
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(__name__, "beyond_m", "farthest_m", "map_m", "nearby_m", "nearby_rad"),
-        **constants_now("touchline.systems.iris_fusion", "known_heading_rad"),
-    }
 
     particles: int = Field(600, ge=1, le=10_000_000, description="particles; the paper's 600")
     particles_all_headings: int = Field(

@@ -5,10 +5,7 @@ Ismail et al. 2021 start them once; this rule is ours.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 
 MIN_RATIO = 0.6  # share of points on lines below which an image contradicts the particles
 # such images in a row after which the particles start anew over the field, or images while the pose is lost
@@ -56,14 +53,6 @@ class RestartPaper(Settings):
 
 class RestartSettings(Settings):
     """When the particles start anew, and how."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "image_cycles": "paper.image_cycles",
-        "heading_rad": "paper.heading_rad",
-    }
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__, "least_share", "frames", "blind_frames", "most_cycles", "widening"
-    ) | constants_now("touchline.localization.published.iris.field_side", "heading_frames")
 
     paper: RestartPaper = RestartPaper()
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from touchline.field.association import AssociationTables
 from touchline.geometry import FloatArray, Pose, wrap_angle
-from touchline.localization.particles.feature_model import FeatureView, best_line, best_place, line_table
+from touchline.localization.registration.feature_model import FeatureView, best_line, best_place, line_table
+from touchline.motion.driven import EXACT_SCALES, driven
 from touchline.motion.odometry import Motion
 
 _ITERATIONS = 3
@@ -71,13 +72,9 @@ class FeatureFilter:
 
     def predict(self, motion: Motion, deviations: FloatArray) -> None:
         """Move by the odometry; deviations (3,): of the motion, robot frame (m, m, rad)."""
-        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
-        by_pose = np.eye(3)
-        by_pose[0, 2] = -sine * motion.pose.x - cosine * motion.pose.y
-        by_pose[1, 2] = cosine * motion.pose.x - sine * motion.pose.y
-        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        self.pose = self.pose.compose(motion.pose)
-        self.covariance = by_pose @ self.covariance @ by_pose.T + (turn * deviations**2) @ turn.T
+        step = driven(self.pose, EXACT_SCALES, motion.pose)
+        self.pose, turn = step.pose, step.by_motion
+        self.covariance = step.by_pose @ self.covariance @ step.by_pose.T + (turn * deviations**2) @ turn.T
         self.lean_covariance = self.lean_covariance + np.eye(2) * MOUNT_DRIFT_RAD**2
 
     def update(self, view: FeatureView, near: Pose | None = None) -> Explained:

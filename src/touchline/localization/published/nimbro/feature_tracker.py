@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
-from touchline.localization.particles.feature_model import FeatureView
 from touchline.localization.published.nimbro.feature_belief import BeliefSettings, FeatureBelief, is_narrow
 from touchline.localization.published.nimbro.feature_filter import FeatureFilter
 from touchline.localization.published.nimbro.field_ends import FieldEnds
 from touchline.localization.published.nimbro.particles import MODE_M, MODE_RAD, Mode
 from touchline.localization.published.nimbro.twin_odds import TwinOdds
 from touchline.localization.registration.covariance import UncertaintySettings
+from touchline.localization.registration.feature_model import FeatureView
 from touchline.motion.odometry import Motion
 from touchline.types import Hypothesis, Prior, Status
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 from touchline.geometry import Pose, mirrored_covariance
-from touchline.localization.particles.feature_model import FeatureView
 from touchline.localization.published.nimbro.particles import Mode
 from touchline.localization.published.nimbro.twin_odds import TwinOdds
+from touchline.localization.registration.feature_model import FeatureView
 
 
 class FieldEnds:

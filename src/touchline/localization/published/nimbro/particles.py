@@ -16,15 +16,14 @@ from pydantic import Field
 
 from touchline.config import Settings, added
 from touchline.field import FieldModel
-from touchline.geometry import FloatArray, Pose
-from touchline.localization.particles.feature_model import FeatureModel, FeatureView
+from touchline.field.region import Region
+from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
 from touchline.localization.particles.particle_set import ParticleSet, mean_and_covariance
 from touchline.localization.particles.random_particles import BEYOND_M, AugmentedInjection, UniformPoses
 from touchline.localization.particles.resampling import EVERY_CYCLE, CertaintyNumber, Resampling
-from touchline.localization.published.nubot.global_search import Region
-from touchline.localization.published.nubot.matcher import as_pose
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView
 from touchline.localization.search.feature_poses import FeaturePoses, PoseProposals
 from touchline.motion.odometry import Motion
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from touchline.geometry import Pose
-from touchline.localization.particles.feature_model import FeatureModel, FeatureView
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView
 
 MAX_GAIN = 4.0  # of one frame: what is taken for a post may be somebody in its colour
 SURE = 3.0  # odds of 20 to 1, from which one of the two is believed

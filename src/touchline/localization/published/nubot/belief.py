@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from touchline.field.region import OWN_HALF, Region
 from touchline.geometry import FloatArray, mirrored_covariance
-from touchline.localization.published.iris.field_side import COMPASS_FALSE
 from touchline.localization.published.nubot.global_localizer import Localization
-from touchline.localization.published.nubot.global_search import OWN_HALF, Region
 from touchline.localization.published.nubot.pose_filter import PoseFilter
+from touchline.motion.compass import COMPASS_FALSE
 from touchline.types import Hypothesis, Prior, Status
 
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar
 
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import wrap_angle
 from touchline.localization.published.nubot.matcher import POOR_ERROR, Match
 
@@ -53,8 +51,6 @@ class CompassPaper(Settings):
 
 class CompassSettings(Settings):
     """When and how fast the compass is corrected. The paper says: after several good frames."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "good_deviation_m", "good_frames", "most_rad")
 
     gain: float = Field(
         0.2,

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 
 MAX_DEVIATION_M = 0.35  # mean distance that makes a frame bad whatever the compass says
 # mean distance from which a frame is suspect: look-alike places leave 0.15 to 0.35, but clutter about a right pose up
@@ -52,20 +49,6 @@ class FailurePaper(Settings):
 
 class FailureSettings(Settings):
     """When the pose is believed to be wrong. The papers name the rule and five frames, but no thresholds."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "least_points": "min_points",
-        "lone_rules": "paper.single_criterion_failure",
-    }
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__,
-        "lone_deviation_m",
-        "suspect_m",
-        "suspect_frames",
-        "lone_heading_rad",
-        "blind_frames",
-        "most_missing_s",
-    )
 
     deviation_m: float = Field(
         0.25,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
+from touchline.field.region import Region
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
-from touchline.localization.published.nubot.global_search import Region
 from touchline.localization.published.nubot.match_input import MatchInput
 from touchline.localization.published.nubot.matcher import Match
 from touchline.motion import Motion

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
-from touchline.errors import InputError
+from touchline.config import Settings, added
 from touchline.field.distance_map import DistanceMap
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.field.region import Region
+from touchline.geometry import FloatArray, Pose, as_pose, wrap_angle
 from touchline.localization.published.nubot.kernels import grid_errors
-from touchline.localization.published.nubot.matcher import Match, Matcher, as_pose, checked_points
+from touchline.localization.published.nubot.matcher import Match, Matcher, checked_points
+from touchline.localization.search.pose_grid import sample_positions
 
 BEYOND_M = 1.0  # how far beyond the field the samples reach; the paper's
-_MAX_POSITIONS = 10_000_000
 SHIFT_M = 0.35  # shift of all samples in x and in y from round to round; the paper's
 # width c of the error function that ranks the samples: the paper's C = 255 read in cm, its unit of length; the nearest
 # sample is up to 0.7 m away, where the 0.25 m of matching can't tell near from far
@@ -60,10 +57,6 @@ class GlobalSearchPaper(Settings):
 class GlobalSearchSettings(Settings):
     """The sampled search of section 4.1. On the 18 x 12 m field it has 315 samples."""
 
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__, "beyond_m", "shift_m", "sample_c_m", "rival_factor", "rival_margin"
-    )
-
     spacing_m: float = Field(1.0, gt=0, description="distance of the samples (m); the paper's")
     candidates: int = Field(
         5, ge=1, le=100_000, description="samples with the least error that are refined; the paper's"
@@ -97,21 +90,6 @@ class GlobalSearchSettings(Settings):
         return PAPER_ERROR if self.paper.one_c else self.accepted_error
 
 
-@dataclass(frozen=True, slots=True)
-class Region:
-    """Part of the field to search: limits of x and y in m, field frame."""
-
-    min_x: float = -math.inf
-    max_x: float = math.inf
-    min_y: float = -math.inf
-    max_y: float = math.inf
-
-    def contains(self, pose: Pose) -> bool:
-        """Whether the pose's position lies inside."""
-        return self.min_x <= pose.x <= self.max_x and self.min_y <= pose.y <= self.max_y
-
-
-OWN_HALF = Region(max_x=0.0)
 # Without a compass the whole circle is searched; matching turns by half a step and more.
 _ALL_HEADINGS_RAD = tuple(float(heading) for heading in np.arange(24) * np.pi / 12.0 - np.pi)
 
@@ -259,24 +237,6 @@ class GlobalSearch:
             if (free or not heading_inconsistent) and (region is None or region.contains(pose)):
                 candidates.append(Candidate(pose, error, trace))
         return replace(ranked, candidates=tuple(candidates))
-
-
-def sample_positions(length_m: float, width_m: float, spacing_m: float, beyond_m: float) -> FloatArray:
-    """Positions (K, 2) spacing_m apart, from beyond_m outside the lines on, centred on the field.
-
-    21 x 15 = 315 of them for 18 x 12 m, 1 m and 1 m; a field that the spacing doesn't divide is covered beyond its end.
-    Raises InputError for more than 10⁷ of them.
-    """
-    count = (length_m + 2.0 * beyond_m + spacing_m) * (width_m + 2.0 * beyond_m + spacing_m) / spacing_m / spacing_m
-    if count > _MAX_POSITIONS:
-        raise InputError(f"the search: positions {spacing_m:g} m apart are {count:.1g}; {_MAX_POSITIONS} are the most")
-    axes = []
-    for size_m in (length_m, width_m):
-        reach_m = size_m / 2 + beyond_m
-        steps = math.ceil(2 * reach_m / spacing_m - 1e-9)
-        axes.append((np.arange(steps + 1) - steps / 2) * spacing_m)
-    x, y = np.meshgrid(*axes, indexing="ij")
-    return np.stack((x.ravel(), y.ravel()), axis=1)
 
 
 def sample_errors(

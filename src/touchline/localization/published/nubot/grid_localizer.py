@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from touchline.field.region import Region
 from touchline.localization.published.nubot.doubt import stands_alone
 from touchline.localization.published.nubot.failure import MAX_HEADING_ERROR_RAD
 from touchline.localization.published.nubot.global_localizer import Localization, Prediction
-from touchline.localization.published.nubot.global_search import GlobalFix, GlobalSearch, Region, equal_error
+from touchline.localization.published.nubot.global_search import GlobalFix, GlobalSearch, equal_error
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
 from touchline.localization.published.nubot.matcher import Match
 from touchline.localization.published.nubot.pose_filter import fused_covariance

@@ -1,24 +1,58 @@
-"""What travels through a step of NuBot's systems as one value: line points, weights, compass, the mirror's tilt."""
+"""What travels through a step of NuBot's systems as one value: line points, weights, compass, the mirror's errors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydantic import Field
 
-from touchline.geometry import FloatArray, wrap_angle
+from touchline.camera import Camera
+from touchline.config import Settings, added
+from touchline.field import FieldModel
+from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
 from touchline.localization.published.nubot.matcher import Match, Matcher
-from touchline.localization.published.nubot.mirror_fit import Expected
-from touchline.localization.published.nubot.mirror_tilt import MAX_ERROR, MirrorTilt
-from touchline.localization.published.nubot.weights import WeightSettings, precision_weights
 from touchline.localization.registration.covariance import MIN_RESIDUAL_M, is_observed
+from touchline.localization.registration.learned_mirror import Expected, LearnedMirror
+from touchline.localization.registration.weights import WeightSettings, precision_weights
 from touchline.motion import MotionHistory
 from touchline.types import LinePoints, Observation
 
 MEDIAN_CHI2 = 0.455  # median of a squared normal deviate
 REPEATED = 4.0  # so many points or images err together: neighbours on a line, a head that shakes
 MAX_INFLATION = 40.0  # beyond it the points are none
+MAX_ERROR = 0.1  # mean error of most points above which the lines are too uncertain to tell a tilt
+MAX_POINTS = 0.75  # of the points, the nearest to lines, are those; the others may be nets, or lines of a field beside
+SETTLED_M = 0.25  # distance to the line at which a point counts half in it: Lauer's c
+
+
+class MirrorTiltPaper(Settings):
+    """Switches to the papers' exact form."""
+
+    enabled: bool = added(
+        True,
+        paper=False,
+        description="estimate the tilt; without it, as in the papers, a mirror 0.2 degrees off costs 5 cm",
+    )
+    displacement: bool = added(
+        True,
+        paper=False,
+        description="estimate the mirror's displacement and the scale of the ranges, too; without it a mirror 0.3 mm "
+        "off costs 4 cm",
+    )
+
+
+class MirrorTiltSettings(Settings):
+    """Which errors of the mirror are learned. None of this is in the papers."""
+
+    height_m: float = Field(0.75, ge=0, description="height of the mirror (m): MSL robots may be 0.8 m high")
+    paper: MirrorTiltPaper = MirrorTiltPaper()
+
+    def mirror(self, field: FieldModel, camera: Camera | None) -> LearnedMirror:
+        """What is learned of a camera's mirror."""
+        paper = self.paper
+        return LearnedMirror(field, camera, paper.enabled, (paper.displacement,) * 2, self.height_m)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,7 +68,7 @@ class MatchInput:
     weights: FloatArray
     usable: bool
     compass_rad: float | None
-    tilt: MirrorTilt
+    tilt: LearnedMirror
     correction: CompassCorrection
 
     @property
@@ -72,7 +106,7 @@ class MatchInputs:
     """
 
     history: MotionHistory
-    tilt: MirrorTilt
+    tilt: LearnedMirror
     correction: CompassCorrection
     weights: WeightSettings
     min_points: int
@@ -94,14 +128,14 @@ def refine_with_tilt(
     """
     tilt, points = view.tilt, view.points
     fits = error < MAX_ERROR
-    settled = not tilt.settings.paper.enabled
+    settled = not tilt.enabled
     # a camera whose ranges are wrong can look tilted: among points on no line only a known tilt is followed
-    if tilt.settings.paper.enabled and (fits or not tilt.is_unknown):
+    if tilt.enabled and (fits or tilt.settled):
         fit = tilt.fit_to(points, pose, expected)
         if fit is not None:
             positions_m = tilt.corrected(points.positions_m, fit.errors)
             refined_error = matcher.error(positions_m, view.weights, fit.pose)
-            settled = tilt.settles(positions_m, fit.pose)
+            settled = _settles(tilt.field, positions_m, fit.pose)
             if settled and refined_error <= max(error, MAX_ERROR):
                 match = matcher.assess(positions_m, view.weights, fit.pose, refined_error)
                 if is_observed(match.covariance):
@@ -110,6 +144,15 @@ def refine_with_tilt(
                 tilt.leave_open(fit)  # a lone line bends by a tilt as by a step aside and a turn
     match = matcher.assess(view.positions_m, view.weights, pose, error)
     return replace(_inflated(matcher, view, view.positions_m, match), settled=settled)
+
+
+def _settles(field: FieldModel, positions_m: FloatArray, pose: FloatArray) -> bool:
+    """Whether points (N, 2), robot frame, with their frame's errors taken out lie so near the lines at a pose (3,) that
+    the errors are those of the mirror.
+    """
+    squares = np.square(field.line_distances(Pose(*pose.tolist()).transform(positions_m)))
+    nearest = np.sort(squares)[: max(int(MAX_POINTS * len(squares)), 1)]
+    return float(np.mean(nearest / (nearest + SETTLED_M**2))) < MAX_ERROR
 
 
 def _inflated(matcher: Matcher, view: MatchInput, positions_m: FloatArray, match: Match) -> Match:

@@ -5,16 +5,14 @@ Xiong et al., sections 4.1 and 4.2; Lauer, Lange and Riedmiller 2006; uncertaint
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.field.distance_map import DistanceMap
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.published.nubot.kernels import RpropSchedule, error_and_gradient, moments, rprop
 from touchline.localization.registration.covariance import UncertaintySettings, visual_covariance
 
@@ -48,18 +46,6 @@ class MatchingPaper(Settings):
 
 class MatchingSettings(Settings):
     """RPROP on the error function e(t) = 1 - c² / (c² + t²)."""
-
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__,
-        "first_step_m",
-        "first_step_rad",
-        "grow",
-        "shrink",
-        "largest_step_m",
-        "largest_step_rad",
-        "smallest_step_m",
-        "smallest_step_rad",
-    )
 
     c_m: float = Field(
         0.25, gt=0, description="width c of the error function (m): Lauer et al. 2006; the paper's own C has no unit"
@@ -158,11 +144,6 @@ class Matcher:
         weights, distances_m = weights[order], distances_m[order]
         kept = np.cumsum(weights) <= CLUTTERED
         return float(weights[kept] @ distances_m[kept]) < CLUTTERED_M * float(weights[kept].sum())
-
-
-def as_pose(pose: FloatArray) -> Pose:
-    """A pose (3,) with its heading wrapped."""
-    return Pose(float(pose[0]), float(pose[1]), wrap_angle(float(pose[2])))
 
 
 def checked_points(positions_m: FloatArray, weights: FloatArray | None) -> tuple[FloatArray, FloatArray]:

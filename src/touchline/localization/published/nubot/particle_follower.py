@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from touchline.geometry import Pose
+from touchline.field.region import Region
+from touchline.geometry import Pose, as_pose
 from touchline.localization.published.nubot.global_localizer import Localization, Prediction
-from touchline.localization.published.nubot.global_search import Region
 from touchline.localization.published.nubot.match_input import MatchInput
-from touchline.localization.published.nubot.matcher import Match, as_pose
+from touchline.localization.published.nubot.matcher import Match
 from touchline.localization.published.nubot.particle_localizer import SAME_M, ParticleSearch
 from touchline.motion import Motion
 

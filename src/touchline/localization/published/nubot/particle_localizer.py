@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
-from touchline.geometry import Pose
+from touchline.config import Settings, added
+from touchline.field.region import Region
+from touchline.geometry import Pose, as_pose
 from touchline.localization.published.nubot.doubt import stands_alone
 from touchline.localization.published.nubot.failure import MAX_HEADING_ERROR_RAD
 from touchline.localization.published.nubot.global_localizer import Localization, Prediction
-from touchline.localization.published.nubot.global_search import GlobalSearch, Region
+from touchline.localization.published.nubot.global_search import GlobalSearch
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
-from touchline.localization.published.nubot.matcher import Match, as_pose
+from touchline.localization.published.nubot.matcher import Match
 from touchline.localization.published.nubot.particles import NubotParticles, NubotParticleSettings
 from touchline.localization.registration.covariance import is_one_line
 from touchline.motion import Motion
@@ -59,13 +57,6 @@ class ParticleSearchPaper(Settings):
 
 class ParticleSearchSettings(Settings):
     """When particles start anew, and when the pose that they agree on is believed."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "most_cycles": "max_cycles",
-        "keep_unless_better": "paper.keep_unless_better",
-        "widening": "paper.widening",
-    }
-    removed: ClassVar[Mapping[str, str]] = constants_now(__name__, "confirmations", "same_m")
 
     particles: NubotParticleSettings = NubotParticleSettings()
     accepted_error: float = Field(

@@ -7,13 +7,12 @@ particles carry the weight, draws them anew.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import PAPER, Settings, added, constants_now, load_settings
+from touchline.config import PAPER, Settings, added, load_settings
+from touchline.field.region import Region
 from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.particles.motion_model import MotionModel, MotionNoise
 from touchline.localization.particles.particle_filter import ParticleFilter
@@ -21,7 +20,6 @@ from touchline.localization.particles.particle_set import ParticleEstimate, Part
 from touchline.localization.particles.random_particles import BEYOND_M, InjectionUntilConverged, UniformPoses
 from touchline.localization.particles.resampling import BIN_M, BIN_RAD, AdaptiveSettings, KldNumber, Resampling
 from touchline.localization.particles.sensor_models import DistanceMapModel, LineView
-from touchline.localization.published.nubot.global_search import Region
 from touchline.localization.published.nubot.matcher import Matcher, checked_points
 from touchline.motion.odometry import Motion
 
@@ -106,23 +104,6 @@ class NubotParticlePaper(Settings):
 
 class NubotParticleSettings(Settings):
     """Monte Carlo localization. The paper gives 600 particles, the models and the convergence rule; nothing else."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "least_effective": "paper.resampling_threshold",
-        "fresh_share": "paper.random_particle_ratio",
-        "kept_share": "paper.prior_particle_ratio",
-        "converged_sigma_m": "paper.converged_sigma_m",
-        "farthest_sigmas": "paper.farthest_sigmas",
-        "independent_points": "paper.independent_points",
-        "precise_points": "paper.precise_points",
-        "resampling_threshold": "paper.resampling_threshold",
-        "refined_clusters": "paper.refined_clusters",
-        "random_particle_ratio": "paper.random_particle_ratio",
-        "prior_particle_ratio": "paper.prior_particle_ratio",
-    }
-    removed: ClassVar[Mapping[str, str]] = constants_now(
-        __name__, "beyond_m", "table_m", "converged_rad", "cluster_m", "heading_tolerance_rad"
-    )
 
     particles: int = Field(600, ge=1, le=10_000_000, description="particles; the paper's 600 on the 18 x 12 m field")
     particles_all_headings: int = Field(

@@ -6,22 +6,19 @@ the odometry carries the pose on.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from enum import Enum
-from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from touchline.config import Settings, added, constants_now
+from touchline.config import Settings, added
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.motion.driven import EXACT_SCALES, SCALE_DRIFT, Scales, driven
 
 # a match beyond the gate is believed if the prediction's mean error is more than this factor, or BETTER_MARGIN, above
 # its own: a lone line that RPROP slid along is explained as well where it was predicted
 BETTER_FACTOR = 2.0
 BETTER_MARGIN = 0.02  # see BETTER_FACTOR; what noise alone changes in the mean error
-SCALE_DRIFT = 0.0003  # change of the odometry's scales from frame to frame: another carpet, wheels that wear
 
 
 class FusionPaper(Settings):
@@ -56,14 +53,6 @@ class FusionPaper(Settings):
 class FusionSettings(Settings):
     """The Kalman filter. The paper leaves all of it open."""
 
-    removed: ClassVar[Mapping[str, str]] = {
-        **constants_now(__name__, "better_factor", "better_margin"),
-        **constants_now("touchline.localization.published.nubot.matcher", "poor_error"),
-        **constants_now(
-            "touchline.localization.published.nubot.tracker", "shove_position_m", "shove_heading_rad", "shoved_rad"
-        ),
-    }
-
     gate: float = Field(
         16.3,
         gt=0,
@@ -87,40 +76,7 @@ class Fusion(Enum):
     CONTRADICTS = "contradicts"
 
 
-class Scales(NamedTuple):
-    """Relative errors of the odometry's forward travel, sideways travel and turn; of each or their deviations."""
-
-    forward: float
-    sideways: float
-    turn: float
-
-
-_KNOWN_SCALES = Scales(0.0, 0.0, 0.0)
 _SCALES = np.arange(3, 6)
-
-
-class Step(NamedTuple):
-    """One motion by the odometry, linearised: the pose after it, its derivatives by pose and scales (6, 6) and by the
-    motion (3, 3).
-    """
-
-    pose: Pose
-    by_state: FloatArray
-    by_motion: FloatArray
-
-
-def driven(pose: Pose, scales: FloatArray, motion: Pose) -> Step:
-    """A pose after a motion `before_from_after`, whose parts are too short by scales (3,): ahead, aside, turning."""
-    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
-    ahead, left = motion.x * (1.0 + scales[0]), motion.y * (1.0 + scales[1])
-    by_state = np.eye(6)
-    by_state[0, 2] = -sine * ahead - cosine * left
-    by_state[1, 2] = cosine * ahead - sine * left
-    by_state[0, 3], by_state[1, 3] = cosine * motion.x, sine * motion.x
-    by_state[0, 4], by_state[1, 4] = -sine * motion.y, cosine * motion.y
-    by_state[2, 5] = motion.heading
-    by_motion = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return Step(pose.compose(Pose(ahead, left, motion.heading * (1.0 + scales[2]))), by_state, by_motion)
 
 
 class PoseFilter:
@@ -135,7 +91,7 @@ class PoseFilter:
         pose: Pose,
         covariance: FloatArray | None = None,
         settings: FusionSettings | None = None,
-        scales: Scales = _KNOWN_SCALES,
+        scales: Scales = EXACT_SCALES,
     ) -> None:
         """covariance: of a pose from a match; without one the pose was told by a person. scales: standard deviations
         of the odometry's scale errors, zero where they are not to be found out.

@@ -10,18 +10,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.geometry import FloatArray, Pose, as_pose, wrap_angle
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
-from touchline.localization.published.nubot.matcher import POOR_ERROR, Match, Matcher, as_pose
-from touchline.localization.published.nubot.mirror_fit import Expected
-from touchline.localization.published.nubot.pose_filter import Fusion, FusionSettings, PoseFilter, Scales, equal_error
+from touchline.localization.published.nubot.matcher import POOR_ERROR, Match, Matcher
+from touchline.localization.published.nubot.pose_filter import Fusion, FusionSettings, PoseFilter, equal_error
 from touchline.localization.registration.covariance import (
     MAX_DEVIATION_OF_POSITION_M,
     UNKNOWN_POSITION_M,
     is_observed,
     widest_m,
 )
+from touchline.localization.registration.learned_mirror import Expected
 from touchline.motion import Motion, OdometrySettings
+from touchline.motion.driven import EXACT_SCALES, Scales
 from touchline.types import Prior
 
 SHOVE_POSITION_M = 0.3  # how far a shove moves the robot: 0.1 to 0.3 in matches
@@ -62,7 +63,7 @@ class Tracker:
         """odometry: how far its scales may be wrong; None where the motion's covariance holds that already."""
         self.matcher = matcher
         self.settings = settings or FusionSettings()
-        self._scales = Scales(0.0, 0.0, 0.0)
+        self._scales = EXACT_SCALES
         if odometry is not None and self.settings.paper.learn_odometry_scale:
             self._scales = Scales(odometry.forward_scale, odometry.sideways_scale, odometry.turn_scale)
         self.reset()

@@ -1,7 +1,0 @@
-"""`python -m touchline.cli`: the command without its entry point."""
-
-import sys
-
-from touchline.cli import main
-
-sys.exit(main())

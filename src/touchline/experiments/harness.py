@@ -1,0 +1,166 @@
+"""One harness under all experiments: runs by whatever workers there are, the figures' spread, table, pictures, page.
+
+An experiment measures (conditions x systems x robots, `gathered`), writes a table of it (`spread`, `interval`, `rate`)
+and draws it (scenes.py); what it hands back is an `ExperimentResult`, of which writing.py makes a page.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from touchline.evaluation.workers import Here, Workers
+from touchline.geometry import FloatArray
+
+Item = TypeVar("Item")
+Key = TypeVar("Key")
+Result = TypeVar("Result")
+Listener = Callable[[str], None]
+Row = tuple[str, ...]
+NONE = "–"
+_LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
+_WORKERS: ContextVar[Workers] = ContextVar("workers", default=Here())  # noqa: B039  # it holds nothing
+_DRAWS = 2000
+_Z = 1.959964  # of the normal distribution, 95 % between both signs
+
+
+@contextmanager
+def told_to(listener: Listener | None, workers: Workers | None = None) -> Iterator[None]:
+    """Within it, `listener` is told of every step of `follow` and `computed`, as a short line of text.
+
+    workers: who computes what is `computed`; None: this process.
+    """
+    token, hands = _LISTENER.set(listener), _WORKERS.set(workers or Here())
+    try:
+        yield
+    finally:
+        _LISTENER.reset(token)
+        _WORKERS.reset(hands)
+
+
+def follow(items: Sequence[Item], what: str) -> Iterator[Item]:
+    """The items one by one; before each the listener is told which of how many it is."""
+    for number, item in enumerate(items, start=1):
+        tell(f"{what}, {number} of {len(items)}")
+        yield item
+
+
+def computed(function: Callable[[Item], Result], items: Sequence[Item], what: str) -> Iterator[Result]:
+    """What a function of a module makes of each item, in their order, by whatever workers there are.
+
+    Each result depends on its item alone. The listener is told which of how many is waited for.
+    """
+    results = _WORKERS.get().map(function, items)
+    for number in range(1, len(items) + 1):
+        tell(f"{what}, {number} of {len(items)}")
+        yield next(results)
+
+
+def together(results: Iterable[Mapping[Key, Result]]) -> dict[Key, list[Result]]:
+    """Results by their keys (a condition, a system): of every key those of all robots."""
+    found: dict[Key, list[Result]] = {}
+    for each in results:
+        for key, result in each.items():
+            found.setdefault(key, []).append(result)
+    return found
+
+
+def gathered(one: Callable[[Item], Mapping[Key, Result]], items: Sequence[Item], what: str) -> dict[Key, list[Result]]:
+    """`computed`, and `together`."""
+    return together(computed(one, items, what))
+
+
+def tell(progress: str) -> None:
+    """Say how far it has come, if anybody listens."""
+    listener = _LISTENER.get()
+    if listener is not None:
+        listener(progress)
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """The one row of the results page: what was measured, the paper's figure, ours."""
+
+    what: str
+    paper: str
+    ours: str
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ExperimentResult:
+    """Result of an experiment over `seeds` seeds; `Experiment.run` tells its name and them.
+
+    columns, rows: the table, as text; numbers are means over the seeds, ± is their standard deviation. notes: whole
+    sentences on what was simulated and counted. pictures: by name, without ending.
+    """
+
+    title: str
+    columns: Row
+    rows: Sequence[Row]
+    headline: Headline
+    notes: Sequence[str] = ()
+    pictures: Sequence[tuple[str, Figure]] = ()
+    name: str = ""
+    seeds: int = 0
+
+
+def spread(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:
+    """Mean ± standard deviation over the seeds (of N - 1); a lone value stands alone, a dash for none."""
+    numbers = np.asarray(values, dtype=np.float64)
+    if len(numbers) == 0:
+        return NONE
+    if len(numbers) == 1:
+        return f"{numbers[0]:.{decimals}f}"
+    return f"{numbers.mean():.{decimals}f} ± {numbers.std(ddof=1):.{decimals}f}"
+
+
+def percent(values: Sequence[float] | FloatArray) -> str:
+    """`spread` of shares, in per cent."""
+    shares = np.asarray(values, dtype=np.float64)
+    return f"{spread(100.0 * shares, 1)} %" if len(shares) else NONE
+
+
+def interval(values: Sequence[float] | FloatArray, decimals: int = 2) -> str:
+    """Mean over robots and, in brackets, where it lies with 95 %: by bootstrap, robots drawn anew with replacement."""
+    if len(values) < 2:
+        return spread(values, decimals)
+    mean, low, high = mean_interval(values)
+    return f"{mean:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
+
+
+def mean_interval(values: Sequence[float] | FloatArray) -> tuple[float, float, float]:
+    """Mean of one value or more, and where it lies with 95 %, by bootstrap."""
+    numbers = np.asarray(values, dtype=np.float64)
+    drawn = np.random.default_rng(0).choice(numbers, (_DRAWS, len(numbers))).mean(axis=1)
+    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    return float(numbers.mean()), low, high
+
+
+def rate(successes: int, tries: int) -> str:
+    """A share in per cent with Wilson's 95 % interval of a binomial one; a dash for no tries."""
+    if tries == 0:
+        return NONE
+    low, high = wilson(successes, tries)
+    return f"{100.0 * successes / tries:.1f} % [{100.0 * low:.1f}, {100.0 * high:.1f}]"
+
+
+def paper_cells(said: Sequence[float] | None, cell: Callable[[Result, str], str], *forms: Result) -> list[str]:
+    """Of x, y and heading what a paper says, and the figure of each form (cell(form, name)); of the position theirs."""
+    known = [NONE] * 3 if said is None else [f"{value:g}" for value in said]
+    papers = {"x": [known[0]], "y": [known[1]], "heading": [known[2]], "position": []}
+    return [text for name, paper in papers.items() for text in (*paper, *(cell(form, name) for form in forms))]
+
+
+def wilson(successes: int, tries: int) -> tuple[float, float]:
+    """Bounds of a binomial share with 95 % (Wilson, 1927)."""
+    share, square = successes / tries, _Z**2 / tries
+    middle = share + 0.5 * square
+    half = _Z * math.sqrt(share * (1.0 - share) / tries + 0.25 * square / tries)
+    return max(0.0, (middle - half) / (1.0 + square)), min(1.0, (middle + half) / (1.0 + square))

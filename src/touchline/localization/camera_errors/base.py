@@ -1,0 +1,146 @@
+"""What a built camera differs by from its camera.yaml: errors that all its images share, states of the filter.
+
+One protocol, one implementation for each kind of camera. What compiled loops need of a kind stands beside it: it
+overloads `prepare`, `place` and `fill_rows` for the type of its `response`, and the loops of `registration` are
+compiled once for each kind.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numba import njit
+
+from touchline.geometry import FloatArray
+from touchline.types import Frame
+
+Response = Any  # a NamedTuple of arrays and numbers, of a type of its own for each kind of camera
+
+
+class ImageTrust(NamedTuple):
+    """How much one image may say, by how much of the field it shows.
+
+    max_gain: logarithm of the odds by which one image speaks against a pose, at most. found_gain: the same for a pose
+    that was found in it, against the poses that are followed. confirming_images: beside the one in which a pose was
+    found, until it is believed. looks_away_s: for so long it may show nothing. memory: share of an image in how much
+    is explained of late. tracked_ratio: of `min_explained`, what is enough while a pose is tracked. good: share that a
+    right pose explains; the whole field is searched where it is less; None: `min_explained`. unseen: how much a
+    crossing of a ray with a line counts where no point was seen, beside a point that was. min_noise: of points, as a
+    share of the variances that they state, whatever their residuals say: neighbours err together.
+    """
+
+    max_gain: float
+    found_gain: float
+    confirming_images: int
+    looks_away_s: float
+    memory: float
+    tracked_ratio: float
+    good: float | None
+    unseen: float
+    min_noise: float
+
+
+# a mirror shows the field all round: a wrong pose is contradicted by a hundred points at once
+ALL_ROUND = ImageTrust(math.inf, math.inf, 0, 0.0, 1.0, 0.5, None, 0.25, 0.2)
+# a sector shows a few things, which err together, and what it was found in was fitted best of all places; a robot that
+# looks at the ball may see no line for seconds
+SECTOR = ImageTrust(4.0, 0.0, 1, 4.0, 0.4, 1.0, 0.85, 0.0, 0.5)
+
+
+class Lean(NamedTuple):
+    """By how much the first two errors differ in each image from those of the camera: a standard deviation.
+
+    first: before anything is known; min, max: limits of what is learned. per_m: what one unit of it is as the tangent
+    of an angle over the camera's height (1/m).
+    """
+
+    first: float
+    min: float
+    max: float
+    per_m: float
+
+
+class CameraErrors(Protocol):
+    """The K errors of one kind of camera."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of each, with its unit."""
+        ...
+
+    @property
+    def height_m(self) -> float:
+        """Of the camera above the ground."""
+        ...
+
+    @property
+    def prior(self) -> FloatArray:
+        """(K, K): their covariance before the first image."""
+        ...
+
+    @property
+    def drift(self) -> FloatArray:
+        """(K,): standard deviation of how they change in the root of a second."""
+        ...
+
+    @property
+    def learned(self) -> float:
+        """Share of its step by an image that they take (`Filter`)."""
+        ...
+
+    @property
+    def lean(self) -> Lean:
+        """Of each image, beside the errors that all share."""
+        ...
+
+    @property
+    def trust(self) -> ImageTrust:
+        """How much one image may say."""
+        ...
+
+    @property
+    def floor(self) -> FloatArray:
+        """(3,): standard deviations (m, m, rad) of the pose that no image lowers."""
+        ...
+
+    @property
+    def misfit(self) -> FloatArray:
+        """(K,): standard deviation of the position by what the errors do beyond this model, per unit (m)."""
+        ...
+
+    @property
+    def exact(self) -> FloatArray | None:
+        """Inverse covariance (K, K) of the errors if camera.yaml is exact, as it may be where it says nothing of its
+        uncertainty; None where it states that.
+        """
+        ...
+
+    def response(self, frame: Frame | None = None) -> Response:
+        """What the errors do to what is seen, at the image of a frame, for the compiled loops."""
+        ...
+
+
+def prepare(points: Any, errors: Any, response: Any) -> Any:
+    """(P, N): what of points (N, 2), robot frame, is the same in every step of a fit that begins at errors (K,)."""
+
+
+def place(x: Any, y: Any, errors: Any, prepared: Any, i: Any, response: Any) -> Any:
+    """(x, y): where point i belongs, robot frame (m), as a camera without errors (K,) would see it."""
+
+
+def fill_rows(rows: Any, i: Any, normal: Any, seen: Any, placed: Any, errors: Any, prepared: Any, response: Any) -> Any:
+    """Into rows[3:3 + K, i]: derivative by the errors of where a point lies along a normal (2,), robot frame.
+
+    seen, placed: the point before and after `place`.
+    """
+
+
+@njit(cache=True, error_model="numpy")
+def placed_points(points, errors, response):  # type: ignore[no-untyped-def]
+    """Points (N, 2) as a camera without errors (K,) would have seen them, robot frame (m)."""
+    prepared, out = prepare(points, errors, response), np.empty_like(points)
+    for i in range(points.shape[0]):
+        out[i, 0], out[i, 1] = place(points[i, 0], points[i, 1], errors, prepared, i, response)
+    return out

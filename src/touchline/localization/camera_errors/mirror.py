@@ -1,0 +1,198 @@
+"""The five errors of a mirror: how it leans, where it lies, how long its ranges are.
+
+A point p, seen through a mirror with the errors g (1/m, lean), c (px, displacement) and s (ranges that are too short by
+a share), belongs at
+
+    p' = (1 + s) p + C c + G g,     p" = (p' + h² g) / (1 - g·p')
+
+C: what a displaced mirror does, G: what a leaning one does by its surface that moves, both from the `MirrorResponse` of
+the mirror's own shape; as mirrors bend they are taken half way between p and p', with errors that are about right.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numba.extending import overload
+
+from touchline.camera import Camera, OmniCamera
+from touchline.camera.uncertainty import USUAL_RANGE_RATIO, USUAL_TILT_DEG, CameraUncertainty
+from touchline.geometry import FloatArray
+from touchline.localization.camera_errors.base import ALL_ROUND, ImageTrust, Lean, fill_rows, place, prepare
+from touchline.localization.camera_errors.mirror_response import (
+    HEIGHT_M,
+    SCALE_STEP_M,
+    MirrorResponse,
+    mirror_response,
+)
+from touchline.types import Frame
+
+DRIFT_RATIO = 0.01  # of the errors in the root of a second, as a share of what was unknown at first: a loosening mount
+LEARNED = 0.3  # of what an image says of the errors: points of neighbouring images err together
+# of g about its mean from image to image: 0.06° at first, 0.04 to 0.4° in robots that drive
+LEAN = Lean(first=0.003, min=0.002, max=0.02, per_m=1.0)
+# by how much mirrors shift the ground about the robot beyond these errors, median of five shapes: per 1/m of g, per px
+MISFIT_M2, MISFIT_M_PER_PX = 0.08, 0.0003
+UNTOLD = CameraUncertainty(USUAL_TILT_DEG, 0.0, USUAL_RANGE_RATIO)  # of a camera that nobody tells of
+# standard deviations of what an exact one still seems to differ by, as a detector shifts the edges of lines by a
+# twentieth of a pixel: tilt (deg), centre (share of the outer radius), ranges
+EXACT_TILT_DEG, EXACT_CENTER_RATIO, EXACT_RANGE_RATIO = 0.02, 0.0005, 0.002
+MIN_DEPTH = 0.2  # of 1 - g·p: beyond it is the horizon
+NAMES = ("lean towards x (1/m)", "lean towards y (1/m)", "centre u (px)", "centre v (px)", "range ratio")
+
+
+@dataclass(frozen=True, eq=False)
+class MirrorErrors:
+    """`CameraErrors` of a mirror. One that nobody tells of, behind a detector of the robot's own, leans and shakes, too."""
+
+    prior: FloatArray
+    exact: FloatArray | None
+    mirror: MirrorResponse
+    lean: Lean = LEAN
+    names: tuple[str, ...] = NAMES
+    height_m: float = HEIGHT_M
+    learned: float = LEARNED
+    trust: ImageTrust = ALL_ROUND
+
+    @classmethod
+    def of(cls, camera: Camera | None) -> MirrorErrors:
+        """Those of a camera, as far as its camera.yaml is unsure."""
+        if not isinstance(camera, OmniCamera):
+            return cls(stated(UNTOLD), None, mirror_response(None))
+        exact = None
+        if camera.stated_uncertainty is None:
+            center_px = EXACT_CENTER_RATIO * camera.outer_radius_px
+            exact = np.linalg.inv(stated(CameraUncertainty(EXACT_TILT_DEG, center_px, EXACT_RANGE_RATIO)))
+        return cls(stated(camera.uncertainty), exact, mirror_response(camera))
+
+    @property
+    def drift(self) -> FloatArray:
+        """(5,), as of `CameraErrors`."""
+        drift: FloatArray = DRIFT_RATIO * np.sqrt(np.diag(self.prior))
+        return drift
+
+    @property
+    def floor(self) -> FloatArray:
+        """(3,), as of `CameraErrors`."""
+        return np.zeros(3)
+
+    @property
+    def misfit(self) -> FloatArray:
+        """(5,), as of `CameraErrors`."""
+        return np.array([MISFIT_M2, MISFIT_M2, MISFIT_M_PER_PX, MISFIT_M_PER_PX, 0.0])
+
+    def response(self, frame: Frame | None = None) -> MirrorResponse:
+        """The same for every image: a mirror does not turn."""
+        return self.mirror
+
+
+def stated(told: CameraUncertainty) -> FloatArray:
+    """Covariance (5, 5) of the errors as far as a camera.yaml is unsure."""
+    lean, aside, scale = 2.0 * math.radians(told.tilt_deg) / HEIGHT_M, told.center_px, told.range_ratio
+    covariance: FloatArray = np.diag(np.square([lean, lean, aside, aside, scale]))
+    return covariance
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _parts(px, py, parts):  # type: ignore[no-untyped-def]
+    """C and G where the mirror shows a point: xx, xy, yy of either."""
+    reach2 = max(px * px + py * py, 1e-9)
+    cell = min(math.sqrt(reach2) / SCALE_STEP_M, parts.shape[0] - 1.000001)
+    i = int(cell)
+    f = cell - i
+    across = (1.0 - f) * parts[i, 1] + f * parts[i + 1, 1]
+    sideways = (1.0 - f) * parts[i, 3] + f * parts[i + 1, 3]
+    oblong = ((1.0 - f) * parts[i, 0] + f * parts[i + 1, 0] - across) / reach2
+    bulge = ((1.0 - f) * parts[i, 2] + f * parts[i + 1, 2] - sideways) / reach2
+    xx, xy, yy = px * px, px * py, py * py
+    return (
+        across + oblong * xx, oblong * xy, across + oblong * yy,
+        sideways + bulge * xx, bulge * xy, sideways + bulge * yy,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _aside(shape, errors):  # type: ignore[no-untyped-def]
+    """C c + G g."""
+    cxx, cxy, cyy, gxx, gxy, gyy = shape
+    x = cxx * errors[2] + cxy * errors[3] + gxx * errors[0] + gxy * errors[1]
+    y = cxy * errors[2] + cyy * errors[3] + gxy * errors[0] + gyy * errors[1]
+    return x, y
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _shape(shapes, i):  # type: ignore[no-untyped-def]
+    return shapes[0, i], shapes[1, i], shapes[2, i], shapes[3, i], shapes[4, i], shapes[5, i]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _shifted(x, y, errors, shape):  # type: ignore[no-untyped-def]
+    """p' of the module's equations."""
+    aside_x, aside_y = _aside(shape, errors)
+    return (1.0 + errors[4]) * x + aside_x, (1.0 + errors[4]) * y + aside_y
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _nearer(qx, qy, errors):  # type: ignore[no-untyped-def]
+    """1 / (1 - g·p')."""
+    return 1.0 / max(1.0 - errors[0] * qx - errors[1] * qy, MIN_DEPTH)
+
+
+def _is_mirror(response: Any) -> bool:
+    return getattr(response, "instance_class", None) is MirrorResponse
+
+
+@overload(prepare, jit_options={"error_model": "numpy"})
+def _prepare(points, errors, response):  # type: ignore[no-untyped-def]
+    if not _is_mirror(response):
+        return None
+
+    def shapes(points, errors, response):  # type: ignore[no-untyped-def]
+        """`_parts` half way to where the points belong."""
+        out = np.empty((6, points.shape[0]))
+        for i in range(points.shape[0]):
+            px, py = points[i, 0], points[i, 1]
+            x, y = _aside(_parts(px, py, response.parts), errors)
+            shape = _parts(px + 0.5 * x, py + 0.5 * y, response.parts)
+            out[0, i], out[1, i], out[2, i], out[3, i], out[4, i], out[5, i] = shape
+        return out
+
+    return shapes
+
+
+@overload(place, inline="always", jit_options={"error_model": "numpy"})
+def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
+    if not _is_mirror(response):
+        return None
+
+    def upright(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
+        qx, qy = _shifted(x, y, errors, _shape(prepared, i))
+        nearer, square = _nearer(qx, qy, errors), response.height_m * response.height_m
+        return nearer * (qx + square * errors[0]), nearer * (qy + square * errors[1])
+
+    return upright
+
+
+@overload(fill_rows, inline="always", jit_options={"error_model": "numpy"})
+def _fill_rows(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+    if not _is_mirror(response):
+        return None
+
+    def columns(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+        rx, ry = normal
+        cxx, cxy, cyy, gxx, gxy, gyy = _shape(prepared, i)
+        qx, qy = _shifted(seen[0], seen[1], errors, (cxx, cxy, cyy, gxx, gxy, gyy))
+        nearer, square = _nearer(qx, qy, errors), response.height_m * response.height_m
+        outward = rx * placed[0] + ry * placed[1]
+        mx, my = nearer * (rx + outward * errors[0]), nearer * (ry + outward * errors[1])  # before the tilt
+        rows[3, i] = nearer * (outward * qx + square * rx) + gxx * mx + gxy * my
+        rows[4, i] = nearer * (outward * qy + square * ry) + gxy * mx + gyy * my
+        rows[5, i] = cxx * mx + cxy * my
+        rows[6, i] = cxy * mx + cyy * my
+        rows[7, i] = seen[0] * mx + seen[1] * my
+
+    return columns

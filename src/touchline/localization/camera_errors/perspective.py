@@ -1,0 +1,157 @@
+"""The four errors of a perspective camera: roll and pitch, height, focal length.
+
+What the camera sees is taken as that of a level camera at the height that it has: a ray is bent to the optical axis,
+turned back and meets the ground again (exactly: at 6 m and 2° the first order is 1 m off).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import overload
+
+from touchline.camera import Camera, ground_view
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.localization.camera_errors.base import SECTOR, ImageTrust, Lean, fill_rows, place, prepare
+from touchline.types import Frame
+
+HEIGHT_M = 1.0  # of a camera that nobody tells of
+MOUNT_RAD = 0.02  # how far a camera is mounted askew, in roll and in pitch: two degrees happen
+HEIGHT_RATIO, FOCAL_RATIO = 0.02, 0.02  # how far its height and its focal length are off
+DRIFT = np.array([0.0003, 0.0003, 0.0001, 0.00003])  # of these in the root of a second
+LEARNED = 1.0  # of what an image says of the errors
+LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD = 0.008, 0.002, 0.03  # error of roll and pitch in one image
+MIN_POSITION_M, MIN_HEADING_RAD = 0.005, 0.015  # what no image tells: how far a camera is turned aside turns all
+NO_AXIS = np.zeros(3)
+NAMES = ("roll (rad)", "pitch (rad)", "height ratio", "focal ratio")
+
+
+class PerspectiveResponse(NamedTuple):
+    """eye (3,): x, y and height of the camera, robot frame (m). axis (3,): its optical axis, a unit vector; zeros where
+    nobody tells, and the focal length has no effect.
+    """
+
+    eye: FloatArray
+    axis: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PerspectiveErrors:
+    """`CameraErrors` of a perspective camera at `eye` (3,), robot frame (m); camera: None where nobody tells."""
+
+    camera: Camera | None
+    eye: FloatArray
+    lean: Lean
+    names: tuple[str, ...] = NAMES
+    learned: float = LEARNED
+    trust: ImageTrust = SECTOR
+    exact: FloatArray | None = None
+
+    @classmethod
+    def of(cls, camera: Camera | None, height_m: float | None = None) -> PerspectiveErrors:
+        """Those of a camera, or of one at a height behind a detector of the robot's own."""
+        eye = np.array([0.0, 0.0, height_m or HEIGHT_M])
+        if camera is not None:
+            eye = np.ascontiguousarray(camera.base_from_camera.translation_m)
+        return cls(camera, eye, Lean(LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD, 1.0 / float(eye[2])))
+
+    @property
+    def height_m(self) -> float:
+        """As of `CameraErrors`."""
+        return float(self.eye[2])
+
+    @property
+    def prior(self) -> FloatArray:
+        """(4, 4), as of `CameraErrors`."""
+        return np.diag(np.square([MOUNT_RAD, MOUNT_RAD, HEIGHT_RATIO, FOCAL_RATIO]))
+
+    @property
+    def drift(self) -> FloatArray:
+        """(4,), as of `CameraErrors`."""
+        return DRIFT
+
+    @property
+    def floor(self) -> FloatArray:
+        """(3,), as of `CameraErrors`."""
+        return np.array([MIN_POSITION_M, MIN_POSITION_M, MIN_HEADING_RAD])
+
+    @property
+    def misfit(self) -> FloatArray:
+        """(4,), as of `CameraErrors`."""
+        return np.zeros(4)
+
+    def response(self, frame: Frame | None = None) -> PerspectiveResponse:
+        """Where a head looks at the image of a frame."""
+        return PerspectiveResponse(self.eye, NO_AXIS if frame is None else self._axis(frame))
+
+    def _axis(self, frame: Frame) -> FloatArray:
+        if self.camera is None:
+            return NO_AXIS
+        lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
+        try:
+            axis = ground_view(self.camera, frame.base_from_camera, *lean).pose.rotation[:, 0]
+        except InputError:
+            return NO_AXIS
+        return np.ascontiguousarray(axis)
+
+
+def _is_perspective(response: Any) -> bool:
+    return getattr(response, "instance_class", None) is PerspectiveResponse
+
+
+@overload(prepare, jit_options={"error_model": "numpy"})
+def _prepare(points, errors, response):  # type: ignore[no-untyped-def]
+    if not _is_perspective(response):
+        return None
+
+    def nothing(points, errors, response):  # type: ignore[no-untyped-def]
+        return np.empty((0, points.shape[0]))
+
+    return nothing
+
+
+@overload(place, jit_options={"error_model": "numpy"})
+def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
+    if not _is_perspective(response):
+        return None
+
+    def levelled(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
+        eye, axis = response.eye, response.axis
+        x, y, h = x - eye[0], y - eye[1], eye[2]
+        along = x * axis[0] + y * axis[1] - h * axis[2]
+        if along > 0.0:
+            wide = 1.0 + errors[3]
+            bent = along * errors[3]
+            down = (h * wide + axis[2] * bent) / h
+            x, y = (x * wide - axis[0] * bent) / down, (y * wide - axis[1] * bent) / down
+        c, s = math.cos(errors[1]), math.sin(errors[1])
+        depth = h * c + x * s
+        x, y = (x * c - h * s) * h / depth, y * h / depth
+        c, s = math.cos(errors[0]), math.sin(errors[0])
+        depth = h * c - y * s
+        stretch = (1.0 + errors[2]) * h / depth
+        return x * stretch + eye[0], (y * c + h * s) * stretch + eye[1]
+
+    return levelled
+
+
+@overload(fill_rows, jit_options={"error_model": "numpy"})
+def _fill_rows(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+    if not _is_perspective(response):
+        return None
+
+    def columns(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+        eye, axis = response.eye, response.axis
+        rx, ry = normal
+        x, y, h = placed[0] - eye[0], placed[1] - eye[1], eye[2]
+        rows[3, i] = (rx * x * y + ry * (h * h + y * y)) / h
+        rows[4, i] = -(rx * (h * h + x * x) + ry * x * y) / h
+        rows[5, i] = rx * x + ry * y
+        along = max(x * axis[0] + y * axis[1] - h * axis[2], 0.0)
+        rows[6, i] = -along * (rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h))
+
+    return columns

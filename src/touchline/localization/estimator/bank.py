@@ -1,0 +1,343 @@
+"""The poses that a robot may have, each followed by its own filter and weighed by what it explains.
+
+A Gaussian sum filter (Alspach and Sorenson 1972) whose members register each image from their own predictions. The
+weights are log-odds: a member that explains an image better than another gains on it, one that predicts lines where
+none was seen loses. New members come from a search with the odds of a robot that was carried away; so a wrong pose is
+left as soon as another place explains clearly more, and a right one stays.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from touchline.field.distances import LineTables
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.camera_errors.base import Response, placed_points
+from touchline.localization.estimator.filter import Filter
+from touchline.localization.estimator.measurement import Measurement
+from touchline.localization.estimator.statistics import CameraErrorStatistics
+from touchline.localization.estimator.step_noise import StepNoise
+from touchline.localization.registration.joint import Seen, StateFit, StatePrior
+from touchline.localization.registration.kernels import Plan
+from touchline.localization.registration.registration import SHAKEN, Registration
+from touchline.localization.registration.unseen import UNSEEN, unseen, view_of
+from touchline.localization.search.feature_search import pose_of
+from touchline.localization.search.pose_search import Mode
+from touchline.motion.delayed import Delayed
+from touchline.types import Evidence, Frame
+
+EVIDENCE_RATIO = 0.7  # of what an image tells of a pose, in how likely it makes a hypothesis: clutter repeats itself
+CARRIED_AWAY = -8.0  # logarithm of the odds that the robot was moved unfelt, in an image that makes one search
+CARRIED_BLIND = -3.0  # the same after seconds in which nothing was seen: it may have fallen
+SHOVE = -5.0  # and that it was shoved since the last image, against the odometry being right: every twenty seconds
+SHOVE_ON = -1.0  # the same in the image after one: a shove lasts longer than a tenth of a second
+MAX_SHOVE_M, MAX_SHOVE_RAD = 0.6, 0.8  # how far a shove moves and turns the robot
+SHOVED = np.diag(np.square([0.3, 0.3, 0.4]))  # covariance of what one does
+SHOVE_BELOW = 0.7  # share explained below which a shove is tried though the prediction is met
+MAX_LOG_ODDS_BEHIND = 10.0  # of a member behind the best: one further behind is dropped
+MAX_MEMBERS = 12
+MAX_MEASURED_GAIN = 4.0  # logarithm of the odds by which a further measurement speaks against a member, at most
+SAME_M, SAME_RAD = 0.25, 0.12  # members nearer than this are one
+SPARSE = 5.0  # points that alone show a direction, of which half is believed
+FEATURE_POINTS = 20.0  # as so many points a crossing or a landmark shows where it is
+MIN_EXPLAINED = 0.4  # share of what is seen that a pose has to explain to be corrected by it
+CONTESTED = 0.15  # share by which another pose explains more of an image from which the likeliest one is in doubt
+START_STEP = 1.2  # standard deviations from a told pose to the starts about it
+ALLOWED = 16.3  # squared Mahalanobis distance within which 99.9 % of right poses are
+ANYWHERE = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose of which nothing is known
+
+
+@dataclass(eq=False, slots=True)
+class Member:
+    """A pose hypothesis: its filter, log-odds, and the last image's fit with the prior that it was given.
+
+    log_evidence: of that image. shoved: whether the robot was, as far as it knows, since the image before. images: so
+    many have been explained by it since it was found.
+    """
+
+    filter: Filter
+    log_odds: float
+    images: int = 0
+    fit: StateFit | None = None
+    expected: StatePrior | None = None
+    log_evidence: float = 0.0
+    shoved: bool = False
+
+    @property
+    def explained(self) -> float:
+        """Share of what the last image showed that lies where it should."""
+        return 0.0 if self.fit is None else self.fit.explained
+
+
+@dataclass(eq=False, slots=True)
+class Image:
+    """What one image shows to the bank. stamp_shift (3,): standard deviation by which its pose is off, robot frame."""
+
+    seen: Seen
+    response: Response
+    stamp_shift: FloatArray | None = None
+
+
+class ShoveTest:
+    """Whether a robot may have been shoved since the last image: an image that a looser prediction explains better."""
+
+    def __init__(self, gate: float) -> None:
+        """gate: squared Mahalanobis distance of an image from the prediction beyond which a shove is tried."""
+        self.gate = gate
+
+    def apply(self, one: Member, distance2: float, fitted: Callable[[Filter, FloatArray, Plan], Member]) -> None:
+        """Let a member have been shoved, if its image is explained better so. fitted: what a filter makes of it."""
+        odds = SHOVE_ON if one.shoved else SHOVE
+        one.shoved = False
+        if distance2 <= self.gate and one.explained >= SHOVE_BELOW:
+            return
+        predicted = one.filter.pose.as_array()
+        other = fitted(one.filter.loosened(SHOVED), predicted, SHAKEN)
+        if other.fit is None or not is_shove(other.fit.state[:3] - predicted):
+            return
+        if other.log_evidence + odds > one.log_evidence:
+            one.filter, one.fit, one.expected, one.shoved = other.filter, other.fit, other.expected, True
+            one.log_evidence = other.log_evidence + odds
+
+
+class Bank:
+    """`members`, the likeliest first. start: a filter without a pose, to make new ones from. lines: of the field."""
+
+    def __init__(
+        self, registration: Registration, lines: LineTables, statistics: CameraErrorStatistics, start: Filter,
+        steps: StepNoise, shoves: ShoveTest,
+    ) -> None:  # fmt: skip
+        self.registration, self._lines, self.statistics = registration, lines, statistics
+        self.trust, self.start, self.steps, self.shoves = statistics.errors.trust, start, steps, shoves
+        self.max_members = MAX_MEMBERS
+        self.reset()
+
+    def reset(self, start: Filter | None = None) -> None:
+        """Follow this pose alone, or none."""
+        self.members = [] if start is None else [Member(start, 0.0, self.trust.confirming_images)]
+        self.confirmed = False
+        self.statistics.reset()
+        self.steps.reset()
+
+    @property
+    def best(self) -> Member | None:
+        """The likeliest."""
+        return self.members[0] if self.members else None
+
+    @property
+    def probabilities(self) -> list[float]:
+        """Of the members, their twins on a symmetric field not counted."""
+        odds = [math.exp(one.log_odds - self.members[0].log_odds) for one in self.members]
+        return [each / sum(odds) for each in odds]
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether enough images speak for the likeliest pose, and no other one explains more of the last."""
+        best = self.best
+        if best is None or best.images < self.trust.confirming_images:
+            return False
+        others = [one.explained for one in self.members[1:] if one.log_odds > CARRIED_AWAY + 1.0]
+        return best.explained + CONTESTED >= max(others, default=0.0)
+
+    @property
+    def knowing(self) -> Filter:
+        """What knows camera and odometry: who was never right has learned them wrong."""
+        return self.members[0].filter if self.members and self.confirmed else self.start
+
+    def predict(self, moved: Delayed, seconds: float) -> None:
+        """The odometry carries every member on."""
+        noise = self.steps.of(moved.motion)
+        for one in self.members:
+            one.filter.predict(moved, seconds, noise)
+
+    def measure(self, frame: Frame, measurements: Sequence[Measurement]) -> None:
+        """Correct and weigh every member by further measurements, those that contradict its prediction left out."""
+        for one, measurement in itertools.product(self.members, measurements):
+            evidence = measurement.of(frame, one.filter.pose)
+            if evidence is None:
+                continue
+            one.log_odds += max(evidence.log_likelihood, -MAX_MEASURED_GAIN)
+            if one.filter.distance2_to(evidence) < ALLOWED:
+                one.filter.correct_pose(evidence)
+        if measurements:
+            self._settle(self.members)
+
+    def register(self, image: Image) -> None:
+        """Fit an image from every member, whether the robot was shoved or not."""
+        for one in self.members:
+            first = one.fit is None
+            tried = [self._fitted(one.filter, image, start) for start in self._starts(one.filter, first)]
+            found = max(tried, key=lambda each: each.log_evidence)
+            one.fit, one.expected, one.log_evidence = found.fit, found.expected, found.log_evidence
+            if one.fit is not None:
+                distance2 = one.filter.innovation(one.fit, self.statistics.per_image)[1]
+                self.shoves.apply(one, distance2, lambda loose, start, plan: self._fitted(loose, image, start, plan))
+        if self.members:
+            self.members.sort(key=lambda each: -(each.log_odds + each.log_evidence))
+
+    def update(self, image: Image, modes: Sequence[Mode], carried: float) -> None:
+        """Fuse the image that was registered, and weigh the members; modes: poses that a search has found in it.
+
+        carried: logarithm of the odds that the robot was moved unfelt.
+        """
+        new = [self._found(mode, image) for mode in modes if not self._is_followed(mode.pose, image)]
+        before = max((one.log_odds for one in self.members), default=-carried)
+        every = [*self.members, *new]
+        if not every:
+            return
+        self._weigh_unseen(every, image)
+        top = max((one.log_evidence for one in self.members), default=math.inf)
+        for one in new:
+            one.log_odds = before + carried
+            one.log_evidence = min(one.log_evidence, top + self.trust.found_gain)
+        top = max(one.log_evidence for one in every)
+        for one in every:
+            one.log_odds += max(one.log_evidence - top, -self.trust.max_gain)
+        self._settle(every)
+        self._fuse(image)
+
+    def update_from_team(self, evidence: Sequence[Evidence], share: float) -> None:
+        """What others say weighs the members, a pose and its twin alike; share: of it that is new."""
+        for one, said in itertools.product(self.members, evidence):
+            ends = (one.filter.pose, one.filter.pose.mirrored())
+            one.log_odds += share * max(said.log_likelihood(end) for end in ends)
+        if evidence:
+            self._settle(self.members)
+
+    def turn(self) -> None:
+        """Every member stands at the other end of a symmetric field."""
+        for one in self.members:
+            one.filter = one.filter.mirrored()
+
+    def delayed_by(self, late_s: float, deviation_s: float) -> None:
+        """How late images are stamped, told by another measurement than the odometry."""
+        for one in (self.start, *(member.filter for member in self.members)):
+            one.delayed_by(late_s, deviation_s)
+
+    def upright(self, image: Image) -> FloatArray:
+        """Line points (N, 2) without the camera's errors that are known (robot frame, m)."""
+        points: FloatArray = placed_points(image.seen.positions_m, self.knowing.errors, image.response)
+        return points
+
+    def _starts(self, one: Filter, first: bool) -> list[FloatArray]:
+        """The prediction; of a pose that was told, off by some decimetres and degrees, all about it, too."""
+        pose, deviations = one.pose.as_array(), START_STEP * np.sqrt(np.diag(one.covariance))
+        if not first or deviations.max() > 1.0:
+            return [pose]
+        return [pose + deviations * step for step in itertools.product((0.0, -1.0, 1.0), repeat=3)]
+
+    def _fitted(self, one: Filter, image: Image, start: FloatArray, plan: Plan | None = None) -> Member:
+        """What a filter makes of an image, registered from a pose (3,); None: as widely as it is unsure."""
+        shift = self._shift_of(one, image)
+        expected = one.prior(self.statistics.per_image, shift)
+        state = np.concatenate((start, one.errors))
+        state[2] = expected.mean[2] + wrap_angle(float(state[2] - expected.mean[2]))
+        wide = self.statistics.plan_of(one) if plan is None else plan
+        fit = self.registration.fit_state(image.seen, state, expected, wide, image.response)
+        log_evidence = EVIDENCE_RATIO * fit.log_likelihood - fit.contradiction
+        fit = downweight_sparse_direction(fit, len(image.seen.positions_m) + FEATURE_POINTS * len(image.seen.raw_m))
+        fit = fit if shift is None else inflate_along_motion(fit, shift)
+        return Member(one, 0.0, 0, fit, expected, log_evidence)
+
+    def _shift_of(self, one: Filter, image: Image) -> FloatArray | None:
+        """(3,) in the field frame, at a filter's heading."""
+        if image.stamp_shift is None:
+            return None
+        x, y, turn = image.stamp_shift.tolist()
+        cosine, sine = math.cos(one.pose.heading), math.sin(one.pose.heading)
+        return np.array([cosine * x - sine * y, sine * x + cosine * y, turn])
+
+    def _is_followed(self, pose: Pose, image: Image) -> bool:
+        """Whether a pose is where a member was fitted; those whose prediction allows it are fitted from there, too."""
+        start, followed = pose.as_array(), False
+        for one in self.members:
+            off = start - one.filter.pose.as_array()
+            off[2] = wrap_angle(float(off[2]))
+            if float(off @ np.linalg.solve(one.filter.covariance, off)) < ALLOWED:
+                other = self._fitted(one.filter, image, start)
+                if other.log_evidence > one.log_evidence:
+                    one.fit, one.expected, one.log_evidence = other.fit, other.expected, other.log_evidence
+            followed |= one.fit is not None and is_same(pose, pose_of(one.fit))
+        return followed
+
+    def _found(self, mode: Mode, image: Image) -> Member:
+        """A new member at a pose that a search has found."""
+        return self._fitted(self.knowing.placed(mode.pose, ANYWHERE), image, mode.pose.as_array())
+
+    def _weigh_unseen(self, members: Sequence[Member], image: Image) -> None:
+        """What was not seen of the lines that members predict in view speaks against them; only differences count."""
+        if self.trust.unseen == 0.0 or len(members) < 2 or not len(image.seen.positions_m):
+            return
+        poses = np.array([one.filter.pose.as_array() if one.fit is None else one.fit.state[:3] for one in members])
+        counts = unseen(self._lines, view_of(self.upright(image)), poses)
+        for one, count in zip(members, counts.tolist(), strict=True):
+            one.log_evidence -= self.trust.unseen * UNSEEN * count
+
+    def _fuse(self, image: Image) -> None:
+        """Correct every member by its fit; learn from the likeliest."""
+        per_image = self.statistics.per_image
+        for one in self.members:
+            fit = one.fit
+            if fit is None or one.explained < MIN_EXPLAINED:
+                continue
+            if one is self.members[0] and one.expected is not None:
+                self.steps.learn(one.filter, fit, per_image)
+            one.filter.correct(fit, per_image)
+            one.images += 1
+        best = self.members[0]
+        if best.fit is not None and best.expected is not None and best.explained >= MIN_EXPLAINED:
+            self.statistics.learn(best.fit, best.expected, image.seen)
+        self._settle(self.members)
+
+    def _settle(self, members: Iterable[Member]) -> None:
+        """The likeliest, those that have come together taken for one. The log-odds of the first are 0 then."""
+        kept: list[Member] = []
+        for one in sorted(members, key=lambda each: -each.log_odds):
+            hopeless = bool(kept) and one.log_odds < kept[0].log_odds - MAX_LOG_ODDS_BEHIND
+            followed = any(is_same(one.filter.pose, other.filter.pose) for other in kept)
+            if len(kept) < self.max_members and not hopeless and not followed:
+                kept.append(one)
+        top = kept[0].log_odds if kept else 0.0
+        for one in kept:
+            one.log_odds -= top
+        self.members = kept
+
+
+def is_shove(jump: FloatArray) -> bool:
+    """Whether a robot may have been shoved so (3,): points may slide farther along a lone line."""
+    return math.hypot(jump[0], jump[1]) < MAX_SHOVE_M and abs(wrap_angle(float(jump[2]))) < MAX_SHOVE_RAD
+
+
+def is_same(one: Pose, other: Pose) -> bool:
+    """Whether two poses are one hypothesis."""
+    return one.distance_to(other) < SAME_M and abs(wrap_angle(one.heading - other.heading)) < SAME_RAD
+
+
+def downweight_sparse_direction(fit: StateFit, count: float) -> StateFit:
+    """A fit of so many points that says less along the direction that only few of them show: those may be none of the
+    line's, and of the next image's, too. Everything else is said as before.
+    """
+    information = fit.information
+    (xx, xy), (_, yy) = information[:2, :2].tolist()
+    middle, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    few = count * fit.explained * max(middle - half, 0.0) / max(middle + half, 1e-9)  # if all show the other direction
+    if few > 10.0 * SPARSE or middle - half < 1e-9:
+        return fit
+    turned = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    measured = information[:, 1] * math.cos(turned) - information[:, 0] * math.sin(turned)
+    less = SPARSE**2 / (few**2 + SPARSE**2) / (middle - half) * measured
+    pull = float(fit.gradient[1]) * math.cos(turned) - float(fit.gradient[0]) * math.sin(turned)
+    return fit._replace(information=information - np.outer(less, measured), gradient=fit.gradient - less * pull)
+
+
+def inflate_along_motion(fit: StateFit, shift: FloatArray) -> StateFit:
+    """A fit that says less along the way (3,) by which the image was taken earlier or later than its stamp says."""
+    measured = fit.information[:, :3] @ shift
+    less = measured / (1.0 + float(measured[:3] @ shift))
+    pull = float(fit.gradient[:3] @ shift)
+    return fit._replace(information=fit.information - np.outer(less, measured), gradient=fit.gradient - less * pull)

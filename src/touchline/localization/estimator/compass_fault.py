@@ -1,0 +1,162 @@
+"""What a compass says of the end of the field, as log-odds: a sensor that now and then fails for a while.
+
+A robot that is followed from image to image does not change its end, and a compass either works or has failed, then
+stuck or turned by half a circle. So there are four states, right or wrong end with a working or a failed compass, and a
+filter over them (Rabiner 1989, the forward recursion): faults begin seldom and end soon. A compass that turns round
+while a robot is followed has probably failed, unless it had agreed for a moment only; one that has failed does not tell
+where a robot is that was lost meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+
+from touchline.geometry import wrap_angle
+from touchline.motion.compass import COMPASS_FALSE
+from touchline.types import Samples
+
+FAULT_EVERY_S, FAULT_S = 600.0, 10.0  # mean times until a fault begins, and until it ends
+UNLIKELY = 0.05  # of what a state does not lead to, in one image: the compass is late, or the robot turns
+MAX_S = 0.2  # between two images, as far as it counts: what a compass said in a pause is not known
+MAX_LOG_ODDS = 10.0  # log-odds that a minute of agreement comes to
+SUSPECT = 0.2  # probability of a failed compass from which it is not asked where a lost robot is
+NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
+# rows right and wrong end, columns a working and a failed compass: of four numbers NumPy takes several times as long
+_States = tuple[tuple[float, float], tuple[float, float]]
+
+# of a robot whose pose jumps as its compass turns round, that it was carried to near its twin's place; else it was
+# shoved in the very image in which the compass failed. Both are rare; where robots play, shoves are not
+CARRIED = 0.33
+REPEATS = 15  # equal readings in a row of one that sticks: 0.3 s at 50 Hz
+PAIRS, DIFFERING = 50, 0.7  # successive readings that must be known, and the share of them that differ
+# of each word (for the pose's end, for neither, against it) how likely it is; a failed compass may say anything
+_LIKELY: dict[int, _States] = {
+    1: ((1.0, 1.0), (UNLIKELY, 1.0)),
+    0: ((UNLIKELY, 1.0), (UNLIKELY, 1.0)),
+    -1: ((UNLIKELY, 1.0), (1.0, 1.0)),
+}
+
+# the word with which a pose was found: a failed compass has led the search to the other end, or happens to be right
+_FIRST_READING: dict[int, _States] = {
+    1: ((1.0, 0.25), (1e-6, 1.0)),
+    -1: ((1e-6, 1.0), (1.0, 0.25)),
+}
+
+
+class StuckCompass:
+    """Whether a compass sticks: one whose readings have always differed a little says exactly the same again and again.
+
+    A compass of whole degrees repeats itself while the robot stands; of that nothing is concluded.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known."""
+        self._last_rad = math.nan
+        self._repeats = self._pairs = self._differing = 0
+
+    @property
+    def sticks(self) -> bool:
+        """Whether it does now."""
+        return self._repeats >= REPEATS and self._pairs >= PAIRS and self._differing >= DIFFERING * self._pairs
+
+    def update(self, compass: Samples | None) -> None:
+        """Take the readings (M, 1) since the image before."""
+        for reading_rad in [] if compass is None else compass.values[:, 0].tolist():
+            same, self._last_rad = reading_rad == self._last_rad, reading_rad
+            self._repeats = self._repeats + 1 if same else 0
+            if self._repeats < REPEATS:
+                self._pairs += 1
+                self._differing += not same
+
+
+class CompassFaultFilter:
+    """Log-odds of the pose's end against the other by the compass alone."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known."""
+        self._states = _both_ends(COMPASS_FALSE)
+
+    @property
+    def log_odds(self) -> float:
+        """Of the pose's end, against the other."""
+        right, wrong = self._states
+        return math.log(sum(right) / sum(wrong))
+
+    @property
+    def is_suspect(self) -> bool:
+        """Whether it has probably failed: it is not asked where a lost robot is."""
+        return self._failed > SUSPECT
+
+    @property
+    def _failed(self) -> float:
+        right, wrong = self._states
+        return (right[1] + wrong[1]) / (sum(right) + sum(wrong))
+
+    def begin(self, error_rad: float | None) -> None:
+        """A pose was found anew that a compass differs from: of its end nothing else is known."""
+        self._states = _both_ends(self._failed)
+        support = supports(error_rad)
+        if support:
+            self._states = _weighed(self._states, _FIRST_READING[support])
+
+    def update(self, error_rad: float | None, seconds: float) -> None:
+        """Take its difference from the pose's heading; None: no reading. seconds: since the one before."""
+        support = supports(error_rad)
+        if support is None:
+            return
+        elapsed_s = min(max(seconds, 0.0), MAX_S)
+        failing, ending = elapsed_s / FAULT_EVERY_S, elapsed_s / FAULT_S
+        # a failed compass that agrees with an end does so by chance, as long as the robot does not turn
+        lasting = math.exp(-elapsed_s / FAULT_S) if support else 1.0
+        right, wrong = (
+            (works * (1.0 - failing) + failed * ending, (works * failing + failed * (1.0 - ending)) * lasting)
+            for works, failed in self._states
+        )
+        self._states = _bounded(_weighed((right, wrong), _LIKELY[support]))
+
+    def doubt(self) -> None:
+        """It has turned round in the image in which the pose jumped."""
+        self._states = (0.0, 1.0 - CARRIED), (CARRIED, 0.0)
+
+    def turn(self) -> None:
+        """The twin is the pose from now on."""
+        right, wrong = self._states
+        self._states = wrong, right
+
+
+def _both_ends(failed: float) -> _States:
+    """States of which nothing but the probability of a failed compass is known."""
+    each = 0.5 * (1.0 - failed), 0.5 * failed
+    return each, each
+
+
+def _weighed(states: _States, likely: _States) -> _States:
+    """Each state times how likely it is."""
+    (a, b), (c, d) = states
+    (e, f), (g, h) = likely
+    return (a * e, b * f), (c * g, d * h)
+
+
+def _bounded(states: _States) -> _States:
+    """States that sum to one, with log-odds of MAX_LOG_ODDS between the ends at most: nothing is certain for ever."""
+    ends = [sum(end) for end in states]
+    least, total = math.exp(-MAX_LOG_ODDS) * max(ends), sum(ends)
+    right, wrong = (
+        (works * max(end, least) / (end * total), failed * max(end, least) / (end * total))
+        for (works, failed), end in zip(states, ends, strict=True)
+    )
+    return right, wrong
+
+
+def supports(error_rad: float | None) -> int | None:
+    """1 for the pose's end, -1 against it, 0 for neither, of a compass that differs by an angle from its heading."""
+    if error_rad is None:
+        return None
+    error = abs(wrap_angle(error_rad))
+    return 1 if error < NEAR_RAD else -1 if error > FAR_RAD else 0

@@ -1,0 +1,78 @@
+"""A camera that may be just as its camera.yaml says, or as robots are built: two models, weighed by the images.
+
+A file that says nothing of its uncertainty may come from a simulator, or from a head that was adjusted until nothing
+was left to see; else it is a drawing of a mirror that leans and stands aside by what is usual. Both models are the
+filter of pose and errors with a different prior; as all of it is linear, the one follows from the other by what their
+priors differ by, and so does the ratio of their evidences (Bayes factor; nested models: Dickey 1971). The pose is the
+mean of both, each as probable as the images make it (Bayesian model averaging: Hoeting et al. 1999).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.camera_errors.base import CameraErrors
+from touchline.localization.estimator.filter import Filter
+from touchline.matrices import inverse, log_determinant, times
+
+MAX_LOG_ODDS = 30.0
+
+
+class ExactCamera:
+    """Gives the pose of a filter under both models. Where the file states its uncertainty, that alone holds."""
+
+    def __init__(self, errors: CameraErrors) -> None:
+        self._more: FloatArray | None = None
+        if errors.exact is not None:
+            self._more = errors.exact - np.linalg.inv(errors.prior)
+            # before the first image both are equally probable
+            self._prior = float(np.linalg.slogdet(errors.prior)[1] + np.linalg.slogdet(errors.exact)[1])
+
+    def pose_of(self, one: Filter) -> tuple[Pose, FloatArray]:
+        """Pose and covariance (3, 3), (m, m, rad), field frame: the mean of both models."""
+        if self._more is None or not one.unknown.learned:
+            return one.pose, one.covariance
+        shift, covariance, evidence = as_exact(
+            one.covariance, one.error_crossed, one.error_covariance, one.errors, self._more
+        )
+        if not math.isfinite(evidence):  # information too close to singular to be compared
+            return one.pose, one.covariance
+        log_odds = min(max(0.5 * self._prior + float(evidence), -MAX_LOG_ODDS), MAX_LOG_ODDS)
+        share = 1.0 / (1.0 + math.exp(-log_odds))
+        x, y, heading = (share * shift).tolist()
+        spread = one.covariance + share * (covariance - one.covariance) + share * (1.0 - share) * np.outer(shift, shift)
+        return Pose(one.pose.x + x, one.pose.y + y, wrap_angle(one.pose.heading + heading)), spread
+
+
+@njit(cache=True)
+def as_exact(pose, crossed, errors, mean, more):  # type: ignore[no-untyped-def]
+    """What follows if the prior of a filter's errors had held so much more information (E, E) of their being 0.
+
+    pose (3, 3), crossed (3, E), errors (E, E): blocks of its covariance; mean (E,): the errors. Returns the shift (3,)
+    of the pose, its covariance (3, 3), and the logarithm of how much better the images fit so, but for the share of the
+    two priors' own normalisation.
+    """
+    count = len(mean)
+    known = inverse(errors)
+    wanted = known + more
+    after = inverse(wanted)
+    by_error = times(crossed, known)
+    off, fits = np.zeros(count), 0.0  # of the errors, what of them is taken back
+    for a in range(count):
+        said = 0.0
+        for b in range(count):
+            for c in range(count):
+                off[a] -= after[a, b] * more[b, c] * mean[c]
+            said += known[a, b] * mean[b]
+        fits += 0.5 * said * off[a]  # half of said' (after - errors) said
+    fits += 0.5 * (log_determinant(known) - log_determinant(wanted))
+    shift = np.zeros(3)
+    spread = pose + times(times(by_error, after - errors), by_error.T)
+    for a in range(3):
+        for b in range(count):
+            shift[a] += by_error[a, b] * off[b]
+    return shift, spread, fits

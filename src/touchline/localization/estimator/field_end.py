@@ -1,0 +1,153 @@
+"""At which end of a symmetric field the robot is, as log-odds of the pose against its twin.
+
+One belief with four sources: the prior that was given, the compass, the colours of goals and poles, and what others
+say.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from touchline.geometry import Pose
+from touchline.localization.estimator.compass_fault import CompassFaultFilter, supports
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView
+from touchline.types import Evidence
+
+# log-odds of an end that the operator gave: one start in 150 is given wrongly. A smaller prior costs where nothing else
+# tells the ends apart, a larger one where it is wrong: colours and compass need an image or a second more against it
+PRIOR_LOG_ODDS = 5.0
+MAX_COLOUR_GAIN = 4.0  # of one image: what is taken for a post may be somebody in its colour
+MAX_COLOUR_LOG_ODDS = 12.0  # so that a belief of minutes is left within four images that speak against it
+MEMORY_S = 2.0  # time over which others have to say the same, so that a moment's fault tells nothing
+FORGET_S = 10.0  # after which what others said and don't repeat has lost most of its weight
+FIRST_SHARE = 0.25  # of what somebody says first that counts at once
+REFUTED = -2.0  # log-odds from which the twin is taken
+CLEAR = 3.0  # log-odds, without the prior, from which the end is confirmed
+JUMP_IMAGES = 2  # after a jump, in which a compass that turns round has turned with it
+UNDECIDED_S = 10.0  # after which it is reported, and reported again, that nothing tells the ends apart
+
+
+class FieldEnd:
+    """Whether the pose is at its end or its twin is. symmetric: whether the field's lines leave that open.
+
+    `undecided`: a jump has left it open, and neither end is clearly likelier yet. `colours_tell`: whether those of
+    goals and poles differ.
+    """
+
+    def __init__(self, symmetric: bool, model: FeatureModel, colours_tell: bool) -> None:
+        self.symmetric, self._model = symmetric, model
+        self.colours_tell = symmetric and colours_tell
+        self.compass = CompassFaultFilter()
+        self.reset()
+
+    def reset(self, known: bool = False) -> None:
+        """Nothing is known, or the operator has given the end."""
+        self._forget(known)
+        self.compass.reset()
+        self._open_s, self._reported = 0.0, False
+
+    def _forget(self, known: bool) -> None:
+        self.prior_log_odds = PRIOR_LOG_ODDS if known else 0.0
+        self.colours = 0.0
+        self.others: dict[str, float] = {}
+        self._silent_s: dict[str, float] = {}
+        self._jumping = 0
+        self._support: int | None = None
+        self.undecided = False
+
+    def begin(self, known: bool, compass_error_rad: float | None) -> None:
+        """A pose was found anew: what speaks for its end at once."""
+        self._forget(known)
+        self.compass.begin(compass_error_rad)
+        self._support = supports(compass_error_rad)
+
+    def jumped(self) -> None:
+        """The pose has just jumped, as by a shove. One that was carried to near its twin's place looks just so; but its
+        compass, which agreed until then, turns round.
+        """
+        self._jumping = JUMP_IMAGES if self._support == 1 else 0
+
+    def update_from_compass(self, compass_error_rad: float | None, seconds: float) -> None:
+        """Take the compass's difference from the pose's heading; None: no reading."""
+        self._support = supports(compass_error_rad)
+        if self._jumping and self._support == -1 and self.log_odds > -REFUTED:
+            self._forget(False)
+            self.compass.doubt()
+            self._support, self.undecided = -1, True
+        else:
+            self.compass.update(compass_error_rad, seconds)
+        self._jumping = max(self._jumping - 1, 0)
+        self.undecided = self.undecided and abs(self.log_odds) < -REFUTED
+
+    def update_from_colours(self, view: FeatureView, pose: Pose) -> None:
+        """Compare a pose and its twin by the features of an image; lines and crossings say the same of both."""
+        if not self.colours_tell or view.size == 0:
+            return
+        here, there = self._model.log_likelihoods(view, np.array([pose, pose.mirrored()]))
+        gain = min(max(float(here - there), -MAX_COLOUR_GAIN), MAX_COLOUR_GAIN)
+        self.colours = min(max(self.colours + gain, -MAX_COLOUR_LOG_ODDS), MAX_COLOUR_LOG_ODDS)
+
+    def update_from_team(self, evidence: Sequence[Evidence], pose: Pose, seconds: float) -> None:
+        """Take what others say of the pose. Each one counts once, however often it repeats itself: it errs as one."""
+        self.others = {source: value * math.exp(-seconds / FORGET_S) for source, value in self.others.items()}
+        self._silent_s = {source: silent_s + seconds for source, silent_s in self._silent_s.items()}
+        for one in evidence:
+            gain = one.log_likelihood(pose) - one.log_likelihood(pose.mirrored())
+            before, silent_s = self.others.get(one.source, 0.0), self._silent_s.get(one.source, FIRST_SHARE * MEMORY_S)
+            self.others[one.source] = before + (gain - before) * min(silent_s / MEMORY_S, 1.0)
+            self._silent_s[one.source] = 0.0
+
+    def turn(self) -> None:
+        """The twin is the pose from now on; the prior was wrong."""
+        self.prior_log_odds, self.colours = 0.0, -self.colours
+        self._support = None if self._support is None else -self._support
+        self.compass.turn()
+        self.others = {source: -value for source, value in self.others.items()}
+
+    @property
+    def evidence_log_odds(self) -> float:
+        """Of the pose, against its twin, by all but the prior."""
+        return self.colours + self.compass.log_odds + sum(self.others.values())
+
+    @property
+    def log_odds(self) -> float:
+        """Of the pose, against its twin."""
+        return self.prior_log_odds + self.evidence_log_odds
+
+    @property
+    def probability(self) -> float:
+        """Of the pose, against its twin."""
+        return 1.0 / (1.0 + math.exp(-self.log_odds)) if self.symmetric else 1.0
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether the twin is the pose."""
+        return self.symmetric and self.log_odds <= REFUTED
+
+    def is_decided(self, min_probability: float) -> bool:
+        """Whether a pose may be tracked: no jump has left its end open, and colours, if they differ, have told it."""
+        if not self.symmetric:
+            return True
+        return not self.undecided and (not self.colours_tell or self.probability >= min_probability)
+
+    @property
+    def refutation(self) -> str:
+        """Who speaks against the pose, the one that weighs most first."""
+        sources = {"the compass": self.compass.log_odds, "the colours of goals and poles": self.colours, **self.others}
+        against = [source for source in sorted(sources, key=lambda one: sources[one]) if sources[source] < 0.0]
+        return f"{' and '.join(against)}: the robot is at the other end of the field"
+
+    def report_undecided(self, seconds: float) -> tuple[str, ...]:
+        """Name the twin now and then while nothing that was seen or heard tells it from a pose that is tracked."""
+        if not self.symmetric or self.evidence_log_odds >= CLEAR:
+            return ()
+        self._open_s += seconds
+        if self._open_s < UNDECIDED_S and (self._reported or self.colours_tell):
+            return ()
+        self._open_s, self._reported = 0.0, True
+        twin = 100.0 * (1.0 - self.probability)
+        why = "as starts are given wrongly; nothing seen or heard tells" if self.prior_log_odds else "as nothing tells"
+        return (f"undecided which end of the field it is: the other end has {twin:.1f} %, {why}",)

@@ -1,0 +1,212 @@
+"""Our filter: pose ⊕ odometry scales ⊕ image delay ⊕ camera errors, an error-state Kalman filter.
+
+What comes again in every image is no noise: no number of images averages it out of the pose. As states, with their
+correlations, such errors are learned where the lines show them, and leave the pose as unsure as they are where the
+lines don't (consider states: Schmidt 1966).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.estimator.filter_kernels import (
+    correction,
+    expected_information,
+    pose_innovation,
+    propagate,
+    step_squares,
+)
+from touchline.localization.estimator.measurement import PoseEvidence
+from touchline.localization.registration.joint import StateFit, StatePrior
+from touchline.motion.delayed import Delayed
+from touchline.motion.driven import Scales, driven
+from touchline.types import OdometryScales
+
+SCALE_DRIFT = 0.001  # change of the odometry's scales in the root of a second: another carpet, wheels that wear
+YAW_RATE_DRIFT = 0.0001  # of the odometry's drift of heading (rad/s) in the root of a second, as of a gyro's bias
+DELAY_DRIFT_S = 0.001  # change of the delay in the root of a second: other loads of the computer
+MIN_DELAY_S, MAX_DELAY_S = -0.1, 0.4  # that are looked for
+_POSE, _SCALES = np.arange(3), np.arange(3, 6)
+_NO_ERRORS = np.zeros((0, 0))
+_YAW_RATE, _DELAY, _ERRORS = 6, 7, 8  # the errors are all states from there on
+
+
+class Unknown(NamedTuple):
+    """At first: standard deviations of the odometry's scales, of its drift of heading (rad/s), of how late images are
+    stamped (s), and covariance (K, K) of the camera's errors; error_drift (K,) of these in the root of a second.
+
+    learned: share of its step by an image that the errors take. With 1 it is a Kalman filter; with 0 they only leave
+    the pose unsure (consider states); between, points that err together image after image teach less of what isn't
+    there (Brink 2017, Partial-update Schmidt-Kalman filter).
+    """
+
+    scales: Scales
+    errors: FloatArray
+    error_drift: FloatArray
+    learned: float
+    yaw_rate_rad_s: float = 0.0
+    delay_s: float = 0.0
+
+
+class Filter:
+    """`pose`, where the last image was taken; `scales` (3,), relative errors of the odometry; `yaw_rate_rad_s`, its
+    drift of heading; `late_s`: how much later images are stamped than taken; `errors` (K,) of the camera.
+    """
+
+    def __init__(self, pose: Pose, covariance: FloatArray, unknown: Unknown) -> None:
+        """covariance (3, 3) of the pose, (m, m, rad), field frame."""
+        count = _ERRORS + len(unknown.errors)
+        self.pose, self.unknown = pose, unknown
+        self.scales, self.yaw_rate_rad_s, self.late_s, self.errors = np.zeros(3), 0.0, 0.0, np.zeros(count - _ERRORS)
+        self._joint = np.zeros((count, count))
+        self._joint[:3, :3] = covariance
+        self._joint[_SCALES, _SCALES] = np.square(unknown.scales)
+        self._joint[_YAW_RATE, _YAW_RATE] = unknown.yaw_rate_rad_s**2
+        self._joint[_DELAY, _DELAY] = unknown.delay_s**2
+        self._joint[_ERRORS:, _ERRORS:] = unknown.errors
+        drift = np.array([*3 * [0.0], *3 * [SCALE_DRIFT], YAW_RATE_DRIFT, DELAY_DRIFT_S, *unknown.error_drift])
+        self._drift2 = np.where(np.diag(self._joint) > 0.0, drift, 0.0) ** 2
+        self._learned = np.ones(count)
+        self._learned[_ERRORS:] = unknown.learned
+        self._measured = np.array([0, 1, 2, *range(_ERRORS, count)])  # the states that a fit measures
+        self._motion_noise = np.zeros((3, 3))  # that the motion since the last image has added
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(3, 3) of the pose."""
+        return self._joint[:3, :3]
+
+    @property
+    def error_covariance(self) -> FloatArray:
+        """(K, K) of the camera's errors."""
+        return self._joint[_ERRORS:, _ERRORS:]
+
+    @property
+    def error_crossed(self) -> FloatArray:
+        """(3, K) of the pose with the camera's errors."""
+        return self._joint[:3, _ERRORS:]
+
+    @property
+    def odometry(self) -> OdometryScales:
+        """What it has learned of the odometry."""
+        ahead, aside, turn = self.scales.tolist()
+        deviations = [math.sqrt(variance) for variance in np.diagonal(self._joint)[3:6].tolist()]
+        return OdometryScales((ahead, aside, turn), (deviations[0], deviations[1], deviations[2]))
+
+    @property
+    def delay_deviation_s(self) -> float:
+        """Standard deviation of `late_s`."""
+        return math.sqrt(self._joint[_DELAY, _DELAY])
+
+    def placed(self, pose: Pose, covariance: FloatArray) -> Filter:
+        """A filter that starts at another pose, and still knows scales, delay and errors."""
+        other = Filter(pose, covariance, self.unknown)
+        other.scales, other.yaw_rate_rad_s = self.scales.copy(), self.yaw_rate_rad_s
+        other.late_s, other.errors = self.late_s, self.errors.copy()
+        other._joint[3:, 3:] = self._joint[3:, 3:]
+        other._drift2 = self._drift2
+        return other
+
+    def mirrored(self) -> Filter:
+        """The filter of the other end of a symmetric field."""
+        other = self._copy(self.pose.mirrored())
+        turn = np.ones(len(self._joint))
+        turn[:2] = -1.0
+        other._joint = self._joint * np.outer(turn, turn)
+        return other
+
+    def loosened(self, more: FloatArray) -> Filter:
+        """A copy whose pose is less sure by a covariance (3, 3)."""
+        other = self._copy(self.pose)
+        other._joint[:3, :3] += more
+        return other
+
+    def delayed_by(self, late_s: float, deviation_s: float) -> None:
+        """Take a delay that another measurement than the odometry has told."""
+        self.late_s = late_s
+        self._joint[_DELAY, :] = self._joint[:, _DELAY] = 0.0
+        self._joint[_DELAY, _DELAY] = deviation_s**2
+        self._drift2 = np.where(np.arange(len(self._joint)) == _DELAY, 0.0, self._drift2)
+
+    def _copy(self, pose: Pose) -> Filter:
+        other = self.placed(pose, self.covariance)
+        other._joint, other._motion_noise = self._joint.copy(), self._motion_noise
+        return other
+
+    def predict(self, moved: Delayed, seconds: float, noise: FloatArray | None = None) -> None:
+        """Move by the odometry over so many seconds. noise (3, 3): of the motion, robot frame before it; None: its
+        own covariance.
+        """
+        step = driven(self.pose, self.scales, moved.motion.pose)
+        by_state = np.eye(_ERRORS)
+        by_state[:6, :6] = step.by_state
+        by_state[:3, _DELAY] = step.by_motion @ moved.by_delay
+        by_state[2, _YAW_RATE] = seconds
+        x, y, turn = ((self.late_s - moved.late_s) * by_state[:3, _DELAY]).tolist()
+        turn += seconds * self.yaw_rate_rad_s
+        self.pose = Pose(step.pose.x + x, step.pose.y + y, wrap_angle(step.pose.heading + turn))
+        added = step.by_motion @ (moved.motion.covariance if noise is None else noise) @ step.by_motion.T
+        self._joint = propagate(self._joint, by_state, added, seconds * self._drift2)
+        self._motion_noise = self._motion_noise + added
+
+    def ahead(self, moved: Delayed) -> Filter:
+        """A copy after a motion."""
+        other = self._copy(self.pose)
+        other.predict(moved, 0.0)
+        return other
+
+    def prior(self, per_image: FloatArray, stamp_shift: FloatArray | None = None) -> StatePrior:
+        """What it expects of an image's pose and errors. per_image (K, K): covariance of what the image's own errors
+        differ by; stamp_shift (3,): standard deviation of how far its pose lies off, field frame.
+        """
+        joint = self._joint
+        if stamp_shift is not None:
+            joint = joint.copy()
+            joint[:3, :3] += np.outer(stamp_shift, stamp_shift)
+        return StatePrior(self._expected(), expected_information(joint, self._measured, per_image))
+
+    def innovation(self, fit: StateFit, per_image: FloatArray) -> tuple[FloatArray, float]:
+        """How far the pose by the image alone lies from the prediction (3,), and its squared Mahalanobis distance."""
+        off, distance2 = pose_innovation(self._joint, self._measured, per_image, *self._evidence(fit))
+        return off, distance2
+
+    def correct(self, fit: StateFit, per_image: FloatArray) -> None:
+        """Kalman update by a fit whose prior it was: information about all that it measures."""
+        self._apply(correction(self._joint, self._measured, per_image, *self._evidence(fit), self._learned))
+        self._motion_noise = np.zeros((3, 3))
+
+    def _apply(self, corrected: tuple[FloatArray, FloatArray]) -> None:
+        step, self._joint = corrected
+        x, y, heading = step[:3].tolist()
+        self.pose = Pose(self.pose.x + x, self.pose.y + y, wrap_angle(self.pose.heading + heading))
+        self.scales, self.errors = self.scales + step[_SCALES], self.errors + step[_ERRORS:]
+        self.yaw_rate_rad_s += float(step[_YAW_RATE])
+        self.late_s = min(max(self.late_s + float(step[_DELAY]), MIN_DELAY_S), MAX_DELAY_S)
+
+    def distance2_to(self, evidence: PoseEvidence) -> float:
+        """Squared Mahalanobis distance of the pose by another measurement from the prediction."""
+        return float(pose_innovation(self._joint, _POSE, _NO_ERRORS, *evidence[:2], np.zeros(3))[1])
+
+    def correct_pose(self, evidence: PoseEvidence) -> None:
+        """Kalman update by another measurement than an image."""
+        self._apply(correction(self._joint, _POSE, _NO_ERRORS, *evidence[:2], np.zeros(3), self._learned))
+
+    def motion_error(self, fit: StateFit, per_image: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Expected squared errors (3,) of the motion since the last image, by a fit before `correct`, and the variances
+        (3,) that it was expected to have; field frame.
+        """
+        squares = step_squares(self._joint, self._measured, per_image, *self._evidence(fit), self._motion_noise)
+        return squares, np.diag(self._motion_noise)
+
+    def _expected(self) -> FloatArray:
+        return np.array([*self.pose, *self.errors.tolist()])
+
+    def _evidence(self, fit: StateFit) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Information, gradient and the residual from what is expected to a fit."""
+        residual = fit.state - self._expected()
+        residual[2] = wrap_angle(float(residual[2]))
+        return fit.information, fit.gradient, residual

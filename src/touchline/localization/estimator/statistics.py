@@ -1,0 +1,80 @@
+"""What images teach of a camera beside its errors: how much each leans anew, and how much points err.
+
+The errors themselves are states of each hypothesis (`Filter`); what all hypotheses share is here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from touchline.geometry import FloatArray
+from touchline.localization.camera_errors.base import CameraErrors
+from touchline.localization.estimator.filter import Filter
+from touchline.localization.estimator.filter_kernels import degrees_of_freedom_and_lean
+from touchline.localization.registration.joint import Seen, StateFit, StatePrior
+from touchline.localization.registration.kernels import Plan
+from touchline.localization.registration.registration import SETTLED, SHAKEN, UNSETTLED, USUAL_NOISE
+
+GAIN = 0.05  # share of a new image in what is learned
+SETTLED_PER_M = 0.007  # standard deviation of an image's lean below which it is known beforehand: 0.15° of a mirror
+MAX_NOISE = 10.0  # of the points, as a multiple of the variances that they state
+
+
+class CameraErrorStatistics:
+    """`noise`: by how much larger the variances of points are than they say; `per_image` (K, K): covariance of what
+    the errors of one image differ by from the camera's.
+    """
+
+    def __init__(self, errors: CameraErrors) -> None:
+        self.errors = errors
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing has been seen yet."""
+        self.noise = 1.0
+        self._lean(self.errors.lean.first)
+
+    def _lean(self, deviation: float) -> None:
+        self.lean = deviation
+        self.per_image = np.zeros_like(self.errors.prior)
+        self.per_image[0, 0] = self.per_image[1, 1] = deviation**2
+
+    @property
+    def lean_ratio(self) -> float:
+        """By how much more it leans than was assumed at first (>= 1): so much less the first images were worth."""
+        first = self.errors.lean.first
+        return max(self.lean / first, 1.0) if first > 0.0 else 1.0
+
+    def plan_of(self, one: Filter) -> Plan:
+        """How widely a hypothesis looks for the lines: lines far off lie near their places once the lean is known."""
+        per_m = self.errors.lean.per_m
+        if 2.0 * (per_m * self.lean) ** 2 > SETTLED_PER_M**2:
+            return SHAKEN
+        tilt2 = per_m**2 * float(np.trace(one.error_covariance[:2, :2] + self.per_image[:2, :2]))
+        return SETTLED if tilt2 < SETTLED_PER_M**2 else UNSETTLED
+
+    def floor(self, one: Filter) -> FloatArray:
+        """Covariance (3, 3) of what no image tells of any pose, in (m, m, rad)."""
+        floor = self.errors.floor**2
+        floor[:2] += 0.5 * float(((self.errors.misfit * one.errors) ** 2).sum())
+        return np.diag(floor)
+
+    def learn(self, fit: StateFit, expected: StatePrior, seen: Seen) -> None:
+        """What an image has told of the leaning and of the points' noise. expected: what the fit was given.
+
+        Expectation maximisation: what this image's own lean is, and how unsure it still is, where the lines say little
+        of it.
+        """
+        freedom, lean2 = degrees_of_freedom_and_lean(
+            self.per_image, expected.information, fit.information, fit.state - expected.mean
+        )
+        free = max(float(seen.shares.sum()), 1.0)  # the points that count, where they err as they say
+        free /= max(free - freedom, 0.25 * free)
+        noise = min(max(free * fit.noise / USUAL_NOISE, self.errors.trust.min_noise), MAX_NOISE)
+        self.noise += GAIN * (noise - self.noise)
+        lean = self.errors.lean
+        if lean.max > 0.0:
+            variance = self.lean**2 + GAIN * (lean2 - self.lean**2)
+            self._lean(min(max(math.sqrt(variance), lean.min), lean.max))

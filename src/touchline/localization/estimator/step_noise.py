@@ -1,0 +1,56 @@
+"""How noisy motions are: what the odometry says of itself on wheels, and more, learned from the images, on legs.
+
+Feet slip, turn on the spot and sway at rest, each robot's otherwise: the variance of its steps is a multiple of what is
+usual, found by expectation maximisation.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from touchline.geometry import FloatArray
+from touchline.localization.estimator.filter import Filter
+from touchline.localization.registration.joint import StateFit
+from touchline.motion.odometry import Motion
+
+SLIP_RATIO, TURN_SLIP_RATIO, BEND_RAD_M = 0.1, 0.1, 0.05  # noise of steps beside the odometry's own
+REST_M, REST_RAD = 0.007, 0.001
+GAIN = 0.1  # share of an image in what is learned
+MIN_FACTOR, MAX_FACTOR = 0.1, 6.0  # of the variances of steps, as a multiple of the usual ones
+MAX_RATIO = 5.0  # of one image in that: it may be a slip
+
+
+class StepNoise:
+    """`factors` (2,): how much larger the variance of motions is than usual, of positions and of headings."""
+
+    def __init__(self, walks: bool) -> None:
+        """walks: whether the robot has legs; wheels err by what the odometry's settings say."""
+        self.walks = walks
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing has been learned."""
+        self.factors = np.ones(2)
+
+    def of(self, motion: Motion) -> FloatArray:
+        """(3, 3) of a motion, (m, m, rad), robot frame before it."""
+        if not self.walks:
+            return motion.covariance
+        move, travel_m = motion.pose, math.hypot(motion.pose.x, motion.pose.y)
+        slip2 = (SLIP_RATIO * travel_m) ** 2 + REST_M**2
+        turn2 = (TURN_SLIP_RATIO * move.heading) ** 2 + (BEND_RAD_M * travel_m) ** 2 + REST_RAD**2
+        scale = np.sqrt(self.factors[[0, 0, 1]]) if motion.missing_s == 0.0 else np.ones(3)
+        return (motion.covariance + np.diag([slip2, slip2, turn2])) * np.outer(scale, scale)
+
+    def learn(self, one: Filter, fit: StateFit, per_image: FloatArray) -> None:
+        """What an image tells of the motion before it, by the hypothesis that it is about to correct."""
+        if not self.walks:
+            return
+        squares, expected = one.motion_error(fit, per_image)
+        if expected[2] == 0.0:
+            return
+        ratios = np.array([(squares[0] + squares[1]) / (expected[0] + expected[1]), squares[2] / expected[2]])
+        self.factors = np.clip(self.factors * (1.0 + GAIN * (np.minimum(ratios, MAX_RATIO) - 1.0)),
+                               MIN_FACTOR, MAX_FACTOR)  # fmt: skip

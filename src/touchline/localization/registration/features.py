@@ -1,0 +1,252 @@
+"""From an observation to the features that particles are weighed by, each with its noise and its confidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from pydantic import Field
+
+from touchline.config import Settings, added
+from touchline.field.association import Association, FieldAssociations
+from touchline.geometry import FloatArray
+from touchline.localization.registration.feature_model import FeatureView, LineFeatures, PointFeatures
+from touchline.types import Crossings, LandmarkKind, Landmarks, Lines, Observation
+
+_POSTS = (LandmarkKind.POST.value, LandmarkKind.GOAL.value)
+_MARKS = (LandmarkKind.PENALTY_MARK.value, LandmarkKind.CIRCLE.value)
+MAX_M = 10.0  # of the observation range, whose measure is the uniform density of section 5.3
+MIN_M = 0.05  # a line without length has no direction
+MODEL_M = 0.03  # error of a feature's place on the field: paint, carpet, lens; added to covariances
+MODEL_RAD = 0.02  # the same of a line's direction
+MIN_RATIO = 1e-6  # of the normal observation: a confidence of 0 is no division by it
+
+
+NO_POINTS = PointFeatures(
+    np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0),
+    np.zeros((0, 4), np.int64), np.zeros(0), np.zeros(0, np.int64),
+)  # fmt: skip
+
+
+class FeatureKinds(Settings):
+    """Which kinds of features count."""
+
+    lines: bool = Field(True, description="straight lines, of at least the length that counts")
+    crossings: bool = Field(True, description="L-, T- and X-crossings")
+    posts: bool = Field(True, description="goal posts and the middles of goals")
+    poles: bool = Field(True, description="poles beside the field")
+    marks: bool = Field(True, description="penalty marks and the centre circle's middle; the paper names neither")
+
+
+class FeatureNoiseSettings(Settings):
+    """The noise of observations, equations (5) and (6), and how far they are trusted, section 5.3."""
+
+    sigma_d_m: float = Field(0.15, gt=0, description="σ_d of equation (5): of a range beside the robot (m)")
+    sigma_l_m: float = Field(0.15, gt=0, description="σ_l of equation (6): of a line's distance beside the robot (m)")
+    range_ratio: float = Field(
+        0.1, ge=0, description="λ of equations (5) and (6): what a metre of range adds to them; roll and pitch err"
+    )
+    sigma_beta_rad: float = Field(0.1, gt=0, description="σ_β of equations (5) and (6): of bearings and directions")
+    uniform_floor: float = Field(
+        0.1, gt=0, lt=1, description="α_base of section 5.3: how likely an observation is none of the field's"
+    )
+    lean_rad: float = Field(
+        0.006,
+        ge=0,
+        description="error of the camera's roll and pitch in one frame (rad), beside an observation's own covariance: "
+        "a walking robot's IMU errs by 0.25°, and is late",
+    )
+
+
+class FeaturePaper(Settings):
+    """Switches to the paper's exact form."""
+
+    covariances: bool = added(
+        True,
+        paper=False,
+        description="noise from the observations' own covariances and the lean's error; off is the paper's form: σ_d, "
+        "σ_l, λ and σ_β for all, and lines by their perpendiculars (equations 5 to 7)",
+    )
+    oriented_t: bool = added(
+        True,
+        paper=False,
+        description="T-crossings have four sets by orientation, as L-crossings; off is the paper's one set",
+    )
+
+
+class FeatureSettings(Settings):
+    """Which features count, and how much."""
+
+    use: FeatureKinds = FeatureKinds()
+    noise: FeatureNoiseSettings = FeatureNoiseSettings()
+    short_line_m: float = Field(0.5, ge=0, description="lines shorter than this are ignored beyond far_line_m (m)")
+    far_line_m: float = Field(3.0, ge=0, description="range of a line's middle (m) from which short ones are ignored")
+    paper: FeaturePaper = FeaturePaper()
+
+
+class Features:
+    """Takes observations for the particles of one field."""
+
+    def __init__(
+        self,
+        associations: FieldAssociations,
+        settings: FeatureSettings | None = None,
+        height_m: float = 1.0,
+        model_m: float = MODEL_M,
+    ) -> None:
+        """height_m: of the camera; an error of its lean moves the ground by so much, and more far away. model_m: error
+        of a feature's place on the field.
+        """
+        self.associations = associations
+        self.settings = settings or FeatureSettings()
+        self.height_m = height_m
+        self.model_m = model_m
+
+    def of(self, seen: Observation, placed: Callable[[FloatArray], FloatArray] | None = None) -> FeatureView:
+        """What counts of an observation. placed: ground points (N, 2) without the camera's errors that are known."""
+        lines, positions = seen.lines.ends_m, _positions(seen)
+        if placed is not None:
+            lines, positions = placed(lines.reshape(-1, 2)).reshape(-1, 2, 2), placed(positions)
+        return FeatureView(
+            self._points(seen.crossings, seen.landmarks, positions), self._lines(replace(seen.lines, ends_m=lines))
+        )
+
+    def points_of(self, seen: Observation) -> PointFeatures:
+        """The crossings and landmarks of it alone."""
+        if not len(seen.crossings) and not len(seen.landmarks):
+            return NO_POINTS
+        return self._points(seen.crossings, seen.landmarks, _positions(seen))
+
+    @property
+    def tell_ends_apart(self) -> bool:
+        """Whether colours that count tell the two ends of the field apart."""
+        use = self.settings.use
+        return self.associations.tells_ends_apart(
+            (*(_POSTS if use.posts else ()), *((LandmarkKind.POLE.value,) if use.poles else ()))
+        )
+
+    def _points(self, crossings: Crossings, landmarks: Landmarks, positions: FloatArray) -> PointFeatures:
+        kept, found = self._associations(crossings, landmarks)
+        positions = positions[kept]
+        covariances = np.concatenate((crossings.covariances_m2, landmarks.covariances_m2))[kept]
+        confidences = np.concatenate((crossings.confidences, landmarks.confidences))[kept]
+        orientations = np.concatenate((crossings.orientations_rad, np.zeros(len(landmarks))))[kept]
+        n = self.settings.noise
+        ranges = np.hypot(positions[:, 0], positions[:, 1])
+        sigmas = np.column_stack((n.sigma_d_m + n.range_ratio * ranges, np.full(len(ranges), n.sigma_beta_rad)))
+        covariances = covariances + self.model_m**2 * np.eye(2)
+        own_information = np.linalg.inv(covariances)
+        information = np.linalg.inv(covariances + self._lean_covariances(positions))
+        if self.settings.paper.covariances:
+            uniform = 1.0 / (math.pi * MAX_M**2)
+            densities = np.sqrt(np.linalg.det(information)) / (2.0 * math.pi)
+        else:
+            uniform = 1.0 / (2.0 * math.pi * MAX_M)
+            densities = 1.0 / (2.0 * math.pi * sigmas[:, 0] * sigmas[:, 1])
+        sizes = np.cumsum([0, *(len(a.candidates) for a in found)], dtype=np.int64)
+        sets = np.array([(a.table, a.sets, first, end) for a, first, end in zip(found, sizes, sizes[1:], strict=False)])
+        candidates = np.concatenate([np.zeros(0, np.int64), *(a.candidates for a in found)])
+        turns = orientations - np.array([a.turn_rad for a in found])
+        return PointFeatures(
+            positions,
+            information,
+            own_information,
+            sigmas,
+            *self._mixture(confidences, uniform, densities),
+            confidences,
+            sets.astype(np.int64).reshape(-1, 4),
+            turns,
+            candidates,
+        )
+
+    def _associations(self, crossings: Crossings, landmarks: Landmarks) -> tuple[list[int], list[Association]]:
+        """Which of the crossings and landmarks, in this order, count, and what they may be."""
+        use, kept, found = self.settings.use, [], []
+        for i, kind in enumerate(crossings.kinds.tolist() if use.crossings else ()):
+            oriented = math.isfinite(crossings.orientations_rad[i])
+            oriented &= kind == "L" or self.settings.paper.oriented_t
+            kept.append(i)
+            found.append(self.associations.of_crossing(kind, oriented))
+        for i, kind in enumerate(landmarks.kinds.tolist()):
+            wanted = use.posts if kind in _POSTS else use.marks if kind in _MARKS else use.poles
+            association = self.associations.of_landmark(kind, landmarks.colors[i])
+            if wanted and len(association.candidates):
+                kept.append(len(crossings) + i)
+                found.append(association)
+        return kept, found
+
+    def _lines(self, lines: Lines) -> LineFeatures:
+        s, n = self.settings, self.settings.noise
+        along = lines.ends_m[:, 1] - lines.ends_m[:, 0]
+        length = np.hypot(along[:, 0], along[:, 1])
+        middles = 0.5 * (lines.ends_m[:, 0] + lines.ends_m[:, 1])
+        ranges = np.hypot(middles[:, 0], middles[:, 1])
+        kept = np.full(len(lines), s.use.lines) & (length > MIN_M)
+        kept &= (length >= s.short_line_m) | (ranges < s.far_line_m)
+        ends, along, length, trust = lines.ends_m[kept], along[kept], length[kept], lines.confidences[kept]
+        own, leaning = self._line_sigmas(ends, lines.covariances_m2[kept], along, length)
+        sigmas = leaning
+        if not s.paper.covariances:
+            nearest = closest_ranges(ends)
+            sigmas = np.column_stack((n.sigma_l_m + n.range_ratio * nearest, np.full(len(ends), n.sigma_beta_rad)))
+        uniform = 1.0 / (2.0 * math.pi * MAX_M)
+        densities = 1.0 / (2.0 * math.pi * sigmas[:, 0] * sigmas[:, 1])
+        return LineFeatures(ends, sigmas, own, *self._mixture(trust, uniform, densities), trust)
+
+    def _line_sigmas(
+        self, ends: FloatArray, covariances: FloatArray, along: FloatArray, length: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(L, 2) of the middle's distance aside (m) and of the direction (rad), from the ends' covariances; without and
+        with the lean's error.
+        """
+        n = self.settings.noise
+        normals = np.column_stack((-along[:, 1], along[:, 0])) / length[:, np.newaxis]
+        aside = np.einsum("li,lkij,lj->l", normals, covariances, normals)
+        own = np.column_stack((aside / 4.0 + self.model_m**2, aside / length**2 + MODEL_RAD**2))
+        moved = np.einsum("li,lkia->lka", normals, lean_jacobians(ends, self.height_m)) * n.lean_rad
+        middle = ((0.5 * (moved[:, 0] + moved[:, 1])) ** 2).sum(axis=1)
+        turned = ((moved[:, 1] - moved[:, 0]) ** 2).sum(axis=1) / length**2
+        return np.sqrt(own), np.sqrt(own + np.column_stack((middle, turned)))
+
+    def _lean_covariances(self, positions: FloatArray) -> FloatArray:
+        jacobians = lean_jacobians(positions, self.height_m) * self.settings.noise.lean_rad
+        covariances: FloatArray = jacobians @ jacobians.transpose(0, 2, 1)
+        return covariances
+
+    def _mixture(self, confidences: FloatArray, uniform: float, densities: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Densities of the uniform and of the normal observation with the shares of section 5.3."""
+        base = self.settings.noise.uniform_floor
+        share = np.clip(base + (1.0 - base) * (1.0 - confidences), base, 1.0 - MIN_RATIO)
+        return share * uniform, (1.0 - share) * densities
+
+
+def _positions(seen: Observation) -> FloatArray:
+    """(M, 2) of crossings and landmarks, in C order."""
+    return np.concatenate((seen.crossings.positions_m, seen.landmarks.positions_m))
+
+
+def lean_jacobians(points: FloatArray, height_m: float) -> FloatArray:
+    """(..., 2, 2): by how much ground points (..., 2), robot frame, move per rad of roll and of pitch that the camera
+    leans more than it is thought to.
+    """
+    x, y = points[..., 0], points[..., 1]
+    by_roll = np.stack((-x * y / height_m, -height_m - y * y / height_m), axis=-1)
+    by_pitch = np.stack((height_m + x * x / height_m, x * y / height_m), axis=-1)
+    return np.stack((by_roll, by_pitch), axis=-1)
+
+
+def levelled(ground: FloatArray, height_m: float, lean: FloatArray) -> FloatArray:
+    """Ground points (..., 2) without roll and pitch (2,) that the camera is known to lack (rad), to first order."""
+    points: FloatArray = ground - lean_jacobians(ground, height_m) @ lean
+    return points
+
+
+def closest_ranges(ends: FloatArray) -> FloatArray:
+    """d_o of equation (6): ranges (L,) of the closest points of observed lines, ends (L, 2, 2)."""
+    along = ends[:, 1] - ends[:, 0]
+    share = -np.einsum("li,li->l", ends[:, 0], along) / np.maximum(np.einsum("li,li->l", along, along), 1e-12)
+    closest = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, np.newaxis] * along
+    ranges: FloatArray = np.hypot(closest[:, 0], closest[:, 1])
+    return ranges

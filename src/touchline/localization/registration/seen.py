@@ -1,0 +1,64 @@
+"""What registration takes of an observation: line points, or points laid on lines, crossings and landmarks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from touchline.geometry import FloatArray
+from touchline.localization.registration.features import NO_POINTS, Features
+from touchline.localization.registration.joint import Seen
+from touchline.types import LinePoints, Lines, Observation
+
+REPEATED = 2.6  # of so many points one counts: neighbours on a line err together, and the same place in the next image
+FEW = 20  # of so few points twice as many: the ends of a lone line tell most, and may be none
+MIN_CONFIDENCE = 0.1
+LINE_SHARE = 2.0  # as so many points both ends of a line count of which only these are known
+FEATURE_SHARE = 1.0  # so much a crossing or a landmark beside the line points that run into it
+SPACING_M = 0.25  # between points that are laid on such a line
+
+
+def repeated(count: int) -> float:
+    """Of so many points one counts, where they err as they say."""
+    return REPEATED * (1.0 + FEW / max(count, 1))
+
+
+def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
+    """noise: by how much larger the variances of line points have proved than they say."""
+    if len(observation.points):
+        points = observation.points
+        shares = np.clip(points.confidences, MIN_CONFIDENCE, 1.0) / repeated(len(points))
+    else:
+        points, shares = points_on(observation.lines)
+    found = features.points_of(observation)
+    return Seen(
+        np.ascontiguousarray(points.positions_m),
+        np.ascontiguousarray(points.covariances_m2),
+        shares,
+        noise,
+        found._replace(positions_m=found.positions_m.copy()),
+        np.ascontiguousarray(found.positions_m),
+        FEATURE_SHARE,
+    )
+
+
+def seen_points(points: LinePoints, share: float) -> Seen:
+    """Line points alone, each of which counts as so many independent ones."""
+    positions_m = np.ascontiguousarray(points.positions_m)
+    shares, covariances_m2 = np.full(len(positions_m), share), np.ascontiguousarray(points.covariances_m2)
+    return Seen(positions_m, covariances_m2, shares, 1.0, NO_POINTS, NO_POINTS.positions_m, 0.0)
+
+
+def points_on(lines: Lines) -> tuple[LinePoints, FloatArray]:
+    """Points evenly on lines of which the ends are known, and how much each counts (N,)."""
+    positions, covariances, shares = [np.zeros((0, 2))], [np.zeros((0, 2, 2))], [np.zeros(0)]
+    for ends, spreads, sure in zip(lines.ends_m, lines.covariances_m2, lines.confidences, strict=True):
+        count = max(2, int(np.hypot(*(ends[1] - ends[0])) / SPACING_M) + 1)
+        along = np.linspace(0.0, 1.0, count)[:, np.newaxis]
+        positions.append(ends[0] + along * (ends[1] - ends[0]))
+        along = along[..., np.newaxis]
+        covariances.append((1.0 - along) * spreads[0] + along * spreads[1])
+        shares.append(np.full(count, LINE_SHARE * float(np.clip(sure, MIN_CONFIDENCE, 1.0)) * 2.0 / count))
+    places = np.concatenate(positions)
+    unknown = np.full((len(places), 2), np.nan)
+    sure_of = np.concatenate(shares)
+    return LinePoints(places, np.concatenate(covariances), np.minimum(sure_of, 1.0), unknown), sure_of

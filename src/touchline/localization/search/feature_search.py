@@ -1,0 +1,87 @@
+"""Search for the pose of features without a start: pairs of them propose poses, registration decides."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from touchline.localization.camera_errors.base import Response
+from touchline.localization.registration.feature_model import FeatureView
+from touchline.localization.registration.joint import Seen, StateFit, StatePrior
+from touchline.localization.registration.registration import TRACKING, Registration
+from touchline.localization.search.feature_poses import PoseProposals
+from touchline.localization.search.pose_search import Known, Mode, contradiction
+
+STARTS = 24  # proposed poses that are registered
+START_M, START_RAD = 0.3, 0.2  # proposals nearer than this are one
+SAME_M, SAME_RAD = 0.3, 0.15  # and poses
+UNLIKELY = 12.0  # logarithm of odds against the best from which a pose is dropped
+ANYWHERE = np.array([10.0, 10.0, 3.0])  # standard deviations of a pose that is not known (m, m, rad)
+
+
+class FeatureSearch:
+    """Finds the poses that explain lines, crossings and landmarks."""
+
+    def __init__(self, proposals: PoseProposals, registration: Registration, symmetric: bool) -> None:
+        """symmetric: of a pose and its twin the one that is known of is taken."""
+        self.proposals, self.registration, self.symmetric = proposals, registration, symmetric
+
+    def modes(
+        self, seen: Seen, view: FeatureView, expected: StatePrior, response: Response, known: Sequence[Known] = ()
+    ) -> tuple[Mode, ...]:
+        """The registered poses, the likeliest first; none of an image that tells no position.
+
+        view: the same as `seen`, without the lean that is known. expected: what is known of the camera; its pose is not
+        used. known: of the pose.
+        """
+        proposed = self.proposals.of(view)
+        information = expected.information.copy()
+        information[:3], information[:, :3] = 0.0, 0.0
+        information[:3, :3] = np.diag(ANYWHERE**-2.0)
+        found: list[Mode] = []
+        order = np.argsort(-proposed.log_likelihoods, kind="stable")
+        for index in distinct(proposed.poses[order], STARTS, START_M, START_RAD):
+            start = expected.mean.copy()
+            start[:3] = proposed.poses[order[index]]
+            fit = self.registration.fit_state(seen, start, StatePrior(start, information), TRACKING, response)
+            found.append(self._mode(fit, information, known))
+        found.sort(key=lambda mode: -mode.log_likelihood)
+        kept = [
+            found[k] for k in distinct(np.array([mode.pose for mode in found]).reshape(-1, 3), STARTS, SAME_M, SAME_RAD)
+        ]
+        kept = [mode for mode in kept if mode.log_likelihood > kept[0].log_likelihood - UNLIKELY]
+        total = sum(math.exp(mode.log_likelihood - kept[0].log_likelihood) for mode in kept)
+        return tuple(
+            replace(mode, probability=math.exp(mode.log_likelihood - kept[0].log_likelihood) / total) for mode in kept
+        )
+
+    def _mode(self, fit: StateFit, information: FloatArray, known: Sequence[Known]) -> Mode:
+        covariance = np.linalg.inv(fit.information + information)[:3, :3]
+        mode = Mode(pose_of(fit), covariance, 1.0, fit.log_likelihood, fit.explained, fit.noise)
+        against = [sum(contradiction(pose, one) for one in known) for pose in (mode.pose, mode.pose.mirrored())]
+        if self.symmetric and against[1] < against[0]:
+            return replace(mode.mirrored(), log_likelihood=fit.log_likelihood - against[1])
+        return replace(mode, log_likelihood=fit.log_likelihood - against[0])
+
+
+def pose_of(fit: StateFit) -> Pose:
+    """The pose of a fit, its heading wrapped."""
+    x, y, heading = fit.state[:3].tolist()
+    return Pose(x, y, wrap_angle(heading))
+
+
+def distinct(poses: FloatArray, count: int, apart_m: float, apart_rad: float) -> list[int]:
+    """Indices of poses (N, 3), up to a count, that are none of those before them."""
+    free = np.ones(len(poses), dtype=np.bool_)
+    kept: list[int] = []
+    while len(kept) < count and free.any():
+        k = int(np.argmax(free))
+        kept.append(k)
+        off = poses - poses[k]
+        free &= (np.hypot(off[:, 0], off[:, 1]) > apart_m) | (np.abs(wrap_angles(off[:, 2])) > apart_rad)
+        free[k] = False
+    return kept

@@ -1,0 +1,61 @@
+"""Numba loops over small matrices, for which NumPy takes longer than their sums."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def inverse(matrix):  # type: ignore[no-untyped-def]
+    """Of a small square matrix, by Gauss and Jordan with pivots; NaN for a singular one."""
+    n = len(matrix)
+    left, right = matrix.copy(), np.eye(n)
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(left[i, k]) > abs(left[pivot, k]):
+                pivot = i
+        if not abs(left[pivot, k]) > 1e-300:
+            return np.full((n, n), np.nan)
+        if pivot != k:
+            for j in range(n):
+                left[k, j], left[pivot, j] = left[pivot, j], left[k, j]
+                right[k, j], right[pivot, j] = right[pivot, j], right[k, j]
+        scale = 1.0 / left[k, k]
+        for j in range(n):
+            left[k, j] *= scale
+            right[k, j] *= scale
+        for i in range(n):
+            factor = left[i, k]
+            if i != k and factor != 0.0:
+                for j in range(n):
+                    left[i, j] -= factor * left[k, j]
+                    right[i, j] -= factor * right[k, j]
+    return right
+
+
+@njit(cache=True)
+def times(a, b):  # type: ignore[no-untyped-def]
+    """The product of two small matrices."""
+    out = np.zeros((a.shape[0], b.shape[1]))
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            for j in range(b.shape[1]):
+                out[i, j] += a[i, k] * b[k, j]
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def log_determinant(matrix):  # type: ignore[no-untyped-def]
+    """Logarithm of the determinant of a positive definite matrix, by elimination."""
+    left, log = matrix.copy(), 0.0
+    for k in range(len(left)):
+        log += math.log(abs(left[k, k]))
+        for i in range(k + 1, len(left)):
+            factor = left[i, k] / left[k, k]
+            for j in range(k + 1, len(left)):
+                left[i, j] -= factor * left[k, j]
+    return log

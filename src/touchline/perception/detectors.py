@@ -1,0 +1,19 @@
+"""The detector of our own system for each kind of camera."""
+
+from __future__ import annotations
+
+from touchline.camera import Camera
+from touchline.field import FieldModel
+from touchline.perception.detector import Detector
+from touchline.perception.line_graph.detector import LineGraphDetector
+from touchline.perception.line_graph.settings import LineGraphSettings
+from touchline.perception.self_learning import SelfLearningDetector
+
+
+def detector_for(camera: Camera | None, field: FieldModel) -> Detector | None:
+    """Line points in the images of a mirror, lines and features in those of any other camera; None without one."""
+    if camera is None:
+        return None
+    if camera.model == "omni":
+        return SelfLearningDetector(camera, line_width_m=field.line_width)
+    return LineGraphDetector(camera, LineGraphSettings(), field)

@@ -1,0 +1,73 @@
+"""The three values that flow through Touchline: Frame, Observation, Estimate; and what they are made of."""
+
+from touchline.types.estimate import (
+    Estimate,
+    Hypothesis,
+    Mode,
+    OdometryScales,
+    Status,
+)
+from touchline.types.frame import (
+    MAX_VALUE,
+    Evidence,
+    Frame,
+    ImageArray,
+    Samples,
+)
+from touchline.types.seen import (
+    MAX_OBSERVED_POINTS,
+    Colors,
+    CrossingKind,
+    Crossings,
+    KindArray,
+    LandmarkKind,
+    Landmarks,
+    LinePoints,
+    Lines,
+    Observation,
+    check_point_count,
+    empty_points,
+    generic_covariances,
+    no_crossings,
+    no_landmarks,
+    no_lines,
+    points_at,
+)
+from touchline.types.system import (
+    Prior,
+    System,
+    as_prior,
+)
+
+__all__ = [
+    "MAX_OBSERVED_POINTS",
+    "MAX_VALUE",
+    "Colors",
+    "CrossingKind",
+    "Crossings",
+    "Estimate",
+    "Evidence",
+    "Frame",
+    "Hypothesis",
+    "ImageArray",
+    "KindArray",
+    "LandmarkKind",
+    "Landmarks",
+    "LinePoints",
+    "Lines",
+    "Mode",
+    "Observation",
+    "OdometryScales",
+    "Prior",
+    "Samples",
+    "Status",
+    "System",
+    "as_prior",
+    "check_point_count",
+    "empty_points",
+    "generic_covariances",
+    "no_crossings",
+    "no_landmarks",
+    "no_lines",
+    "points_at",
+]

@@ -1,0 +1,177 @@
+"""What comes out: where the robot stands, how sure that is, and where else it may stand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.messages import counted
+from touchline.types.drawing import estimate_html
+from touchline.types.seen import Observation
+
+_TWIN_M, _TWIN_RAD = 0.5, 0.5  # nearer than this to the turned pose a hypothesis is the twin
+
+
+class Status(StrEnum):
+    """How far an estimate can be trusted."""
+
+    TRACKING = "tracking"
+    SEARCHING = "searching"
+    LOST = "lost"
+
+
+class Mode(StrEnum):
+    """Which sensors a fused estimate comes from (Ismail et al. 2021, section II.D)."""
+
+    OMNIVISION = "omnivision"
+    ODOMETRY = "odometry"
+    BOTH = "omnivision+odometry"
+
+
+class OdometryScales(NamedTuple):
+    """By how much the odometry tells travel ahead, travel aside and turns too short, as a system has learned it;
+    and the standard deviations of that.
+    """
+
+    errors: tuple[float, float, float]
+    deviations: tuple[float, float, float]
+
+    def corrected(self, motion: Pose) -> tuple[Pose, FloatArray]:
+        """A motion of the odometry as it was, and the covariance (3, 3) that is left of its scales."""
+        scaled = [value * (1.0 + error) for value, error in zip(motion, self.errors, strict=True)]
+        left = np.square([value * deviation for value, deviation in zip(scaled, self.deviations, strict=True)])
+        return Pose(scaled[0], scaled[1], wrap_angle(scaled[2])), np.diag(left)
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """Another pose that would explain what was seen, too.
+
+    residual_m: mean distance of the points to the lines. probability: of being the right one; None where the system
+    estimates none. covariance: (3, 3) of x, y, heading in (m, m, rad), field frame; None where unknown.
+    """
+
+    pose: Pose
+    residual_m: float
+    probability: float | None = None
+    covariance: FloatArray | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", Pose(*map(float, self.pose)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Estimate:
+    """Where the robot stands. pose: plain floats. covariance: (3, 3) of x, y, heading in (m, m, rad), field frame.
+
+    residual_m: (weighted) mean distance of the points to the nearest line; NaN without points. hypotheses: the other
+    poses that are possible, this one not among them. probability: of this pose being the right one; None where the
+    system estimates none. mode: of systems that fuse sensors by modes, None of others. odometry: what is known of its
+    scales, None where a system learns nothing of them.
+    """
+
+    stamp_ns: int
+    pose: Pose
+    covariance: FloatArray
+    status: Status
+    residual_m: float = float("nan")
+    points: int = 0
+    hypotheses: tuple[Hypothesis, ...] = ()
+    probability: float | None = None
+    perception_ms: float = 0.0
+    localization_ms: float = 0.0
+    observation: Observation | None = field(default=None, repr=False)
+    mode: Mode | None = None
+    problems: tuple[str, ...] = ()
+    """What was wrong with the robot's data since the estimate before: a phrase each."""
+    odometry: OdometryScales | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", Pose(*map(float, self.pose)))
+
+    @property
+    def twin_probability(self) -> float | None:
+        """Of the robot standing at the pose's twin, at the other end of the field.
+
+        None where nothing is estimated; 0 where a system that estimates probabilities names no twin.
+        """
+        told = [other.probability for other in self.twins if other.probability is not None]
+        return sum(told) if told or self.probability is not None else None
+
+    @property
+    def twins(self) -> tuple[Hypothesis, ...]:
+        """The hypotheses that are this pose at the other end of the field, which looks the same from there."""
+        twin = self.pose.mirrored()
+        return tuple(
+            other
+            for other in self.hypotheses
+            if other.pose.distance_to(twin) < _TWIN_M and abs(wrap_angle(other.pose.heading - twin.heading)) < _TWIN_RAD
+        )
+
+    def __repr__(self) -> str:
+        x, y, heading = self.pose
+        dx, dy, turn = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        residual = "" if math.isnan(self.residual_m) else f", residual {100.0 * self.residual_m:.1f} cm"
+        others = f", {counted(len(self.hypotheses), 'other pose')}" if self.hypotheses else ""
+        return (
+            f"Estimate({self.stamp_ns / 1e9:.3f} s: x {x:.3f} ± {dx:.3f} m, y {y:.3f} ± {dy:.3f} m, heading "
+            f"{math.degrees(heading):.2f} ± {math.degrees(turn):.2f}°, {self.status.value}, {self.points} points"
+            f"{residual}{others})"
+        )
+
+    def _repr_html_(self) -> str:
+        return estimate_html(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the observation, in numbers, words and lists as JSON knows them; NaN as None."""
+        return {
+            "stamp_ns": int(self.stamp_ns),
+            "pose": _pose_tree(self.pose),
+            "covariance": self.covariance.tolist(),
+            "status": self.status.value,
+            "residual_m": _number_or_none(self.residual_m),
+            "points": int(self.points),
+            "probability": self.probability,
+            "twin_probability": self.twin_probability,
+            "hypotheses": [
+                {
+                    "pose": _pose_tree(other.pose),
+                    "residual_m": _number_or_none(other.residual_m),
+                    "probability": other.probability,
+                    "covariance": None if other.covariance is None else other.covariance.tolist(),
+                }
+                for other in self.hypotheses
+            ],
+            "perception_ms": float(self.perception_ms),
+            "localization_ms": float(self.localization_ms),
+            "mode": None if self.mode is None else self.mode.value,
+            "problems": list(self.problems),
+        }
+
+    def matrix(self) -> FloatArray:
+        """`field_from_robot` as a homogeneous transform (4, 4)."""
+        c, s = math.cos(self.pose.heading), math.sin(self.pose.heading)
+        return np.array(
+            [[c, -s, 0.0, self.pose.x], [s, c, 0.0, self.pose.y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+        )
+
+    def ros_covariance(self) -> FloatArray:
+        """(36,) the covariance as ROS's PoseWithCovariance holds it: rows of x, y, z, roll, pitch, yaw; 0 off the
+        plane.
+        """
+        full = np.zeros((6, 6))
+        full[np.ix_((0, 1, 5), (0, 1, 5))] = self.covariance
+        return full.ravel()
+
+
+def _pose_tree(pose: Pose) -> dict[str, float]:
+    return {"x_m": pose.x, "y_m": pose.y, "heading_rad": pose.heading}
+
+
+def _number_or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

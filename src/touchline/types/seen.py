@@ -1,0 +1,331 @@
+"""What was seen in one frame: line points, lines, crossings, landmarks, and all of them as one observation.
+
+Everything is in the robot frame: x forward, y left, metres. Arrays are not copied: treat them as read-only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
+from functools import cache
+from itertools import compress
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from touchline.errors import InputError
+from touchline.geometry import FloatArray
+from touchline.given import refused
+from touchline.messages import counted
+
+KindArray = npt.NDArray[np.str_]
+Colors = tuple[str, ...]
+"""From the ground up; empty where not known."""
+
+MAX_OBSERVED_POINTS = 10_000_000
+"""The most line points of one observation."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Seen:
+    """What all things seen have in common: arrays with a row for each.
+
+    SHAPES: of each array behind its (N,), the one that says how many there are first. KINDS: which ones there are.
+    """
+
+    NAME: ClassVar[str]
+    SHAPES: ClassVar[Mapping[str, tuple[int, ...]]]
+    KINDS: ClassVar[Iterable[str]] = ()
+
+    def __post_init__(self) -> None:
+        wanted = {name: (len(self), *rest) for name, rest in self.SHAPES.items()}
+        found = {name: getattr(self, name).shape for name in wanted}
+        wrong = [f"{name} {wanted[name]}, got {found[name]}" for name in wanted if wanted[name] != found[name]]
+        if wrong:
+            raise ValueError(f"{self.NAME} need {'; '.join(wrong)}")
+        unknown = set(getattr(self, "kinds", np.zeros(0)).tolist()) - set(self.KINDS)
+        if unknown:
+            known = ", ".join(self.KINDS)
+            raise ValueError(f"{self.NAME} are of the kinds {known}, not {', '.join(sorted(map(str, unknown)))}")
+
+    def __len__(self) -> int:
+        return len(getattr(self, next(iter(self.SHAPES))))
+
+    def _rows(self, kept: npt.NDArray[np.bool_]) -> Self:
+        """Those rows alone; itself if that is all."""
+        if kept.all():
+            return self
+        rows: dict[str, Any] = {}
+        for each in fields(self):
+            column = getattr(self, each.name)
+            rows[each.name] = column[kept] if isinstance(column, np.ndarray) else tuple(compress(column, kept))
+        return replace(self, **rows)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LinePoints(_Seen):
+    """Points on white lines; of an observation's `boundary`, points where the field's green ends.
+
+    positions_m: (N, 2) robot frame. covariances_m2: (N, 2, 2) robot frame. confidences: (N,) in 0..1.
+    pixels: (N, 2) u, v of where each was seen; NaN where unknown.
+    """
+
+    positions_m: FloatArray
+    covariances_m2: FloatArray
+    confidences: FloatArray
+    pixels: FloatArray
+
+    NAME = "line points"
+    SHAPES: ClassVar = {"positions_m": (2,), "covariances_m2": (2, 2), "confidences": (), "pixels": (2,)}
+
+    def __post_init__(self) -> None:
+        for name in self.SHAPES:
+            given = getattr(self, name)
+            if not isinstance(given, np.ndarray):
+                try:
+                    object.__setattr__(self, name, np.array(given, dtype=np.float64, ndmin=1))
+                except (TypeError, ValueError):
+                    raise refused(name, "an array of numbers", given) from None
+        check_point_count(len(self))
+        _Seen.__post_init__(self)
+
+    def usable(self, max_range_m: float = math.inf) -> LinePoints:
+        """Those that are measurements: finite, no negative confidence or variance, within max_range_m."""
+        if _all_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m):
+            return self
+        return self._rows(_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m))
+
+
+def _measured(
+    positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
+) -> npt.NDArray[np.bool_]:
+    """(N,) which places (N, 2) are measurements: finite, no negative confidence or variance, within max_range_m."""
+    if len(positions_m) == 0:
+        return np.zeros(0, dtype=np.bool_)
+    kept = np.isfinite(positions_m).all(axis=1) & np.isfinite(covariances_m2).all(axis=(1, 2))
+    kept &= np.isfinite(confidences) & (confidences >= 0.0)
+    kept &= (covariances_m2[:, 0, 0] >= 0.0) & (covariances_m2[:, 1, 1] >= 0.0)
+    if max_range_m < math.inf:
+        with np.errstate(over="ignore"):
+            kept &= np.hypot(positions_m[:, 0], positions_m[:, 1]) <= max_range_m
+    return np.asarray(kept)
+
+
+def _all_measured(
+    positions_m: FloatArray, covariances_m2: FloatArray, confidences: FloatArray, max_range_m: float
+) -> bool:
+    """Whether all places are measurements; quick, and False where that is not plain: far off, or a sum too large."""
+    if len(positions_m) == 0:
+        return False
+    total = np.add.reduce(positions_m, axis=None) + np.add.reduce(covariances_m2, axis=None)
+    if not math.isfinite(total + np.add.reduce(confidences)):
+        return False
+    least_m2 = min(np.minimum.reduce(covariances_m2[:, 0, 0]), np.minimum.reduce(covariances_m2[:, 1, 1]))
+    far_m = max(np.maximum.reduce(positions_m, axis=None), -np.minimum.reduce(positions_m, axis=None))
+    return bool(min(least_m2, np.minimum.reduce(confidences)) >= 0.0 and 1.5 * far_m <= max_range_m)
+
+
+def check_point_count(count: int) -> int:
+    """The count. Raises InputError for more points than one observation can hold."""
+    if count > MAX_OBSERVED_POINTS:
+        raise InputError(f"{count} points: one observation holds {MAX_OBSERVED_POINTS} at most")
+    return count
+
+
+def _positions(what: str, given: object) -> FloatArray:
+    """(N, 2) positions. Raises InputError for what is none."""
+    try:
+        positions_m = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        positions_m = np.zeros(0)
+    if positions_m.ndim != 2 or positions_m.shape[1] != 2:
+        raise refused(what, "LinePoints or positions (N, 2) in m", given)
+    return positions_m
+
+
+@cache  # nothing can be changed in arrays without elements
+def empty_points() -> LinePoints:
+    """No line points."""
+    return LinePoints(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)))
+
+
+def generic_covariances(positions_m: FloatArray) -> FloatArray:
+    """Covariances (N, 2, 2) of positions (N, 2), robot frame, of which nobody says how precise they are.
+
+    The same in all directions; standard deviation 1 cm and 2 % of the range, as of a usual camera's calibration.
+    """
+    sigma_m = 0.01 + 0.02 * np.hypot(positions_m[:, 0], positions_m[:, 1])
+    covariances_m2 = np.zeros((len(positions_m), 2, 2))
+    covariances_m2[:, 0, 0] = covariances_m2[:, 1, 1] = sigma_m**2
+    return covariances_m2
+
+
+def points_at(positions_m: FloatArray) -> LinePoints:
+    """Line points of which only the positions (N, 2), robot frame, are known: sure, with `generic_covariances`."""
+    n = len(positions_m)
+    return LinePoints(positions_m, generic_covariances(positions_m), np.ones(n), np.full((n, 2), np.nan))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Lines(_Seen):
+    """Visible parts of straight lines.
+
+    ends_m: (N, 2, 2) both ends, robot frame. covariances_m2: (N, 2, 2, 2) of each end.
+    confidences: (N,) in 0..1. pixels: (N, 2, 2) u, v of each end; NaN where unknown.
+    """
+
+    ends_m: FloatArray
+    covariances_m2: FloatArray
+    confidences: FloatArray
+    pixels: FloatArray
+
+    NAME = "lines"
+    SHAPES: ClassVar = {"ends_m": (2, 2), "covariances_m2": (2, 2, 2), "confidences": (), "pixels": (2, 2)}
+
+    def usable(self, max_range_m: float = math.inf) -> Lines:
+        """Those of which both ends are measurements, as `LinePoints.usable` says."""
+        both = [
+            _measured(self.ends_m[:, end], self.covariances_m2[:, end], self.confidences, max_range_m) for end in (0, 1)
+        ]
+        return self._rows(both[0] & both[1])
+
+
+@cache
+def no_lines() -> Lines:
+    """No lines."""
+    return Lines(np.zeros((0, 2, 2)), np.zeros((0, 2, 2, 2)), np.zeros(0), np.zeros((0, 2, 2)))
+
+
+class CrossingKind(StrEnum):
+    """How many arms of paint leave a crossing: two, three or four."""
+
+    L = "L"
+    T = "T"
+    X = "X"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Crossings(_Seen):
+    """Where lines meet.
+
+    kinds: (N,) of `CrossingKind`. positions_m: (N, 2) robot frame. orientations_rad: (N,) robot frame, of L the
+    bisector into the opening, of T the stem, away from the bar, of X either line modulo pi/2; NaN where unknown.
+    covariances_m2: (N, 2, 2). confidences: (N,) in 0..1. pixels: (N, 2) u, v; NaN where unknown.
+    """
+
+    kinds: KindArray
+    positions_m: FloatArray
+    orientations_rad: FloatArray
+    covariances_m2: FloatArray
+    confidences: FloatArray
+    pixels: FloatArray
+
+    NAME = "crossings"
+    KINDS = CrossingKind
+    SHAPES: ClassVar = {
+        **{"positions_m": (2,), "kinds": (), "orientations_rad": ()},
+        **{"covariances_m2": (2, 2), "confidences": (), "pixels": (2,)},
+    }
+
+    def usable(self, max_range_m: float = math.inf) -> Crossings:
+        """Those that are measurements, as `LinePoints.usable` says."""
+        measured = _measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m)
+        return self._rows(measured & ~np.isinf(self.orientations_rad))
+
+
+@cache
+def no_crossings() -> Crossings:
+    """No crossings."""
+    return Crossings(
+        np.zeros(0, "U1"), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2))
+    )
+
+
+class LandmarkKind(StrEnum):
+    """Things that stand or are painted at one known place of the field."""
+
+    POST = "post"
+    POLE = "pole"
+    GOAL = "goal"
+    PENALTY_MARK = "penalty_mark"
+    CIRCLE = "circle"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Landmarks(_Seen):
+    """Feet of goal posts and poles, middles of goals, penalty marks and the centre circle.
+
+    kinds: (N,) of `LandmarkKind`. positions_m: (N, 2) robot frame. covariances_m2: (N, 2, 2).
+    confidences: (N,) in 0..1. colors: of each from the ground up, empty where not known. pixels: (N, 2) u, v; NaN
+    where unknown.
+    """
+
+    kinds: KindArray
+    positions_m: FloatArray
+    covariances_m2: FloatArray
+    confidences: FloatArray
+    colors: tuple[Colors, ...]
+    pixels: FloatArray
+
+    NAME = "landmarks"
+    KINDS = LandmarkKind
+    SHAPES: ClassVar = {"positions_m": (2,), "kinds": (), "covariances_m2": (2, 2), "confidences": (), "pixels": (2,)}
+
+    def __post_init__(self) -> None:
+        _Seen.__post_init__(self)
+        if len(self.colors) != len(self):
+            raise ValueError(f"{len(self)} landmarks need as many tuples of colours, got {len(self.colors)}")
+
+    def usable(self, max_range_m: float = math.inf) -> Landmarks:
+        """Those that are measurements, as `LinePoints.usable` says."""
+        return self._rows(_measured(self.positions_m, self.covariances_m2, self.confidences, max_range_m))
+
+
+@cache
+def no_landmarks() -> Landmarks:
+    """No landmarks."""
+    return Landmarks(np.zeros(0, "U1"), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), (), np.zeros((0, 2)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Observation:
+    """What was seen in one frame, in the robot frame. problem: why nothing could be seen, if so.
+
+    points, boundary: LinePoints, or positions (N, 2) of which nobody says how precise they are.
+    Raises InputError for what is neither.
+    """
+
+    stamp_ns: int
+    points: LinePoints = field(default_factory=empty_points)
+    lines: Lines = field(default_factory=no_lines)
+    crossings: Crossings = field(default_factory=no_crossings)
+    landmarks: Landmarks = field(default_factory=no_landmarks)
+    boundary: LinePoints = field(default_factory=empty_points)
+    problem: str | None = None
+
+    def __repr__(self) -> str:
+        named = ((self.points, "line point"), (self.lines, "line"), (self.crossings, "crossing"))
+        seen = [counted(len(of), what) for of, what in (*named, (self.landmarks, "landmark")) if len(of)]
+        return f"Observation({self.stamp_ns / 1e9:.3f} s: {self.problem or ', '.join(seen) or 'nothing seen'})"
+
+    def usable(self, max_range_m: float = math.inf) -> Observation:
+        """Without points, lines, crossings and landmarks that are no measurements, or farther away than max_range_m."""
+        points = self.points.usable(max_range_m)
+        if points is self.points and not (len(self.lines) or len(self.crossings) or len(self.landmarks)):
+            return self  # as of nearly every image of a mirror
+        return replace(
+            self,
+            points=points,
+            lines=self.lines.usable(max_range_m) if len(self.lines) else self.lines,
+            crossings=self.crossings.usable(max_range_m) if len(self.crossings) else self.crossings,
+            landmarks=self.landmarks.usable(max_range_m) if len(self.landmarks) else self.landmarks,
+        )
+
+    def __post_init__(self) -> None:
+        for name in ("points", "boundary"):
+            given = getattr(self, name)
+            if not isinstance(given, LinePoints):
+                object.__setattr__(self, name, points_at(_positions(name, given)))
