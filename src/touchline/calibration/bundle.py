@@ -3,7 +3,7 @@
 The state is one vector. Every image and every prior adds a block of normal equations for the entries that it depends
 on. Together they are a sparse matrix, which SciPy factorises: that gives a step of everything at once and the
 covariance of any part. Robust weights are the caller's: iteratively reweighted least squares. (With robust losses and a
-sparse Jacobian `scipy.optimize.least_squares` comes to the same in about twice the time, and has no covariance.)
+sparse Jacobian `scipy.optimize.least_squares` comes to the same in about twice the time.)
 """
 
 from __future__ import annotations
