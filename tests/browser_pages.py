@@ -79,7 +79,8 @@ async function hover(share) {
   told.overflow = document.documentElement.scrollWidth - innerWidth;
   const texts = [...document.querySelectorAll("figure svg text")];
   told.smallest = Math.min(...texts.map(t => t.getBoundingClientRect().height));
-  told.charts = document.querySelectorAll("canvas").length; told.faults = faults;
+  told.charts = document.querySelectorAll("#charts canvas").length; told.faults = faults;
+  told.histograms = document.querySelectorAll("#histogram canvas").length;
   document.body.dataset.told = JSON.stringify(told);
 })();
 </script>"""
@@ -151,7 +152,7 @@ def test_the_report_of_a_run(width: int, tmp_path: Path) -> None:
     assert told["begin"] == 1  # the first located
     assert told["frame"] in (148, 152)
     assert told["width"] == 320
-    assert told["charts"] == 6
+    assert (told["charts"], told["histograms"]) == (6, 1)
 
 
 @pytest.mark.parametrize("width", [1280, 500])

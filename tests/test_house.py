@@ -35,6 +35,7 @@ ROOMS = (
     "files",
     "palette",
     "geometry",
+    "matrices",
     "types",
     "config",
     "field",
@@ -132,6 +133,19 @@ def test_a_room_imports_only_rooms_below_it() -> None:
         if (found := uphill_imports(room_of(module_of(path)), path.read_text(encoding="utf-8")))
     }
     assert wrong == {}
+
+
+def test_what_only_a_paper_has_is_imported_by_its_own_systems_alone() -> None:
+    papers = {"nubot": "nubot", "iris": "iris", "nimbro": "nimbro"}  # a room in published: how its systems' names begin
+    wrong = [
+        f"{module_of(path)} imports {imported}"
+        for path in python_files()
+        for _, imported in imported_modules(path.read_text(encoding="utf-8"))
+        if imported.startswith("localization.published.") and module_of(path).startswith(("localization.", "systems."))
+        for paper in [imported.split(".")[2]]
+        if not module_of(path).startswith((f"localization.published.{paper}", f"systems.{papers[paper]}"))
+    ]
+    assert wrong == []
 
 
 def test_every_room_has_its_place_in_the_plan() -> None:

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from touchline.calibration.self_perspective import levelled
 from touchline.camera import PinholeCamera
 from touchline.experiments.drives import Drive
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle, wrap_angles
+from touchline.localization.camera_errors import PerspectiveErrors
+from touchline.localization.camera_errors.base import placed_points
 from touchline.simulation.observation.features import turned
-from touchline.systems.touchline_perspective import optical_axis
 from touchline.types import Frame, LinePoints, Observation, Samples, empty_points, points_at
 
 NEAR_LINE_M = 0.2  # line points this near a line belong to it
@@ -354,8 +354,10 @@ def misjudged(drive: Drive, longer: float, higher_m: float) -> Drive:
         base_from_camera=Pose3(mount.rotation, eye + np.array([0.0, 0.0, higher_m])),
     )
 
+    errors = PerspectiveErrors.of(camera)
+
     def as_told(frame: Frame, seen: Observation) -> Observation:
-        return _on_ground(seen, partial(levelled, shared=shared, eye=eye, axis=optical_axis(camera, frame)))
+        return _on_ground(seen, partial(placed_points, errors=shared, response=errors.response(frame)))
 
     return replace(seen_as(drive, as_told), setup=replace(drive.setup, camera=told, height_m=None))
 
