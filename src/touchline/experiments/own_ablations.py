@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,13 @@ from touchline.experiments.own import FROM_S, HALF, KIDNAP_SECONDS, LATE, MATCH,
 from touchline.experiments.own_points import OWN
 from touchline.experiments.scenes import new_figure
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.camera_errors import MirrorErrors
+from touchline.localization.camera_errors.base import Lean
+from touchline.localization.estimator.bank import Member, ShoveTest
+from touchline.localization.estimator.filter import Filter
+from touchline.localization.estimator.statistics import CameraErrorStatistics
+from touchline.localization.registration.kernels import Plan
+from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
 from touchline.localization.search.pose_search import Known, Mode
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.systems import open_system
@@ -34,13 +42,21 @@ class Part(NamedTuple):
     drive: tuple[str, ...] = ()
 
 
-class _NoSearch:
+class _NoSearch(FieldSearch):
     """Finds nothing."""
 
-    def everywhere(
-        self, positions_m: FloatArray, covariances_m2: FloatArray, known: Sequence[Known], part: tuple[int, int]
-    ) -> tuple[Mode, ...]:
+    def __init__(self) -> None:
+        pass
+
+    def modes(self, searched: Searched, known: Sequence[Known] = (), part: tuple[int, int] = WHOLE) -> tuple[Mode, ...]:
         return ()
+
+
+class _NoShoves(ShoveTest):
+    """Nobody was ever shoved."""
+
+    def apply(self, one: Member, distance2: float, fitted: Callable[[Filter, FloatArray, Plan], Member]) -> None:
+        one.shoved = False
 
 
 def _without_search(system: Touchline) -> None:
@@ -48,16 +64,16 @@ def _without_search(system: Touchline) -> None:
 
 
 def _with_one_hypothesis(system: Touchline) -> None:
-    system.hypotheses.most = 1
+    system.bank.max_members = 1
 
 
 def _without_shoves(system: Touchline) -> None:
-    system.hypotheses.sees_shoves = False
+    system.bank.shoves = _NoShoves(system.settings.gate)
 
 
 def _without_delay(system: Touchline) -> None:
     system.unknown = system.unknown._replace(delay_s=0.0)
-    system.hypotheses.start.unknown = system.unknown
+    system.bank.start = Filter(Pose(0.0, 0.0, 0.0), system.settings.start_covariance, system.unknown)
 
 
 def _with_scales_as_noise(system: Touchline) -> None:
@@ -65,7 +81,9 @@ def _with_scales_as_noise(system: Touchline) -> None:
 
 
 def _without_lean(system: Touchline) -> None:
-    system.hypotheses.head.shakes = False
+    assert isinstance(system.errors, MirrorErrors)
+    upright = replace(system.errors, lean=Lean(0.0, 0.0, 0.0, system.errors.lean.per_m))
+    system.statistics = system.bank.statistics = CameraErrorStatistics(upright)
 
 
 _NO_SCALES = {f"odometry.{way}_scale": 0.0 for way in ("forward", "sideways", "turn")}  # as states
