@@ -99,7 +99,7 @@ def drive(taken: Drive, seed: int, paper: bool = False) -> IrisDrive:
             particles.predict(motion)
             if len(points) >= MIN_POINTS:
                 most = len(points) if s.paper.all_points else s.max_points
-                particles.update(evenly_chosen(points.positions_m, most))
+                particles.update(evenly_chosen(points, most).positions_m)
         elif estimate.status is Status.TRACKING:
             odometry.set_pose(estimate.pose)
             particles.start_at(estimate.pose, estimate.covariance)

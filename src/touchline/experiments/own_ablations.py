@@ -15,15 +15,13 @@ from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row,
 from touchline.experiments.own import FROM_S, HALF, KIDNAP_SECONDS, LATE, MATCH, SECONDS, SHAKING, TRACKS, UNTOUCHED
 from touchline.experiments.own_points import OWN
 from touchline.experiments.scenes import new_figure
-from touchline.geometry import FloatArray, Pose
+from touchline.geometry import Pose
 from touchline.localization.camera_errors import MirrorErrors
 from touchline.localization.camera_errors.base import Lean
-from touchline.localization.estimator.bank import Member, ShoveTest
+from touchline.localization.estimator.bank import ShoveTest
 from touchline.localization.estimator.filter import Filter
-from touchline.localization.estimator.statistics import CameraErrorStatistics
-from touchline.localization.registration.kernels import Plan
-from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
-from touchline.localization.search.pose_search import Known, Mode
+from touchline.localization.search.field_search import FieldSearch
+from touchline.localization.search.pose_search import Mode
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.systems import open_system
 from touchline.systems.touchline import Touchline
@@ -45,22 +43,20 @@ class Part(NamedTuple):
 class _NoSearch(FieldSearch):
     """Finds nothing."""
 
-    def __init__(self) -> None:
-        pass
-
-    def modes(self, searched: Searched, known: Sequence[Known] = (), part: tuple[int, int] = WHOLE) -> tuple[Mode, ...]:
+    def modes(self, *_: object) -> tuple[Mode, ...]:
         return ()
 
 
 class _NoShoves(ShoveTest):
-    """Nobody was ever shoved."""
+    """Sees none."""
 
-    def apply(self, one: Member, distance2: float, fitted: Callable[[Filter, FloatArray, Plan], Member]) -> None:
-        one.shoved = False
+    def apply(self, *_: object) -> None:
+        return
 
 
 def _without_search(system: Touchline) -> None:
-    system.search = _NoSearch()
+    setup = system.setup
+    system.search = _NoSearch(setup.field, system.registration, system.model, np.zeros(2))
 
 
 def _with_one_hypothesis(system: Touchline) -> None:
@@ -68,7 +64,7 @@ def _with_one_hypothesis(system: Touchline) -> None:
 
 
 def _without_shoves(system: Touchline) -> None:
-    system.bank.shoves = _NoShoves(system.settings.gate)
+    system.bank.shoves = _NoShoves(0.0)
 
 
 def _without_delay(system: Touchline) -> None:
@@ -82,8 +78,7 @@ def _with_scales_as_noise(system: Touchline) -> None:
 
 def _without_lean(system: Touchline) -> None:
     assert isinstance(system.errors, MirrorErrors)
-    upright = replace(system.errors, lean=Lean(0.0, 0.0, 0.0, system.errors.lean.per_m))
-    system.statistics = system.bank.statistics = CameraErrorStatistics(upright)
+    system.open_parts(replace(system.errors, lean=Lean(0.0, 0.0, 0.0, 1.0)))
 
 
 _NO_SCALES = {f"odometry.{way}_scale": 0.0 for way in ("forward", "sideways", "turn")}  # as states
