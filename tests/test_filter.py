@@ -1,4 +1,4 @@
-"""Pose and mirror errors in one filter: the fit's derivatives, the update, and what a tilted mirror teaches."""
+"""The filter of pose, odometry, delay and camera errors: its update, and what a tilted mirror teaches."""
 
 from __future__ import annotations
 
@@ -6,15 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touchline.localization.camera_errors.mirror_head import MirrorHead
-from touchline.localization.estimator.joint_filter import JointFilter, Unknown
-from touchline.localization.registration.mirror_kernels import upright_points
 
 from touchline.experiments.drives import driven
 from touchline.experiments.nees import CONDITIONS, Condition, honesty
 from touchline.field import open_field
 from touchline.geometry import Pose
-from touchline.localization.registration.registration import SETTLED, Head, Registration
+from touchline.localization.camera_errors import MirrorErrors
+from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.estimator.filter import Filter, Unknown
+from touchline.localization.estimator.statistics import CameraErrorStatistics
+from touchline.localization.registration.joint import Seen
+from touchline.localization.registration.registration import SETTLED, Registration
+from touchline.localization.registration.seen import repeated, seen_points
 from touchline.motion.driven import Scales
 from touchline.systems import RobotSetup, open_system
 from touchline.types import LinePoints
@@ -22,88 +25,92 @@ from touchline.types import LinePoints
 FIELD = open_field("msl-18x12")
 AS_BUILT = ("camera.known_from=design", "camera.mirror.range_spread=0.01")
 TRUTH = Pose(3.0, -1.0, 0.4)
-UNKNOWN = Unknown(Scales(0.03, 0.03, 0.03), np.diag(np.square([0.02, 0.02, 3.0, 3.0, 0.02])), True)
+ERRORS = np.array([0.006, -0.004, 0.6, -0.3, 0.008])
+DEVIATIONS = np.array([0.02, 0.02, 3.0, 3.0, 0.02])
+UNKNOWN = Unknown(Scales(0.03, 0.03, 0.03), np.diag(DEVIATIONS**2), 0.01 * DEVIATIONS, 1.0)
+NO_LEAN = np.zeros((5, 5))  # per image
 
 
 @pytest.fixture(scope="module")
-def head() -> MirrorHead:
-    return MirrorHead(driven("straight-tracks", 3, 8.0, *AS_BUILT).setup.camera)
+def mirror() -> MirrorErrors:
+    return MirrorErrors.of(driven("straight-tracks", 3, 8.0, *AS_BUILT).setup.camera)
 
 
-def askew(head: MirrorHead, errors: np.ndarray) -> LinePoints:
+def askew(mirror: MirrorErrors, errors: np.ndarray) -> LinePoints:
     """Points of lines about the true pose as a mirror with these errors sees them, without noise."""
     exact = TRUTH.inverse().transform(np.vstack(FIELD.polylines(0.2)))
-    found = as_seen(exact[np.hypot(*exact.T) < 5.0], errors, head)
+    found = as_seen(exact[np.hypot(*exact.T) < 5.0], errors, mirror)
     n = len(found)
     return LinePoints(found, np.tile(1e-4 * np.eye(2), (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
 
 
-def as_seen(exact: np.ndarray, errors: np.ndarray, head: MirrorHead) -> np.ndarray:
-    """The inverse of `upright_points`."""
+def as_seen(exact: np.ndarray, errors: np.ndarray, mirror: MirrorErrors) -> np.ndarray:
+    """The inverse of `placed_points`."""
     found = exact.copy()
     for _ in range(60):
-        found += 0.7 * (exact - upright_points(found, errors, head.mirror))
+        found += 0.7 * (exact - placed_points(found, errors, mirror.response()))
     return found
 
 
-def test_one_image_of_a_mirror_askew_tells_pose_and_errors(head: MirrorHead) -> None:
-    errors = np.array([0.006, -0.004, 0.6, -0.3, 0.008])
-    points, one = askew(head, errors), JointFilter(Pose(3.05, -1.04, 0.42), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
-    registration, no_swing = Registration(FIELD.distance_map()), np.zeros((5, 5))
+def counted(points: LinePoints) -> Seen:
+    """As many points of an image count."""
+    return seen_points(points, 1.0 / repeated(len(points)))
+
+
+def test_one_image_of_a_mirror_askew_tells_pose_and_errors(mirror: MirrorErrors) -> None:
+    seen = seen_points(askew(mirror, ERRORS), 1.0)._replace(noise=0.05)
+    one = Filter(Pose(3.05, -1.04, 0.42), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
+    registration = Registration(FIELD.distance_map())
     for _ in range(10):
-        prior = one.prior(no_swing)
-        fit = registration.fit_state(points, prior.mean, prior, SETTLED, Head(head.mirror, 0.05))
-        one.correct(fit, no_swing)
+        prior = one.prior(NO_LEAN)
+        fit = registration.fit_state(seen, prior.mean, prior, SETTLED, mirror.response())
+        one.correct(fit, NO_LEAN)
     assert one.pose.distance_to(TRUTH) < 0.005
-    np.testing.assert_allclose(one.errors[:2], errors[:2], atol=5e-4)
-    assert one.errors[4] == pytest.approx(errors[4], abs=1e-3)
+    np.testing.assert_allclose(one.errors[:2], ERRORS[:2], atol=5e-4)
+    assert one.errors[4] == pytest.approx(ERRORS[4], abs=1e-3)
     assert np.sqrt(one.error_covariance[0, 0]) < 1e-3
     assert np.linalg.eigvalsh(one.covariance)[0] > 0.0
 
 
-def test_the_update_is_the_fit_and_its_inverse_information(head: MirrorHead) -> None:
-    points, swing = askew(head, np.zeros(5)), head.swing
-    one = JointFilter(Pose(3.01, -1.0, 0.4), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
-    prior = one.prior(swing)
-    fit = Registration(FIELD.distance_map()).fit_state(points, prior.mean, prior, SETTLED, head.seeing(len(points)))
-    one.correct(fit, swing)
+def test_the_update_is_the_fit_and_its_inverse_information(mirror: MirrorErrors) -> None:
+    seen, per_image = counted(askew(mirror, np.zeros(5))), CameraErrorStatistics(mirror).per_image
+    one = Filter(Pose(3.01, -1.0, 0.4), np.diag([0.1, 0.1, 0.1]) ** 2, UNKNOWN)
+    prior = one.prior(per_image)
+    fit = Registration(FIELD.distance_map()).fit_state(seen, prior.mean, prior, SETTLED, mirror.response())
+    one.correct(fit, per_image)
     assert one.pose.distance_to(Pose(*fit.state[:3].tolist())) < 1e-3
     expected = np.linalg.inv(fit.information + prior.information)[:3, :3]
     np.testing.assert_allclose(one.covariance, expected, rtol=1e-3, atol=1e-9)
 
 
-def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(head: MirrorHead) -> None:
-    points, swing = askew(head, np.array([0.006, -0.004, 0.6, -0.3, 0.008])), np.zeros((5, 5))
+def test_errors_that_are_not_learned_stay_as_unknown_as_they_are(mirror: MirrorErrors) -> None:
+    seen = counted(askew(mirror, ERRORS))
     registration, spread = Registration(FIELD.distance_map()), np.diag([0.1, 0.1, 0.1]) ** 2
-    kept, told = (JointFilter(TRUTH, spread, UNKNOWN._replace(learned=learned)) for learned in (False, True))
-    for one in (kept, told):
+    kept, taught = (Filter(TRUTH, spread, UNKNOWN._replace(learned=learned)) for learned in (0.0, 1.0))
+    for one in (kept, taught):
         for _ in range(10):
-            prior = one.prior(swing)
-            one.correct(registration.fit_state(points, prior.mean, prior, SETTLED, head.seeing(len(points))), swing)
+            prior = one.prior(NO_LEAN)
+            one.correct(registration.fit_state(seen, prior.mean, prior, SETTLED, mirror.response()), NO_LEAN)
     np.testing.assert_array_equal(kept.errors, 0.0)
     np.testing.assert_allclose(kept.error_covariance, UNKNOWN.errors, atol=1e-12)
-    assert np.trace(told.error_covariance) < 0.5 * np.trace(kept.error_covariance)
-    assert np.trace(told.covariance[:2, :2]) <= 1.01 * np.trace(kept.covariance[:2, :2])
+    assert np.trace(taught.error_covariance) < 0.5 * np.trace(kept.error_covariance)
+    assert np.trace(taught.covariance[:2, :2]) <= 1.01 * np.trace(kept.covariance[:2, :2])
 
 
-def test_shaking_is_learned_from_a_lone_line_too() -> None:
-    head, rng, per_m = (
-        MirrorHead(driven("straight-tracks", 3, 8.0, *AS_BUILT).setup.camera),
-        np.random.default_rng(1),
-        0.006,
-    )
+def test_shaking_is_learned_from_a_lone_line_too(mirror: MirrorErrors) -> None:
+    statistics, rng, per_m = CameraErrorStatistics(mirror), np.random.default_rng(1), 0.006
     exact = TRUTH.inverse().transform(np.column_stack((np.linspace(0.0, 5.0, 60), np.full(60, 5.9375))))
     registration, n = Registration(FIELD.distance_map()), len(exact)
-    known = Unknown(Scales(0.0, 0.0, 0.0), np.zeros((5, 5)), True)
+    known = Unknown(Scales(0.0, 0.0, 0.0), np.zeros((5, 5)), np.zeros(5), 1.0)
     for _ in range(200):
         errors = np.concatenate((per_m * rng.standard_normal(2), np.zeros(3)))
-        errors[2:4] = head.swing[2, 0] / head.swing[0, 0] * errors[:2]
-        seen = as_seen(exact, errors, head) + 0.01 * rng.standard_normal((n, 2))
-        points = LinePoints(seen, np.tile(1e-4 * np.eye(2), (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
-        prior = JointFilter(TRUTH, np.diag([0.05, 0.05, 0.02]) ** 2, known).prior(head.swing)
-        fit = registration.fit_state(points, prior.mean, prior, SETTLED, head.seeing(n))
-        head.learn(fit, prior, n)
-    assert head.vibration_per_m == pytest.approx(per_m, rel=0.35)
+        found = as_seen(exact, errors, mirror) + 0.01 * rng.standard_normal((n, 2))
+        points = LinePoints(found, np.tile(1e-4 * np.eye(2), (n, 1, 1)), np.ones(n), np.full((n, 2), np.nan))
+        seen = counted(points)._replace(noise=statistics.noise)
+        prior = Filter(TRUTH, np.diag([0.05, 0.05, 0.02]) ** 2, known).prior(statistics.per_image)
+        fit = registration.fit_state(seen, prior.mean, prior, SETTLED, mirror.response())
+        statistics.learn(fit, prior, seen)
+    assert statistics.lean == pytest.approx(per_m, rel=0.35)
 
 
 def test_the_covariance_beside_a_lone_line_is_honest() -> None:
