@@ -19,8 +19,8 @@ from touchline.calibration.self_perspective import levelled
 from touchline.camera import PinholeCamera
 from touchline.experiments.drives import Drive
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle, wrap_angles
+from touchline.localization.camera_errors import PerspectiveErrors
 from touchline.simulation.observation.features import turned
-from touchline.systems.touchline_perspective import optical_axis
 from touchline.types import Frame, LinePoints, Observation, Samples, empty_points, points_at
 
 NEAR_LINE_M = 0.2  # line points this near a line belong to it
@@ -346,6 +346,7 @@ def misjudged(drive: Drive, longer: float, higher_m: float) -> Drive:
     camera = drive.setup.camera
     assert isinstance(camera, PinholeCamera)
     mount, eye = camera.base_from_camera, camera.base_from_camera.translation_m
+    errors = PerspectiveErrors.of(camera)
     shared = np.array([0.0, 0.0, higher_m / eye[2], 1.0 / (1.0 + longer) - 1.0])
     told = replace(
         camera,
@@ -355,7 +356,7 @@ def misjudged(drive: Drive, longer: float, higher_m: float) -> Drive:
     )
 
     def as_told(frame: Frame, seen: Observation) -> Observation:
-        return _on_ground(seen, partial(levelled, shared=shared, eye=eye, axis=optical_axis(camera, frame)))
+        return _on_ground(seen, partial(levelled, shared=shared, eye=eye, axis=errors.response(frame).axis))
 
     return replace(seen_as(drive, as_told), setup=replace(drive.setup, camera=told, height_m=None))
 
