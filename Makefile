@@ -89,7 +89,7 @@ fuzz: $(VENV)/installed
 
 # Faults laid into a copy of the code, N into every room, and which of them no test notices; two minutes on two cores:
 # make mutants N=5 SEED=7
-mutants: N ?= 2
+mutants: N ?= 1
 mutants: SEED ?= 0
 mutants: $(VENV)/installed
 	$(BIN)/python tests/mutants.py $(N) --seed $(SEED)

@@ -25,9 +25,9 @@ from touchline.experiments.iris_eyes import IRIS_NOISE
 from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose
 from touchline.perception import HsvLineDetector, SelfLearningDetector, observe
-from touchline.simulation.observation.crossings import COLUMNS, GRAZED, MIXED, PLAIN
-from touchline.simulation.observation.goal_clutter import GoalClutter
-from touchline.simulation.observation.observed_lines import IRIS_PATHS, ObservedLines
+from touchline.simulation.observation.crossings import COLUMNS, GRAZED, MIXED, PLAIN, inside_sector
+from touchline.simulation.observation.goal_clutter import NET_PLACES, PLACES, GoalClutter, seen_thread
+from touchline.simulation.observation.observed_lines import IRIS_PATHS, NO_BODIES, NO_SECTORS, ObservedLines, occluders
 from touchline.simulation.observation.point_errors import ObservationNoise, edge_shift, found_ratio
 from touchline.simulation.observation.runs import BAR, DISC, LINE
 from touchline.simulation.run import Eyes, Simulation
@@ -258,13 +258,28 @@ def _near_goal(strays: FloatArray, goal: Goal) -> np.ndarray:
     return (x > abs(goal.x) - 0.1) & (y > min(goal.y_posts) - 2.0) & (y < max(goal.y_posts) + 2.0)
 
 
+def goal_places(
+    observer: ObservedLines, pose: Pose, bodies: FloatArray = NO_BODIES, black_rad: FloatArray = NO_SECTORS
+) -> FloatArray:
+    """(G, 2) share of each goal's places for false points that a pose can see: on the net behind, at the sides."""
+    height_m, ground = observer.noise.height_m, observer._ground
+    hiding, sectors = occluders(bodies, height_m), observer._sectors(black_rad)
+    seen = np.zeros((len(observer._goals[0]), 2))
+    for row, thread in enumerate(observer._threads):
+        goal, net = row // PLACES, row % PLACES < NET_PLACES
+        x, y = seen_thread(thread, net, pose.x, pose.y, (height_m, ground.mouth, hiding, ground.carpet, ground.scales))
+        if not math.isnan(x) and not inside_sector(math.atan2(y - pose.y, x - pose.x) - pose.heading, sectors):
+            seen[goal, 0 if net else 1] += 1.0
+    return seen / (NET_PLACES, PLACES - NET_PLACES)
+
+
 def goal_views(c: Comparison) -> FloatArray:
     """(V, 5) of each image and goal nearer than 8 m: distance, shares in view (net, sides), points (net, sides)."""
     observer, views = c.simulation._observed, []
     inside = c.strays[c.strays[:, 2] > 0.15]
     for pose, frame in zip(c.poses, c.frames, strict=True):
         time_s = float(c.simulation.image_times_s[int(frame)])
-        shares = observer.goal_places(Pose(*pose), c.simulation._bodies(time_s), c.simulation._black_rad)
+        shares = goal_places(observer, Pose(*pose), c.simulation._bodies(time_s), c.simulation._black_rad)
         mine = inside[inside[:, 3] == frame]
         for goal, share in zip(c.simulation.field.goals, shares, strict=True):
             middle = 0.5 * sum(goal.y_posts)

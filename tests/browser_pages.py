@@ -17,8 +17,6 @@ import pytest
 from fakes import FakeSource, FakeSystem, true_samples, write_recording
 from test_compare import Shifted, made
 
-from touchline.calibration.marking import server
-from touchline.calibration.marking.clicks import Clicks, read_clicks
 from touchline.evaluation.compare import compare
 from touchline.evaluation.compare_page import comparison_page
 from touchline.evaluation.estimates import read_estimates
@@ -28,6 +26,8 @@ from touchline.evaluation.run_data import RunData
 from touchline.evaluation.run_folder import RunFolder
 from touchline.evaluation.runner import Thumbnail, run_frames
 from touchline.field import open_field
+from touchline.view.marking import server
+from touchline.view.marking.clicks import Clicks, read_clicks
 
 COUNT = 200
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -79,7 +79,8 @@ async function hover(share) {
   told.overflow = document.documentElement.scrollWidth - innerWidth;
   const texts = [...document.querySelectorAll("figure svg text")];
   told.smallest = Math.min(...texts.map(t => t.getBoundingClientRect().height));
-  told.charts = document.querySelectorAll("canvas").length; told.faults = faults;
+  told.charts = document.querySelectorAll("#charts canvas").length; told.faults = faults;
+  told.histograms = document.querySelectorAll("#histogram canvas").length;
   document.body.dataset.told = JSON.stringify(told);
 })();
 </script>"""
@@ -151,7 +152,7 @@ def test_the_report_of_a_run(width: int, tmp_path: Path) -> None:
     assert told["begin"] == 1  # the first located
     assert told["frame"] in (148, 152)
     assert told["width"] == 320
-    assert told["charts"] == 6
+    assert (told["charts"], told["histograms"]) == (6, 1)
 
 
 @pytest.mark.parametrize("width", [1280, 500])

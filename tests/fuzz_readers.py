@@ -24,7 +24,7 @@ from touchline.camera import open_camera
 from touchline.checks.check import check_recording
 from touchline.cli.fields import _parse_letters
 from touchline.cli.run import parse_pose
-from touchline.config import Settings, load_settings
+from touchline.config import Settings, load_settings, settings_tree
 from touchline.evaluation import evaluate, read_tum, write_tum
 from touchline.evaluation.estimates import read_estimates
 from touchline.evaluation.points.point_set import read_point_set
@@ -101,7 +101,7 @@ def _settings(workplace: Path) -> list[Reader]:
     readers = []
     for name, info in SYSTEMS.items():
         file = new_folder(workplace, f"config-{name}") / "config.yaml"
-        tree = yaml.safe_dump(info.settings().model_dump(mode="json")).encode()
+        tree = yaml.safe_dump(settings_tree(info.settings())).encode()
 
         def read(path: Path, model: type[Settings] = info.settings) -> None:
             load_settings(model, path)

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from touchline.camera import OmniCamera
-from touchline.geometry import FloatArray, wrap_angle
+from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.simulation.robot.track import STEP_S, Track
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.sources import Recording
@@ -16,9 +17,9 @@ from touchline.systems import RobotSetup, open_system
 from touchline.types import Status
 
 NAMES = (
-    "calibration-strip", "chessboard", "humanoid-walk", "kidnap", "light-changes", "lighting-1", "lighting-2",
-    "lighting-3", "marked-points", "match", "occlusion-12", "occlusion-25", "occlusion-50", "straight-tracks",
-    "tour-20", "walk-in-place", "worn-hall",
+    "calibration-strip", "chessboard", "humanoid-fisheye", "humanoid-walk", "kidnap", "light-changes", "lighting-1",
+    "lighting-2", "lighting-3", "marked-points", "match", "occlusion-12", "occlusion-25", "occlusion-50",
+    "straight-tracks", "tour-20", "walk-in-place", "worn-hall",
 )  # fmt: skip
 SECONDS = {"calibration-strip": 3.5, "chessboard": 4.0, "kidnap": 2.6, "marked-points": 3.0, "walk-in-place": 1.0}
 
@@ -58,3 +59,11 @@ def table(path: Path) -> list[dict[str, str]]:
     """A CSV file as one mapping for each row."""
     header, *rows = path.read_text(encoding="utf-8").splitlines()
     return [dict(zip(header.split(","), row.split(","), strict=True)) for row in rows]
+
+
+def standing_track(pose: Pose, seconds: float) -> Track:
+    """A robot that doesn't move."""
+    n = round(seconds / STEP_S) + 1
+    zeros = np.zeros((n, 3))
+    poses = np.tile(pose.as_array(), (n, 1))
+    return Track(poses, zeros, zeros.copy(), np.zeros((n, 2)), np.zeros(n, dtype=np.bool_))

@@ -18,11 +18,11 @@ from touchline.calibration.lines.calibration import (
     refined,
     turning_axis,
 )
-from touchline.calibration.lines.candidates import Candidate
 from touchline.calibration.lines.equations import SHAPE, Lines, Noise, Seen, residual
 from touchline.calibration.lines.images import camera_of, merged_looks
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.pixels_file import image_size, read_pixels
+from touchline.calibration.lines.search import Candidate
 from touchline.camera import open_camera
 from touchline.cli.calibrate_lines import different
 from touchline.cli.commands import app

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from touchline.calibration.lines.calibration import LineCalibration, refined
-from touchline.calibration.lines.candidates import Candidate
 from touchline.calibration.lines.equations import HEIGHT_M, Seen
 from touchline.calibration.lines.images import known_camera
 from touchline.calibration.lines.range_curve import KNOTS
+from touchline.calibration.lines.search import Candidate
 from touchline.calibration.nearest_line import nearest_line
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray, Pose

@@ -10,15 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from touchline.systems.touchline_perspective import TouchlinePerspective
 from typer.testing import CliRunner
 
 from touchline.calibration import self_perspective
 from touchline.calibration.self_perspective import (
     PerspectiveView,
     calibrate_self_perspective,
-    corrected_camera,
-    levelled,
     perspective_views,
 )
 from touchline.camera import PinholeCamera, open_camera
@@ -26,12 +23,16 @@ from touchline.cli.commands import app
 from touchline.errors import NoFitError
 from touchline.experiments.schulz_runs import AS_SIMULATED, walk
 from touchline.geometry import FloatArray, Pose, Pose3
+from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.camera_errors.perspective import PerspectiveResponse
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
 from touchline.systems import RobotSetup, open_system
+from touchline.systems.touchline import Touchline
 from touchline.types import Frame, Prior
 
 ASKEW = np.array([0.01, -0.02, 0.025, 0.03])
 MOUNT = Pose3.from_roll_pitch_yaw(0.0, 0.42, 0.0, (0.0, 0.0, PINHOLE_FEATURES.height_m))
+LOOK = PerspectiveResponse(MOUNT.translation_m, np.ascontiguousarray(MOUNT.rotation[:, 0]), False)
 CAMERA = PinholeCamera(752, 480, 493.0, 493.0, 376.0, 240.0, np.array([-0.25, 0.06, 0.0, 0.0, 0.0]), MOUNT, False)
 
 
@@ -41,8 +42,7 @@ def askew(frame: Frame) -> Frame:
     assert seen is not None
 
     def moved(ground: FloatArray) -> FloatArray:
-        flat = levelled(ground.reshape(-1, 2), -ASKEW, MOUNT.translation_m, MOUNT.rotation[:, 0])
-        return flat.reshape(ground.shape)
+        return np.asarray(placed_points(ground.reshape(-1, 2), -ASKEW, LOOK)).reshape(ground.shape)
 
     return replace(
         frame,
@@ -56,17 +56,17 @@ def askew(frame: Frame) -> Frame:
 
 
 @cache
-def seen() -> tuple[TouchlinePerspective, tuple[PerspectiveView, ...]]:
+def seen() -> tuple[Touchline, tuple[PerspectiveView, ...]]:
     walked = walk("indoor-9x6", AS_SIMULATED, 3, 12.0)
     system = open_system("touchline", RobotSetup(walked.field, CAMERA))
-    assert isinstance(system, TouchlinePerspective)
+    assert isinstance(system, Touchline)
     system.reset(Prior(Pose(*walked.truth[0].tolist())))
     return system, perspective_views(system, [askew(frame) for frame in walked.frames])
 
 
 def test_roll_pitch_height_and_focal_length_are_found() -> None:
     system, views = seen()
-    found = calibrate_self_perspective(views, CAMERA, system.hypotheses.registration)
+    found = calibrate_self_perspective(views, CAMERA, system.registration)
     assert found.shared[:2] == pytest.approx(ASKEW[:2], abs=0.004)
     assert found.shared[2:] == pytest.approx(ASKEW[2:], abs=0.008)
     assert found.after[0] > 0.95 > found.before[0]
@@ -77,22 +77,20 @@ def test_roll_pitch_height_and_focal_length_are_found() -> None:
 def test_what_tells_too_little_is_refused() -> None:
     system, views = seen()
     with pytest.raises(NoFitError, match="3 images with a known pose that lie apart are too few"):
-        calibrate_self_perspective(views[:3], CAMERA, system.hypotheses.registration)
+        calibrate_self_perspective(views[:3], CAMERA, system.registration)
     with pytest.raises(NoFitError, match=r"leaves the camera's .* uncertain by"):
-        calibrate_self_perspective(views[:1] * 12, CAMERA, system.hypotheses.registration)
+        calibrate_self_perspective(views[:1] * 12, CAMERA, system.registration)
     away = [one._replace(pose=one.pose + np.array([2.0, 1.4, 0.8])) for one in views]
     with pytest.raises(NoFitError, match="of what was seen lies on the field"):
-        calibrate_self_perspective(away, CAMERA, system.hypotheses.registration)
+        calibrate_self_perspective(away, CAMERA, system.registration)
 
 
 def test_the_corrected_camera_sees_the_ground_as_the_errors_say() -> None:
     pixels = np.array([(200.0, 200.0), (376.0, 300.0), (600.0, 400.0)])
     for told in (replace(CAMERA, distortion=np.zeros(5)), CAMERA):
         ground = told.ground_from_image(pixels)
-        rays = told.camera_rays(pixels)
-        tangents = np.hypot(rays[:, 1], rays[:, 2]) / rays[:, 0]
-        corrected = corrected_camera(told, ASKEW, tangents).ground_from_image(pixels)
-        right = levelled(ground, ASKEW, MOUNT.translation_m, MOUNT.rotation[:, 0])
+        corrected = told.corrected(ASKEW, np.arccos(told.camera_rays(pixels)[:, 0])).ground_from_image(pixels)
+        right = placed_points(ground, ASKEW, LOOK)
         assert corrected == pytest.approx(right, rel=1e-9 if told is not CAMERA else 0.02)
 
 

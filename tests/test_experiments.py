@@ -21,7 +21,6 @@ from touchline.experiments import (
     chosen_experiments,
     kidnap,
     lighting,
-    lighting_runs,
     occlusion,
 )
 from touchline.experiments.drives import Track
@@ -251,25 +250,25 @@ def test_timing_reports_every_part_and_the_curve() -> None:
 def first_case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[float, float]]:
     """The colour table of the first case, and the settings that its light asks for."""
     colours = tmp_path_factory.mktemp("lighting") / "colours.npz"
-    return colours, lighting_runs.learned_colours(1, colours, seconds=12.0, ideal=True)
+    return colours, lighting.learned_colours(1, colours, seconds=12.0, ideal=True)
 
 
-def mean_m(run: lighting_runs.Run) -> float:
+def mean_m(run: lighting.Run) -> float:
     """Mean position error."""
     assert run.errors is not None
     return run.errors.position.mean
 
 
-def ideal(colours: Path) -> lighting_runs.Robot:
-    return lighting_runs.Robot(1, colours, ideal=True)
+def ideal(colours: Path) -> lighting.Robot:
+    return lighting.Robot(1, colours, ideal=True)
 
 
 def test_lamps_off_start_a_search_for_more_light_and_cost_nothing(
     first_case: tuple[Path, tuple[float, float]],
 ) -> None:
     """Lamps off from 10 s on: a twenty-fifth of the light is left."""
-    run = lighting_runs.drive(lighting_runs.THIRD, ideal(first_case[0]), None, seconds=12.0)
-    dark = np.arange(len(run.track.points)) >= round(lighting_runs.SWITCH_S * lighting_runs.RATE_HZ) - 1
+    run = lighting.drive(lighting.THIRD, ideal(first_case[0]), None, seconds=12.0)
+    dark = np.arange(len(run.track.points)) >= round(lighting.SWITCH_S * lighting.RATE_HZ) - 1
     assert run.track.tracking.all()
     assert mean_m(run) < 0.0074
     assert run.track.points[dark].mean() > 0.8 * run.track.points[~dark].mean()
@@ -284,7 +283,7 @@ def test_points_left_without_lamps_are_told_for_each_level() -> None:
     blank = np.zeros(150)
     still = np.zeros((150, 3))
     track = Track(np.arange(150.0), still, still, blank > 0, points=points)
-    run = lighting_runs.Run(track, blank, blank > 0)
+    run = lighting.Run(track, blank, blank > 0)
     assert "off: 80 % at 20 lx, 10 % at 10 lx." in lighting._switched_off([run])
 
 
@@ -292,8 +291,8 @@ def test_control_keeps_the_line_points_in_a_dark_that_takes_them_without(
     first_case: tuple[Path, tuple[float, float]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A hundredth of the light."""
-    monkeypatch.setattr(lighting_runs, "PLACES", 2)
-    lamps, dark = lighting_runs.points_in_the_dark(1, *first_case, levels=(0.01,))
+    monkeypatch.setattr(lighting, "PLACES", 2)
+    lamps, dark = lighting.points_in_the_dark(1, *first_case, levels=(0.01,))
     assert lamps.min() > 120
     assert dark[0] < 0.017 * lamps[0]
     assert dark[1] > 0.8 * lamps[1]
@@ -302,7 +301,7 @@ def test_control_keeps_the_line_points_in_a_dark_that_takes_them_without(
 def test_patches_of_sun_cost_little_with_colours_learned_under_lamps(
     first_case: tuple[Path, tuple[float, float]],
 ) -> None:
-    sun = lighting_runs.drive(lighting_runs.SECOND, ideal(first_case[0]), None, seconds=6.0)
+    sun = lighting.drive(lighting.SECOND, ideal(first_case[0]), None, seconds=6.0)
     assert sun.track.tracking.all()
     assert mean_m(sun) < 0.0064
     assert sun.track.points.mean() > 120
@@ -312,25 +311,25 @@ def test_under_the_sun_through_clear_glass_a_robot_in_a_patch_sees_the_lines_in_
     first_case: tuple[Path, tuple[float, float]],
 ) -> None:
     """Patches are white all over; what lies behind them is still the field."""
-    run = lighting_runs.drive(lighting_runs.GLASS, lighting_runs.Robot(0, first_case[0], ideal=True), None, seconds=4.0)
+    run = lighting.drive(lighting.GLASS, lighting.Robot(0, first_case[0], ideal=True), None, seconds=4.0)
     assert run.track.tracking.all()
     assert mean_m(run) < 0.0123
     assert run.track.points.min() > 46
 
 
 def test_the_papers_ratios_come_by_the_formula_of_ours() -> None:
-    ratios = [lighting.paper_ratio(case) for case in (lighting_runs.SECOND, lighting_runs.THIRD)]
+    ratios = [lighting.paper_ratio(case) for case in (lighting.SECOND, lighting.THIRD)]
     assert ratios == pytest.approx([1.010, 0.772], abs=5e-4)
 
 
 def test_every_lighting_states_its_levels() -> None:
     """What the notes say of light is what is simulated."""
     said = " ".join(lighting._NOTES)
-    levels = ((lighting_runs.SECOND, "6 times"), (lighting_runs.DULL, "0.2"), (lighting_runs.GLASS, "76 times"))
+    levels = ((lighting.SECOND, "6 times"), (lighting.DULL, "0.2"), (lighting.GLASS, "76 times"))
     for case, level in levels:
         assert level in said
         assert str(case.light.sun or case.light.ambient).removesuffix(".0") in level
-    changed = lighting_runs.THIRD.light.changes
+    changed = lighting.THIRD.light.changes
     assert [change.lamps for change in changed[:2]] == [0.0, 1.0]
     assert [change.ambient for change in changed[::2]] == [20 / 500, 10 / 500, 20 / 500]
     assert "20 lx of safety lighting" in said

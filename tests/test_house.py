@@ -35,6 +35,7 @@ ROOMS = (
     "files",
     "palette",
     "geometry",
+    "matrices",
     "types",
     "config",
     "field",
@@ -132,6 +133,19 @@ def test_a_room_imports_only_rooms_below_it() -> None:
         if (found := uphill_imports(room_of(module_of(path)), path.read_text(encoding="utf-8")))
     }
     assert wrong == {}
+
+
+def test_what_only_a_paper_has_is_imported_by_its_own_systems_alone() -> None:
+    papers = {"nubot": "nubot", "iris": "iris", "nimbro": "nimbro"}  # a room in published: how its systems' names begin
+    wrong = [
+        f"{module_of(path)} imports {imported}"
+        for path in python_files()
+        for _, imported in imported_modules(path.read_text(encoding="utf-8"))
+        if imported.startswith("localization.published.") and module_of(path).startswith(("localization.", "systems."))
+        for paper in [imported.split(".")[2]]
+        if not module_of(path).startswith((f"localization.published.{paper}", f"systems.{papers[paper]}"))
+    ]
+    assert wrong == []
 
 
 def test_every_room_has_its_place_in_the_plan() -> None:
@@ -432,7 +446,7 @@ def test_nothing_unpickles_evaluates_or_reaches_the_network() -> None:
     # a localizer of the user's own, named on the command line: no file says what is started
     # and a page to mark images on, on the loopback alone; the viewer that is an extra, and its page, there, too
     assert found == {
-        "calibration/marking/server.py": ["http.server"],
+        "view/marking/server.py": ["http.server"],
         "evaluation/points/outside_program.py": ["subprocess"],
         "live/udp.py": ["socket"],
         "view/viewer/page_server.py": ["http.client", "http.server"],

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from touchline.experiments import EXPERIMENTS, iris_disturbances, iris_points, iris_tracks
-from touchline.experiments.drives import Track
+from touchline.experiments.drives import Drive, Track, drive_of
 from touchline.experiments.iris_eyes import open_iris
 from touchline.experiments.iris_runs import IDEAL, SYSTEMS, IrisDrive, covered, drifting, drive, slipped
 from touchline.experiments.writing import write_result
@@ -28,7 +28,7 @@ def toured() -> IrisDrive:
     """A tour of an ideal robot with line points as exact as NuBot's, read with its true camera."""
     simulation = Simulation(open_scenario(iris_points.SCENARIO, 0, changes=IDEAL), "points")
     setup = RobotSetup(simulation.field, wheel_directions_rad=simulation.wheel_directions_rad)
-    return drive(simulation, simulation.truth.samples(), setup, 0)
+    return drive(replace(drive_of(simulation), setup=setup), 0)
 
 
 def test_the_fusion_with_the_robots_own_eyes() -> None:
@@ -117,8 +117,7 @@ def test_without_the_recording_the_simulated_table_stands_alone(
 ) -> None:
     monkeypatch.setenv("TOUCHLINE_DATA", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    for name in ("tour", "toured"):
-        monkeypatch.setattr(iris_points, name, lambda *_, **__: toured)
+    monkeypatch.setattr(iris_points, "tour", lambda *_, **__: toured)
     found = EXPERIMENTS["iris-points"].run(1)
     systems = [row[0] for row in found.rows if row[0]]
     assert systems[:3] == list(SYSTEMS)
@@ -131,7 +130,7 @@ def test_without_the_recording_the_simulated_table_stands_alone(
 
 
 def test_figure_16_holds_three_tracks(toured: IrisDrive, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(iris_points, "toured", lambda *_: toured)
+    monkeypatch.setattr(iris_points, "tour", lambda *_: toured)
     found = iris_tracks.iris_tracks(1)
     assert [row[0] for row in found.rows] == [*SYSTEMS, "sensor fusion, on images"]
     assert len(found.pictures[0][1].axes) == 3
@@ -213,8 +212,8 @@ def test_what_an_outcome_says_comes_from_the_truth() -> None:
 
 def blind(seed: int) -> IrisDrive:
     """A drive whose camera shows nothing at all."""
-    field, stamps = open_field("indoor-9x6"), np.arange(40, dtype=np.int64) * 100_000_000
-    return drive(map(Frame, stamps.tolist()), Samples(stamps, np.zeros((40, 3))), RobotSetup(field), seed)
+    frames = [Frame(100_000_000 * k) for k in range(40)]
+    return drive(Drive(RobotSetup(open_field("indoor-9x6")), frames, np.zeros((40, 3))), seed)
 
 
 def test_a_drive_that_never_finds_the_robot_holds_nothing() -> None:
@@ -235,7 +234,7 @@ def test_tables_leave_out_drives_that_never_find_the_robot_and_say_so(
     def tour(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper: bool = False) -> IrisDrive:
         return toured if level == "images" or changes or paper or seed not in missed else blind(seed)
 
-    for module, name in ((iris_points, "tour"), (iris_points, "toured"), (iris_tracks, "from_a_to_b")):
+    for module, name in ((iris_points, "tour"), (iris_tracks, "from_a_to_b")):
         monkeypatch.setattr(module, name, tour)
     monkeypatch.setattr(iris_points, "recorded_tour", lambda seed: None)
     lone = len(missed) == 1

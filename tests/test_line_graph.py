@@ -9,7 +9,7 @@ import pytest
 
 from touchline.camera import OmniCamera
 from touchline.errors import InputError
-from touchline.experiments.schulz_features import VARIANTS, measure
+from touchline.experiments.schulz_features import LANDMARKS, VARIANTS, measure
 from touchline.geometry import FloatArray
 from touchline.perception.line_graph import LineGraphDetector, LineGraphPaper, LineGraphSettings
 from touchline.perception.line_graph.arms import STRAIGHT_RAD, arms_meet, judge_arms
@@ -215,18 +215,18 @@ def test_paint_is_found_between_carpet() -> None:
 @pytest.mark.parametrize("name", ["humanoid_9x6_walk", "humanoid_hsl_pan"])
 def test_features_of_recordings_are_true(small_data: Path, name: str) -> None:
     scores = measure(open_source(small_data / name))
-    assert scores.crossings["all"].precision >= 0.95
-    assert scores.crossings["all"].recall >= 0.7
-    assert scores.lines.precision > 0.7
-    assert scores.lines.recall > 0.7
+    assert scores.tallies["all crossings"].precision >= 0.95
+    assert scores.tallies["all crossings"].recall >= 0.7
+    assert scores.tallies["lines"].precision > 0.7
+    assert scores.tallies["lines"].recall > 0.7
     assert np.median(np.abs(scores.boundary_px)) < 10.0
-    assert all(tally.found - tally.right <= 1 for tally in scores.landmarks.values())
+    assert all(tally.found - tally.right <= 1 for tally in (scores.tallies[name] for name in LANDMARKS.values()))
 
 
 def test_the_papers_form_finds_crossings_too(small_data: Path) -> None:
     scores = measure(open_source(small_data / "humanoid_hsl_pan"), VARIANTS["paper"])
-    assert scores.crossings["all"].precision > 0.85
-    assert scores.crossings["all"].recall > 0.8
+    assert scores.tallies["all crossings"].precision > 0.85
+    assert scores.tallies["all crossings"].recall > 0.8
 
 
 @pytest.mark.parametrize("name", SWITCHES)

@@ -16,11 +16,11 @@ from fakes import write_recording
 
 from touchline.calibration.colour import read_regions
 from touchline.calibration.lines.pixels_file import read_pixels
-from touchline.calibration.marking.clicks import files_of, read_clicks
-from touchline.calibration.marking.server import MarkServer
 from touchline.calibration.marks import read_marks
 from touchline.cli import main
 from touchline.errors import InputError
+from touchline.view.marking.clicks import files_of, read_clicks
+from touchline.view.marking.server import MarkServer
 
 FILE = "images/000000.png"
 GOOD = {

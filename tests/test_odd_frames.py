@@ -85,7 +85,7 @@ def test_points_farther_than_the_camera_can_see_are_no_points(name: str, range_m
         far = rng.random(len(points)) < 0.2
         positions_m = np.where(far[:, np.newaxis], range_m * np.array([0.6, -0.8]), points.positions_m)
         estimate = disturbed.step(replace(frame, observation=Observation(0, replace(points, positions_m=positions_m))))
-        near = LinePoints(*(getattr(points, each)[~far] for each in LinePoints.__dataclass_fields__))
+        near = LinePoints(*(getattr(points, each)[~far] for each in LinePoints.SHAPES))
         assert estimate.pose == plain.step(replace(frame, observation=Observation(0, near))).pose
         assert estimate.points == len(near)
     assert estimate.status is Status.TRACKING

@@ -18,7 +18,7 @@ from touchline.types import Status
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
 SHORT = ROOT / "examples" / "omni_msl_track_short"
-OF_PAPERS = [name for name in SYSTEMS if name != "touchline"]  # ours follows none
+OF_PAPERS = [name for name, info in SYSTEMS.items() if preset_values(info.settings)]
 
 
 def keys(tree: dict[str, object], prefix: str = "") -> set[str]:

@@ -357,19 +357,19 @@ def test_the_wrong_end_of_the_field_is_left_when_the_compass_says_so() -> None:
     side, frames = FieldSide(1.6), field_side.HEADING_FRAMES
     answers = []
     for _ in range(frames):
-        side.hear(math.pi)
+        side.update_from_compass(math.pi)
         answers.append(side.wrong)
     assert answers == [False] * (frames - 1) + [True]
     side.search(known=False)
     assert not side.wrong
     for _ in range(frames):
         assert not side.known
-        side.hear(0.1)
+        side.update_from_compass(0.1)
         assert not side.wrong
     assert side.known
     paper = FieldSide(None)
     for _ in range(50):
-        paper.hear(math.pi)
+        paper.update_from_compass(math.pi)
         assert not paper.wrong
 
 
@@ -377,7 +377,7 @@ def heard(side: FieldSide, off_compass_rad: float, frames: int) -> list[bool]:
     """So many images with such a compass; whether the robot was at the wrong end after each."""
     answers = []
     for _ in range(frames):
-        side.hear(off_compass_rad)
+        side.update_from_compass(off_compass_rad)
         answers.append(side.wrong)
     return answers
 
@@ -412,7 +412,7 @@ def test_a_compass_that_turned_round_as_the_robot_was_moved_is_asked_once_the_ro
     for moved in (False, True):
         side = FieldSide(1.6)
         heard(side, 0.1, 100)
-        side.hear(math.pi, moved)
+        side.update_from_compass(math.pi, moved)
         heard(side, math.pi, 20)
         assert side.doubted
         assert side.either_end is moved
@@ -429,8 +429,8 @@ def test_a_compass_that_began_to_contradict_just_before_the_robot_was_lost_tells
     for moved in (False, True):  # carried away, the robot has turned against the compass, which may be right
         side = FieldSide(1.6)
         heard(side, 0.1, 100)
-        side.hear(2.2, moved)
-        side.hear(2.2)
+        side.update_from_compass(2.2, moved)
+        side.update_from_compass(2.2)
         assert (side.heading(0.2) is None) is not moved
         side.search(known=True)
         assert side.known is moved

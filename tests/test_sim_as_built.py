@@ -13,6 +13,7 @@ from simulated import scenario_file
 from touchline.geometry import FloatArray
 from touchline.simulation.cameras.head import Head, draw_head
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
+from touchline.simulation.observation.observed_lines import NO_BODIES
 from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import Scenario, open_scenario
 
@@ -141,9 +142,9 @@ def test_what_a_scenario_names_stands_and_the_rest_comes_from_behind(tmp_path: P
 
 def test_the_field_beside_gives_points_behind_its_gap_and_none_from_the_far_side() -> None:
     simulation = Simulation(open_scenario("straight-tracks", 1, 2.0), "points")
-    seen = simulation._observed._seen_beside(simulation.truth[5], None)
+    seen = simulation._observed._seen_beside(simulation.truth[5], NO_BODIES)
     placed = simulation.truth[5].transform(seen)
     first = simulation.field.width + 2.0 * simulation.field.border + 2.0 - 0.5 * simulation.field.width
     assert len(seen) > 5
     assert placed[:, 1].min() > first - 0.1
-    assert len(simulation._observed._seen_beside(simulation.truth[5]._replace(y=-4.0), None)) == 0
+    assert len(simulation._observed._seen_beside(simulation.truth[5]._replace(y=-4.0), NO_BODIES)) == 0

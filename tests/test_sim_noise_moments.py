@@ -7,13 +7,18 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
+from simulated import standing_track
 from test_sim_sensors import SILENT_IMU, SILENT_ODOMETRY, SILENT_WHEELS, driving
 
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.robot.bases import omni_base
 from touchline.simulation.robot.noise import drift, random_walk
-from touchline.simulation.robot.sensors import SENSOR_PERIOD_S, simulate_imu, simulate_odometry, simulate_wheels
-from touchline.simulation.robot.track import standing_track
+from touchline.simulation.robot.sensors import (
+    SENSOR_PERIOD_S,
+    omni_base,
+    simulate_imu,
+    simulate_odometry,
+    simulate_wheels,
+)
 
 STANDING = standing_track(Pose(0.0, 0.0, 0.0), 60.0)
 ROLL, PITCH, YAW, GX, GY, GZ = range(6)
@@ -48,7 +53,7 @@ def test_scale_errors_of_single_wheels_mix_as_the_base_is_built(wheels: int) -> 
     )
     track = driving((1.0, 0.0, 0.0), 0.2)
     ends = [simulate_odometry(track, noise, np.random.default_rng(seed))[-1, 0] for seed in range(1500)]
-    share = base.body_from_wheels[0] * base.wheels_from_body[:, 0]
+    share = np.linalg.pinv(base)[0] * base[:, 0]
     has_deviation(np.array(ends) / 0.2 - 1.0, 0.002 * float(np.linalg.norm(share)))
 
 

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from fit_observation_level import goal_places
 
 from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose, wrap_angles
@@ -153,7 +154,7 @@ class TestObservedLines:
         assert len(hiding) < len(free)
         assert not any(hidden(*POSE[:2], x, y, occluders(bodies, 0.8)) for x, y in POSE.transform(hiding.positions_m))
         sector = np.radians([[-30.0, 60.0]])
-        black = observer.observe(POSE, np.random.default_rng(0), None, sector)
+        black = observer.observe(POSE, np.random.default_rng(0), black_rad=sector)
         bearings = np.degrees(np.arctan2(black.positions_m[:, 1], black.positions_m[:, 0]))
         assert len(black) > 50
         assert not np.any((bearings > -29.99) & (bearings < 59.99))  # along the very edge half a ray is seen
@@ -248,7 +249,7 @@ class TestObservedLines:
             for seed in range(60):
                 observer = ObservedLines(camera, field, SILENT.model_copy(update=nothing), seed=seed)
                 found.append(observer.observe(pose, np.random.default_rng(seed)).positions_m)
-                shares.setdefault(away, []).append(observer.goal_places(pose)[0 if field.goals[0].x > 0 else 1, 0])
+                shares.setdefault(away, []).append(goal_places(observer, pose)[0 if field.goals[0].x > 0 else 1, 0])
             counts[away] = len(np.concatenate(found)) / len(found)
             placed = pose.transform(np.concatenate(found))
             assert np.all(np.abs(placed[:, 0]) > 9.0 + field.goals[0].depth - 1e-6)

@@ -72,7 +72,7 @@ def test_what_stands_behind_a_robot_or_in_a_black_sector_is_not_seen() -> None:
     assert not any(np.allclose(position, target) for position in blocked.crossings.positions_m)
     assert len(blocked.crossings) < len(free.crossings)
     bearing = math.atan2(target[1], target[0])
-    black = observer().observe(POSE, np.random.default_rng(0), None, np.array([[bearing - 0.1, bearing + 0.1]]))
+    black = observer().observe(POSE, np.random.default_rng(0), black_rad=np.array([[bearing - 0.1, bearing + 0.1]]))
     assert not any(np.allclose(position, target) for position in black.crossings.positions_m)
     ahead = observer(view_rad=0.5).observe(POSE, np.random.default_rng(0))
     assert all(abs(math.atan2(y, x)) <= 0.5 + 1e-6 for x, y in ahead.crossings.positions_m)

@@ -21,7 +21,7 @@ from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system
 from touchline.types import Prior
 
-HUMANOID = ("chessboard", "humanoid-walk", "walk-in-place")
+HUMANOID = ("chessboard", "humanoid-fisheye", "humanoid-walk", "walk-in-place")
 
 
 class Recordings(dict[str, Path]):
@@ -81,7 +81,8 @@ class TestEveryScenario:
             assert image is not None
             lean = simulation.track.attitude_at(float(simulation.image_times_s[index]))
             project = partial(camera.project, attitude=lean)
-            places, normals, half, _ = projected_lines(project, recording.field, simulation.truth[index], (752, 480))
+            size = (camera.width, camera.height)
+            places, normals, half, _ = projected_lines(project, recording.field, simulation.truth[index], size)
             measured.append(line_offsets(image, places, normals, half, 6.0))
         offsets = np.concatenate(measured)
         offsets = offsets[np.isfinite(offsets)]

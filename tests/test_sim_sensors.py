@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from simulated import standing_track
 
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose
-from touchline.simulation.robot.bases import OmniBase, named_base, omni_base
 from touchline.simulation.robot.noise import PlaceDisturbance
 from touchline.simulation.robot.sensors import (
     SENSOR_PERIOD_S,
@@ -18,12 +18,15 @@ from touchline.simulation.robot.sensors import (
     SensorSettings,
     WheelNoise,
     arrived_by,
+    named_base,
+    omni_base,
     simulate_imu,
     simulate_odometry,
     simulate_sensors,
     simulate_wheels,
+    wheels_from_body,
 )
-from touchline.simulation.robot.track import STEP_S, Track, poses_from_twists, standing_track, twists_between
+from touchline.simulation.robot.track import STEP_S, Track, poses_from_twists, twists_between
 
 SILENT_ODOMETRY = OdometryNoise(
     scale_error=0.0, scale_spread=0.0, wheel_scale=0.0, travel_noise_m=0.0, travel_noise_rad=0.0, turn_noise_rad=0.0
@@ -131,7 +134,7 @@ class TestOmniBases:
         base = omni_base(wheels, radius_m=0.25)
         body = np.array([[0.7, -0.3, 1.1]])
         first = math.radians(60 if wheels == 3 else 45)
-        for k, speed in enumerate(base.wheel_speeds(body)[0]):
+        for k, speed in enumerate((body @ base.T)[0]):
             place = first + 2 * math.pi / wheels * k
             vx = body[0, 0] - body[0, 2] * 0.25 * math.sin(place)
             vy = body[0, 1] + body[0, 2] * 0.25 * math.cos(place)
@@ -140,18 +143,18 @@ class TestOmniBases:
     @pytest.mark.parametrize("wheels", [3, 4])
     def test_the_body_velocity_comes_back_from_the_wheels(self, wheels: int) -> None:
         base, body = omni_base(wheels), np.random.default_rng(2).normal(size=(20, 3))
-        np.testing.assert_allclose(base.body_velocity(base.wheel_speeds(body)), body, atol=1e-12)
+        np.testing.assert_allclose(body @ base.T @ np.linalg.pinv(base).T, body, atol=1e-12)
 
     def test_four_wheels_average_an_error_that_three_cannot(self) -> None:
         errors = np.random.default_rng(5).normal(size=(4000, 4))
-        four, three = omni_base(4), omni_base(3)
-        assert four.body_velocity(errors)[:, 0].std() < three.body_velocity(errors[:, :3])[:, 0].std()
+        four, three = (np.linalg.pinv(omni_base(wheels)) for wheels in (4, 3))
+        assert (errors @ four.T)[:, 0].std() < (errors[:, :3] @ three.T)[:, 0].std()
 
     def test_other_numbers_and_useless_directions_are_refused(self) -> None:
         with pytest.raises(InputError, match="3 and 4 omni wheels, not 5"):
             omni_base(5)
         with pytest.raises(InputError, match="tell forward, sideways and rotation apart"):
-            OmniBase(np.zeros(3), np.full(3, 0.2))
+            wheels_from_body(np.zeros(3), np.full(3, 0.2))
         with pytest.raises(InputError, match="did you mean 'three-wheels'"):
             named_base("three-wheel")
 

@@ -95,7 +95,7 @@ def test_what_cannot_be_opened_says_why_and_where(folder: Path, case: str) -> No
 
 
 CAMERAS_WITHOUT_A_KEY = {
-    "an unknown model": (CAMERA.replace("omni", "fisheye"), r"unknown camera model 'fisheye'"),
+    "an unknown model": (CAMERA.replace("omni", "spherical"), r"unknown camera model 'spherical'"),
     "no model": (CAMERA.removeprefix("model: omni\n"), r"'model' is missing; one of omni, pinhole"),
     "no width": (CAMERA.replace("width: 48\n", ""), r"'width' is missing; an omni camera needs width, height, center"),
     "no center": (CAMERA, r"'center' is missing; an omni camera needs width, height, center"),

@@ -13,15 +13,14 @@ from touchline.field import open_field
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.published.nubot import failure
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
-from touchline.localization.published.nubot.failure import FailureSettings
-from touchline.localization.published.nubot.failure_monitor import FailureMonitor
-from touchline.localization.published.nubot.global_localizer import GlobalLocalizer, Localization, Prediction
+from touchline.localization.published.nubot.failure import FailureMonitor, FailureSettings
+from touchline.localization.published.nubot.global_localizer import Localization, Prediction
 from touchline.localization.published.nubot.global_search import GlobalSearch, GlobalSearchSettings
 from touchline.localization.published.nubot.grid_localizer import GridLocalizer
 from touchline.localization.published.nubot.match_input import MatchInput, refine_with_tilt
 from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.published.nubot.particle_follower import ParticleFollower
 from touchline.localization.published.nubot.particle_localizer import (
+    ParticleFollower,
     ParticleLocalizer,
     ParticleSearch,
     ParticleSearchSettings,
@@ -185,7 +184,7 @@ def particles(**settings: object) -> ParticleSearch:
     return ParticleSearch(made, chosen)
 
 
-def searched(localizer: GlobalLocalizer, frames: int) -> list[Localization]:
+def searched(localizer: GridLocalizer | ParticleLocalizer | ParticleFollower, frames: int) -> list[Localization]:
     found: list[Localization] = []
     for k in range(frames):
         guess = prediction(found[-1].pose if found else Pose(0.0, 0.0, 0.0))
@@ -199,7 +198,9 @@ def searched(localizer: GlobalLocalizer, frames: int) -> list[Localization]:
 
 
 @pytest.mark.parametrize("localizer", [grid(), ParticleLocalizer(particles()), ParticleFollower(particles())])
-def test_every_localizer_finds_the_robot_within_ten_frames(localizer: GlobalLocalizer) -> None:
+def test_every_localizer_finds_the_robot_within_ten_frames(
+    localizer: GridLocalizer | ParticleLocalizer | ParticleFollower,
+) -> None:
     localizer.reset()
     last = searched(localizer, 10)[-1]
     assert last.confirmed

@@ -68,7 +68,7 @@ _MODULES = {
     "run": "api",
     "evaluate": "evaluation",
     "Localizer": "localizer",
-    "locate": "localization",
+    "locate": "localization.one_shot.locate",
     "open_camera": "camera",
     "open_field": "field",
     "open_scenario": "simulation.scenario",

@@ -84,26 +84,31 @@ def load_settings(
     tree = _handed_out(model, tree)
     changed = set()
     for item in overrides:
-        key, separator, text = item.partition("=")
-        if not separator or not key.strip():
-            numbers = (f"{row[0]}={row[1]}" for row in settings_rows(model) if isinstance(row[1], int | float))
-            raise InputError(f"--set {item}: expected KEY=VALUE, for example --set {next(numbers, 'key=1')}")
-        try:
-            value = yaml_value(text)
-        except YamlError as error:
-            raise InputError(f"--set {item:.200}: the value is not readable ({error.what})") from None
+        key, value = _read_override(model, item)
         said: dict[str, Any] = {}
-        _put(said, key.strip().split("."), value, item)
+        _put(said, key.split("."), value, item)
         for path, each in _values(_handed_out(model, said)):
             _put(tree, list(path), each, item)
             changed.add(path)
     if preset is not None:
-        tree = _merged(preset_values(model, preset), tree)
+        tree = merged(preset_values(model, preset), tree)
     try:
         return model.model_validate(tree)
     except ValidationError as error:
         where = () if section is None else (section,)
         raise InputError(_explain(model, error, file, where, changed, elsewhere or {})) from None
+
+
+def _read_override(model: type[Settings], item: str) -> tuple[str, Any]:
+    """Key and value of `KEY=VALUE`. Raises InputError for what is none."""
+    key, separator, text = item.partition("=")
+    if not separator or not key.strip():
+        numbers = (f"{row[0]}={row[1]}" for row in settings_rows(model) if isinstance(row[1], int | float))
+        raise InputError(f"--set {item}: expected KEY=VALUE, for example --set {next(numbers, 'key=1')}")
+    try:
+        return key.strip(), yaml_value(text)
+    except YamlError as error:
+        raise InputError(f"--set {item:.200}: the value is not readable ({error.what})") from None
 
 
 def settings_from_mapping(model: type[SettingsT], changes: Mapping[str, Any]) -> SettingsT:
@@ -143,15 +148,13 @@ def preset_values(model: type[Settings], preset: str = PAPER) -> dict[str, Any]:
     return tree
 
 
-def fill_in(tree: dict[str, Any], values: Mapping[str, Any]) -> None:
-    """Put values where a tree has none; the tree's own stay."""
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            inside = tree.setdefault(key, {})
-            if isinstance(inside, dict):
-                fill_in(inside, value)
-        else:
-            tree.setdefault(key, value)
+def merged(tree: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """A tree with the values of another one, which win."""
+    both = dict(tree)
+    for key, value in over.items():
+        inside = both.get(key)
+        both[key] = merged(inside, value) if isinstance(inside, Mapping) and isinstance(value, Mapping) else value
+    return both
 
 
 def shown_key(key: str) -> str:
@@ -191,7 +194,7 @@ def _handed_out(model: type[Settings], tree: Mapping[str, Any]) -> dict[str, Any
         if PAPER in path:
             key = ".".join(path)
             raise InputError(f"unknown setting '{key}': did you mean '{shown_key(key)}'?")
-    return rest if block is None else _merged(rest, _with_parts(model, block))
+    return rest if block is None else merged(rest, _with_parts(model, block))
 
 
 def _values(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -216,15 +219,6 @@ def _with_parts(model: type[Settings], block: Any) -> dict[str, Any]:
         else:
             tree.setdefault(PAPER, {})[key] = value
     return tree
-
-
-def _merged(tree: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """A tree with the values of another one, which win."""
-    both = dict(tree)
-    for key, value in over.items():
-        inside = both.get(key)
-        both[key] = _merged(inside, value) if isinstance(inside, Mapping) and isinstance(value, Mapping) else value
-    return both
 
 
 def _put(tree: dict[str, Any], path: list[str], value: Any, item: str) -> None:

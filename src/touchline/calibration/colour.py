@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import Camera, GroundView, PinholeCamera
+from touchline.camera import Camera, GroundView, PerspectiveCamera
 from touchline.errors import InputError, TouchlineError
 from touchline.field import FieldModel, open_field
 from touchline.files.opened import OwnFolder
@@ -17,7 +17,7 @@ from touchline.files.yaml_text import read_yaml
 from touchline.messages import did_you_mean, shown
 from touchline.motion import LeanFilter
 from touchline.motion.attitude import view_at
-from touchline.perception import LineGraphDetector, LineGraphSettings, LinePointDetector
+from touchline.perception import LineGraphSettings, LinePointDetector, line_graph_detector
 from touchline.perception.colour import ColourModel
 from touchline.perception.covered import is_covered
 from touchline.perception.marked_colours import CLASSES, Region, marked_colour_model
@@ -48,7 +48,7 @@ def calibrate_recording(recording: Recording, regions_file: Path | None = None) 
     if file is not None:
         return calibrate_marked(recording.folder, file, recording.follows_links)
     chosen = np.unique(np.linspace(0, len(recording) - 1, _IMAGES).astype(int))
-    if isinstance(recording.camera, PinholeCamera):
+    if isinstance(recording.camera, PerspectiveCamera):
         return _from_perspective(_seen(recording, set(chosen.tolist())), recording.field, recording.name)
     images = [image for k in chosen if (image := recording.image(int(k))) is not None and not is_covered(image)]
     if not images:
@@ -64,7 +64,7 @@ def calibrate_unmarked(
 
     A perspective camera is where camera.yaml says.
     """
-    if isinstance(camera, PinholeCamera):
+    if isinstance(camera, PerspectiveCamera):
         return _from_perspective([(image, GroundView(camera)) for image in images], open_field(_ANY_FIELD), name)
     detector = LinePointDetector(camera, line_width_m=line_width_m)
     try:
@@ -91,7 +91,7 @@ def _seen(recording: Recording, chosen: set[int]) -> list[tuple[ImageArray, Grou
 
 def _from_perspective(seen: Sequence[tuple[ImageArray, GroundView]], field: FieldModel, name: str) -> ColourCalibration:
     """What `nimbro-lines` would learn from these images."""
-    detector = LineGraphDetector(seen[0][1].camera, LineGraphSettings(learning_frames=len(seen)), field)
+    detector = line_graph_detector(seen[0][1].camera, LineGraphSettings(learning_frames=len(seen)), field)
     for image, view in seen:
         problem = detector.detect(image, view).problem
         if problem is not None:

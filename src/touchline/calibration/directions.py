@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.calibration.strip import Strip
+from touchline.calibration.strip_axis import trimmed_lstsq
 from touchline.calibration.strip_edges import edge_name
 from touchline.camera.model_free import lagrange
 from touchline.errors import InputError
@@ -19,7 +20,6 @@ SAME_DIRECTION_RAD = np.radians(4.0)  # images so near are averaged: between the
 WRONG_BEARING_RAD = np.radians(3.0)
 Mask = npt.NDArray[np.bool_]
 _HARMONICS = (6, 10, 18)  # directions that it takes to tell the first, second, ... harmonic of what a mirror does
-_ROUNDS = 4
 _FAR = 3.0  # standard deviations
 _NEAR = 5  # edges of an image, next to each other
 
@@ -31,11 +31,8 @@ def orientation(angles_rad: FloatArray, bearings_rad: FloatArray, file: Path) ->
     """
     fits = []
     for handedness in (-1, 1):
-        yaws = bearings_rad - handedness * angles_rad
-        off = np.abs(wrap_angles(yaws[:, np.newaxis] - yaws))
-        middle = int(np.argmin(np.median(off, axis=0)))  # the image that agrees with most others
-        yaw = circular_mean(yaws[off[:, middle] <= WRONG_BEARING_RAD])
-        fits.append((float(np.median(off[:, middle])), handedness, yaw))
+        yaw, off = most_common(bearings_rad - handedness * angles_rad, WRONG_BEARING_RAD)
+        fits.append((float(np.median(off)), handedness, yaw))
     fits.sort()
     if fits[0][0] > WRONG_BEARING_RAD:
         raise InputError(
@@ -43,6 +40,13 @@ def orientation(angles_rad: FloatArray, bearings_rad: FloatArray, file: Path) ->
             "straight one"
         )
     return fits[0][1], fits[0][2]
+
+
+def most_common(angles_rad: FloatArray, near_rad: float) -> tuple[float, FloatArray]:
+    """The mean of those angles (N,) that are near to the one which most agree with, and how far all are from that."""
+    off = np.abs(wrap_angles(angles_rad[:, np.newaxis] - angles_rad))
+    middle: FloatArray = off[int(np.argmin(np.median(off, axis=1)))]
+    return circular_mean(angles_rad[middle <= near_rad]), middle
 
 
 def smooth_bearings(seen_rad: FloatArray, bearings_rad: FloatArray) -> tuple[FloatArray, dict[int, str]]:
@@ -128,11 +132,7 @@ def around(angles_rad: FloatArray, values: FloatArray, least: float, keep: Mask 
     orders = np.arange(1, 1 + max(1, int(np.searchsorted(_HARMONICS, np.isfinite(values).sum(), side="right"))))
     phases = angles_rad[:, np.newaxis] * orders
     waves = np.column_stack((np.ones(len(values)), np.cos(phases), np.sin(phases)))
-    keep = np.isfinite(values) if keep is None else keep
-    for _ in range(_ROUNDS):
-        fit: FloatArray = waves @ np.linalg.lstsq(waves[keep], values[keep], rcond=None)[0]
-        off = np.abs(values - fit)
-        keep = off <= max(_FAR * 1.4826 * float(np.nanmedian(off)), least)
+    fit: FloatArray = waves @ trimmed_lstsq(waves, values, least, keep)[0]
     return fit
 
 

@@ -34,7 +34,6 @@ MIN_LEAN_RAD = 0.005  # standard deviation of roll or pitch below which nothing 
 _STILL_RAD_S = 0.05  # rates of a robot that stands
 _CUT_SIGMAS = 3.5  # marks that lie farther off were marked wrongly
 _OF_LEAN = [*range(CONSTANT), *range(CONSTANT + 1, SHAPE[1])]  # the monomials but the constant
-_TURNS = 4  # of solving for marks and matrix, until neither moves by more than 0.01 px
 _NOISE_PX, _COEFFICIENT = 1.0, 2.0  # of a mark; size of a coefficient in focal lengths: rotations have 1 and less
 
 
@@ -167,27 +166,28 @@ def _homography(seen: _Sightings, kept: npt.NDArray[np.bool_], camera: PinholeCa
     """x* (1 + C₃ f) - C f = c, x* and C unknown; the constant is in x*.
 
     In focal lengths from the principal point, where a camera's rotation has coefficients of order one: so those that
-    the marks don't tell are held near 0. x* C₃ is bilinear: x* is taken from the turn before.
+    the marks don't tell are held near 0.
     """
+    from scipy.optimize import least_squares
+
     k = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
     q = (seen.pixels[kept] - k[:2, 2]) / np.diag(k)[:2]
     mark, lean = seen.mark[kept], seen.lean[kept]
     f = monomials(q, lean[:, 0], lean[:, 1])[:, _OF_LEAN]
-    own = np.eye(seen.marks)[mark]
-    row = np.column_stack((own, -f))
-    blank, width = np.zeros_like(row), row.shape[1]
-    weight = np.full(2 * width + CONSTANT, _NOISE_PX / camera.fx / _COEFFICIENT)
-    weight[: seen.marks] = weight[width : width + seen.marks] = 0.0
-    true = own.T @ q / np.maximum(own.sum(axis=0), 1.0)[:, np.newaxis]
-    for _ in range(_TURNS):
-        third = (true[mark].T[:, :, np.newaxis] * f[:, :CONSTANT]).reshape(-1, CONSTANT)
-        design = np.column_stack((np.vstack((row, blank)), np.vstack((blank, row)), third))
-        wanted = np.concatenate((q.T.ravel(), np.zeros(len(weight))))
-        solved = np.linalg.lstsq(np.vstack((design, np.diag(weight))), wanted, rcond=None)[0]
-        true = np.column_stack((solved[: seen.marks], solved[width : width + seen.marks]))
+    ends = [2 * seen.marks, 2 * seen.marks + 2 * f.shape[1]]
+
+    def parts(unknown: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        true, rows, third = np.split(unknown, ends)
+        return true.reshape(-1, 2), rows.reshape(2, -1), third
+
+    def residuals(unknown: FloatArray) -> FloatArray:
+        true, rows, third = parts(unknown)
+        off = true[mark] * (1.0 + f[:, :CONSTANT] @ third)[:, np.newaxis] - f @ rows.T - q
+        return np.concatenate((off.ravel(), _NOISE_PX / camera.fx / _COEFFICIENT * unknown[ends[0] :]))
+
+    true, rows, third = parts(least_squares(residuals, np.zeros(ends[1] + CONSTANT)).x)
     c, matrix = np.zeros(SHAPE), np.zeros(SHAPE)
-    c[0, _OF_LEAN], c[1, _OF_LEAN] = solved[seen.marks : width], solved[width + seen.marks : 2 * width]
-    c[2, :CONSTANT] = solved[2 * width :]
+    c[:2, _OF_LEAN], c[2, :CONSTANT] = rows, third
     for part in (PITCH, ROLL):
         matrix[:, part] = k @ c[:, part] @ np.linalg.inv(k)
     return _Fit(matrix, true * np.diag(k)[:2] + k[:2, 2])

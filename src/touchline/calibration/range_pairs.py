@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from touchline.calibration.directions import most_common
 from touchline.calibration.marks import MARKS, read_marks
 from touchline.calibration.mirror import calibrate_mirror
 from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
-from touchline.geometry import FloatArray, circular_mean, wrap_angles
+from touchline.geometry import FloatArray, wrap_angles
 from touchline.sources import Recording
 from touchline.sources.description import finite_number
 
@@ -151,7 +152,7 @@ def _handedness(angles: FloatArray, bearings: FloatArray, file: Path, camera_fil
     fits = []
     for handedness in (-1, 1):
         yaws = bearings - handedness * angles
-        off = np.abs(wrap_angles(yaws - _most_common(yaws)))
+        off = np.abs(wrap_angles(yaws - most_common(yaws, _WRONG_BEARING_RAD)[0]))
         fits.append((float(np.mean(np.minimum(off, math.radians(45.0)))), handedness))
     (least, handedness), (other, _) = sorted(fits)
     if other < max(_TOLD_RAD, _TOLD_FACTOR * least):
@@ -169,17 +170,10 @@ def _mount_yaw(
     """Mounting angle: that of camera.yaml, or else as the marks say. Raises InputError if they contradict it."""
     yaws = bearings - handedness * angles
     given = finite_number(tree.get("mount_yaw"))
-    yaw = given if given is not None else _most_common(yaws)
+    yaw = given if given is not None else most_common(yaws, _WRONG_BEARING_RAD)[0]
     if float(np.median(np.abs(wrap_angles(yaws - yaw)))) > _WRONG_BEARING_RAD:
         raise InputError(
             f"{file}: most marks are seen more than {math.degrees(_WRONG_BEARING_RAD):.0f}° away from where x_m, y_m "
             f"put them: are 'center', 'handedness' and 'mount_yaw' of {camera_file} right?"
         )
     return yaw
-
-
-def _most_common(angles_rad: FloatArray) -> float:
-    """The mean of those angles (N,) that most others are near to."""
-    off = np.abs(wrap_angles(angles_rad[:, np.newaxis] - angles_rad))
-    middle = off[int(np.argmin(np.median(off, axis=1)))]
-    return circular_mean(angles_rad[middle <= _WRONG_BEARING_RAD])

@@ -21,10 +21,9 @@ from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
-from touchline.localization.camera_errors.mirror_head import MISFIT_M2, MirrorHead
-from touchline.localization.camera_errors.mirror_response import HEIGHT_M, Response
-from touchline.localization.published.nubot.mirror_fit import ERRORS
-from touchline.localization.registration.mirror_kernels import upright_points
+from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.camera_errors.mirror import MISFIT_M2, NAMES, MirrorErrors
+from touchline.localization.camera_errors.mirror_response import HEIGHT_M, MirrorResponse
 from touchline.types import Estimate, LinePoints, Status
 
 IMAGES, MIN_IMAGES = 50, 12  # images that are fitted; fewer tell nothing
@@ -39,6 +38,7 @@ ON_LINE = 3.0  # standard deviations within which a point lies on its line
 MIN_ON_LINES = 0.7  # share of the points that must
 MAX_TILT_DEG, MAX_CENTER_PX, MAX_RANGE_RATIO = 0.1, 0.8, 0.01  # standard deviations of what is written
 _STEP = 1e-6
+ERRORS = len(NAMES)
 _SHARED, _OWN = ERRORS + len(KNOTS_M), 5
 _OWN_PRIOR = np.array([1e-3, 1e-3, 1e-3, SHAKING_PER_M**-2.0, SHAKING_PER_M**-2.0])  # of poses it only damps steps
 _BEARINGS = 72  # directions of the table that is written
@@ -127,7 +127,7 @@ def spread_views(estimates: Sequence[Estimate], count: int = IMAGES) -> tuple[Vi
 def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel) -> SelfCalibration[OmniCamera]:
     """The camera that puts the line points of all views on the field's lines. Raises NoFitError with the reason."""
     require_views(len(views))
-    bundle = _Views(views, MirrorHead(camera), field)
+    bundle = _Views(views, MirrorErrors.of(camera), field)
     state = bundle.start()
     before, starts = bundle.quality(state), state[bundle.own[:, :3]]
     for width_m in WIDTHS_M:
@@ -151,12 +151,12 @@ def calibrate_self(views: Sequence[View], camera: OmniCamera, field: FieldModel)
     return found
 
 
-def corrected(positions_m: FloatArray, shared: FloatArray, mirror: Response) -> FloatArray:
+def corrected(positions_m: FloatArray, shared: FloatArray, mirror: MirrorResponse) -> FloatArray:
     """Points (N, 2), base frame, without errors (5,) and range corrections (knots,)."""
     ranges = np.hypot(positions_m[:, 0], positions_m[:, 1])
     factor = 1.0 + np.interp(ranges, KNOTS_M, shared[ERRORS:])
     stretched = np.ascontiguousarray(positions_m * factor[:, np.newaxis])
-    points: FloatArray = upright_points(stretched, np.ascontiguousarray(shared[:ERRORS]), mirror)
+    points: FloatArray = placed_points(stretched, np.ascontiguousarray(shared[:ERRORS]), mirror)
     return points
 
 
@@ -166,11 +166,11 @@ class _Views:
     A state holds what is shared (5 + knots), then of each view the pose (3,) and its head's shaking (2,).
     """
 
-    def __init__(self, views: Sequence[View], head: MirrorHead, field: FieldModel) -> None:
-        self.views, self.mirror, self._map = views, head.mirror, field.distance_map()
+    def __init__(self, views: Sequence[View], errors: MirrorErrors, field: FieldModel) -> None:
+        self.views, self.mirror, self._map = views, errors.mirror, field.distance_map()
         self.shared, self.own = entries(_SHARED, len(views), _OWN)
         self._prior = np.diag([0.0] * ERRORS + [KNOT_RATIO**-2.0] * len(KNOTS_M))
-        self._prior[:ERRORS, :ERRORS] = np.linalg.inv(head.unknown + 1e-14 * np.eye(ERRORS))
+        self._prior[:ERRORS, :ERRORS] = np.linalg.inv(errors.prior + 1e-14 * np.eye(ERRORS))
 
     def start(self) -> FloatArray:
         """The camera as it is and the poses that a system has found."""
@@ -220,7 +220,7 @@ class _Views:
         return rows, distances_m, 1.0 / (np.square(1.0 + squares) * variances * REPEATED)
 
 
-def _camera(camera: OmniCamera, shared: FloatArray, covariance: FloatArray, mirror: Response) -> OmniCamera:
+def _camera(camera: OmniCamera, shared: FloatArray, covariance: FloatArray, mirror: MirrorResponse) -> OmniCamera:
     """The camera with ranges and bearings for every direction, and how sure it is."""
     bearings = np.arange(_BEARINGS) * (2.0 * math.pi / _BEARINGS)
     formula = (bearings - camera.mount_yaw_rad) * camera.handedness

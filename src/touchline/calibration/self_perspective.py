@@ -1,27 +1,30 @@
 """`touchline calibrate self` of a perspective camera: roll, pitch, height and focal length from the lines seen in play.
 
 Bundle adjustment (`calibration/bundle.py`): the pose and the lean of every image and the four numbers that all images
-share. Each image is registered (`registration/perspective_registration.py`), which gives its normal equations; those of
-all images are solved together, and all is done again from there. The poses of a run of the system are where it begins.
+share. Each image is registered (`registration/joint.py`), which gives its normal equations; those of all images are
+solved together, and all is done again from there. The poses of a run of the system are where it begins.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from touchline.calibration.bundle import Block, NormalEquations, entries, prior_block
 from touchline.calibration.self_calibration import SelfCalibration, require_views
-from touchline.camera import PinholeCamera
-from touchline.geometry import FloatArray, Pose3
-from touchline.localization.registration.perspective_kernels import STATES, Known, LeanFit, SeenPoints
-from touchline.localization.registration.perspective_registration import PerspectiveRegistration, seen_points
-from touchline.localization.search.perspective_search import distinct
-from touchline.systems.touchline_perspective import TouchlinePerspective, optical_axis
+from touchline.camera import PerspectiveCamera
+from touchline.geometry import FloatArray
+from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.camera_errors.perspective import PerspectiveResponse
+from touchline.localization.registration.joint import Seen, StateFit, StatePrior
+from touchline.localization.registration.registration import TRACKING, Registration
+from touchline.localization.registration.seen import seen_of
+from touchline.localization.search.feature_search import distinct
+from touchline.systems.touchline import Touchline
 from touchline.types import Frame, Status
 
 SHARED = ("roll", "pitch", "height", "focal length")
@@ -33,6 +36,7 @@ MAX_IMAGES, MIN_SEEN = 300, 4.0  # images that are fitted; how much one of them 
 REPEATED = 3.0  # so many images err together at least, and all those of one place
 PLACE_M, PLACE_RAD = 0.3, 0.2  # nearer images are of one place
 FIXED = 1e-6  # standard deviation of what is not fitted
+_STATES = 7  # of a registration
 _OWN = 5  # entries of an image: its pose and its own lean
 _ERRS_BY = np.array([0, 1, 2, 3, 4, 3, 4, 5, 6])  # of those and the shared: by what of a registration's state each errs
 MAX_DEVIATIONS = np.array([math.radians(0.3), math.radians(0.3), 0.01, 0.01])  # of what is written
@@ -40,37 +44,37 @@ MAX_ERRORS = np.array([0.15, 0.15, 0.15, 0.15])  # by which a camera is off at m
 
 
 class PerspectiveView(NamedTuple):
-    """One image: what it shows of the field, and the pose (3,) that a system has found."""
+    """One image: what it shows of the field, where the camera looked, and the pose (3,) that a system has found."""
 
-    seen: SeenPoints
+    seen: Seen
+    response: PerspectiveResponse
     pose: FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PerspectiveSelfCalibration(SelfCalibration[PinholeCamera]):
+class PerspectiveSelfCalibration(SelfCalibration[PerspectiveCamera]):
     """shared (4,): roll and pitch (rad) by which the old camera leans more than it says, relative errors of its height
-    and of the tangents that it sees. lean_rad: by which roll and pitch err in one image.
+    and of the tangents (of a fisheye: the angles) that it sees. lean_rad: by which roll and pitch err in one image.
     """
 
     lean_rad: float
 
 
-def perspective_views(system: TouchlinePerspective, frames: Iterable[Frame]) -> tuple[PerspectiveView, ...]:
+def perspective_views(system: Touchline, frames: Iterable[Frame]) -> tuple[PerspectiveView, ...]:
     """The images of a run of the system whose pose is known, evenly over time."""
     views = []
     for frame in frames:
         estimate = system.step(frame)
         if estimate.status is Status.TRACKING and estimate.observation is not None:
-            features = system.features.points_of(estimate.observation)
-            seen = seen_points(estimate.observation, features, optical_axis(system.setup.camera, frame))
+            seen = seen_of(estimate.observation, system.features, 1.0)
             if seen.shares.sum() >= MIN_SEEN:
-                views.append(PerspectiveView(seen, estimate.pose.as_array()))
+                views.append(PerspectiveView(seen, system.errors.response(frame), estimate.pose.as_array()))
     chosen = np.unique(np.linspace(0, len(views) - 1, min(MAX_IMAGES, len(views))).astype(int))
     return tuple(views[k] for k in chosen)
 
 
 def calibrate_self_perspective(
-    views: Sequence[PerspectiveView], camera: PinholeCamera, registration: PerspectiveRegistration
+    views: Sequence[PerspectiveView], camera: PerspectiveCamera, registration: Registration
 ) -> PerspectiveSelfCalibration:
     """The camera that puts what all views show where it is on the field. Raises NoFitError with the reason."""
     require_views(len(views))
@@ -78,7 +82,7 @@ def calibrate_self_perspective(
     state, lean_rad = np.zeros(own[-1, -1] + 1), LEAN_RAD
     state[own[:, :3]] = [one.pose for one in views]
 
-    def placed(state: FloatArray) -> list[LeanFit]:
+    def placed(state: FloatArray) -> list[StateFit]:
         states = [np.concatenate((state[mine[:3]], state[shared_at])) for mine in own]
         return [_registered(one, registration, each, POSE) for one, each in zip(views, states, strict=True)]
 
@@ -86,11 +90,11 @@ def calibrate_self_perspective(
     for _ in range(ROUNDS):
         state, covariance, lean_rad = _round(views, registration, state, lean_rad)
     shared, fits = state[shared_at], placed(state)
-    eye, seen = registration.ground.eye, tuple(_points(one) for one in views)
-    right = tuple(levelled(each, shared, eye, one.seen.axis) for each, one in zip(seen, views, strict=True))
-    tangents = np.concatenate([_tangents(each, eye, one.seen.axis) for each, one in zip(seen, views, strict=True)])
+    seen = tuple(np.concatenate((one.seen.positions_m, one.seen.raw_m)) for one in views)
+    right = tuple(placed_points(each, shared, one.response) for each, one in zip(seen, views, strict=True))
+    angles = np.concatenate([_angles(each, one.response) for each, one in zip(seen, views, strict=True)])
     found = PerspectiveSelfCalibration(
-        corrected_camera(camera, shared, tangents), shared, covariance, (seen, right),
+        camera.corrected(shared, angles), shared, covariance, (seen, right),
         (np.array([fit.state[:3] for fit in fits_before]), np.array([fit.state[:3] for fit in fits])),
         _quality(fits_before), _quality(fits), lean_rad,
     )  # fmt: skip
@@ -100,64 +104,15 @@ def calibrate_self_perspective(
     return found
 
 
-def corrected_camera(camera: PinholeCamera, shared: FloatArray, tangents: FloatArray) -> PinholeCamera:
-    """The camera without errors (4,). tangents (N,): of the angles to the optical axis at which it saw something; a
-    lens with distortion widens them by more than its focal length shrinks.
-    """
-    roll, pitch, height, wide = shared.tolist()
-    pose = camera.base_from_camera
-    place = pose.translation_m * np.array([1.0, 1.0, 1.0 + height])
-    mount = Pose3(_turn(roll, pitch) @ pose.rotation, place)
-    plane = np.column_stack((tangents, np.zeros(len(tangents)))) * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    pixels = camera.distorted(plane) - (camera.cx, camera.cy)
-    shorter = np.linspace(1.0 - 1.2 * abs(wide), 1.0 + 1.2 * abs(wide), 25)
-    wider = [_widened(camera, pixels * ratio + (camera.cx, camera.cy), tangents) for ratio in shorter]
-    ratio = float(np.interp(1.0 + wide, wider, shorter))
-    return replace(camera, fx=camera.fx / ratio, fy=camera.fy / ratio, base_from_camera=mount)
-
-
-def _widened(camera: PinholeCamera, pixels: FloatArray, tangents: FloatArray) -> float:
-    """By what factor pixels (N, 2) are farther out than tangents (N,), by least squares."""
-    out = (camera.undistorted(pixels)[:, 0] - camera.cx) / camera.fx
-    known = np.isfinite(out)
-    return float(out[known] @ tangents[known] / (tangents[known] @ tangents[known]))
-
-
-def _tangents(ground: FloatArray, eye: FloatArray, axis: FloatArray) -> FloatArray:
-    """(N,) of the angles between rays to ground points (N, 2) and the optical axis."""
-    rays = np.column_stack((ground - eye[:2], np.full(len(ground), -eye[2])))
-    along = rays @ axis
-    ahead = along > 0.0
-    tangents: FloatArray = np.linalg.norm(np.cross(rays, axis), axis=1)[ahead] / along[ahead]
-    return tangents
-
-
-def levelled(ground: FloatArray, shared: FloatArray, eye: FloatArray, axis: FloatArray) -> FloatArray:
-    """Ground points (N, 2) as a camera at an eye (3,), with an optical axis (3,), has them without errors (4,); robot
-    frame (m), NaN where no ray falls. The same as the kernels of `localization/registration/perspective_kernels.py`.
-    """
-    rays = np.column_stack((ground - eye[:2], np.full(len(ground), -eye[2])))
-    along = (rays @ axis)[:, np.newaxis] * axis
-    rays = (along + (rays - along) * (1.0 + shared[3])) @ _turn(float(shared[0]), float(shared[1])).T
-    down = np.where(rays[:, 2] < 0.0, -rays[:, 2], np.nan)[:, np.newaxis]
-    points: FloatArray = eye[:2] + rays[:, :2] * ((1.0 + shared[2]) * eye[2] / down)
-    return points
-
-
-def _turn(roll: float, pitch: float) -> FloatArray:
-    """Rx(roll) Ry(pitch), (3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    turn: FloatArray = Rotation.from_euler("XY", (roll, pitch)).as_matrix()
-    return turn
-
-
-def _points(view: PerspectiveView) -> FloatArray:
-    return np.concatenate((view.seen.positions_m, view.seen.raw_m))
+def _angles(ground: FloatArray, response: PerspectiveResponse) -> FloatArray:
+    """(N,) between rays to ground points (N, 2) and the optical axis (rad)."""
+    rays = np.column_stack((ground, np.zeros(len(ground)))) - response.eye
+    cosines: FloatArray = rays @ response.axis / np.linalg.norm(rays, axis=1)
+    return np.arccos(np.clip(cosines, -1.0, 1.0))
 
 
 def _round(
-    views: Sequence[PerspectiveView], registration: PerspectiveRegistration, state: FloatArray, lean_rad: float
+    views: Sequence[PerspectiveView], registration: Registration, state: FloatArray, lean_rad: float
 ) -> tuple[FloatArray, FloatArray, float]:
     """Register every view from a state and solve: the next state, covariance of what is shared, the images' lean."""
     shared, own = entries(len(SHARED), len(views), _OWN)
@@ -175,14 +130,14 @@ def _round(
 
 
 def _block(
-    view: PerspectiveView, registration: PerspectiveRegistration, mean: FloatArray, deviations: FloatArray
+    view: PerspectiveView, registration: Registration, mean: FloatArray, deviations: FloatArray
 ) -> tuple[FloatArray, Block]:
     """Where a view is registered beside pose and shared errors (7,): pose and own lean (5,), and its normal equations.
 
     Those are of pose, own lean and what is shared, with what is known of the first two: there, these pull no more.
     """
     fit = _registered(view, registration, mean, deviations)
-    pull = np.concatenate((deviations, np.full(STATES - _OWN, FIXED))) ** -2.0 * (fit.state - mean)
+    pull = np.concatenate((deviations, np.full(_STATES - _OWN, FIXED))) ** -2.0 * (fit.state - mean)
     information = fit.information[np.ix_(_ERRS_BY, _ERRS_BY)]
     information[range(_OWN), range(_OWN)] += deviations**-2.0
     place = fit.state[:_OWN] - np.array([0.0, 0.0, 0.0, *mean[3:_OWN]])
@@ -190,16 +145,17 @@ def _block(
 
 
 def _registered(
-    view: PerspectiveView, registration: PerspectiveRegistration, mean: FloatArray, deviations: FloatArray
-) -> LeanFit:
+    view: PerspectiveView, registration: Registration, mean: FloatArray, deviations: FloatArray
+) -> StateFit:
     """A view registered from a state (7,) that is known to within deviations (K,) of its first entries; others are
     taken for true.
     """
-    known = np.concatenate((deviations, np.full(STATES - len(deviations), FIXED)))
-    return registration.register(view.seen, mean, Known(mean, np.diag(known**-2.0)))
+    known = np.concatenate((deviations, np.full(_STATES - len(deviations), FIXED)))
+    prior = StatePrior(mean, np.diag(known**-2.0))
+    return registration.fit_state(view.seen, mean, prior, TRACKING, view.response)
 
 
-def _quality(fits: Sequence[LeanFit]) -> tuple[float, float]:
+def _quality(fits: Sequence[StateFit]) -> tuple[float, float]:
     of = np.array([fit.of for fit in fits])
     explained = np.array([fit.explained for fit in fits])
     residuals = np.nan_to_num([fit.residual_m for fit in fits])

@@ -12,6 +12,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from touchline.calibration.strip import Strip, View
 from touchline.geometry import FloatArray, circular_mean, wrap_angles
@@ -24,7 +25,7 @@ _ASIDE_PX = 4.0
 _BESIDE_PX = (1.5, 3.0)  # from a long side: what lies beside it, and no longer blurred into it
 _SCALE_PX = 100.0  # of the radius in the curve's three terms, so that these are of one size
 _CURVED_FROM = 8  # points that it takes to tell a curve; below it the axis is straight
-_ROUNDS = 3
+_ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,13 +74,9 @@ def fit_axis(points: FloatArray, center: FloatArray, radii_px: FloatArray) -> St
     if len(points) < _CURVED_FROM:
         return straight_axis(center, middle, radii_px)
     lateral, terms = wrap_angles(angles - middle) * radii, _terms(radii) * radii[:, np.newaxis]
-    keep = np.ones(len(points), dtype=np.bool_)
-    for _ in range(_ROUNDS):
-        solution = np.linalg.lstsq(terms[keep], lateral[keep], rcond=None)[0]
-        off = np.abs(terms @ solution - lateral)
-        keep = off <= max(3.0 * 1.4826 * float(np.median(off)), 0.3)
-        if keep.sum() < _CURVED_FROM:
-            return straight_axis(center, middle, radii_px)
+    solution, keep = trimmed_lstsq(terms, lateral, 0.3)
+    if keep.sum() < _CURVED_FROM:
+        return straight_axis(center, middle, radii_px)
     seen = radii[keep]
     return StripAxis(center, solution + np.array([middle, 0.0, 0.0]), (float(seen.min()), float(seen.max())))
 
@@ -143,14 +140,22 @@ def common_center(axes: list[FloatArray]) -> FloatArray:
         direction = np.linalg.svd(points - middle)[2][0]
         origins.append(middle)
         normals.append((-direction[1], direction[0]))
-    normal, along = np.array(normals), np.einsum("ij,ij->i", normals, origins)
-    keep = np.ones(len(along), dtype=np.bool_)
-    center = np.zeros(2)
+    return trimmed_lstsq(np.array(normals), np.einsum("ij,ij->i", normals, origins), 0.5)[0]
+
+
+def trimmed_lstsq(
+    rows: FloatArray, values: FloatArray, least: float, keep: npt.NDArray[np.bool_] | None = None
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Least squares of rows (N, K) @ solution (K,) = values (N,) without what lies far off, and what was kept (N,).
+
+    least: deviation that is never far. keep: (N,), what may count at first. NaN never counts.
+    """
+    keep = np.isfinite(values) if keep is None else keep
     for _ in range(_ROUNDS):
-        center = np.linalg.lstsq(normal[keep], along[keep], rcond=None)[0]
-        off = np.abs(normal @ center - along)
-        keep = off <= max(3.0 * 1.4826 * float(np.median(off)), 0.5)
-    return center
+        solution: FloatArray = np.linalg.lstsq(rows[keep], values[keep], rcond=None)[0]
+        off = np.abs(rows @ solution - values)
+        keep = off <= max(3.0 * 1.4826 * float(np.nanmedian(off)), least)
+    return solution, keep
 
 
 def crossings(x: FloatArray, y: FloatArray, level: float) -> FloatArray:

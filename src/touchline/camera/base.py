@@ -29,7 +29,7 @@ class Camera(Protocol):
 
     @property
     def model(self) -> str:
-        """`omni` or `pinhole`, as camera.yaml has it."""
+        """`omni`, `pinhole` or `fisheye`, as camera.yaml has it."""
         ...
 
     @property

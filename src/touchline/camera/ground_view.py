@@ -13,11 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.camera.base import Camera, ground_jacobian, pixel_covariances, pose_in_base
+from touchline.camera.fisheye import FisheyeCamera
 from touchline.camera.imu_correction import ImuCorrection
 from touchline.camera.pinhole import PinholeCamera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3
 
+PerspectiveCamera = PinholeCamera | FisheyeCamera  # with a lens, and an optical axis
 MAX_LEAN_RAD = math.radians(60.0)  # a robot that leans more has fallen, and its lines are no lines on the ground
 
 
@@ -53,7 +55,7 @@ class GroundView:
 
         Raises InputError for a camera that looks at a mirror.
         """
-        if not isinstance(self.camera, PinholeCamera):
+        if not isinstance(self.camera, PerspectiveCamera):
             raise InputError(f"what stands upright is sought with a perspective camera; this one is a {self.model}")
         return self._leaning(self.camera.image_from_base(points, self.base_from_camera))
 

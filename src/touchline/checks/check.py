@@ -8,54 +8,39 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from touchline.checks.features import check_features
+from touchline.checks import features, heading, images, late_odometry, lines, projection, sensors, setup, slips
 from touchline.checks.findings import Finding, Severity
-from touchline.checks.heading import check_compass, check_compass_lag, check_turns
-from touchline.checks.images import (
-    check_focus,
-    check_frozen,
-    check_image_times,
-    check_light,
-    check_observations,
-    check_readable,
-)
-from touchline.checks.late_odometry import check_late_odometry
-from touchline.checks.lines import check_lines
-from touchline.checks.projection import check_projection, check_view
-from touchline.checks.sensors import check_gyro_bias, check_presence, check_rows, check_stuck, check_wheels
-from touchline.checks.setup import check_camera, check_field, check_handedness, check_mirror, check_truth
-from touchline.checks.slips import check_slips
 from touchline.checks.survey import Survey, take_survey
 from touchline.sources.folder import Recording
 
 Check = Callable[[Survey], Iterable[Finding]]
 
 CHECKS: list[Check] = [
-    check_slips,
-    check_readable,
-    check_observations,
-    check_image_times,
-    check_light,
-    check_focus,
-    check_frozen,
-    check_rows,
-    check_presence,
-    check_stuck,
-    check_wheels,
-    check_turns,
-    check_gyro_bias,
-    check_compass_lag,
-    check_compass,
-    check_camera,
-    check_view,
-    check_mirror,
-    check_handedness,
-    check_field,
-    check_truth,
-    check_lines,
-    check_features,
-    check_late_odometry,
-    check_projection,
+    slips.check_slips,
+    images.check_readable,
+    images.check_observations,
+    images.check_image_times,
+    images.check_light,
+    images.check_focus,
+    images.check_frozen,
+    sensors.check_rows,
+    sensors.check_presence,
+    sensors.check_stuck,
+    sensors.check_wheels,
+    heading.check_turns,
+    sensors.check_gyro_bias,
+    heading.check_compass_lag,
+    heading.check_compass,
+    setup.check_camera,
+    projection.check_view,
+    setup.check_mirror,
+    setup.check_handedness,
+    setup.check_field,
+    setup.check_truth,
+    lines.check_lines,
+    features.check_features,
+    late_odometry.check_late_odometry,
+    projection.check_projection,
 ]
 
 _ORDER = [Severity.ERROR, Severity.WARNING, Severity.NOTE, Severity.OK]

@@ -58,15 +58,15 @@ def check_observations(survey: Survey) -> Iterator[Finding]:
     what = ", ".join(f"{count} × {kind}" for kind, count in kinds.items())
     blind, total = survey.seen["nothing"], len(survey.recording)
     what += f" in {total} images" + (f", nothing in {blind} of them" if blind else "")
-    if not kinds.get("point"):
+    without_points = f"no line points; {what}"
+    if kinds.get("point"):
+        yield Finding("observations", Severity.OK, OBSERVATIONS, what)
+    elif any(kinds.get(kind) for kind in _FEATURES):
         advice = "nimbro-lines takes them; for the other systems write points along the lines, too."
-        if not any(kinds.get(kind) for kind in _FEATURES):
-            advice = "No system finds a pose by these: write line points, or lines, crossings and posts."
-            yield Finding("observations", Severity.ERROR, OBSERVATIONS, f"no line points; {what}", advice)
-            return
-        yield Finding("observations", Severity.NOTE, OBSERVATIONS, f"no line points; {what}", advice)
-        return
-    yield Finding("observations", Severity.OK, OBSERVATIONS, what)
+        yield Finding("observations", Severity.NOTE, OBSERVATIONS, without_points, advice)
+    else:
+        advice = "No system finds a pose by these: write line points, or lines, crossings and posts."
+        yield Finding("observations", Severity.ERROR, OBSERVATIONS, without_points, advice)
 
 
 def check_image_times(survey: Survey) -> Iterator[Finding]:
@@ -76,7 +76,7 @@ def check_image_times(survey: Survey) -> Iterator[Finding]:
         yield Finding("image times", Severity.NOTE, survey.recording.frame_list, "holds a single image")
         return
     median, nominal = float(np.median(steps)), 1.0 / survey.recording.rate_hz
-    late = [int(index) + 1 for index in np.flatnonzero(steps > LATE_STEP * median)]
+    late = (np.flatnonzero(steps > LATE_STEP * median) + 1).tolist()
     what, advice = f"{1.0 / median:.3g} images a second (median)", ""
     if abs(median / nominal - 1.0) > 0.1:
         what += f", where sequence.yaml says rate_hz {survey.recording.rate_hz:g}"
@@ -92,20 +92,19 @@ def check_light(survey: Survey) -> Iterator[Finding]:
     seen = np.isfinite(survey.brightness)
     if not seen.any():
         return
-    black = [int(index) for index in np.flatnonzero(survey.black)]
-    if black:
-        severity = _severity(len(black), survey)
-        advice = "The camera was covered or not running; the estimate rests on odometry there."
-        yield Finding("light", severity, IMAGE_LIST, f"{len(black)} black: {frames_in_words(black)}", advice)
-    dark = [int(index) for index in np.flatnonzero((survey.brightness < DARK_MEAN) & ~survey.black)]
-    if dark:
-        what = f"{len(dark)} dark (mean below {DARK_MEAN:g} of 255): {frames_in_words(dark)}"
-        yield Finding("light", Severity.WARNING, IMAGE_LIST, what, "Raise exposure or gain.")
-    bright = [int(index) for index in np.flatnonzero(survey.saturated > SATURATED_SHARE)]
-    if bright:
-        what = f"{len(bright)} overexposed (over {SATURATED_SHARE:.0%} saturated): {frames_in_words(bright)}"
-        yield Finding("light", Severity.WARNING, IMAGE_LIST, what, "Lower exposure or gain: lines drown in white.")
-    if not (black or dark or bright):
+    covered = "The camera was covered or not running; the estimate rests on odometry there."
+    dark, bright = (survey.brightness < DARK_MEAN) & ~survey.black, survey.saturated > SATURATED_SHARE
+    odd = False
+    for what, mask, severity, advice in (
+        ("black", survey.black, _severity(int(survey.black.sum()), survey), covered),
+        (f"dark (mean below {DARK_MEAN:g} of 255)", dark, Severity.WARNING, "Raise exposure or gain."),
+        (f"overexposed (over {SATURATED_SHARE:.0%} saturated)", bright, Severity.WARNING,
+         "Lower exposure or gain: lines drown in white."),
+    ):  # fmt: skip
+        if frames := np.flatnonzero(mask).tolist():
+            odd = True
+            yield Finding("light", severity, IMAGE_LIST, f"{len(frames)} {what}: {frames_in_words(frames)}", advice)
+    if not odd:
         lowest, highest = np.min(survey.brightness[seen]), np.max(survey.brightness[seen])
         yield Finding("light", Severity.OK, IMAGE_LIST, f"mean brightness {lowest:.0f} to {highest:.0f} of 255")
 
@@ -116,7 +115,7 @@ def check_focus(survey: Survey) -> Iterator[Finding]:
     if not judged.any():
         return
     median = float(np.median(survey.sharpness[judged]))
-    blurred = [int(index) for index in np.flatnonzero(survey.sharpness < BLURRED_SHARPNESS)]
+    blurred = np.flatnonzero(survey.sharpness < BLURRED_SHARPNESS).tolist()
     if median < BLURRED_SHARPNESS:
         what = f"the images are blurred by about a pixel or more (edge ratio {median:.2f}, in focus 0.5 to 1)"
         yield Finding("focus", Severity.WARNING, IMAGE_LIST, what, "Focus the lens, wipe lens and mirror.")
@@ -129,7 +128,7 @@ def check_focus(survey: Survey) -> Iterator[Finding]:
 
 def check_frozen(survey: Survey) -> Iterator[Finding]:
     """Images that repeat the one before: no camera's noise does that."""
-    repeated = [int(index) for index in np.flatnonzero(survey.frozen & ~survey.black)]
+    repeated = np.flatnonzero(survey.frozen & ~survey.black).tolist()
     if repeated:
         what = f"{len(repeated)} repeat the image before: {frames_in_words(repeated)}"
         advice = "The camera or the recorder hung; what these images show is older than their time stamp."

@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,22 +63,19 @@ def find_late(field: FieldModel, frames: Sequence[Frame]) -> Late | None:
     """How late the samples of frames with features come; None where that is not shown: the robot hardly turns."""
     if len(frames) < _MIN_STEPS:
         return None
-    corrections = {shift: _corrections(field, frames, shift) for shift in _SHIFTS_S}
+
+    @cache
+    def corrections(shift: float) -> FloatArray:
+        return _corrections(field, frames, shift)
 
     def cost(shift: float) -> float:
-        return float(np.mean(np.minimum(corrections[shift], _MAX_RAD) ** 2)) if len(corrections[shift]) else math.inf
+        found = corrections(shift)
+        return float(np.mean(np.minimum(found, _MAX_RAD) ** 2)) if len(found) else math.inf
 
     middle = min(_SHIFTS_S[1:-1], key=cost)
-    for near in (middle - _STEP_S, middle + _STEP_S):
-        corrections[near] = _corrections(field, frames, near)
-    shifts = sorted(corrections)
-    best = min(shifts, key=cost)
-    sides = (best - _STEP_S, best + _STEP_S)
-    for near in sides:
-        if near not in corrections:
-            corrections[near] = _corrections(field, frames, near)
-    before, here, after = (cost(shift) for shift in (sides[0], best, sides[1]))
-    bend, count = before - 2.0 * here + after, len(corrections[best])
+    best = min(sorted({*_SHIFTS_S, middle - _STEP_S, middle + _STEP_S}), key=cost)
+    before, here, after = (cost(shift) for shift in (best - _STEP_S, best, best + _STEP_S))
+    bend, count = before - 2.0 * here + after, len(corrections(best))
     if count < _MIN_STEPS or not bend > 0.0 or not math.isfinite(bend):
         return None
     deviation_s = _STEP_S * math.sqrt(2.0 * here / (count * bend))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from touchline.camera import PERSPECTIVE_MODELS
 from touchline.checks.findings import Finding, Severity, graded
 from touchline.checks.survey import Survey
 from touchline.field.association import FieldAssociations
@@ -88,7 +89,7 @@ def check_presence(survey: Survey) -> Iterator[Finding]:
 def _no_compass(survey: Survey, what: str) -> Iterator[Finding]:
     """What a recording without a compass needs; a humanoid's system asks none: only where its ends look alike."""
     recording = survey.recording
-    if recording.camera_kind != "pinhole" and (not recording.has_observations or survey.seen["point"]):
+    if recording.camera_kind not in PERSPECTIVE_MODELS and (not recording.has_observations or survey.seen["point"]):
         yield Finding("compass", Severity.WARNING, "imu.csv", what, _NO_COMPASS)
         return
     field = survey.field

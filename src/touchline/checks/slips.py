@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from touchline.camera import PERSPECTIVE_MODELS
 from touchline.checks.findings import Finding, Severity
 from touchline.checks.survey import Survey
 from touchline.errors import InputError
@@ -217,7 +218,7 @@ def _ranges(recording: Recording) -> Iterator[Finding]:
 
 def _mounts(recording: Recording) -> Iterator[Finding]:
     """Where a perspective camera is: `mount` of camera.yaml, and camera_pose.csv."""
-    if recording.camera_kind != "pinhole":
+    if recording.camera_kind not in PERSPECTIVE_MODELS:
         return
     places: list[tuple[str, str, float, float]] = []
     if recording.camera_file is not None:

@@ -73,6 +73,8 @@ def _lens(source: Path, recording: Recording | None, camera: Path | None) -> Len
         raise InputError(f"{source}: marks alone don't tell the image's size: give --camera FILE, or a recording")
     if recording.camera_kind == "omni":
         raise InputError(f"{source}: its camera looks at a mirror; touchline calibrate mirror is for that")
+    if recording.camera_kind == "fisheye":
+        raise InputError(f"{source}: a fisheye's lens is not calibrated here; OpenCV's fisheye.calibrate does that")
     if "chessboard" in recording.sequence:
         return perspective.chessboard_lens(recording)
     for index in range(len(recording)):
@@ -113,7 +115,8 @@ def calibrate_imu(
     source = open_source(recording, follow_links)
     before = source.camera if camera is None else open_camera(camera)
     if not isinstance(before, PinholeCamera):
-        raise InputError(f"{recording}: its camera looks at a mirror; the IMU's correction is for perspective cameras")
+        what = "looks at a mirror" if before.model == "omni" else "is a fisheye"
+        raise InputError(f"{recording}: its camera {what}; the IMU's correction is for pinhole cameras")
     found = learn(source, before, paper)
     words = imu_words(found)
     text = perspective_yaml(replace(before, imu_correction=found.correction, use_attitude=True), words)

@@ -39,12 +39,12 @@ def calibrate_self(
     camera's roll, pitch, height and focal length.
     """
     picture = new_files(output, CAMERA_ENDINGS, "a camera", picture)
-    from touchline.camera import PinholeCamera
+    from touchline.camera import PerspectiveCamera
     from touchline.sources import open_source
     from touchline.view.picture_files import save_picture
 
     source = open_source(recording, follow_links)
-    calibrate = _perspective if isinstance(source.camera, PinholeCamera) else _mirror
+    calibrate = _perspective if isinstance(source.camera, PerspectiveCamera) else _mirror
     try:
         text, words, drawn = calibrate(source)
     except NoFitError as error:
@@ -75,17 +75,17 @@ def _perspective(source: Recording) -> tuple[str, str, ImageArray]:
     """The same of a perspective camera."""
     from touchline.calibration.perspective import perspective_yaml
     from touchline.calibration.self_perspective import calibrate_self_perspective, perspective_views
-    from touchline.camera import PinholeCamera
+    from touchline.camera import PerspectiveCamera
     from touchline.evaluation.runner import robot_setup
     from touchline.systems import open_system
-    from touchline.systems.touchline_perspective import TouchlinePerspective
+    from touchline.systems.touchline import Touchline
     from touchline.view.self_calibration import self_picture
 
     camera, system = source.camera, open_system("touchline", robot_setup(source))
-    assert isinstance(camera, PinholeCamera)
-    assert isinstance(system, TouchlinePerspective)
+    assert isinstance(camera, PerspectiveCamera)
+    assert isinstance(system, Touchline)
     views = perspective_views(system, source)
-    found = calibrate_self_perspective(views, camera, system.hypotheses.registration)
+    found = calibrate_self_perspective(views, camera, system.registration)
     words = _perspective_words(found, camera.fx, source.name)
     if any(frame.base_from_camera is not None for frame in source):
         words += (

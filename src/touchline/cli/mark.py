@@ -33,9 +33,9 @@ def mark(
 
     touchline mark board/images/000000.jpg   then touchline calibrate camera board/marks.csv -o camera.yaml
     """
-    from touchline.calibration.marking.clicks import files_of, read_clicks
-    from touchline.calibration.marking.server import MarkServer
     from touchline.cli.console import output as console
+    from touchline.view.marking.clicks import files_of, read_clicks
+    from touchline.view.marking.server import MarkServer
 
     folder = output if output is not None else _folder_of(images[0])
     pictures = _pictures(images, folder)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from touchline.config import Settings, preset_values, settings_rows, shown_key
+from touchline.messages import counted
 
 _INTRODUCTION = """\
 # Settings
@@ -79,7 +80,7 @@ def _count(settings: type[Settings]) -> str:
     count = len(settable(settings))
     switches = len(list(settings_rows(settings))) - count
     paper = f", and {switches} switches under `paper`" if switches > 1 else ", and one switch under `paper`"
-    return f"{count} settings with the shared ones{paper * bool(switches)}."
+    return f"{counted(count, 'setting')} with the shared ones{paper * bool(switches)}."
 
 
 def unit_of(key: str) -> str:

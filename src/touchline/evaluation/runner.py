@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
-from touchline.camera import PinholeCamera
+from touchline.camera import PERSPECTIVE_MODELS, PerspectiveCamera
 from touchline.evaluation.latency import FrameTimes
 from touchline.evaluation.run_folder import UNFINISHED, RunFolder
 from touchline.geometry import FloatArray, Pose
@@ -41,14 +41,15 @@ class Thumbnail(NamedTuple):
 def robot_setup(source: Recording) -> RobotSetup:
     """What a recording tells of its robot; without a camera where a detector of the robot's own sees.
 
-    That is where sequence.yaml names none, and where observations.csv stands beside the images of a pinhole camera: the
-    systems for mirrors can take it then. Raises InputError for a camera or field that can't be read.
+    That is where sequence.yaml names none, and where observations.csv stands beside the images of a perspective camera:
+    the systems for mirrors can take it then. Raises InputError for a camera or field that can't be read.
     """
-    own_detector = source.camera_kind == NO_CAMERA or (source.camera_kind == "pinhole" and source.has_observations)
+    kind = source.camera_kind
+    own_detector = kind == NO_CAMERA or (kind in PERSPECTIVE_MODELS and source.has_observations)
     if not own_detector:
         return RobotSetup(source.field, source.camera, source.wheel_directions_rad)
     height_m = None
-    if source.camera_file is not None and isinstance(source.camera, PinholeCamera):
+    if source.camera_file is not None and isinstance(source.camera, PerspectiveCamera):
         height_m = float(source.camera.base_from_camera.translation_m[2])
     return RobotSetup(source.field, None, source.wheel_directions_rad, height_m)
 

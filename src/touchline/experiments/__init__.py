@@ -16,19 +16,18 @@ DEFAULT_SEEDS = 5
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """An experiment: its name, one line about it, and the module and function that run it with so many seeds."""
+    """An experiment: its name, one line about it, and the module whose function of that name runs it."""
 
     name: str
     description: str
     module: str
-    function: str
 
     def run(
         self, seeds: int = DEFAULT_SEEDS, listener: Listener | None = None, workers: Workers | None = None
     ) -> ExperimentResult:
         """Run it; seeds >= 1. listener: told, in a few words, how far it has come. workers: who computes its runs."""
         module = importlib.import_module(f"touchline.experiments.{self.module}")
-        function: Callable[[int], ExperimentResult] = getattr(module, self.function)
+        function: Callable[[int], ExperimentResult] = getattr(module, self.name.replace("-", "_"))
         with told_to(listener, workers):
             return replace(function(seeds), name=self.name, seeds=seeds)
 
@@ -36,45 +35,34 @@ class Experiment:
 EXPERIMENTS = {
     experiment.name: experiment
     for experiment in (
-        Experiment("lu2013-occlusion", "Table 1: errors with part of the view hidden", "occlusion", "lu2013_occlusion"),
-        Experiment(
-            "lu2013-lighting", "Table 2: errors under other light, with frozen colours", "lighting", "lu2013_lighting"
-        ),
-        Experiment("lu2013-kidnap", "figure 9: kidnapped robots find back by particles", "kidnap", "lu2013_kidnap"),
-        Experiment("lu2013-timing", "figure 12: time of the particles and of matching", "timing", "lu2013_timing"),
-        Experiment(
-            "lu2013-exposure",
-            "figures 6, 10, 11: entropy, its ridge and the search",
-            "lu2013_exposure",
-            "lu2013_exposure",
-        ),
-        Experiment("xiong-samples", "figure 7: errors of the 315 samples", "samples", "xiong_samples"),
-        Experiment("xiong-kidnap", "figure 8: kidnapped robots find back by samples", "kidnap", "xiong_kidnap"),
-        Experiment("xiong-convergence", "figure 9: RPROP from the five best samples", "samples", "xiong_convergence"),
-        Experiment("xiong-tracking", "Table 1: errors along straight lines", "occlusion", "xiong_tracking"),
-        Experiment("xiong-timing", "figure 11: time of a whole frame", "timing", "xiong_timing"),
-        Experiment("nees", "how honest the stated covariances are, four systems", "nees", "nees"),
-        Experiment("own", "our own system beside the others and the bound", "own", "own"),
-        Experiment("own-ablations", "our own system with parts left out", "own_ablations", "own_ablations"),
-        Experiment("own-humanoids", "our own system on walking humanoids", "own_humanoids", "own_humanoids"),
-        Experiment("iris-lines", "figures 13, 14: line detection in three lightings", "iris_lines", "iris_lines"),
-        Experiment("iris-points", "Table I, figures 9, 15: errors at 20 places", "iris_points", "iris_points"),
-        Experiment("iris-tracks", "figure 16: tracks of odometry, particles, fusion", "iris_tracks", "iris_tracks"),
-        Experiment("iris-track", "figure 17: from A to B, by mode", "iris_tracks", "iris_track"),
-        Experiment(
-            "iris-disturbances", "covered camera, slip, drifting gyro", "iris_disturbances", "iris_disturbances"
-        ),
-        Experiment("iris-timing", "section III.C: time of one update", "timing", "iris_timing"),
-        Experiment("reliability", "faults of eyes, wheels, compass; kidnaps in play", "reliability", "reliability"),
-        Experiment(
-            "schulz-features", "sections 3, 4: lines, crossings, boundary found", "schulz_features", "schulz_features"
-        ),
-        Experiment("schulz-accuracy", "figure 5: five minutes of walking", "schulz_accuracy", "schulz_accuracy"),
-        Experiment("schulz-lines-only", "Table 2, figure 6: by lines alone", "schulz_lines_only", "schulz_lines_only"),
-        Experiment("schulz-timing", "Table 1: time of each part", "schulz_timing", "schulz_timing"),
-        Experiment("schulz-belief", "figure 4: the belief by one frame", "schulz_belief", "schulz_belief"),
-        Experiment("schulz-imu", "figure 3: the learned correction by roll and pitch", "schulz_imu", "schulz_imu"),
-        Experiment("schulz-games", "section 6.3: games, a fall and re-entry", "schulz_games", "schulz_games"),
+        Experiment("lu2013-occlusion", "Table 1: errors with part of the view hidden", "occlusion"),
+        Experiment("lu2013-lighting", "Table 2: errors under other light, with frozen colours", "lighting"),
+        Experiment("lu2013-kidnap", "figure 9: kidnapped robots find back by particles", "kidnap"),
+        Experiment("lu2013-timing", "figure 12: time of the particles and of matching", "timing"),
+        Experiment("lu2013-exposure", "figures 6, 10, 11: entropy, its ridge and the search", "lu2013_exposure"),
+        Experiment("xiong-samples", "figure 7: errors of the 315 samples", "samples"),
+        Experiment("xiong-kidnap", "figure 8: kidnapped robots find back by samples", "kidnap"),
+        Experiment("xiong-convergence", "figure 9: RPROP from the five best samples", "samples"),
+        Experiment("xiong-tracking", "Table 1: errors along straight lines", "occlusion"),
+        Experiment("xiong-timing", "figure 11: time of a whole frame", "timing"),
+        Experiment("nees", "how honest the stated covariances are, four systems", "nees"),
+        Experiment("own", "our own system beside the others and the bound", "own"),
+        Experiment("own-ablations", "our own system with parts left out", "own_ablations"),
+        Experiment("own-humanoids", "our own system on walking humanoids", "own_humanoids"),
+        Experiment("iris-lines", "figures 13, 14: line detection in three lightings", "iris_lines"),
+        Experiment("iris-points", "Table I, figures 9, 15: errors at 20 places", "iris_points"),
+        Experiment("iris-tracks", "figure 16: tracks of odometry, particles, fusion", "iris_tracks"),
+        Experiment("iris-track", "figure 17: from A to B, by mode", "iris_tracks"),
+        Experiment("iris-disturbances", "covered camera, slip, drifting gyro", "iris_disturbances"),
+        Experiment("iris-timing", "section III.C: time of one update", "timing"),
+        Experiment("reliability", "faults of eyes, wheels, compass; kidnaps in play", "reliability"),
+        Experiment("schulz-features", "sections 3, 4: lines, crossings, boundary found", "schulz_features"),
+        Experiment("schulz-accuracy", "figure 5: five minutes of walking", "schulz_accuracy"),
+        Experiment("schulz-lines-only", "Table 2, figure 6: by lines alone", "schulz_lines_only"),
+        Experiment("schulz-timing", "Table 1: time of each part", "schulz_timing"),
+        Experiment("schulz-belief", "figure 4: the belief by one frame", "schulz_belief"),
+        Experiment("schulz-imu", "figure 3: the learned correction by roll and pitch", "schulz_imu"),
+        Experiment("schulz-games", "section 6.3: games, a fall and re-entry", "schulz_games"),
     )
 }
 

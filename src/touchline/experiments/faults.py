@@ -15,11 +15,11 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from touchline.calibration.self_perspective import levelled
 from touchline.camera import PinholeCamera
 from touchline.experiments.drives import Drive
 from touchline.geometry import FloatArray, Pose, Pose3, wrap_angle, wrap_angles
 from touchline.localization.camera_errors import PerspectiveErrors
+from touchline.localization.camera_errors.base import placed_points
 from touchline.simulation.observation.features import turned
 from touchline.types import Frame, LinePoints, Observation, Samples, empty_points, points_at
 
@@ -346,7 +346,6 @@ def misjudged(drive: Drive, longer: float, higher_m: float) -> Drive:
     camera = drive.setup.camera
     assert isinstance(camera, PinholeCamera)
     mount, eye = camera.base_from_camera, camera.base_from_camera.translation_m
-    errors = PerspectiveErrors.of(camera)
     shared = np.array([0.0, 0.0, higher_m / eye[2], 1.0 / (1.0 + longer) - 1.0])
     told = replace(
         camera,
@@ -355,8 +354,10 @@ def misjudged(drive: Drive, longer: float, higher_m: float) -> Drive:
         base_from_camera=Pose3(mount.rotation, eye + np.array([0.0, 0.0, higher_m])),
     )
 
+    errors = PerspectiveErrors.of(camera)
+
     def as_told(frame: Frame, seen: Observation) -> Observation:
-        return _on_ground(seen, partial(levelled, shared=shared, eye=eye, axis=errors.response(frame).axis))
+        return _on_ground(seen, partial(placed_points, errors=shared, response=errors.response(frame)))
 
     return replace(seen_as(drive, as_told), setup=replace(drive.setup, camera=told, height_m=None))
 

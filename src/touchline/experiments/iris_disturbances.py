@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
@@ -11,14 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.experiments.drives import Drive
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered
-from touchline.experiments.iris_eyes import open_iris
+from touchline.experiments.iris_eyes import iris_drive
 from touchline.experiments.iris_runs import FORMS, FUSION, IDEAL, ODOMETRY, IrisDrive, covered, drifting, drive, slipped
 from touchline.experiments.scenes import BLUE, RED, new_figure
-from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import RobotSetup
-from touchline.types import Frame
 
 START_S, SECONDS = 8.0, 18.0
 COVERED_S, SLIP_M, DRIFT_RAD_S = 3.0, 0.3, math.radians(1.0)
@@ -73,24 +71,25 @@ def disturbed_drive(kind: str, case: Case, paper: bool = False) -> Outcome:
 
     kind: one of KINDS. paper: by the paper's own form. Raises KeyError for another kind.
     """
-    simulation, setup, taken = _taken(case)
+    taken = _taken(case)
+    wheels_rad = taken.setup.wheel_directions_rad
+    assert wheels_rad is not None
     direction = float(np.random.default_rng([case.seed, 5]).uniform(-math.pi, math.pi))
     disturb, lasts_s = {
         "nothing": (covered(START_S, 0.0), 0.0),
         "covered": (covered(START_S, COVERED_S), COVERED_S),
-        "slip": (slipped(START_S, SLIP_M, direction, simulation.wheel_directions_rad), 0.15),
+        "slip": (slipped(START_S, SLIP_M, direction, wheels_rad), 0.15),
         "drift": (drifting(START_S, DRIFT_RAD_S), 0.0),
     }[kind]
-    driven = drive(map(disturb, taken), simulation.truth.samples(), setup, case.seed, paper)
+    driven = drive(replace(taken, frames=[*map(disturb, taken.frames)]), case.seed, paper)
     return outcome_of(driven, START_S + lasts_s)
 
 
 @lru_cache(maxsize=1)
-def _taken(case: Case) -> tuple[Simulation, RobotSetup, tuple[Frame, ...]]:
-    """A scenario without shoves and its frames; kept for the next disturbance of the same drive."""
+def _taken(case: Case) -> Drive:
+    """A scenario without shoves; kept for the next disturbance of the same drive."""
     changes = (*case.changes, "disturbances.shove_every_s=0", f"field={case.field}")
-    simulation, setup = open_iris(open_scenario(case.scenario, case.seed, SECONDS, changes), case.level, case.seed)
-    return simulation, setup, tuple(simulation)
+    return iris_drive(open_scenario(case.scenario, case.seed, SECONDS, changes), case.level, case.seed)
 
 
 def outcome_of(driven: IrisDrive, ends_s: float) -> Outcome:

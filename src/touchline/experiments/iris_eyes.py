@@ -10,6 +10,7 @@ import numpy as np
 from touchline.calibration.range_pairs import Optics, RangePairs
 from touchline.calibration.range_regression import RangeRegression, fit_range
 from touchline.camera import require_omni
+from touchline.experiments.drives import Drive
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
 from touchline.simulation.observation.goal_clutter import GoalClutter
 from touchline.simulation.observation.observed_lines import IRIS_PATHS
@@ -65,6 +66,12 @@ def range_regression(simulation: Simulation, rng: np.random.Generator) -> RangeR
     return fit_range(
         RangePairs(np.hypot(*offset.T), ranges, np.arctan2(offset[:, 1], offset[:, 0]), places, words, optics)
     )
+
+
+def iris_drive(scenario: Scenario, level: str, seed: int) -> Drive:
+    """The drive of `open_iris`."""
+    simulation, setup = open_iris(scenario, level, seed)
+    return Drive(setup, tuple(simulation), np.asarray(simulation.truth.poses))
 
 
 def open_iris(scenario: Scenario, level: str, seed: int) -> tuple[Simulation, RobotSetup]:

@@ -11,16 +11,15 @@ from matplotlib.figure import Figure
 
 from touchline.evaluation.metrics import ErrorStatistics
 from touchline.experiments import iris_runs as iris
+from touchline.experiments.drives import Drive
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, percent, spread
-from touchline.experiments.iris_eyes import open_iris
+from touchline.experiments.iris_eyes import iris_drive
 from touchline.experiments.scenes import BLUE, INK, MAGENTA, RED, dots, new_figure, public_recording
 from touchline.field import FieldModel, open_field
 from touchline.field.error_map import error_map
 from touchline.geometry import FloatArray
-from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
 from touchline.systems import RobotSetup
-from touchline.types import Frame
 
 SCENARIO, PLACES = "tour-20", 20
 IMAGE_HZ = 2.0  # four images at each place; the paper names no rate
@@ -40,37 +39,28 @@ COLUMNS = (
 _Statistics = tuple[ErrorStatistics, ...]  # of x, y (m) and heading (rad)
 
 
+@lru_cache(maxsize=64)
 def tour(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper: bool = False) -> iris.IrisDrive:
     """One drive through 20 random places, two seconds at each, of a robot as built unless the changes say otherwise.
 
     level: `images`, IMAGE_HZ of them, seen through the robot's own masks, rays and regression; or `points`, 10 Hz, with
-    the geometry and the errors of these. paper: by the paper's own form.
+    the geometry and the errors of these. paper: by the paper's own form. Kept for the experiments that show the same.
     """
-    simulation, setup, frames = _taken(seed, level, changes)
-    return iris.drive(frames, simulation.truth.samples(), setup, seed, paper)
+    return iris.drive(_taken(seed, level, changes), seed, paper)
 
 
 @lru_cache(maxsize=1)
-def _taken(seed: int, level: str, changes: tuple[str, ...]) -> tuple[Simulation, RobotSetup, tuple[Frame, ...]]:
-    """A tour and its frames, kept for the other form."""
+def _taken(seed: int, level: str, changes: tuple[str, ...]) -> Drive:
+    """A tour, kept for the other form."""
     rate = (f"camera.rate_hz={IMAGE_HZ:g}",) if level == "images" else ()
-    simulation, setup = open_iris(open_scenario(SCENARIO, seed, changes=[*rate, *changes]), level, seed)
-    return simulation, setup, tuple(simulation)
-
-
-@lru_cache(maxsize=64)
-def toured(seed: int, level: str, changes: tuple[str, ...], paper: bool) -> iris.IrisDrive:
-    """A tour, kept for the experiments that show the same drives."""
-    return tour(seed, level, changes, paper)
+    return iris_drive(open_scenario(SCENARIO, seed, changes=[*rate, *changes]), level, seed)
 
 
 def all_tours(seeds: int) -> tuple[iris.Runs, iris.Runs]:
     """By form the tours of all seeds at the observation level, and of the first robots on images."""
-    at_points = iris.by_form(seeds, "tours", toured)
+    at_points = iris.by_form(seeds, "tours", tour)
     robots = list(follow(range(min(seeds, iris.IMAGE_ROBOTS)), "tours on images"))
-    on_images = {
-        form: [toured(seed, "images", (), form != iris.FORMS[0]) for seed in robots] for form in iris.FORMS[:2]
-    }
+    on_images = {form: [tour(seed, "images", (), form != iris.FORMS[0]) for seed in robots] for form in iris.FORMS[:2]}
     return at_points, on_images
 
 
@@ -80,7 +70,7 @@ def recorded_tour(seed: int) -> iris.IrisDrive | None:
     if source is None or source.truth is None:
         return None
     setup = RobotSetup(source.field, source.camera, source.wheel_directions_rad)
-    return iris.drive(source, source.truth.samples(), setup, seed)
+    return iris.drive(Drive(setup, list(source), np.asarray(source.truth.poses)), seed)
 
 
 def standing(driven: iris.IrisDrive) -> list[npt.NDArray[np.int64]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.config import Settings
-from touchline.experiments.drives import Track
+from touchline.experiments.drives import Drive, Track
 from touchline.experiments.harness import gathered
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angles
 from touchline.localization.published.iris.modes import MIN_POINTS
 from touchline.localization.published.iris.particles import IrisParticles
 from touchline.motion import DeadReckoning, MotionHistory
-from touchline.systems import RobotSetup, open_system, paper_settings
+from touchline.systems import open_system, paper_settings
 from touchline.systems.iris_fusion import IrisFusionSettings, evenly_chosen
 from touchline.types import Estimate, Frame, Mode, Observation, Samples, Status, empty_points
 
@@ -72,16 +72,17 @@ class IrisDrive:
         return math.sqrt(float(np.mean(steps[:, 0] ** 2 + steps[:, 1] ** 2))), math.sqrt(float(np.mean(turns**2)))
 
 
-def drive(frames: Iterable[Frame], truth: Samples, setup: RobotSetup, seed: int, paper: bool = False) -> IrisDrive:
+def drive(taken: Drive, seed: int, paper: bool = False) -> IrisDrive:
     """Take every frame through the fusion, the particle filter alone and the odometry alone.
 
-    truth: values (N, 3), one for each frame. Odometry and particles start where the fusion first found the robot and
+    Odometry and particles start where the fusion first found the robot and
     are left alone from then on: the odometry's pose is what wheels and gyro say (figure 4), the particles' is their own
     mean (figure 8), moved by the same wheels and gyro. Nothing comes to them from the fusion. paper: all three with the
     system's preset.
     """
     s: Settings = paper_settings("iris-fusion") if paper else IrisFusionSettings()
     assert isinstance(s, IrisFusionSettings)
+    setup = taken.setup
     system = open_system("iris-fusion", setup, s, np.random.default_rng(seed))
     history = MotionHistory(s.odometry, s.compass_track, s.gyro, s.wheels, setup.wheel_directions_rad)
     odometry = DeadReckoning(history)
@@ -89,7 +90,7 @@ def drive(frames: Iterable[Frame], truth: Samples, setup: RobotSetup, seed: int,
     estimates: list[Estimate] = []
     poses: list[tuple[Pose, Pose, Pose]] = []
     before: list[int] = []
-    for frame in frames:
+    for frame in taken.frames:
         history.add(frame)
         motion = odometry.advance(frame.stamp_ns)
         estimate = system.step(frame)
@@ -98,7 +99,7 @@ def drive(frames: Iterable[Frame], truth: Samples, setup: RobotSetup, seed: int,
             particles.predict(motion)
             if len(points) >= MIN_POINTS:
                 most = len(points) if s.paper.all_points else s.max_points
-                particles.update(evenly_chosen(points.positions_m, most))
+                particles.update(evenly_chosen(points, most).positions_m)
         elif estimate.status is Status.TRACKING:
             odometry.set_pose(estimate.pose)
             particles.start_at(estimate.pose, estimate.covariance)
@@ -110,7 +111,7 @@ def drive(frames: Iterable[Frame], truth: Samples, setup: RobotSetup, seed: int,
     rows = np.array(poses, dtype=np.float64).reshape(-1, len(SYSTEMS), 3)
     times_s = np.array([e.stamp_ns for e in estimates], dtype=np.int64) / 1e9
     tracking = np.array([e.status is Status.TRACKING for e in estimates], dtype=np.bool_)
-    true = np.asarray(truth.values[len(before) :], dtype=np.float64)
+    true = taken.truth[len(before) :]
     return IrisDrive(
         setup.field,
         {name: Track(times_s, rows[:, k], true, tracking) for k, name in enumerate(SYSTEMS)},

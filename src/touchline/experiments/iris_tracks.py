@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,14 +13,13 @@ from matplotlib.figure import Figure
 
 from touchline import palette
 from touchline.experiments import iris_runs as iris
+from touchline.experiments.drives import Drive
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, percent, spread
-from touchline.experiments.iris_eyes import open_iris
+from touchline.experiments.iris_eyes import iris_drive
 from touchline.experiments.iris_points import all_tours
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, dots, new_figure, way
-from touchline.simulation.run import Simulation
 from touchline.simulation.scenario import open_scenario
-from touchline.systems import RobotSetup
-from touchline.types import Frame, Mode
+from touchline.types import Mode
 
 SCENARIO = "tour-20"
 FROM_A_TO_B = ((-3.5, -2.0, 0.0), (-1.0, 1.5, 60.0), (1.2, -1.2, -30.0), (3.6, 1.9, 20.0))
@@ -97,19 +97,18 @@ def _three_tracks(driven: iris.IrisDrive) -> Figure:
 
 def from_a_to_b(seed: int, level: str = "images", changes: tuple[str, ...] = (), paper: bool = False) -> iris.IrisDrive:
     """A drive across the 9 x 6 m field during which the camera is covered twice; level: `images` or `points`."""
-    simulation, setup, frames = _driven(seed, level, changes)
-    return iris.drive(frames, simulation.truth.samples(), setup, seed, paper)
+    return iris.drive(_taken(seed, level, changes), seed, paper)
 
 
 @lru_cache(maxsize=1)
-def _driven(seed: int, level: str, changes: tuple[str, ...]) -> tuple[Simulation, RobotSetup, tuple[Frame, ...]]:
-    """The drive's frames, kept for the other form."""
+def _taken(seed: int, level: str, changes: tuple[str, ...]) -> Drive:
+    """The drive, kept for the other form."""
     scenario = open_scenario(SCENARIO, seed, SECONDS, changes)
     waypoints = {"kind": "waypoints", "waypoints": FROM_A_TO_B, "dwell_s": 1.0, "speed_m_s": 1.2}
     motion = type(scenario.motion).model_validate(waypoints)
-    simulation, setup = open_iris(scenario.model_copy(update={"motion": motion}), level, seed)
+    taken = iris_drive(scenario.model_copy(update={"motion": motion}), level, seed)
     first, second = (iris.covered(*hidden) for hidden in HIDDEN_S)
-    return simulation, setup, tuple(second(first(frame)) for frame in simulation)
+    return replace(taken, frames=[second(first(frame)) for frame in taken.frames])
 
 
 def iris_track(seeds: int) -> ExperimentResult:

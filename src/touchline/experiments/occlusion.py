@@ -1,18 +1,23 @@
-"""lu2013-occlusion (Table 1, figure 8) and xiong-tracking (Table 1): straight tracks, with parts of the view hidden."""
+"""lu2013-occlusion (Table 1, figure 8) and xiong-tracking (Table 1): straight tracks, with parts of the view hidden.
+
+And the figures of both papers without a table: calibration, the map of distances, images with their line points.
+"""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from touchline.calibration.mirror import MirrorCalibration, calibrate_mirror
 from touchline.camera import Camera, require_omni
 from touchline.evaluation.metrics import ErrorTable
-from touchline.experiments import nubot_figures
 from touchline.experiments.drives import Drive, Track, drive_of, followed, track_of
 from touchline.experiments.harness import (
     NONE,
@@ -26,13 +31,18 @@ from touchline.experiments.harness import (
     percent,
     spread,
 )
-from touchline.experiments.scenes import RED, new_figure, public_recording, way
-from touchline.field import FieldModel
+from touchline.experiments.scenes import CARPET, FIELD, RED, dots, image_figure, new_figure, public_recording, way
+from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray
+from touchline.perception import LinePointDetector
+from touchline.perception.colour import GREEN, WHITE
+from touchline.simulation.recording import write_recording
 from touchline.simulation.run import Eyes, Simulation
 from touchline.simulation.scenario import open_scenario
+from touchline.sources import open_source
 from touchline.systems import RobotSetup, open_system, paper_settings
 from touchline.types import ImageArray
+from touchline.view.calibration import mirror_picture
 
 Sectors = tuple[tuple[float, float], ...]
 PaperRow = tuple[float, float, float]
@@ -97,6 +107,8 @@ COLUMNS = (
     "ideal: position (cm)", "ideal: θ (rad)",
 )  # fmt: skip
 FROM_S = 5.0  # errors count from here on
+INK, WHITE_PAINT, OTHER = (32, 42, 48), (245, 245, 245), (120, 120, 120)  # of the classes in pictures
+SIDE_IN = 4.0
 AFTER_SHOVE_S = 1.15  # what lies within a second after a shove, which takes 0.15 s
 
 
@@ -148,7 +160,7 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
     runs = _all_runs(every, CONDITIONS, seeds)
     recorded = _recorded(min(seeds, RECORDED_SEEDS))
     shown = CONDITIONS[:4]
-    head = nubot_figures.calibrated_head(_taken(CONDITIONS[0], 0, False)[1])
+    head = calibrated_head(_taken(CONDITIONS[0], 0, False)[1])
     return ExperimentResult(
         "Table 1 of Lu et al. 2013: errors with 0 to 50 % of the view hidden",
         COLUMNS,
@@ -157,9 +169,9 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
                  f"{_range_of(runs, OURS)}; its form {_range_of(runs, PAPER)}; ideal {_range_of(runs, IDEAL)}"),
         (_SIMULATED, _STRIP, _ALONE, _RECORDED if recorded else _NOT_FOUND),
         (
-            ("figure2", nubot_figures.calibration_figure(*head)),
+            ("figure2", calibration_figure(*head)),
             ("figures-4-7", _pictures_figure()),
-            ("figure5", nubot_figures.distances_figure()),
+            ("figure5", distances_figure()),
             ("tracks", _tracks_figure([runs[c.name, OURS][0] for c in shown], [c.name for c in shown])),
         ),
     )  # fmt: skip
@@ -167,9 +179,9 @@ def lu2013_occlusion(seeds: int) -> ExperimentResult:
 
 def _pictures_figure() -> Figure:
     """Figures 4 and 7: an image and the points found in it, free and with its black sectors."""
-    simulation, image = nubot_figures.rendered_image()
+    simulation, image = rendered_image()
     shown = [("free", None), *((c.name, black_pixels(simulation.camera, c.sectors)) for c in CONDITIONS[1:4])]
-    return nubot_figures.detection_figure(simulation, image, shown)
+    return detection_figure(simulation, image, shown)
 
 
 def _all_runs(every: Sequence[Condition], shown: Sequence[Condition], seeds: int) -> Runs:
@@ -209,7 +221,7 @@ def xiong_tracking(seeds: int) -> ExperimentResult:
             "once without.",
         ),
         (
-            ("figure6", nubot_figures.detection_figure(*nubot_figures.rendered_image(1), [("", None)])),
+            ("figure6", detection_figure(*rendered_image(1), [("", None)])),
             ("tracks", _tracks_figure(runs["free", OURS][:1], ["nubot-mti"])),
         ),
     )  # fmt: skip
@@ -224,7 +236,7 @@ def _taken(c: Condition, seed: int, ideal: bool) -> tuple[Drive, Simulation]:
     simulation = Simulation(chosen, level="points")
     if not c.calibrated:
         return drive_of(simulation), simulation
-    camera = nubot_figures.calibrated_head(simulation)[0].camera
+    camera = calibrated_head(simulation)[0].camera
     return drive_of(Simulation(chosen, level="points", eyes=Eyes(known=camera)), camera), simulation
 
 
@@ -308,4 +320,77 @@ def _tracks_figure(runs: Sequence[Run], names: Sequence[str]) -> Figure:
     for each, run in zip(axes, runs, strict=False):
         way(each, run.track.truth, "black", 1.8, zorder=2)
         way(each, run.track.poses[run.track.tracking], RED, 0.8, zorder=3)
+    return figure
+
+
+def calibrated_head(simulation: Simulation) -> tuple[MirrorCalibration, ImageArray]:
+    """`calibrate mirror` on rendered images of the strip, seen by the very head of a simulation; the middle image."""
+    mount = simulation.head.mount
+    tilt, shift = np.degrees([mount.tilt_x, mount.tilt_y]), 1e3 * np.array([mount.shift_x, mount.shift_y])
+    changes = [
+        "camera.mirror.profile=combined",
+        f"camera.mirror.tilt_deg={tilt.tolist()}",
+        f"camera.mirror.shift_mm={shift.tolist()}",
+    ]
+    scenario = open_scenario("calibration-strip", simulation.scenario.seed, changes=changes)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "strip")
+        write_recording(Simulation(scenario), path)
+        recording = open_source(path)
+        calibration = calibrate_mirror(recording, skip_unusable=True)
+        image = recording.image(calibration.sightings[0].index)
+    assert image is not None
+    return calibration, image
+
+
+def calibration_figure(calibration: MirrorCalibration, image: ImageArray) -> Figure:
+    """Figure 2: the edges found in one image, the distance map, and the image laid out in metres."""
+    picture = mirror_picture(calibration, image, calibration.sightings[0])
+    return image_figure([picture], (3 * SIDE_IN, SIDE_IN + 0.2))[0]
+
+
+def distances_figure() -> Figure:
+    """Figure 5 (a): the brighter, the nearer to a line."""
+    found = open_field(FIELD).distance_map()
+    distances = found.values[..., 0]
+    low = np.array(found.origin_m)
+    high = low + found.resolution_m * (np.array(distances.shape[::-1]) - 1)
+    figure, (axes,) = new_figure(size_in=(8.0, 5.2), labels=("x (m)", "y (m)"))
+    extent = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
+    shown = axes.imshow(distances, cmap="gray_r", vmin=0.0, vmax=2.5, origin="lower", extent=extent)
+    figure.colorbar(shown, ax=axes, shrink=0.8, label="distance to the nearest line (m)")
+    axes.grid(visible=False)
+    return figure
+
+
+def rendered_image(seed: int = 0) -> tuple[Simulation, ImageArray]:
+    """What a robot as built sees a second after its start."""
+    simulation = Simulation(open_scenario("straight-tracks", seed, 1.5))
+    return simulation, simulation.image(10)
+
+
+def detection_figure(
+    simulation: Simulation, image: ImageArray, hidden: Sequence[tuple[str, npt.NDArray[np.bool_] | None]]
+) -> Figure:
+    """Figures 4 and 7 of Lu, 4 and 6 of Xiong: the image, then its colour classes with the points found.
+
+    hidden: titles, each with the black pixels (H, W), none where nothing is hidden.
+    """
+    detector = LinePointDetector(simulation.camera, line_width_m=simulation.field.line_width)
+    detector.learn([image])
+    assert detector.colours is not None
+    size_in = (SIDE_IN * (1 + len(hidden)), SIDE_IN + 0.4)
+    figure, axes = image_figure([image] * (1 + len(hidden)), size_in)
+    axes[0].set_title("panoramic image", fontsize=10)
+    for each, (title, black) in zip(axes[1:], hidden, strict=True):
+        seen = image if black is None else np.where(black[..., np.newaxis], np.uint8(0), image)
+        classes, points = detector.colours.classify(seen), detector.detect(seen)
+        picture = np.full((*classes.shape, 3), OTHER, dtype=np.uint8)
+        picture[classes == GREEN] = tuple(int(CARPET[k : k + 2], 16) for k in (1, 3, 5))
+        picture[classes == WHITE] = WHITE_PAINT
+        if black is not None:
+            picture[black] = INK
+        each.images[0].set_data(picture)
+        dots(each, points.pixels, RED, 4, marker=".")
+        each.set_title(f"{title}: {len(points)} points".lstrip(": "), fontsize=10)
     return figure

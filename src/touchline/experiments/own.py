@@ -8,7 +8,6 @@ fails; single observations (own_points.py). Humanoids are in own_humanoids.py.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,21 +15,8 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from touchline import palette
-from touchline.experiments import lighting_runs, own_points
-from touchline.experiments.drives import (
-    FOOLED_FRAMES,
-    KIDNAPS,
-    WITHIN_FRAMES,
-    WRONG_M,
-    WRONG_RAD,
-    Drive,
-    Kidnapped,
-    Track,
-    driven,
-    followed,
-    kidnaps_of,
-    longest,
-)
+from touchline.experiments import drives, lighting, own_points
+from touchline.experiments.drives import Drive, Kidnapped, Track, driven, followed, kidnaps_of, longest
 from touchline.experiments.faults import Fault, stuck_compass, turned_compass, unseen
 from touchline.experiments.harness import (
     NONE,
@@ -71,7 +57,7 @@ class Condition(NamedTuple):
     papers: str = ""
     asked_cm: tuple[float, float] | None = None
     faults: tuple[Fault, ...] = ()
-    light: lighting_runs.Case | None = None
+    light: lighting.Case | None = None
 
     @property
     def title(self) -> str:
@@ -94,8 +80,8 @@ CONDITIONS = (
     Condition("straight tracks, 25 % hidden", changes=(_TWO,), papers="lu2013-occlusion"),
     Condition("straight tracks, 50 % hidden", changes=(_FOUR,), papers="lu2013-occlusion"),
     HALF,
-    Condition("lamps and sun, images", papers="lu2013-lighting", light=lighting_runs.SECOND),
-    Condition("lamps off and on, images", papers="lu2013-lighting", light=lighting_runs.THIRD),
+    Condition("lamps and sun, images", papers="lu2013-lighting", light=lighting.SECOND),
+    Condition("lamps off and on, images", papers="lu2013-lighting", light=lighting.THIRD),
     Condition("tour of 20 places", "tour-20", papers="iris-points, iris-tracks"),
     Condition("the same, three times covered", "tour-20", papers="iris-track, iris-disturbances", faults=_COVERED),
     MATCH,
@@ -154,14 +140,10 @@ def robot_of(condition: Condition, seed: int) -> Drive:
     return drive
 
 
-def _lit(case: lighting_runs.Case, seed: int) -> Drive:
+def _lit(case: lighting.Case, seed: int) -> Drive:
     """A drive through a rendered hall, the exposure kept right all along."""
-    run = lighting_runs.simulation(case, seed, LIT_SECONDS)
-    loop, frames = lighting_runs.ControlledExposure(run), []
-    for index in range(len(run)):
-        frame = run.frame(index)
-        image, _ = loop.image(frame.image)
-        frames.append(replace(frame, image=image, exposure_ms=run.exposure_ms, gain=run.gain))
+    run = lighting.simulation(case, seed, LIT_SECONDS)
+    frames = [frame for frame, _ in lighting.controlled(run)]
     return Drive(RobotSetup(run.field, run.camera, run.wheel_directions_rad), frames, np.asarray(run.truth.poses))
 
 
@@ -289,21 +271,21 @@ def play_rows(seeds: int) -> list[Row]:
     right = {system: rate(sum(one.right for one in each), len(each)) for system, each in every.items()}
     rest = {system: [one for one in each if not one.right] for system, each in every.items()}
     searching = {system: f"{sum(one.searching for one in each)} of {len(each)}" for system, each in rest.items()}
-    wrong = {system: str(sum(one.wrong > FOOLED_FRAMES for one in each)) for system, each in every.items()}
+    wrong = {system: str(sum(one.wrong > drives.FOOLED_FRAMES for one in each)) for system, each in every.items()}
     return [
         row(hours, f"at the other end for more than {FLIP_S:g} s", "0", {OWN: str(flips)}),
         row("", f"wrong, called tracking, for more than {LOSS_S:g} s", "0", {OWN: str(losses)}),
         row("", "tracked (%)", NONE, {OWN: interval([100.0 * one.tracked for one in played], 1)}),
         row("", "mean (cm)", NONE, {OWN: interval([100.0 * one.error_m for one in played])}),
-        row("kidnaps in play", f"right within {WITHIN_FRAMES} frames", "≥ 99.5 %", right),
+        row("kidnaps in play", f"right within {drives.WITHIN_FRAMES} frames", "≥ 99.5 %", right),
         row("", "of the rest searching", "all", searching),
-        row("", f"wrong, called tracking, for more than {FOOLED_FRAMES} frames", "0", wrong),
+        row("", f"wrong, called tracking, for more than {drives.FOOLED_FRAMES} frames", "0", wrong),
     ]
 
 
 def _kidnapped(run: int) -> dict[str, list[Kidnapped]]:
     """The kidnaps of one match, by system."""
-    drive = driven("match", run, KIDNAP_SECONDS, *KIDNAPS)
+    drive = driven("match", run, KIDNAP_SECONDS, *drives.KIDNAPS)
     return {system: kidnaps_of(drive, followed(system, drive, run)) for system in SYSTEMS}
 
 
@@ -319,7 +301,7 @@ def played_of(track: Track) -> Played:
     """What our own system made of a drive."""
     period_s, tracked = float(np.median(np.diff(track.times_s))), track.distances_m[track.tracking]
     return Played(
-        period_s * longest(track.tracking & track.turned.within(WRONG_M, WRONG_RAD)),
+        period_s * longest(track.tracking & track.turned.within(drives.WRONG_M, drives.WRONG_RAD)),
         period_s * longest(track.wrong),
         float(track.tracking.mean()),
         float(tracked.mean()) if len(tracked) else float("nan"),

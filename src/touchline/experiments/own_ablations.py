@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,8 +15,13 @@ from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row,
 from touchline.experiments.own import FROM_S, HALF, KIDNAP_SECONDS, LATE, MATCH, SECONDS, SHAKING, TRACKS, UNTOUCHED
 from touchline.experiments.own_points import OWN
 from touchline.experiments.scenes import new_figure
-from touchline.geometry import FloatArray, Pose
-from touchline.localization.search.pose_search import Known, Mode
+from touchline.geometry import Pose
+from touchline.localization.camera_errors import MirrorErrors
+from touchline.localization.camera_errors.base import Lean
+from touchline.localization.estimator.bank import ShoveTest
+from touchline.localization.estimator.filter import Filter
+from touchline.localization.search.field_search import FieldSearch
+from touchline.localization.search.pose_search import Mode
 from touchline.motion import CompassTrackSettings, MotionHistory, OdometrySettings
 from touchline.systems import open_system
 from touchline.systems.touchline import Touchline
@@ -34,30 +40,36 @@ class Part(NamedTuple):
     drive: tuple[str, ...] = ()
 
 
-class _NoSearch:
+class _NoSearch(FieldSearch):
     """Finds nothing."""
 
-    def everywhere(
-        self, positions_m: FloatArray, covariances_m2: FloatArray, known: Sequence[Known], part: tuple[int, int]
-    ) -> tuple[Mode, ...]:
+    def modes(self, *_: object) -> tuple[Mode, ...]:
         return ()
 
 
+class _NoShoves(ShoveTest):
+    """Sees none."""
+
+    def apply(self, *_: object) -> None:
+        return
+
+
 def _without_search(system: Touchline) -> None:
-    system.search = _NoSearch()
+    setup = system.setup
+    system.search = _NoSearch(setup.field, system.registration, system.model, np.zeros(2))
 
 
 def _with_one_hypothesis(system: Touchline) -> None:
-    system.hypotheses.most = 1
+    system.bank.max_members = 1
 
 
 def _without_shoves(system: Touchline) -> None:
-    system.hypotheses.sees_shoves = False
+    system.bank.shoves = _NoShoves(0.0)
 
 
 def _without_delay(system: Touchline) -> None:
     system.unknown = system.unknown._replace(delay_s=0.0)
-    system.hypotheses.start.unknown = system.unknown
+    system.bank.start = Filter(Pose(0.0, 0.0, 0.0), system.settings.start_covariance, system.unknown)
 
 
 def _with_scales_as_noise(system: Touchline) -> None:
@@ -65,7 +77,8 @@ def _with_scales_as_noise(system: Touchline) -> None:
 
 
 def _without_lean(system: Touchline) -> None:
-    system.hypotheses.head.shakes = False
+    assert isinstance(system.errors, MirrorErrors)
+    system.open_parts(replace(system.errors, lean=Lean(0.0, 0.0, 0.0, 1.0)))
 
 
 _NO_SCALES = {f"odometry.{way}_scale": 0.0 for way in ("forward", "sideways", "turn")}  # as states

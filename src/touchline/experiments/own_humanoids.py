@@ -15,24 +15,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.experiments import faults
+from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Drive, Track, track_of
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, interval, together
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, computed, interval, together
 from touchline.experiments.scenes import BLUE, RED, new_figure
-from touchline.experiments.schulz_runs import (
-    AS_BUILT,
-    FIELDS,
-    IDEAL,
-    RECORDINGS,
-    either_end,
-    random_areas,
-    recorded_walk,
-    right_of,
-    start_about,
-    time_until_right,
-    tracked,
-    walk,
-    with_false_crossings,
-)
+from touchline.experiments.schulz_runs import FIELDS, RECORDINGS, right_of, tracked, walk
 from touchline.geometry import Pose
 from touchline.simulation.cameras.pinhole import humanoid_camera
 from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES
@@ -46,7 +33,7 @@ FALLS_S = (25.0, 60.0)
 STARTS_FROM_NOWHERE = 4  # per seed
 PITCH_RAD, PITCH_FROM_S = math.radians(2.0), 10.0
 LONGER, HIGHER_M = 0.03, 0.03
-ASIDE_RAD = math.radians(AS_BUILT.askew_deg)  # a mount is askew in all three angles alike
+ASIDE_RAD = math.radians(humanoids.AS_BUILT.askew_deg)  # a mount is askew in all three angles alike
 DRIFT_RAD_S = math.radians(6.0) / 60.0
 COLUMNS = (
     "robot", "field", "system", "median (cm)", "within 30 cm (%)", "99 % (cm)", "heading (°)", "largest jump (m)",
@@ -76,7 +63,7 @@ def _misjudged(longer: float, higher_m: float) -> Callable[[Drive, int], Drive]:
 
 def _false(share: float) -> Case:
     name = f"{100 * share:.0f} % false crossings"
-    return Case(name, lambda walked, seed: with_false_crossings(walked, share, seed))
+    return Case(name, lambda walked, seed: humanoids.with_false_crossings(walked, share, seed))
 
 
 def _fallen(walked: Drive, seed: int) -> Drive:
@@ -101,10 +88,8 @@ CASES = (
 
 def own_humanoids(seeds: int) -> ExperimentResult:
     """Walks of robots as built with what may happen to them, the ideal ones beside them, and the recordings."""
-    walks = follow(list(product(FIELDS, range(seeds))), "walks")
-    measured = [(field, *_of_walk(field, seed)) for field, seed in walks]
-    tracks = together({(case, field, system): t for (case, system), t in of.items()} for field, of, _ in measured)
-    waits = together({field: wait} for field, _, wait in measured)
+    measured = list(computed(_of_walk, list(product(FIELDS, range(seeds))), "walks"))
+    tracks, waits = together(tracks for tracks, _ in measured), together(waits for _, waits in measured)
     built = [tracks["as built", field, system] for system in SYSTEMS for field in FIELDS]
     return ExperimentResult(
         "Our own system, touchline, on walking humanoids, beside nimbro-lines on the same walks",
@@ -122,7 +107,7 @@ def own_humanoids(seeds: int) -> ExperimentResult:
 
 def _built(field: str, seed: int, seconds: float, changes: Sequence[str] = ()) -> Drive:
     """A walk of a robot as built, its camera askew in roll, pitch and, as no image tells, in yaw."""
-    walked = walk(field, AS_BUILT, seed, seconds, changes)
+    walked = walk(field, humanoids.AS_BUILT, seed, seconds, changes)
     aside = ASIDE_RAD * float(np.random.default_rng([seed, 32]).standard_normal())
     return faults.turned_aside(walked, aside)
 
@@ -132,17 +117,19 @@ def _tracked(walked: Drive, name: str, seed: int, prior: Prior | None = None) ->
     return tracked(walked, seed, without, prior, system=OWN if without else name)
 
 
-def _of_walk(field: str, seed: int) -> tuple[dict[tuple[str, str], Track], Waits]:
-    """Tracks by case and system of one robot, as built and ideal, and what it takes to be found."""
+def _of_walk(task: tuple[str, int]) -> tuple[dict[tuple[str, str, str], Track], dict[str, Waits]]:
+    """Tracks by case, field and system of one robot, as built and ideal, and what it takes to be found."""
+    field, seed = task
     tracks = {}
     walked = _built(field, seed, SECONDS)
     for case in CASES:
         changed = case.change(walked, seed)
         for system in case.systems:
-            tracks[case.name, system] = _after(_tracked(changed, system, seed), case.from_s)
-    beside = {STRAIGHT: walk(field, AS_BUILT, seed, SECONDS), "ideal": walk(field, IDEAL, seed, SECONDS)}
-    tracks |= {(name, s): _tracked(each, s, seed) for s in SYSTEMS for name, each in beside.items()}
-    return tracks, _waits(walked, seed)
+            tracks[case.name, field, system] = _after(_tracked(changed, system, seed), case.from_s)
+    beside = {STRAIGHT: humanoids.AS_BUILT, "ideal": humanoids.IDEAL}
+    walks = {name: walk(field, robot, seed, SECONDS) for name, robot in beside.items()}
+    tracks |= {(name, field, s): _tracked(each, s, seed) for s in SYSTEMS for name, each in walks.items()}
+    return tracks, {field: _waits(walked, seed)}
 
 
 def _after(track: Track, from_s: float) -> Track:
@@ -178,16 +165,17 @@ class Waits(NamedTuple):
 def _waits(walked: Drive, seed: int) -> Waits:
     leaving, arriving = round(0.375 * len(walked.frames)), round(0.65 * len(walked.frames))
     moved = faults.carried(walked, leaving, arriving)
-    right = right_of(either_end(_tracked(moved, OWN, seed)))[leaving:]
+    right = right_of(humanoids.either_end(_tracked(moved, OWN, seed)))[leaving:]
     sees = np.array([_sees(frame.observation) for frame in moved.frames])[leaving:]
     images = int(sees[: int(np.argmax(right))].sum()) if right.any() else math.inf
-    turned, twin = _told(walked, start_about(Pose(*walked.truth[0].tolist()), seed).mirrored())
+    turned, twin = _told(walked, humanoids.start_about(Pose(*walked.truth[0].tolist()), seed).mirrored())
     first = turned.times_s[right_of(turned)]
     nowhere = []
     for number in range(STARTS_FROM_NOWHERE * seed, STARTS_FROM_NOWHERE * (seed + 1)):
-        other = _built(walked.field.name, number, SECONDS_FROM_NOWHERE, random_areas(walked.field.name, number))
+        areas = humanoids.random_areas(walked.field.name, number)
+        other = _built(walked.field.name, number, SECONDS_FROM_NOWHERE, areas)
         track = _tracked(other, OWN, number, Prior())
-        nowhere.append(time_until_right(either_end(track) if twin > 0.0 else track))
+        nowhere.append(humanoids.time_until_right(humanoids.either_end(track) if twin > 0.0 else track))
     return Waits(images / 8.0, float(first[0]) if len(first) else math.inf, twin, nowhere)
 
 
@@ -221,7 +209,7 @@ def _recorded_rows(seeds: int) -> list[Row]:
     """Both recordings, as they are and with the camera lower; none where they aren't found."""
     rows: list[Row] = []
     for name in RECORDINGS:
-        walked = recorded_walk(name)
+        walked = humanoids.recorded_walk(name)
         if walked is None:
             continue
         assert walked.setup.camera is not None

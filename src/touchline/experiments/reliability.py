@@ -12,16 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from touchline.experiments import drives, faults
-from touchline.experiments.drives import (
-    FOOLED_FRAMES,
-    WITHIN_FRAMES,
-    WRONG_M,
-    Drive,
-    Kidnapped,
-    Track,
-    driven,
-    followed,
-)
+from touchline.experiments.drives import Drive, Kidnapped, Track, driven, followed
 from touchline.experiments.faults import Fault, LaidIn, Slip
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, rate
 from touchline.experiments.scenes import BLUE, RED, new_figure
@@ -121,8 +112,8 @@ def reliability(seeds: int) -> ExperimentResult:
     carried = [kidnap for each in kidnaps.values() for kidnap in each]
     in_order = sorted(runs, key=lambda key: list(named).index(key[0]))
     return ExperimentResult(
-        f"Faults of what is seen, of wheels and of the compass, and kidnaps in play; wrong is more than {WRONG_M:g} m "
-        "or 0.5 rad off",
+        "Faults of what is seen, of wheels and of the compass, and kidnaps in play; wrong is more than "
+        f"{drives.WRONG_M:g} m or 0.5 rad off",
         _COLUMNS,
         [*((*key, *_cells(named[key[0]], runs[key])) for key in in_order),
          *((KIDNAPPED, system, *_kidnap_cells(each)) for system, each in kidnaps.items())],
@@ -130,7 +121,7 @@ def reliability(seeds: int) -> ExperimentResult:
             "runs fooled; kidnaps in play right within 10 frames; fooled",
             NONE,
             f"{_fooled(fooled)} of {len(fooled)}; {rate(sum(k.right for k in carried), len(carried))}; "
-            f"{sum(k.wrong > FOOLED_FRAMES for k in carried)} of {len(carried)}",
+            f"{sum(k.wrong > drives.FOOLED_FRAMES for k in carried)} of {len(carried)}",
         ),
         _NOTES,
         (("faults", _figure([runs[name, SYSTEMS[0]][0] for name in SHOWN], SHOWN)),),
@@ -142,21 +133,21 @@ _COLUMNS = (
     "tracking (%)", "frames until right again: median, longest",
 )  # fmt: skip
 _NOTES = (
-    f"Fooled: more than {FOOLED_FRAMES} frames in a row wrong, called tracking, and the true pose not named as the "
-    "twin at the other end of the field. Rates have Wilson's interval of 95 %.",
+    f"Fooled: more than {drives.FOOLED_FRAMES} frames in a row wrong, called tracking, and the true pose not named as "
+    "the twin at the other end of the field. Rates have Wilson's interval of 95 %.",
     f"Robots as built, observation level, 10 frames per second: {SECONDS:g} s of straight-tracks; in play: "
     f"{COMPASS_RUNS} runs of match per seed, with shoves and eight robots. Faults of odometry are those of the "
     "measuring wheels as well.",
     f"Kidnaps in play: every {drives.KIDNAP_EVERY_S:g} s in full view, {drives.KIDNAP_M:g} m or 30° away or more and "
     f"not within {drives.TWIN_M:g} m of the twin. Right: tracked within {100 * drives.NEAR_M:.0f} cm and 10° in one of "
-    f"the {WITHIN_FRAMES} frames from the first at the new place; in the row's other columns are frames in a row "
-    "wrong while tracking, and of the kidnaps that were not right how many were searching then.",
+    f"the {drives.WITHIN_FRAMES} frames from the first at the new place; in the row's other columns are frames in a "
+    "row wrong while tracking, and of the kidnaps that were not right how many were searching then.",
     "A compass that is half a turn off from the first frame can't be told from a right one: both ends are named.",
 )
 
 
 def _fooled(tracks: Sequence[Track]) -> int:
-    return sum(drives.longest(track.unnamed) > FOOLED_FRAMES for track in tracks)
+    return sum(drives.longest(track.unnamed) > drives.FOOLED_FRAMES for track in tracks)
 
 
 def _cells(fault: LaidIn, tracks: Sequence[Track]) -> Row:
@@ -184,11 +175,11 @@ def _kidnap_cells(kidnaps: Sequence[Kidnapped]) -> Row:
     missed = [kidnap for kidnap in kidnaps if not kidnap.right]
     return (
         str(len(kidnaps)),
-        rate(sum(kidnap.wrong > FOOLED_FRAMES for kidnap in kidnaps), len(kidnaps)),
+        rate(sum(kidnap.wrong > drives.FOOLED_FRAMES for kidnap in kidnaps), len(kidnaps)),
         str(max(kidnap.wrong for kidnap in kidnaps)),
         NONE,
         f"{sum(kidnap.searching for kidnap in missed)} of {len(missed)} not right are searching",
-        f"right within {WITHIN_FRAMES}: {rate(len(kidnaps) - len(missed), len(kidnaps))}",
+        f"right within {drives.WITHIN_FRAMES}: {rate(len(kidnaps) - len(missed), len(kidnaps))}",
     )
 
 

@@ -9,27 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from touchline.experiments import schulz_runs
+from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Track
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, percent, spread, together
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, gathered, percent, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure
-from touchline.experiments.schulz_runs import (
-    AS_BUILT,
-    AS_SIMULATED,
-    FIELDS,
-    IDEAL,
-    NEAR_M,
-    OURS,
-    PANNING,
-    PAPER,
-    PRESETS,
-    RECORDINGS,
-    WITHOUT_LINES,
-    Robot,
-    settings,
-    tracked,
-    walk,
-)
+from touchline.experiments.schulz_runs import FIELDS, OURS, PAPER, RECORDINGS, tracked, walk
 from touchline.systems.nimbro_lines import NimbroLinesSettings
 from touchline.types import Prior
 
@@ -72,7 +56,7 @@ _PAPER_ROWS = (
 class Case(NamedTuple):
     """One row: which robot, which of FIELDS, which form of the system, with lines or without."""
 
-    robot: Robot
+    robot: humanoids.Robot
     field: str
     system: str
     features: str
@@ -80,22 +64,26 @@ class Case(NamedTuple):
 
 def cases() -> list[Case]:
     """As built first; the ideal robot last."""
-    built = [Case(AS_BUILT, *each) for each in product(FIELDS, (OURS, PAPER), (LINES, NO_LINES))]
-    simulated = [Case(AS_SIMULATED, field, system, LINES) for field in FIELDS for system in (OURS, PAPER)]
-    return built + simulated + [Case(robot, field, OURS, LINES) for robot in (PANNING, IDEAL) for field in FIELDS]
+    built = [Case(humanoids.AS_BUILT, *each) for each in product(FIELDS, (OURS, PAPER), (LINES, NO_LINES))]
+    simulated = [Case(humanoids.AS_SIMULATED, field, system, LINES) for field in FIELDS for system in (OURS, PAPER)]
+    return (
+        built
+        + simulated
+        + [Case(robot, field, OURS, LINES) for robot in (humanoids.PANNING, humanoids.IDEAL) for field in FIELDS]
+    )
 
 
 def schulz_accuracy(seeds: int) -> ExperimentResult:
     """Walks at the observation level, then the recordings."""
     places = list(product(dict.fromkeys((case.robot, case.field) for case in cases()), range(seeds)))
-    walks = together(_walked(place, seed) for place, seed in follow(places, "walks"))
+    walks = gathered(_walked, places, "walks")
     tracks = {case: walks[case] for case in cases()}
     false = list(product(FIELDS, range(seeds)))
-    with_false = together(_with_false(*each) for each in follow(false, "walks, false crossings"))
+    with_false = gathered(_with_false, false, "walks, false crossings")
     starts = list(product(FIELDS, range(seeds * STARTS_FROM_NOWHERE)))
-    nowhere = together({field: _wait(field, n)} for field, n in follow(starts, "starts from nowhere"))
+    nowhere = gathered(_wait, starts, "starts from nowhere")
     recorded = recorded_rows()
-    built = {case: some for case, some in tracks.items() if case.robot is AS_BUILT and case.system == OURS}
+    built = {case: some for case, some in tracks.items() if case.robot is humanoids.AS_BUILT and case.system == OURS}
     ours = ["{} cm, {}".format(*_cells(some)) for case, some in built.items() if case.features == LINES]
     return ExperimentResult(
         "Figure 5 of Schulz and Behnke 2012: five minutes of walking, with lines and without",
@@ -116,39 +104,42 @@ def schulz_accuracy(seeds: int) -> ExperimentResult:
     )
 
 
-def _walked(place: tuple[Robot, str], seed: int) -> dict[Case, Track]:
+def _walked(task: tuple[tuple[humanoids.Robot, str], int]) -> dict[Case, Track]:
     """Every case of a robot on a field."""
-    walked = walk(place[1], place[0], seed, SECONDS)
-    return {case: tracked(walked, seed, _settings(case)) for case in cases() if case[:2] == place}
+    (robot, field), seed = task
+    walked = walk(field, robot, seed, SECONDS)
+    return {case: tracked(walked, seed, _settings(case)) for case in cases() if case[:2] == (robot, field)}
 
 
 def _settings(case: Case) -> NimbroLinesSettings:
-    return settings(PRESETS[case.system], *(WITHOUT_LINES if case.features == NO_LINES else ()))
+    return humanoids.settings(case.system, *(humanoids.WITHOUT_LINES if case.features == NO_LINES else ()))
 
 
-def _with_false(field: str, seed: int) -> dict[tuple[str, str], Track]:
+def _with_false(task: tuple[str, int]) -> dict[tuple[str, str], Track]:
     """A longer walk whose crossings are partly none."""
-    walked = walk(field, AS_SIMULATED, seed, SECONDS_WITH_FALSE)
-    false = {share: schulz_runs.with_false_crossings(walked, share, seed) for share in FALSE_SHARES}
+    field, seed = task
+    walked = walk(field, humanoids.AS_SIMULATED, seed, SECONDS_WITH_FALSE)
+    false = {share: humanoids.with_false_crossings(walked, share, seed) for share in FALSE_SHARES}
     return {(f"{100 * share:.0f} % false crossings", field): tracked(each, seed) for share, each in false.items()}
 
 
-def _wait(field: str, number: int) -> float:
-    """Seconds until the pose is right without being told any."""
-    areas = schulz_runs.random_areas(field, number)
-    walked = walk(field, AS_SIMULATED, number, SECONDS_FROM_NOWHERE, areas)
+def _wait(task: tuple[str, int]) -> dict[str, float]:
+    """Seconds until the pose is right without being told any, by the field."""
+    field, number = task
+    areas = humanoids.random_areas(field, number)
+    walked = walk(field, humanoids.AS_SIMULATED, number, SECONDS_FROM_NOWHERE, areas)
     track = tracked(walked, number, prior=Prior())
-    return schulz_runs.time_until_right(schulz_runs.either_end(track) if walked.field.is_symmetric else track)
+    return {field: humanoids.time_until_right(humanoids.either_end(track) if walked.field.is_symmetric else track)}
 
 
 def _cells(tracks: Sequence[Track]) -> Row:
     """Median, share within 40 cm, 95 %, heading, share right and believed."""
     return (
         spread([100.0 * float(np.median(t.distances_m)) for t in tracks], 1),
-        percent([float(np.mean(t.distances_m <= NEAR_M)) for t in tracks]),
+        percent([float(np.mean(t.distances_m <= humanoids.NEAR_M)) for t in tracks]),
         spread([100.0 * float(np.quantile(t.distances_m, 0.95)) for t in tracks], 0),
         spread([float(np.degrees(np.median(t.turns_rad))) for t in tracks], 2),
-        percent([schulz_runs.believed(t) for t in tracks]),
+        percent([humanoids.believed(t) for t in tracks]),
     )
 
 
@@ -156,12 +147,12 @@ def recorded_rows() -> list[Row]:
     """Images of walking humanoids, beside what the odometry alone makes of them; none of a recording not found."""
     rows: list[Row] = []
     for name in RECORDINGS:
-        walked, by_paper = schulz_runs.recorded_walk(name), schulz_runs.recorded_walk(name, "paper")
+        walked, by_paper = humanoids.recorded_walk(name), humanoids.recorded_walk(name, PAPER)
         if walked is None or by_paper is None:
             continue
-        ours = [tracked(walked, seed, settings()) for seed in follow(range(STARTS), f"starts in {name}")]
-        paper = [tracked(by_paper, seed, settings("paper")) for seed in range(STARTS)]
-        alone = [schulz_runs.dead_reckoned(walked)]
+        ours = [tracked(walked, seed, humanoids.settings()) for seed in follow(range(STARTS), f"starts in {name}")]
+        paper = [tracked(by_paper, seed, humanoids.settings(PAPER)) for seed in range(STARTS)]
+        alone = [humanoids.dead_reckoned(walked)]
         for system, features, tracks in ((OURS, "all", ours), (PAPER, "all", paper), ("odometry alone", "none", alone)):
             last = walked.times_s > walked.times_s[-1] - LAST_S
             ends = spread([100.0 * float(np.median(t.distances_m[last])) for t in tracks], 1)
@@ -195,6 +186,6 @@ def _histogram(tracks: Mapping[Case, Sequence[Track]]) -> Figure:
             shares = 100.0 * np.histogram(away, edges)[0] / len(away)
             axis.stairs(shares, edges, fill=True, alpha=0.35, color=tint)
             axis.stairs(shares, edges, color=tint, label=case.features)
-        axis.axvline(NEAR_M, color=MAGENTA, linewidth=1.0, linestyle="--")
+        axis.axvline(humanoids.NEAR_M, color=MAGENTA, linewidth=1.0, linestyle="--")
         axis.legend(frameon=False)
     return figure

@@ -10,19 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from touchline.errors import TouchlineError
+from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.harness import ExperimentResult, Headline, follow, percent, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, new_figure
-from touchline.experiments.schulz_runs import (
-    AS_SIMULATED,
-    OURS,
-    PAPER,
-    PRESETS,
-    RIGHT_M,
-    RIGHT_RAD,
-    random_areas,
-    settings,
-    walk,
-)
+from touchline.experiments.schulz_runs import OURS, PAPER
 from touchline.field import FieldModel, open_field
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, wrap_angles
@@ -77,9 +68,9 @@ def schulz_belief(seeds: int) -> ExperimentResult:
     """One frame per seed, the belief by four sets of features in both forms of the observation model."""
     field = open_field(FIELD)
     seen = [chosen_frame(seed) for seed in follow(range(seeds), "frames")]
-    shown = {panel: belief_of(field, seen[0].observation, panel, PRESETS[PAPER]) for panel in PANELS}
+    shown = {panel: belief_of(field, seen[0].observation, panel, PAPER) for panel in PANELS}
     found = {
-        (system, panel): [_summary(belief_of(field, s.observation, panel, PRESETS[system]), s.pose) for s in seen]
+        (system, panel): [_summary(belief_of(field, s.observation, panel, system), s.pose) for s in seen]
         for system in (PAPER, OURS)
         for panel in PANELS
     }
@@ -106,7 +97,7 @@ def chosen_frame(seed: int) -> Seen:
     """The first frame that fits, in walks from place to place drawn from the seed."""
     for attempt in range(20):
         number = 100 * seed + attempt
-        walked = walk(FIELD, AS_SIMULATED, number, _SECONDS, random_areas(FIELD, number))
+        walked = humanoids.walk(FIELD, humanoids.AS_SIMULATED, number, _SECONDS, humanoids.random_areas(FIELD, number))
         for frame, truth in zip(walked.frames, walked.truth, strict=True):
             seen = frame.observation
             if seen is not None and _fits(seen):
@@ -120,9 +111,9 @@ def _fits(seen: Observation) -> bool:
     return len(seen.lines) >= 2 and len(seen.crossings) >= 2 and coloured == [LandmarkKind.POLE]
 
 
-def belief_of(field: FieldModel, seen: Observation, panel: str, preset: str | None) -> Belief:
+def belief_of(field: FieldModel, seen: Observation, panel: str, form: str) -> Belief:
     """Equation (8) for the poses of a grid, with the features of one of PANELS."""
-    chosen = settings(preset, *(f"features.use.{kind}=false" for kind in PANELS[panel]))
+    chosen = humanoids.settings(form, *(f"features.use.{kind}=false" for kind in PANELS[panel]))
     associations = FieldAssociations(field)
     features = Features(associations, chosen.features)
     model = FeatureModel(associations.tables, field_lines(field), polar=not chosen.features.paper.covariances)
@@ -141,8 +132,8 @@ def _grid(field: FieldModel) -> FloatArray:
 def _summary(belief: Belief, truth: Pose) -> tuple[int, float, float]:
     """Number of positions, share of the belief that is right, area (m²) where the best heading is likely."""
     poses, likelihoods = belief
-    near = np.hypot(poses[..., 0] - truth.x, poses[..., 1] - truth.y) <= RIGHT_M
-    near &= np.abs(wrap_angles(poses[..., 2] - truth.heading)) <= RIGHT_RAD
+    near = np.hypot(poses[..., 0] - truth.x, poses[..., 1] - truth.y) <= humanoids.RIGHT_M
+    near &= np.abs(wrap_angles(poses[..., 2] - truth.heading)) <= humanoids.RIGHT_RAD
     best = likelihoods.max(axis=2)
     places, left, modes = poses[:, :, 0, :2], best.copy(), 0
     while left.max() >= _MODE_RATIO * best.max():

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from touchline.camera import GroundView, ground_view
-from touchline.experiments.feature_truth import Tally, TrueFeatures
-from touchline.experiments.harness import ExperimentResult, Headline, Row, follow
+from touchline.evaluation.feature_truth import Tally, TrueFeatures
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow
 from touchline.experiments.scenes import image_figure, public_recording
-from touchline.experiments.schulz_runs import RECORDINGS, random_areas
+from touchline.experiments.schulz_runs import PAPER, RECORDINGS, random_areas
 from touchline.experiments.schulz_runs import settings as system_settings
 from touchline.geometry import Pose
 from touchline.motion import LeanFilter
@@ -25,25 +25,28 @@ from touchline.types import Frame, ImageArray
 FIELDS = ("indoor-9x6", "humanoid-kid-9x6")
 CROSSINGS_M, LINES_M, LANDMARKS_M = 3.0, 5.0, 5.0
 _PLACES, _SECONDS = 2, 2.0  # per seed, and of each walk there
-VARIANTS = {"ours": system_settings().line_graph, "paper": system_settings("paper").line_graph}
+VARIANTS = {"ours": system_settings().line_graph, "paper": system_settings(PAPER).line_graph}
 LANDMARKS = {"post": "posts", "pole": "poles", "penalty_mark": "penalty marks"}
 _NOTHING = Tally(0, 0, 0, 0)
 
 
 @dataclass(eq=False)
 class FeatureScores:
-    """Sums over all frames of one source. landmarks_m: errors of the right ones. boundary_px: of all columns.
+    """Sums over all frames of one source. tallies: by the feature's name in the table. landmarks_m: errors of the right
+    ones. boundary_px: of all columns.
 
     time_ms: of each frame but those that teach the colours, processor time.
     """
 
-    crossings: dict[str, Tally] = field(default_factory=lambda: dict.fromkeys(("L", "T", "X", "all"), _NOTHING))
-    lines: Tally = _NOTHING
-    landmarks: dict[str, Tally] = field(default_factory=lambda: dict.fromkeys(LANDMARKS, _NOTHING))
+    tallies: dict[str, Tally] = field(default_factory=dict)
     landmarks_m: list[float] = field(default_factory=list)
     boundary_px: list[float] = field(default_factory=list)
     time_ms: list[float] = field(default_factory=list)
     picture: ImageArray | None = None
+
+    def add(self, tallies: Mapping[str, Tally]) -> None:
+        """Count more."""
+        self.tallies = {name: self.tallies.get(name, _NOTHING).plus(tally) for name, tally in tallies.items()}
 
 
 def measure(source: Recording | Simulation, settings: LineGraphSettings | None = None) -> FeatureScores:
@@ -61,11 +64,13 @@ def measure(source: Recording | Simulation, settings: LineGraphSettings | None =
             continue
         whiteness = (image - classes.model.green) @ classes.model.signal
         true = TrueFeatures(source.field, truth, _view(frame, source), whiteness)
-        found = true.tally_crossings(seen.crossings, CROSSINGS_M)
-        scores.crossings = {kind: tally.plus(found[kind]) for kind, tally in scores.crossings.items()}
-        scores.lines = scores.lines.plus(true.tally_lines(seen.lines, LINES_M))
-        marks = true.tally_landmarks(seen.landmarks, LANDMARKS_M)
-        scores.landmarks = {kind: tally.plus(marks[kind]) for kind, tally in scores.landmarks.items()}
+        crossings = true.tally_crossings(seen.crossings, CROSSINGS_M)
+        landmarks = true.tally_landmarks(seen.landmarks, LANDMARKS_M)
+        scores.add(
+            {f"{kind} crossings": crossings[kind] for kind in ("L", "T", "X", "all")}
+            | {"lines": true.tally_lines(seen.lines, LINES_M)}
+            | {name: landmarks[kind] for kind, name in LANDMARKS.items()}
+        )
         scores.landmarks_m += true.landmark_errors_m(seen.landmarks)
         errors = true.boundary_error_px(seen.boundary.pixels)
         scores.boundary_px += errors[np.isfinite(errors)].tolist()
@@ -76,21 +81,18 @@ def measure(source: Recording | Simulation, settings: LineGraphSettings | None =
 
 def table(name: str, scores: FeatureScores) -> list[Row]:
     """Rows of a source: what, precision, recall, how many there are and were found."""
-    rows: list[Row] = []
-    crossings = {f"{kind} crossings": tally for kind, tally in scores.crossings.items()}
-    landmarks = {LANDMARKS[kind]: tally for kind, tally in scores.landmarks.items()}
-    for label, tally in (crossings | {"lines": scores.lines} | landmarks).items():
-        if tally.there == tally.found == 0:
-            continue
-        rows.append(
-            (name, label, _percent(tally.precision), _percent(tally.recall), str(tally.there), str(tally.found))
-        )
+    rows: list[Row] = [
+        (name, label, _percent(tally.precision), _percent(tally.recall), str(tally.there), str(tally.found))
+        for label, tally in scores.tallies.items()
+        if tally.there or tally.found
+    ]
     if scores.landmarks_m:
         error = f"median {np.median(scores.landmarks_m):.2f} m"
         rows.append((name, "posts, poles, marks, error", error, "", "", str(len(scores.landmarks_m))))
     boundary = np.abs(scores.boundary_px)
-    mean = f"{boundary.mean():.1f} px" if len(boundary) else "–"
-    median = f"median {np.median(boundary):.1f} px" if len(boundary) else "–"
+    mean, median = NONE, NONE
+    if len(boundary):
+        mean, median = f"{boundary.mean():.1f} px", f"median {np.median(boundary):.1f} px"
     rows.append((name, "boundary, column error", mean, median, "", str(len(boundary))))
     rows.append((name, "time of a frame", f"{np.median(scores.time_ms):.1f} ms", "", "", str(len(scores.time_ms))))
     return rows
@@ -110,7 +112,7 @@ def schulz_features(seeds: int) -> ExperimentResult:
     ours = [each for name, each in scores.items() if not name.endswith("paper")]
     total = _NOTHING
     for each in ours:
-        total = total.plus(each.crossings["all"])
+        total = total.plus(each.tallies["all crossings"])
     return ExperimentResult(
         "Features of the line graph (Schulz and Behnke 2012, sections 3 and 4) against the projected truth",
         ("images of", "feature", "precision", "recall", "there", "found"),
@@ -149,15 +151,15 @@ def _source(name: str, seed: int | None) -> Recording | Simulation:
 
 def _together(one: FeatureScores, other: FeatureScores) -> FeatureScores:
     """Sums of both."""
-    return FeatureScores(
-        {kind: tally.plus(other.crossings[kind]) for kind, tally in one.crossings.items()},
-        one.lines.plus(other.lines),
-        {kind: tally.plus(other.landmarks[kind]) for kind, tally in one.landmarks.items()},
-        one.landmarks_m + other.landmarks_m,
-        one.boundary_px + other.boundary_px,
-        one.time_ms + other.time_ms,
-        one.picture if one.picture is not None else other.picture,
+    both = replace(
+        one,
+        landmarks_m=one.landmarks_m + other.landmarks_m,
+        boundary_px=one.boundary_px + other.boundary_px,
+        time_ms=one.time_ms + other.time_ms,
+        picture=other.picture if one.picture is None else one.picture,
     )
+    both.add(other.tallies)
+    return both
 
 
 def _frames(source: Recording | Simulation) -> Iterator[tuple[Frame, Pose]]:
@@ -174,4 +176,4 @@ def _view(frame: Frame, source: Recording | Simulation) -> GroundView:
 
 
 def _percent(share: float) -> str:
-    return "–" if np.isnan(share) else f"{100.0 * share:.1f} %"
+    return NONE if np.isnan(share) else f"{100.0 * share:.1f} %"

@@ -9,25 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Drive, Track
-from touchline.experiments.harness import ExperimentResult, Headline, Row, follow, percent, together
+from touchline.experiments.harness import ExperimentResult, Headline, Row, gathered, percent
 from touchline.experiments.scenes import BLUE, MAGENTA, dots, field_axes, new_figure, way
-from touchline.experiments.schulz_runs import (
-    AS_BUILT,
-    AS_SIMULATED,
-    IDEAL,
-    OURS,
-    PAPER,
-    PRESETS,
-    Robot,
-    believed,
-    either_end,
-    right_of,
-    settings,
-    time_until_right,
-    tracked,
-    walk,
-)
+from touchline.experiments.schulz_runs import OURS, PAPER, right_of, tracked, walk
 from touchline.field import FieldModel, open_field
 from touchline.geometry import FloatArray
 
@@ -39,7 +25,8 @@ _INSIDE_M = 0.2  # of the side lines and corners that the robot visits
 _TWO_AGAINST_TWO = ("others.robots=3", "others.moving=true", "others.near_m=1.2", "others.speed_m_s=0.5")
 
 
-_BUILT, _SIMULATED = (robot._replace(changes=_TWO_AGAINST_TWO) for robot in (AS_BUILT, AS_SIMULATED))
+_BUILT = humanoids.AS_BUILT._replace(changes=_TWO_AGAINST_TWO)
+_SIMULATED = humanoids.AS_SIMULATED._replace(changes=_TWO_AGAINST_TWO)
 _TOLD = "as built, told of the fall"  # the system is
 CASES = {
     ("as built", OURS): _BUILT,
@@ -47,7 +34,7 @@ CASES = {
     (_TOLD, OURS): _BUILT,
     ("as simulated", OURS): _SIMULATED,
     ("as simulated", PAPER): _SIMULATED,
-    ("ideal, nobody else", OURS): IDEAL,
+    ("ideal, nobody else", OURS): humanoids.IDEAL,
 }
 COLUMNS = (
     "robot", "system", "right until the fall", "right again: median (s)", "90 % (s)", "longest (s)", "never",
@@ -78,7 +65,7 @@ Games = Mapping[tuple[str, str], Sequence[Game]]  # by robot and system
 
 def schulz_games(seeds: int) -> ExperimentResult:
     """Fifty games of five seeds, each case plays the same ones."""
-    games = together(_played(number) for number in follow(range(seeds * GAMES), "games"))
+    games = gathered(_played, range(seeds * GAMES), "games")
     waited = np.array([each.waited_s for each in games["as built", OURS]])
     return ExperimentResult(
         "Section 6.3 of Schulz and Behnke 2012: games of two against two, with a fall",
@@ -100,12 +87,12 @@ def _played(number: int) -> dict[tuple[str, str], Game]:
     games = {}
     for (name, system), robot in CASES.items():
         forget_s = FALL_S if name == _TOLD else math.inf
-        track = tracked(walks[robot], number, settings(PRESETS[system]), forget_s=forget_s)
-        games[name, system] = Game(track, time_until_right(track, FALL_S))
+        track = tracked(walks[robot], number, humanoids.settings(system), forget_s=forget_s)
+        games[name, system] = Game(track, humanoids.time_until_right(track, FALL_S))
     return games
 
 
-def game(robot: Robot, number: int) -> Drive:
+def game(robot: humanoids.Robot, number: int) -> Drive:
     """One game; the number is its seed."""
     field, rng = open_field(FIELD), np.random.default_rng([number, 26])
     places = [_unfavourable(field, rng) for _ in range(5)]
@@ -135,9 +122,9 @@ def _unfavourable(field: FieldModel, rng: np.random.Generator) -> tuple[float, f
 def _cells(games: Sequence[Game]) -> Row:
     tracks, waited = [each.track for each in games], np.array([each.waited_s for each in games])
     wrong = [t.tracking & ~right_of(t) for t in tracks]
-    twins = [float(np.mean(w & right_of(either_end(t)))) for w, t in zip(wrong, tracks, strict=True)]
+    twins = [float(np.mean(w & right_of(humanoids.either_end(t)))) for w, t in zip(wrong, tracks, strict=True)]
     return (
-        percent([believed(t.part(t.times_s < FALL_S - DOWN_S)) for t in tracks]),
+        percent([humanoids.believed(t.part(t.times_s < FALL_S - DOWN_S)) for t in tracks]),
         f"{np.median(waited):.1f}",
         _quantile(waited),
         f"{np.max(waited[np.isfinite(waited)], initial=0.0):.1f}",

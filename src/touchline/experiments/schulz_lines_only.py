@@ -8,37 +8,24 @@ from itertools import product
 import numpy as np
 from matplotlib.figure import Figure
 
+from touchline.experiments import schulz_runs as humanoids
 from touchline.experiments.drives import Track
-from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, follow, percent, spread, together
+from touchline.experiments.harness import NONE, ExperimentResult, Headline, Row, gathered, percent, spread
 from touchline.experiments.scenes import BLUE, MAGENTA, RED, new_figure, way
-from touchline.experiments.schulz_runs import (
-    AS_BUILT,
-    AS_SIMULATED,
-    IDEAL,
-    ONLY_LINES,
-    OURS,
-    PAPER,
-    PRESETS,
-    TRACKING_ALONE,
-    WITHOUT_LINES,
-    Robot,
-    believed,
-    settings,
-    tracked,
-    walk,
-)
+from touchline.experiments.schulz_runs import OURS, PAPER, believed, tracked, walk
 from touchline.field import FieldModel, open_field
 from touchline.geometry import wrap_angles
 
 FIELD, SECONDS = "indoor-9x6", 600.0
-CONDITIONS = {"all observations": (), "no lines": WITHOUT_LINES, "only lines": ONLY_LINES}
+CONDITIONS = {"all observations": (), "no lines": humanoids.WITHOUT_LINES, "only lines": humanoids.ONLY_LINES}
 ALL, WITHOUT, ONLY = CONDITIONS
 TRUTH = "truth"
 # Table 2: Euclid (m) and angle (rad).
 PAIRS = {(ALL, WITHOUT): (0.17, 0.09), (ALL, ONLY): (0.14, 0.07), (WITHOUT, ONLY): (0.26, 0.15)}
 COLUMNS = ("robot", "system", "condition", "reference", "paper (m)", "ours (m)", "paper (rad)", "ours (rad)", "right")
+AS_BUILT, AS_SIMULATED, IDEAL = humanoids.AS_BUILT, humanoids.AS_SIMULATED, humanoids.IDEAL
 CASES = ((AS_BUILT, OURS), (AS_BUILT, PAPER), (AS_SIMULATED, OURS), (AS_SIMULATED, PAPER), (IDEAL, OURS))
-_BESIDE = {OURS: (), PAPER: TRACKING_ALONE}
+_BESIDE = {OURS: (), PAPER: humanoids.TRACKING_ALONE}
 _NOTES = (
     f"The scenario humanoid-walk on {FIELD} at the observation level, {SECONDS:g} s from target area to target area, "
     "per seed; the start is told within 0.3 m and 10°, all three tracks are of the same frames. The robots are those "
@@ -54,7 +41,7 @@ Tracks = Mapping[str, Track]  # by condition
 def schulz_lines_only(seeds: int) -> ExperimentResult:
     """Ten minutes per seed, three conditions."""
     walks = list(product((AS_BUILT, AS_SIMULATED, IDEAL), range(seeds)))
-    found = together(_tracks(robot, seed) for robot, seed in follow(walks, "walks"))
+    found = gathered(_tracks, walks, "walks")
     built = found[CASES[0]]
     pairs = ((ONLY, TRUTH), (ALL, ONLY))
     to_truth, to_all = (spread([100.0 * _apart(tracks, *pair)[0] for tracks in built], 1) for pair in pairs)
@@ -73,20 +60,21 @@ def schulz_lines_only(seeds: int) -> ExperimentResult:
     )
 
 
-def _tracks(robot: Robot, seed: int) -> dict[tuple[Robot, str], Tracks]:
+def _tracks(task: tuple[humanoids.Robot, int]) -> dict[tuple[humanoids.Robot, str], Tracks]:
     """Of one walk by both forms of the system."""
+    robot, seed = task
     walked = walk(FIELD, robot, seed, SECONDS)
     return {
         (robot, system): {
-            name: tracked(walked, seed, settings(PRESETS[system], *_BESIDE[system], *off))
+            name: tracked(walked, seed, humanoids.settings(system, *_BESIDE[system], *off))
             for name, off in CONDITIONS.items()
         }
         for chosen, system in CASES
-        if chosen is robot
+        if chosen == robot
     }
 
 
-def _rows(case: tuple[Robot, str], found: Sequence[Tracks]) -> list[Row]:
+def _rows(case: tuple[humanoids.Robot, str], found: Sequence[Tracks]) -> list[Row]:
     rows: list[Row] = []
     for one, other in (*PAIRS, *((name, TRUTH) for name in CONDITIONS)):
         apart = np.array([_apart(tracks, one, other) for tracks in found])

@@ -27,7 +27,6 @@ from touchline.systems.nimbro_lines import NimbroLines, NimbroLinesSettings
 from touchline.types import Crossings, Frame, Observation, Prior, generic_covariances
 
 OURS, PAPER = "nimbro-lines", "the paper's own form"
-PRESETS = {OURS: None, PAPER: "paper"}
 SCENARIO = "humanoid-walk"
 RECORDINGS = ("humanoid_9x6_walk", "humanoid_hsl_pan")
 FIELDS = {"indoor-9x6": "coloured goals, poles", "humanoid-kid-9x6": "white goals, no poles"}
@@ -93,9 +92,9 @@ def _seen(simulation: Simulation, robot: Robot, index: int) -> Frame:
     return replace(frame, observation=seen)
 
 
-def settings(preset: str | None = None, *changes: str) -> NimbroLinesSettings:
-    """Those of the system, or of the paper's own form (`paper`), with changes as `features.use.lines=false`."""
-    return load_settings(NimbroLinesSettings, None, changes, preset=preset)
+def settings(form: str = OURS, *changes: str) -> NimbroLinesSettings:
+    """Those of the system, or of the paper's own form, with changes as `features.use.lines=false`."""
+    return load_settings(NimbroLinesSettings, None, changes, preset="paper" if form == PAPER else None)
 
 
 def start_about(truth: Pose, seed: int) -> Pose:
@@ -134,14 +133,14 @@ def dead_reckoned(walked: Drive) -> Track:
     return Track(walked.times_s, np.array(poses), walked.truth, np.ones(len(poses), dtype=np.bool_))
 
 
-def recorded_walk(name: str, preset: str | None = None) -> Drive | None:
+def recorded_walk(name: str, form: str = OURS) -> Drive | None:
     """A recording with what nimbro-lines, or the paper's own form of it, sees in its images; None where not found."""
     recording = public_recording(name)
     if recording is None:
         return None
     assert recording.truth is not None, f"{name} holds its truth"
     setup = robot_setup(recording)
-    system = NimbroLines(setup, settings(preset), np.random.default_rng(0))
+    system = NimbroLines(setup, settings(form), np.random.default_rng(0))
     seen: list[Frame] = []
     for frame in recording:
         seen.append(replace(frame, image=None, observation=system.step(frame).observation))

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from touchline.evaluation.runner import robot_setup
 from touchline.experiments.harness import NONE, ExperimentResult, Headline, follow, spread, together
 from touchline.experiments.scenes import BLUE, RED, new_figure, public_recording
-from touchline.experiments.schulz_runs import OURS, PAPER, PRESETS, SCENARIO, settings, start_about
+from touchline.experiments.schulz_runs import OURS, PAPER, SCENARIO, settings, start_about
 from touchline.geometry import FloatArray, Pose
 from touchline.perception.line_graph import detector, structure
 from touchline.simulation.run import Simulation
@@ -107,8 +107,8 @@ def times_us(images: Images, seed: int) -> dict[tuple[str, str], FloatArray]:
     """Processor time (N,) in µs of each part, by both forms, of one pass over the images without the first few."""
     number = (f"particles.min_particles={PARTICLES}", f"particles.max_particles={PARTICLES}")
     found: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
-    for form, preset in PRESETS.items():
-        system = NimbroLines(images.setup, settings(preset, *number), np.random.default_rng(0))
+    for form in (OURS, PAPER):
+        system = NimbroLines(images.setup, settings(form, *number), np.random.default_rng(0))
         system.reset(Prior(start_about(images.start, seed)))
         spent: defaultdict[str, float] = defaultdict(float)
         with _watched(spent):

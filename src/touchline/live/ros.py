@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import Camera, PinholeCamera
+from touchline.camera import Camera, PerspectiveCamera
 from touchline.errors import InputError
 from touchline.geometry import Pose, Pose3
 from touchline.live.datagrams import Datagrams
@@ -46,7 +46,7 @@ class RosReader:
     def __init__(self, base: str | None = None, camera: Camera | None = None, late_ms: float = 0.0) -> None:
         self._wanted, self._camera, self._late_ns = base, camera, round(1e6 * late_ms)
         self._tree = FrameTree()
-        mount = camera.base_from_camera if isinstance(camera, PinholeCamera) else None
+        mount = camera.base_from_camera if isinstance(camera, PerspectiveCamera) else None
         self._track = CameraTrack(self._tree, base, mount)
         self._clock_ns: int | None = None  # of a simulator or a bag that is played
         self._datagrams = Datagrams()

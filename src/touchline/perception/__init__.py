@@ -4,6 +4,7 @@ from touchline.perception.detector import Detector, observe
 from touchline.perception.detectors import detector_for
 from touchline.perception.hsv_lines import HsvLineDetector, HsvLinePaper, HsvLineSettings
 from touchline.perception.line_graph.detector import LineGraphDetector
+from touchline.perception.line_graph.patches import line_graph_detector
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.line_points import LinePointDetector, LinePointSettings
 from touchline.perception.self_learning import LearningSettings, SelfLearningDetector
@@ -20,5 +21,6 @@ __all__ = [
     "LinePointSettings",
     "SelfLearningDetector",
     "detector_for",
+    "line_graph_detector",
     "observe",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from touchline.camera import Camera
 from touchline.field import FieldModel
 from touchline.perception.detector import Detector
-from touchline.perception.line_graph.detector import LineGraphDetector
+from touchline.perception.line_graph.patches import line_graph_detector
 from touchline.perception.line_graph.settings import LineGraphSettings
 from touchline.perception.self_learning import SelfLearningDetector
 
@@ -16,4 +16,4 @@ def detector_for(camera: Camera | None, field: FieldModel) -> Detector | None:
         return None
     if camera.model == "omni":
         return SelfLearningDetector(camera, line_width_m=field.line_width)
-    return LineGraphDetector(camera, LineGraphSettings(), field)
+    return line_graph_detector(camera, LineGraphSettings(), field)

@@ -101,7 +101,7 @@ def _draw_landmarks(canvas: Canvas, seen: Observation, circle_m: float) -> None:
             ring = place + circle_m * np.column_stack((np.cos(angles), np.sin(angles)))
             _draw_path(canvas, canvas.view.image_from_ground(ring), LANDMARK_PAINT, 1)
         foot = canvas.view.image_from_ground(place[np.newaxis])[0]
-        if kind in _UPRIGHTS and canvas.view.model == "pinhole":
+        if kind in _UPRIGHTS and canvas.view.model != "omni":
             heights = np.linspace(0.0, _UPRIGHT_M, 12)
             points = np.column_stack((np.broadcast_to(place, (12, 2)), heights))
             _draw_path(canvas, canvas.view.image_from_base(points), LANDMARK_PAINT, 2)

@@ -15,8 +15,7 @@ import yaml
 
 from touchline.errors import InputError, TouchlineError
 from touchline.geometry import FloatArray, wrap_angle
-from touchline.simulation.cameras.factory import project_ground
-from touchline.simulation.run import Simulation, image_name, robot_frame
+from touchline.simulation.run import Simulation, image_name
 from touchline.simulation.sequence import JPEG_QUALITY
 from touchline.sources.observations import HEADER, OBSERVATIONS, observation_rows
 from touchline.types import Frame, ImageArray, Samples
@@ -65,10 +64,10 @@ def _write_all(simulation: Simulation, folder: Path, on_frame: Callable[[Frame],
         assert frame.image is not None
         (folder / frame.name).write_bytes(encoded(frame.image))
         exposure = f"{simulation.image_times_s[index]:.4f},{frame.name},{frame.exposure_ms:.3f},{frame.gain:.3f}"
-        rows.append(",".join([exposure, *_extra_values(simulation, index)]))
+        rows.append(",".join([exposure, *_extra(simulation, index).values()]))
         if on_frame is not None:
             on_frame(frame)
-    header = ",".join(["t,file,exposure_ms,gain", *_extra_names(simulation)])
+    header = ",".join(["t,file,exposure_ms,gain", *_extra(simulation, 0)])
     _write_lines(folder / "images.csv", [header, *rows])
     _write_calibration(simulation, folder)
 
@@ -93,18 +92,14 @@ def encoded(image: ImageArray) -> bytes:
     return code.tobytes()
 
 
-def _extra_names(simulation: Simulation) -> list[str]:
-    names = ["bearing_rad"] if simulation.layout.strip_heading_rad is not None else []
-    return [*names, "arrival_s"] if simulation.scenario.camera.delay_s > 0.0 else names
-
-
-def _extra_values(simulation: Simulation, index: int) -> list[str]:
-    values = []
+def _extra(simulation: Simulation, index: int) -> dict[str, str]:
+    """Columns of images.csv that some runs have, and what stands there."""
+    values = {}
     if simulation.layout.strip_heading_rad is not None:
         bearing = wrap_angle(simulation.layout.strip_heading_rad - simulation.truth[index].heading)
-        values.append(f"{bearing:.6f}")
+        values["bearing_rad"] = f"{bearing:.6f}"
     if simulation.scenario.camera.delay_s > 0.0:
-        values.append(f"{simulation.arrival_stamps[index] / 1e9:.4f}")
+        values["arrival_s"] = f"{simulation.arrival_stamps[index] / 1e9:.4f}"
     return values
 
 
@@ -130,7 +125,7 @@ def _write_calibration(simulation: Simulation, folder: Path) -> None:
         lines = ["file,name,u,v,x_m,y_m"]
         names, places = list(layout.points), np.array(list(layout.points.values()))
         for index in range(len(simulation)):
-            ground = robot_frame(simulation.truth[index], places)
+            ground = simulation.truth[index].inverse().transform(places)
             pixels = _project(simulation, index, ground) + _MARK_NOISE_PX * rng.standard_normal(ground.shape)
             for name, (x, y), (u, v) in zip(names, ground, pixels, strict=True):
                 if _inside_image(simulation, u, v):
@@ -143,14 +138,14 @@ def _write_calibration(simulation: Simulation, folder: Path) -> None:
 
 def _regions(simulation: Simulation) -> Iterable[dict[str, Any]]:
     for name, polygon in simulation.layout.regions:
-        pixels = _project(simulation, 0, robot_frame(simulation.truth[0], polygon))
+        pixels = _project(simulation, 0, simulation.truth[0].inverse().transform(polygon))
         if all(_inside_image(simulation, u, v) for u, v in pixels):
             yield {"file": image_name(0), "class": name, "polygon": np.round(pixels, 2).tolist()}
 
 
 def _project(simulation: Simulation, index: int, ground: FloatArray) -> FloatArray:
     attitude = simulation.track.attitude_at(float(simulation.image_times_s[index]))
-    return project_ground(simulation.camera_model, ground, attitude)
+    return simulation.camera_model.project(ground, attitude)
 
 
 def _inside_image(simulation: Simulation, u: float, v: float) -> bool:

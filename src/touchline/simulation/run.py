@@ -18,7 +18,7 @@ from touchline.geometry import FloatArray, Pose
 from touchline.simulation.cameras.factory import SimulatedCamera, base_motion, open_simulated_camera
 from touchline.simulation.cameras.head import draw_head, known_camera
 from touchline.simulation.cameras.omni import SimulatedOmniCamera, omni_mapping
-from touchline.simulation.observation.feature_noise import LEAN_DEG, PINHOLE_FEATURES, FeatureNoise
+from touchline.simulation.observation.feature_noise import PINHOLE_FEATURES, FeatureNoise
 from touchline.simulation.observation.features import ObservedFeatures, turned
 from touchline.simulation.observation.observed_lines import (
     NUBOT_PATHS,
@@ -39,13 +39,14 @@ from touchline.simulation.world.calibration_layout import make_layout
 from touchline.simulation.world.hall import beside_lines
 from touchline.simulation.world.world import World, WorldState
 from touchline.sources import ProblemLog, Truth
+from touchline.sources.folder import known_columns
 from touchline.types import Frame, ImageArray, LinePoints, Observation, Samples, empty_points
 
 LEVELS = ("images", "points")
 _BALL = (0.11, 0.22)
 _PERSON_SIZES = np.array([*PERSON_PARTS, (0.0, 0.0)])
 _PINHOLE_REACH_M = 6.5
-_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=math.radians(LEAN_DEG), height_m=1.1)
+_PINHOLE_NOISE = ObservationNoise(noise_px=0.3, lean_noise_rad=math.radians(PINHOLE_FEATURES.lean_deg), height_m=1.1)
 
 
 class Eyes(NamedTuple):
@@ -69,6 +70,7 @@ class Simulation:
             image = simulation.grab()       # or look again at once, while the robot waits
 
     level: `images` renders, `points` gives line points as perception would, at a hundredth of the time.
+    image_stamps, arrival_stamps: int64 (N,) (ns); track, others, sensors, world: what the run is made of.
     """
 
     def __init__(
@@ -81,42 +83,36 @@ class Simulation:
     ) -> None:
         """Raises InputError, in one message, for whatever is wrong with the scenario.
 
-        noise: of the observation level's points, feature_noise: of a pinhole camera's features there; none: as fitted
-        to the detector. eyes: of a mirror, instead of NuBot's detector.
+        noise: of the observation level's points, feature_noise: of a perspective camera's features there; none: as
+        fitted to the detector. eyes: of a mirror, instead of NuBot's detector.
         """
         if level not in LEVELS:
             raise InputError(f"level '{level}' is unknown; known: {', '.join(LEVELS)}")
-        self.scenario, self.level = scenario, level
+        self.scenario, self.level, self.name = scenario, level, scenario.name
+        self.rate_hz, self.camera_kind = scenario.camera.rate_hz, scenario.camera.kind
+        self.camera_file: Path | None = None  # a run has no files
+        self.problems = ProblemLog()  # and nothing about it is ever odd
+        wheels = scenario.sensors.wheels
+        self.wheel_directions_rad = wheels.a_dir_rad, wheels.b_dir_rad
         self.field: FieldModel = open_field(scenario.field)
         streams = scenario.streams()
         self.track = make_track(scenario, self.field, streams["motion"])
         self.others = make_others(scenario, self.field, self.track, streams["others"])
         self.sensors = simulate_sensors(self.track, scenario.sensors, streams["sensors"])
         self.start = self.track.pose_at(0.0)
-        calibration = scenario.calibration
-        self.layout = make_layout(calibration.kind, calibration.regions, self.start)
+        self.layout = make_layout(scenario.calibration.kind, scenario.calibration.regions, self.start)
         self.world: World = make_world(scenario, self.field, self.others, self.layout)
         self.head = draw_head(scenario.camera, self.track, streams["camera"])
         self.camera_model: SimulatedCamera = open_simulated_camera(scenario.camera, self.head.mount)
         self.image_times_s = _image_times(scenario, self.track.poses)
         taken: npt.NDArray[np.int64] = np.rint(self.image_times_s * 1e9).astype(np.int64)
-        self._arrivals = self._arrival_stamps(taken, streams["delays"])
-        self._stamps = self._arrivals if scenario.camera.stamped == "arrived" else taken
+        self.arrival_stamps = _arrivals(scenario, taken, streams["delays"])
+        self.image_stamps = self.arrival_stamps if scenario.camera.stamped == "arrived" else taken
         self._black_rad = np.radians(np.array(scenario.camera.black_sectors_deg, dtype=np.float64).reshape(-1, 2))
         self._noise, self._feature_noise, self._eyes = noise, feature_noise, eyes or Eyes()
         self._index = 0
         self._grabs = 0
         self.exposure_ms, self.gain = scenario.camera.exposure_ms, scenario.camera.gain
-
-    @property
-    def name(self) -> str:
-        """What the run is called."""
-        return self.scenario.name
-
-    @property
-    def rate_hz(self) -> float:
-        """Nominal image rate."""
-        return self.scenario.camera.rate_hz
 
     @cached_property
     def sequence(self) -> Mapping[str, Any]:
@@ -127,16 +123,6 @@ class Simulation:
     def events(self) -> tuple[Mapping[str, Any], ...]:
         """What happens, each with t and kind. For evaluation only."""
         return tuple(self.sequence["events"])
-
-    @property
-    def camera_kind(self) -> str:
-        """`omni` or `pinhole`."""
-        return self.scenario.camera.kind
-
-    @property
-    def camera_file(self) -> Path | None:
-        """None: a run has no files."""
-        return None
 
     @cached_property
     def camera(self) -> Camera:
@@ -150,40 +136,19 @@ class Simulation:
             return omni_mapping(known_camera(self.scenario.camera, self.head, self.camera_model))
         return self.camera_model.camera_yaml()
 
-    @property
-    def wheel_directions_rad(self) -> tuple[float, float]:
-        """Rolling directions of the measuring wheels a and b in the robot frame."""
-        wheels = self.scenario.sensors.wheels
-        return wheels.a_dir_rad, wheels.b_dir_rad
-
     @cached_property
     def truth(self) -> Truth:
         """The true poses at the images' stamps. For evaluation only."""
-        late = self._stamps is self._arrivals
-        return Truth(self._stamps, self.track.poses_at(1e-9 * self._stamps) if late else self._poses)
+        late = self.image_stamps is self.arrival_stamps
+        return Truth(self.image_stamps, self.track.poses_at(1e-9 * self.image_stamps) if late else self._poses)
 
     @cached_property
     def _poses(self) -> FloatArray:
         """(N, 3) the true poses where the images were taken."""
         return self.track.poses_at(self.image_times_s)
 
-    @property
-    def problems(self) -> ProblemLog:
-        """Nothing is ever odd."""
-        return ProblemLog()
-
-    @property
-    def image_stamps(self) -> npt.NDArray[np.int64]:
-        """Stamps of all frames (ns), int64 (N,)."""
-        return self._stamps
-
-    @property
-    def arrival_stamps(self) -> npt.NDArray[np.int64]:
-        """When each image arrives (ns), int64 (N,)."""
-        return self._arrivals
-
     def __len__(self) -> int:
-        return len(self._stamps)
+        return len(self.image_stamps)
 
     def __iter__(self) -> Iterator[Frame]:
         self.set(self.scenario.camera.exposure_ms, self.scenario.camera.gain)
@@ -206,18 +171,18 @@ class Simulation:
         index = range(len(self))[index]  # from the end, too
         self._index, self._grabs = index, 0
         odometry, wheels, imu = (
-            _part(log, ends[index], ends[index + 1]) for log, ends in zip(self._logs, self._sample_ends, strict=True)
+            _part(log, ends[index], ends[index + 1]) for log, ends in zip(self.sensors, self._sample_ends, strict=True)
         )
-        images = self.level == "images"
+        images, stamp_ns = self.level == "images", int(self.image_stamps[index])
         return Frame(
-            stamp_ns=int(self._stamps[index]),
+            stamp_ns=stamp_ns,
             image=self.image(index) if images else None,
-            observation=None if images else Observation(int(self._stamps[index]), self.points(index)),
+            observation=None if images else Observation(stamp_ns, self.points(index)),
             odometry=odometry,
             wheels=wheels,
-            gyro=_columns(imu, 3, 6),
-            compass=_columns(imu, 2, 3),
-            tilt=_columns(imu, 0, 2),
+            gyro=known_columns(imu, 3, 6),
+            compass=known_columns(imu, 2, 3),
+            tilt=known_columns(imu, 0, 2),
             exposure_ms=self.exposure_ms if images else None,
             gain=self.gain if images else None,
             name=image_name(index),
@@ -227,33 +192,21 @@ class Simulation:
     def _covered(self) -> list[bool]:
         return [self.track.covered_at(float(time_s)) for time_s in self.image_times_s]
 
-    @property
-    def _logs(self) -> tuple[Samples, Samples, Samples]:
-        return self.sensors.odometry, self.sensors.wheels, self.sensors.imu
-
     @cached_property
     def _sample_ends(self) -> tuple[list[int], ...]:
         """Of odometry, wheels and IMU how many samples have arrived before the first image and with each."""
-        return tuple(arrived_by(log, self._arrivals) for log in self._logs)
+        return tuple(arrived_by(log, self.arrival_stamps) for log in self.sensors)
 
     def image(self, index: int, again: int = 0) -> ImageArray:
         """The image of one frame, uint8 (H, W, 3) BGR, with the exposure set now. again: for another noise."""
-        time_s = float(self.image_times_s[index])
+        time_s, track, camera = float(self.image_times_s[index]), self.track, self.scenario.camera
         rng = np.random.default_rng([self.scenario.seed, 5, index, again])
-        camera = self.scenario.camera
-        pose, motion = self.track.pose_at(time_s), None
+        pose, motion = track.pose_at(time_s), None
         if camera.motion_blur or camera.rolling_shutter_ms > 0.0:
-            leaning = self.track.leaning_at(time_s)
-            motion = base_motion(self.track.velocity_at(time_s), pose.heading, leaning)
+            motion = base_motion(track.velocity_at(time_s), pose.heading, track.leaning_at(time_s))
+        exposure = self.exposure_ms, self.gain
         return self.camera_model.render(
-            self.world,
-            self.state(time_s),
-            pose,
-            self.track.attitude_at(time_s),
-            self.exposure_ms,
-            self.gain,
-            rng,
-            motion,
+            self.world, self.state(time_s), pose, track.attitude_at(time_s), *exposure, rng, motion
         )
 
     def state(self, time_s: float) -> WorldState:
@@ -285,9 +238,9 @@ class Simulation:
         """
         time_s = float(self.image_times_s[index])
         if self.track.covered_at(time_s):
-            return Observation(int(self._stamps[index]))
+            return Observation(int(self.image_stamps[index]))
         rng = np.random.default_rng([self.scenario.seed, 9, index])
-        pose, stamp_ns = Pose(*self._poses[index].tolist()), int(self._stamps[index])
+        pose, stamp_ns = Pose(*self._poses[index].tolist()), int(self.image_stamps[index])
         looking = Pose(pose.x, pose.y, pose.heading + pan_rad)
         seen = self._features.observe(looking, rng, self._bodies(time_s), self._black_rad, stamp_ns)
         return turned(seen, pan_rad) if pan_rad else seen
@@ -309,21 +262,19 @@ class Simulation:
 
     @cached_property
     def _observed(self) -> ObservedLines:
-        camera = self.camera_model
+        camera, seed = self.camera_model, self.scenario.seed
         if isinstance(camera, SimulatedOmniCamera):
             eyes = self._eyes
             mirror = eyes.known or require_omni(self.camera, "line points are computed for")
             beside = beside_lines(self.field) if self.scenario.hall.beside else None
             built = BuiltCamera(camera.project, camera.shift_by_swing, mirror)
-            return ObservedLines(
-                camera.design, self.field, self._point_noise, eyes.paths, seed=self.scenario.seed, as_built=built,
-                beside=beside,
-            )  # fmt: skip
-        tree = self.camera_model.camera_yaml()
-        view = leaning_view(float(tree["mount"]["z"]), float(tree["fx"]), _PINHOLE_REACH_M)
-        half_rad = math.atan2(0.5 * float(tree["width"]), float(tree["fx"]))
-        noise = self._noise or _PINHOLE_NOISE
-        return ObservedLines(view, self.field, noise, view_rad=half_rad, seed=self.scenario.seed)
+            noise = self._point_noise
+            return ObservedLines(camera.design, self.field, noise, eyes.paths, math.pi, seed, built, beside)
+        design, kind = camera.design, self.scenario.camera.kind
+        view = leaning_view(float(design.base_from_camera.translation_m[2]), design.fx, _PINHOLE_REACH_M)
+        half = 0.5 * design.width / design.fx
+        half_rad = half if kind == "fisheye" else math.atan(half)
+        return ObservedLines(view, self.field, self._noise or _PINHOLE_NOISE, view_rad=half_rad, seed=seed)
 
     @property
     def _point_noise(self) -> ObservationNoise | None:
@@ -336,22 +287,10 @@ class Simulation:
         more = max(noise_px**2 - ObservationNoise().noise_px ** 2, 0.0)
         return noise.model_copy(update={"noise_px": math.sqrt(noise.noise_px**2 + more)})
 
-    def _arrival_stamps(self, taken: npt.NDArray[np.int64], rng: np.random.Generator) -> npt.NDArray[np.int64]:
-        camera = self.scenario.camera
-        delays_s = camera.delay_s + camera.delay_spread_s * rng.uniform(-1.0, 1.0, len(taken))
-        arrivals = taken + np.rint(np.maximum(delays_s, 0.0) * 1e9).astype(np.int64)
-        arrived: npt.NDArray[np.int64] = np.maximum.accumulate(arrivals)
-        return arrived
-
 
 def image_name(index: int) -> str:
     """The file of an image in a recording."""
     return f"images/{index:06d}.jpg"
-
-
-def robot_frame(pose: Pose, points: FloatArray) -> FloatArray:
-    """Field points (N, 2) in the base frame of a robot at `pose` (m)."""
-    return pose.inverse().transform(points)
 
 
 def _image_times(scenario: Scenario, poses: FloatArray) -> FloatArray:
@@ -368,6 +307,14 @@ def _image_times(scenario: Scenario, poses: FloatArray) -> FloatArray:
     return rounded
 
 
+def _arrivals(scenario: Scenario, taken: npt.NDArray[np.int64], rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    """When images arrive (ns) that were taken at these stamps (N,); none overtakes another."""
+    camera = scenario.camera
+    delays_s = camera.delay_s + camera.delay_spread_s * rng.uniform(-1.0, 1.0, len(taken))
+    arrivals = taken + np.rint(np.maximum(delays_s, 0.0) * 1e9).astype(np.int64)
+    return np.maximum.accumulate(arrivals)
+
+
 def _middles_of_stands(poses: FloatArray) -> FloatArray:
     still = np.concatenate(([False], (np.diff(poses, axis=0) == 0.0).all(axis=1), [False]))
     first = np.flatnonzero(~still[:-1] & still[1:])
@@ -379,7 +326,3 @@ def _middles_of_stands(poses: FloatArray) -> FloatArray:
 
 def _part(samples: Samples, first: int, end: int) -> Samples | None:
     return Samples(samples.stamp_ns[first:end], samples.values[first:end]) if end > first else None
-
-
-def _columns(samples: Samples | None, start: int, stop: int) -> Samples | None:
-    return None if samples is None else Samples(samples.stamp_ns, samples.values[:, start:stop])

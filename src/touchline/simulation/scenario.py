@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from functools import cache
@@ -12,9 +11,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from touchline.config import Settings, fill_in, load_settings
+from touchline.config import Settings, load_settings, merged
 from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
+from touchline.messages import did_you_mean
 from touchline.simulation.robot.sensors import Range, SensorSettings
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
@@ -67,22 +67,18 @@ class MirrorSettings(Settings):
 class CameraSettings(Settings):
     """The camera, its exposure and what hides its view."""
 
-    kind: Literal["omni", "pinhole"] = Field("omni", description="omni (mirror) or pinhole (a humanoid's head)")
+    kind: Literal["omni", "pinhole", "fisheye"] = Field(
+        "omni", description="omni (mirror), pinhole or fisheye (a humanoid's head)"
+    )
     rate_hz: float = Field(10.0, gt=0, le=100, description="images per second")
     exposure_ms: float = Field(12.0, gt=0, le=200, description="exposure time of the first images (ms)")
     gain: float = Field(1.7, gt=0, le=100, description="linear gain of the first images")
     mirror: MirrorSettings = MirrorSettings()
-    file: str | None = Field(
-        None, description="a camera.yaml whose camera is simulated; none: the mirror or pinhole here"
-    )
+    file: str | None = Field(None, description="a camera.yaml whose camera is simulated; none: the mirror or lens here")
     motion_blur: bool = Field(False, description="whether the motion during the exposure blurs the image")
-    rolling_shutter_ms: float = Field(
-        0.0, ge=0, le=200, description="time from the first to the last row's exposure (ms)"
-    )
+    rolling_shutter_ms: float = Field(0.0, ge=0, le=200, description="from the first row's exposure to the last's (ms)")
     vignetting: float = Field(0.0, ge=0, le=1, description="by how much of its light the image's corners are darker")
-    bloom: float = Field(
-        0.0, ge=0, le=0.5, description="part of the light that the lens scatters around what is bright"
-    )
+    bloom: float = Field(0.0, ge=0, le=0.5, description="part of the light that the lens scatters around bright spots")
     known_from: Literal["design", "calibrate-mirror", "calibrate-range"] = Field(
         "design", description="what camera.yaml tells: the mirror as designed, or as a calibration has found it"
     )
@@ -100,7 +96,7 @@ class CameraSettings(Settings):
     def _fits_together(self) -> CameraSettings:
         for key in ("mirror", "known_from"):
             if _is_set(self, key) and (self.kind != "omni" or self.file is not None):
-                reason = "a pinhole camera has none" if self.kind != "omni" else "camera.file tells the camera already"
+                reason = f"a {self.kind} camera has none" if self.kind != "omni" else "camera.file tells it already"
                 raise ValueError(f"'{key}' is not used: {reason if key == 'mirror' else 'it is about a mirror'}")
         if self.delay_spread_s > self.delay_s:
             raise ValueError(f"delay_spread_s ({self.delay_spread_s:g}) is more than delay_s ({self.delay_s:g})")
@@ -158,9 +154,7 @@ class MotionSettings(Settings):
     speed_m_s: float = Field(1.2, gt=0, le=8, description="[moving] top speed (m/s)")
     acceleration_m_s2: float = Field(2.0, gt=0, le=20, description="[moving] acceleration (m/s²)")
     turn_rad_s: float = Field(2.0, gt=0, le=20, description="[moving] top turning rate (rad/s)")
-    sway_deg: float = Field(
-        2.8, ge=0, le=20, description="[walk, walk-in-place] amplitude of the roll at full speed (degrees)"
-    )
+    sway_deg: float = Field(2.8, ge=0, le=20, description="[walk, walk-in-place] amplitude of the roll (degrees)")
     gait_hz: float = Field(1.5, gt=0, le=5, description="[walk, walk-in-place] strides per second")
 
     @model_validator(mode="after")
@@ -180,9 +174,7 @@ class DisturbanceSettings(Settings):
     kidnap_every_s: float = Field(0.0, ge=0, description="the robot is carried elsewhere this often (s); 0: never")
     covered_images: int = Field(3, ge=0, le=50, description="black images before the first one at the new place")
     kidnap_to: tuple[Place, ...] = Field((), description="places x, y (m), heading (degrees); none: from the seed")
-    shove_every_s: float = Field(
-        0.0, ge=0, description="mean time between collisions that shove the robot (s); 0: never"
-    )
+    shove_every_s: float = Field(0.0, ge=0, description="mean time between shoves by collisions (s); 0: never")
     shove_m: Range = Field((0.1, 0.3), description="range of the length of a shove (m)")
     shove_deg: float = Field(10.0, ge=0, le=180, description="standard deviation of the rotation of a shove (degrees)")
 
@@ -257,9 +249,8 @@ class Scenario(Settings):
         """Put in what isn't named: of a robot as built, or what the scenario says of an ideal one under `ideally`."""
         if not isinstance(values, dict):
             return values
-        filled = deepcopy({key: value for key, value in values.items() if key != "ideally"})
-        fill_in(filled, values.get("ideally", {}) if filled.get("ideal") is True else _as_built(filled))
-        return filled
+        named = {key: value for key, value in values.items() if key != "ideally"}
+        return merged(_group(values, "ideally") if named.get("ideal") is True else _as_built(named), named)
 
     @field_validator("name")
     @classmethod
@@ -277,9 +268,8 @@ class Scenario(Settings):
         if self.disturbances.kidnap_every_s > 0.0:
             hidden_s = (self.disturbances.covered_images + 2) / self.camera.rate_hz
             if self.disturbances.kidnap_every_s <= hidden_s:
-                raise ValueError(
-                    f"disturbances.kidnap_every_s is no longer than the {hidden_s:g} s that each kidnap takes"
-                )
+                what = f"no longer than the {hidden_s:g} s that each kidnap takes"
+                raise ValueError(f"disturbances.kidnap_every_s is {what}")
         return self
 
     def streams(self) -> dict[str, np.random.Generator]:
@@ -363,6 +353,6 @@ def _scenario_file(name: str) -> Path:
         return path / "sequence.yaml"
     if path.suffix.lower() in (".yaml", ".yml") or path.parent != Path():
         raise InputError(f"{name}: there is no such scenario file")
-    near = difflib.get_close_matches(name, scenario_names(), n=1, cutoff=0.5)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(scenario_names())}."
-    raise InputError(f"scenario '{name}' is unknown; {hint} A file of your own ends in .yaml")
+    hint = did_you_mean(name, scenario_names())
+    stop = "" if hint.endswith("?") else "."
+    raise InputError(f"scenario '{name}' is unknown; {hint}{stop} A file of your own ends in .yaml")

@@ -30,13 +30,13 @@ _HUMANOID_PARTS = ((0.5, 0.5), (0.85, 0.86), (0.35, 1.0))
 
 def body_size(kind: str) -> tuple[float, float]:
     """Radius and height (m) of the other robots' bodies that a camera of this kind plays among."""
-    return _HUMANOID_M if kind == "pinhole" else _MSL_M
+    return _MSL_M if kind == "omni" else _HUMANOID_M
 
 
 def body_parts(kind: str) -> list[tuple[float, float]]:
     """Radius and top (m) of the upright cylinders, from foot to head, that another robot hides lines with."""
     radius, height = body_size(kind)
-    parts = _HUMANOID_PARTS if kind == "pinhole" else _MSL_PARTS
+    parts = _MSL_PARTS if kind == "omni" else _HUMANOID_PARTS
     return [(part * radius, top * height) for part, top in parts]
 
 
@@ -48,7 +48,7 @@ def make_world(scenario: Scenario, field: FieldModel, others: Others, layout: La
     roomy = hall.stands or hall.beside
     world = default_world(field, seed, clutter=scenario.clutter, aside_m=_ASIDE_M if roomy else 0.0)
     robots, balls = others.at(0.0)
-    humanoid = scenario.camera.kind == "pinhole"
+    humanoid = scenario.camera.kind != "omni"
     actors = [
         RobotActor(
             float(x), float(y), float(heading), *body_size(scenario.camera.kind),

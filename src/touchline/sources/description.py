@@ -16,7 +16,7 @@ from touchline.sources.problems import ProblemKind, ProblemLog
 
 FORMAT = 1
 NO_CAMERA = "none"
-CAMERA_KINDS = ("omni", "pinhole", NO_CAMERA)
+CAMERA_KINDS = ("omni", "pinhole", "fisheye", NO_CAMERA)
 SEQUENCE, CAMERA, FIELD = "sequence.yaml", "camera.yaml", "field.yaml"
 _MAX_NAME = 200
 

@@ -59,9 +59,9 @@ class Recording:
     missing or broken has image None and says why in `problem`.
 
     path: what the user named, where the folder holds the tables of a bag. images: where its images are.
-    problems: of the way they came. name, sequence (as it was written), events, camera_kind (`omni`, `pinhole` or
-    `none`: observations.csv takes the place of a camera), camera_file (None without one), linear (images are 16-bit
-    linear PNG files) and stated_rate_hz (None without one) are what sequence.yaml says.
+    problems: of the way they came. name, sequence (as it was written), events, camera_kind (`omni`, `pinhole`,
+    `fisheye` or `none`: observations.csv takes the place of a camera), camera_file (None without one), linear (images
+    are 16-bit linear PNG files) and stated_rate_hz (None without one) are what sequence.yaml says.
 
     Raises InputError when it can't be opened at all; what can be survived is in `problems`.
     """
@@ -124,8 +124,7 @@ class Recording:
         except (TableError, UnreadableError) as error:
             if self.camera_kind == NO_CAMERA or not (self.folder / IMAGE_LIST).exists():
                 raise
-            what = f"{error.what}; the recording is read without it"
-            self._opening.add(ProblemKind.SENSOR_FILE, OBSERVATIONS, what, line=_line_of(error))
+            self._report_unused(OBSERVATIONS, error)
         return None
 
     def _open_images(self) -> ImageList | None:
@@ -158,8 +157,12 @@ class Recording:
         try:
             self._tables[name] = open_table(self.file(name), ["t", *columns])
         except (TableError, UnreadableError) as error:
-            what = f"{error.what}; the recording is read without it"
-            self._opening.add(ProblemKind.SENSOR_FILE, name, what, line=_line_of(error))
+            self._report_unused(name, error)
+
+    def _report_unused(self, name: str, error: TableError | UnreadableError) -> None:
+        what = f"{error.what}; the recording is read without it"
+        line = error.line if isinstance(error, TableError) else None
+        self._opening.add(ProblemKind.SENSOR_FILE, name, what, line=line)
 
     @property
     def follows_links(self) -> bool:
@@ -187,9 +190,8 @@ class Recording:
         from touchline.camera import open_camera
 
         if self.camera_file is None:
-            raise InputError(
-                f"{self.folder / 'camera.yaml'}: is missing; without it pixels have no place on the ground"
-            )
+            missing = self.folder / "camera.yaml"
+            raise InputError(f"{missing}: is missing; without it pixels have no place on the ground")
         try:
             return open_camera(self.camera_file)
         except InputError as error:  # of a bag the tables lie in a folder that nobody knows
@@ -214,12 +216,9 @@ class Recording:
 
     def table(self, name: str) -> Table | None:
         """One of the recording's tables of numbers by its file; None where there is none that can be used."""
-        frames: dict[str, ImageList | ObservationList | None] = {
-            IMAGE_LIST: self._images,
-            OBSERVATIONS: self._observations,
-        }
-        if (listed := frames.get(name)) is not None:
-            return listed.table
+        if name in (IMAGE_LIST, OBSERVATIONS):
+            listed = self._images if name == IMAGE_LIST else self._observations
+            return None if listed is None else listed.table
         return self._camera_poses if name == CAMERA_POSES else self._tables.get(name)
 
     @property
@@ -278,9 +277,9 @@ class Recording:
                 base_from_camera=None if poses is None else poses.at(stamp),
                 odometry=taken.get("odometry.csv"),
                 wheels=taken.get("wheels.csv"),
-                gyro=_columns(imu, 3, 6),
-                compass=_columns(imu, 2, 3),
-                tilt=_columns(imu, 0, 2),
+                gyro=known_columns(imu, 3, 6),
+                compass=known_columns(imu, 2, 3),
+                tilt=known_columns(imu, 0, 2),
                 exposure_ms=exposure,
                 gain=gain,
                 name=name,
@@ -375,11 +374,7 @@ class Recording:
         return image, None
 
 
-def _line_of(error: TableError | UnreadableError) -> int | None:
-    return error.line if isinstance(error, TableError) else None
-
-
-def _columns(samples: Samples | None, start: int, stop: int) -> Samples | None:
+def known_columns(samples: Samples | None, start: int, stop: int) -> Samples | None:
     """Some of the columns; rows with an empty one left out."""
     if samples is None:
         return None

@@ -18,10 +18,9 @@ from touchline.sources.bags.table_rows import decimal_ns, decimal_seconds
 from touchline.sources.decoding import Decoded, ImageStore, decode_image
 from touchline.sources.description import SEQUENCE
 from touchline.sources.folder import Recording
-from touchline.sources.new_description import copy_camera, named_field, write_field, write_yaml
+from touchline.sources.new_description import TemporaryFolder, copy_camera, named_field, write_field, write_yaml
 from touchline.sources.odometry_csv import odometry_rows, parse_columns
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.sources.temporary import TemporaryFolder
 from touchline.sources.video import ENDINGS, VideoImages
 
 _IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
@@ -73,9 +72,8 @@ def open_loose(path: Path, options: LooseOptions, described: BagOptions) -> Reco
     _write_lines(target / "images.csv", itertools.chain(["t,file"], rows))
     if options.odometry is not None:
         columns = parse_columns(options.columns)
-        _write_lines(
-            target / "odometry.csv", itertools.chain(["t,x,y,theta"], odometry_rows(options.odometry, columns))
-        )
+        odometry = itertools.chain(["t,x,y,theta"], odometry_rows(options.odometry, columns))
+        _write_lines(target / "odometry.csv", odometry)
     problems = ProblemLog()
     if described.camera is None:
         problems.add(ProblemKind.TOPIC, path.name, "tells no camera: --camera FILE gives one")

@@ -1,7 +1,10 @@
-"""sequence.yaml, field.yaml and camera.yaml of what was no recording before: a foreign bag, a video, loose images."""
+"""What was no recording before, a foreign bag, a video, loose images: its folder, sequence, field and camera file."""
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +15,14 @@ from touchline.files.yaml_text import read_yaml_mapping
 
 if TYPE_CHECKING:
     from touchline.field import FieldModel
+
+
+class TemporaryFolder:
+    """A new folder, removed with all it holds when nobody holds this any more, at the latest when Python ends."""
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix="touchline-"))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
 def named_field(path: Path, given: str | None) -> FieldModel:

@@ -178,15 +178,15 @@ def observation_rows(observation: Observation) -> list[str]:
     time = f"{observation.stamp_ns / 1e9:.9f}".rstrip("0").rstrip(".")
     points, lines, crossings = observation.points.usable(), observation.lines, observation.crossings
     landmarks, boundary = observation.landmarks, observation.boundary.usable()
-    rows = _kept_rows(repeat(POINT), points.positions_m, points)
-    rows += _kept_rows(repeat(LINE), lines.ends_m, lines)
-    rows += _kept_rows(crossings.kinds, crossings.positions_m, crossings, turns=crossings.orientations_rad)
-    rows += _kept_rows(landmarks.kinds, landmarks.positions_m, landmarks, colors=landmarks.colors)
-    rows += _kept_rows(repeat(BOUNDARY), boundary.positions_m, boundary)
+    rows = _table_rows(repeat(POINT), points.positions_m, points)
+    rows += _table_rows(repeat(LINE), lines.ends_m, lines)
+    rows += _table_rows(crossings.kinds, crossings.positions_m, crossings, turns=crossings.orientations_rad)
+    rows += _table_rows(landmarks.kinds, landmarks.positions_m, landmarks, colors=landmarks.colors)
+    rows += _table_rows(repeat(BOUNDARY), boundary.positions_m, boundary)
     return [",".join([time, *row]) for row in rows or [[NOTHING, *[""] * 13]]]
 
 
-def _kept_rows(
+def _table_rows(
     kinds: Iterable[str],
     places: FloatArray,
     found: LinePoints | Lines | Crossings | Landmarks,

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import overload
 
 KEPT_PER_KIND = 100  # enough to read; the counts go on, the memory does not
 
@@ -47,7 +46,7 @@ class Problem:
         return self.message
 
 
-class ProblemLog(Sequence[Problem]):
+class ProblemLog:
     """Problems in the order of discovery: `KEPT_PER_KIND` of each kind, the first of each file, and the counts."""
 
     def __init__(self) -> None:
@@ -86,11 +85,7 @@ class ProblemLog(Sequence[Problem]):
         """The counts in words, for a line of output; empty if nothing was reported."""
         return ", ".join(f"{count} × {kind.value}" for kind, count in self.counts.items())
 
-    @overload
-    def __getitem__(self, index: int) -> Problem: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Problem]: ...
-    def __getitem__(self, index: int | slice) -> Problem | Sequence[Problem]:
+    def __getitem__(self, index: int) -> Problem:
         return self._kept[index]
 
     def __len__(self) -> int:

@@ -70,7 +70,7 @@ class Source(Protocol):
 
     @property
     def camera_kind(self) -> str:
-        """`omni`, `pinhole` or `none`."""
+        """`omni`, `pinhole`, `fisheye` or `none`."""
 
     @property
     def camera_file(self) -> Path | None:

@@ -8,22 +8,8 @@ from pathlib import Path, PurePosixPath
 
 from touchline.errors import InputError
 from touchline.files.opened import UnreadableError
+from touchline.sources.bags.layout import TABLES, WHOLE
 from touchline.sources.folder import Recording
-
-_FILES = (
-    "sequence.yaml",
-    "field.yaml",
-    "camera.yaml",
-    "images.csv",
-    "observations.csv",
-    "odometry.csv",
-    "wheels.csv",
-    "imu.csv",
-    "camera_pose.csv",
-    "ground_truth.tum",
-    "marks.csv",
-    "regions.yaml",
-)
 
 
 def write_folder(recording: Recording, folder: Path, on_image: Callable[[], None] | None = None) -> None:
@@ -32,7 +18,7 @@ def write_folder(recording: Recording, folder: Path, on_image: Callable[[], None
     on_image: called after every image. Raises InputError where an image's name leads out of the folder.
     """
     folder.mkdir(parents=True)
-    for name in _FILES:
+    for name in (*WHOLE, *TABLES):
         if (recording.folder / name).is_file():
             shutil.copyfile(recording.file(name), folder / name)
     for row, name in recording.listed_images():

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from touchline.camera import MODELS, PERSPECTIVE_MODELS
 from touchline.config import PAPER, Settings, load_settings, settings_from_mapping
 from touchline.errors import InputError
 from touchline.field import FieldModel
@@ -77,7 +78,7 @@ SYSTEMS = {
             "our own: registration at the statistical bound, hypotheses with probabilities, no compass needed",
             TouchlineSettings,
             Touchline,
-            cameras=("omni", "pinhole"),
+            cameras=MODELS,
         ),
         SystemInfo(
             "nubot-mti",
@@ -114,7 +115,7 @@ SYSTEMS = {
             "lines, crossings, posts of a walking robot's camera, augmented MCL (Schulz and Behnke 2012)",
             NimbroLinesSettings,
             NimbroLines,
-            cameras=("pinhole",),
+            cameras=PERSPECTIVE_MODELS,
         ),
     )
 }

@@ -13,7 +13,7 @@ figures 1, 4, 8 and 11.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from pydantic import Field
@@ -239,7 +239,7 @@ class IrisFusion:
     def _cycles(self, points: LinePoints, count: int) -> tuple[ParticleEstimate, float]:
         """So many cycles on one image."""
         most = len(points) if self.settings.paper.all_points else self.settings.max_points
-        chosen = points_chosen(points, most)
+        chosen = evenly_chosen(points, most)
         positions_m = self.mirror.corrected(chosen.positions_m)
         pose = self.odometry.pose
         for _ in range(count - 1):
@@ -308,7 +308,7 @@ class IrisFusion:
             self.status, self.searching = Status.TRACKING, False
             self.restart.found()
             off_rad = None if compass_rad is None else wrap_angle(self.fusion.pose.heading - compass_rad)
-            self.side.hear(off_rad, self.fusion.moved)
+            self.side.update_from_compass(off_rad, self.fusion.moved)
             if self.fusion.confirmed:
                 self.region = None
         elif (self.fusion.lost or self.fusion.doubtful) and self.status is Status.TRACKING:
@@ -328,18 +328,9 @@ class IrisFusion:
         self.particles.put_nearby(pose)
 
 
-def points_chosen(points: LinePoints, most: int) -> LinePoints:
-    """No more than so many of some points, evenly over their order."""
+def evenly_chosen(points: LinePoints, most: int) -> LinePoints:
+    """No more than so many of some points, evenly over their order, as the particle filter takes them."""
     if len(points) <= most:
         return points
     rows = np.arange(most) * len(points) // most
-    return LinePoints(
-        points.positions_m[rows], points.covariances_m2[rows], points.confidences[rows], points.pixels[rows]
-    )
-
-
-def evenly_chosen(positions_m: FloatArray, most: int) -> FloatArray:
-    """No more than so many of some positions (M, 2), evenly over their order, as the particle filter takes them."""
-    if len(positions_m) > most:
-        positions_m = positions_m[np.arange(most) * len(positions_m) // most]
-    return np.ascontiguousarray(positions_m, dtype=np.float64)
+    return LinePoints(*(getattr(points, one.name)[rows] for one in fields(points)))

@@ -12,11 +12,9 @@ H. Schulz, S. Behnke: Utilizing the structure of field lines for efficient socce
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
-from touchline.camera import PinholeCamera
+from touchline.camera import PerspectiveCamera
 from touchline.config import Settings, added
 from touchline.field.association import FieldAssociations
 from touchline.field.region import OWN_HALF, Region
@@ -25,11 +23,10 @@ from touchline.localization.published.nimbro.feature_belief import BeliefSetting
 from touchline.localization.published.nimbro.feature_filter import FeatureFilter
 from touchline.localization.published.nimbro.feature_tracker import FeatureTracker
 from touchline.localization.published.nimbro.particles import NimbroParticles, NimbroParticleSettings
-from touchline.localization.published.nimbro.twin_odds import TwinOdds
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.registration.features import Features, FeatureSettings, levelled
 from touchline.motion import LeanFilter, MotionHistory
-from touchline.perception import Detector, LineGraphDetector, LineGraphSettings, observe
+from touchline.perception import Detector, LineGraphSettings, line_graph_detector, observe
 from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Observation, Prior, as_prior
@@ -87,12 +84,12 @@ class NimbroLines:
         self.settings = settings
         self.detector: Detector | None = None
         if camera is not None:
-            self.detector = cast("Detector", LineGraphDetector(camera, s.line_graph, field))
+            self.detector = line_graph_detector(camera, s.line_graph, field)
         self.leaning = LeanFilter(s.paper.rates)
         self.history = MotionHistory()
         self.max_range_m = setup.max_range_m
         height_m = setup.height_m or CAMERA_HEIGHT_M
-        if isinstance(camera, PinholeCamera):
+        if isinstance(camera, PerspectiveCamera):
             height_m = float(camera.base_from_camera.translation_m[2])
         associations, lines = FieldAssociations(field), field_lines(field)
         self.features = Features(associations, s.features, height_m)
@@ -101,8 +98,8 @@ class NimbroLines:
         model = FeatureModel(associations.tables, lines, polar=not s.features.paper.covariances)
         self.particles = NimbroParticles(field, model, rng, symmetric, s.particles)
         feature_filter = FeatureFilter(associations.tables, lines, height_m, s.features.noise.lean_rad)
-        twin = TwinOdds(model) if s.paper.twin and field.is_symmetric and told_apart else None
-        self.tracker = FeatureTracker(feature_filter, symmetric, s.belief, s.paper.refine, twin)
+        colours = model if s.paper.twin and field.is_symmetric and told_apart else None
+        self.tracker = FeatureTracker(feature_filter, symmetric, s.belief, s.paper.refine, colours)
         self.reset()
 
     def reset(self, prior: Prior | None = None) -> None:

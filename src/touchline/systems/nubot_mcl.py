@@ -17,7 +17,7 @@ import numpy as np
 from touchline.localization.published.nubot.belief import Belief
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
 from touchline.localization.published.nubot.doubt import Doubt
-from touchline.localization.published.nubot.failure_monitor import FailureMonitor
+from touchline.localization.published.nubot.failure import FailureMonitor
 from touchline.localization.published.nubot.global_localizer import Prediction
 from touchline.localization.published.nubot.global_search import GlobalSearch
 from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs

@@ -16,14 +16,16 @@ import numpy as np
 from touchline.geometry import Pose
 from touchline.localization.published.nubot.belief import Belief
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
-from touchline.localization.published.nubot.failure import FailureSettings
-from touchline.localization.published.nubot.failure_monitor import FailureMonitor
+from touchline.localization.published.nubot.failure import FailureMonitor, FailureSettings
 from touchline.localization.published.nubot.global_localizer import Localization, Prediction
 from touchline.localization.published.nubot.global_search import GlobalSearch
 from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs
 from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
-from touchline.localization.published.nubot.particle_follower import ParticleFollower
-from touchline.localization.published.nubot.particle_localizer import ParticleSearch, ParticleSearchSettings
+from touchline.localization.published.nubot.particle_localizer import (
+    ParticleFollower,
+    ParticleSearch,
+    ParticleSearchSettings,
+)
 from touchline.localization.published.nubot.particles import NubotParticles
 from touchline.localization.published.nubot.pose_filter import FusionSettings, PoseFilter
 from touchline.localization.registration.learned_mirror import LearnedMirror

@@ -18,8 +18,8 @@ import numpy as np
 from touchline.localization.published.nubot.belief import Belief
 from touchline.localization.published.nubot.compass_correction import CompassCorrection
 from touchline.localization.published.nubot.doubt import Doubt
-from touchline.localization.published.nubot.failure_monitor import FailureMonitor
-from touchline.localization.published.nubot.global_localizer import GlobalLocalizer, Prediction
+from touchline.localization.published.nubot.failure import FailureMonitor
+from touchline.localization.published.nubot.global_localizer import Prediction
 from touchline.localization.published.nubot.global_search import SAMPLE_C_M, GlobalSearch, GlobalSearchSettings
 from touchline.localization.published.nubot.grid_localizer import GridLocalizer
 from touchline.localization.published.nubot.match_input import MatchInput, MatchInputs
@@ -64,7 +64,7 @@ class NubotMti:
         self.tracker = Tracker(matcher, s.fusion, s.odometry)
         self.failure = FailureMonitor(search, s.failure)
         self.doubt = Doubt(search, s.failure)
-        self.localizer: GlobalLocalizer = GridLocalizer(search, s.failure.paper.doubts)
+        self.localizer = GridLocalizer(search, s.failure.paper.doubts)
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
         self.reset()
 

@@ -146,11 +146,11 @@ class Touchline:
         self.registration = Registration(field.distance_map(), self.places.tables)
         reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
         self.search = FieldSearch(field, self.registration, self.model, reach_m)
-        self._open(camera_errors(setup.camera, setup.height_m))
+        self.open_parts(camera_errors(setup.camera, setup.height_m))
         self.end = FieldEnd(field.is_symmetric, self.model, self.features.tell_ends_apart)
         self.reset()
 
-    def _open(self, errors: CameraErrors) -> None:
+    def open_parts(self, errors: CameraErrors) -> None:
         """The parts that depend on the camera's errors."""
         s, walks = self.settings, self.setup.walks
         self.errors, self.trust = errors, errors.trust
@@ -237,7 +237,7 @@ class Touchline:
         if self._tells_a_perspective_camera(observation):
             self.setup = replace(self.setup, height_m=HEIGHT_M)
             best = self.bank.best
-            self._open(camera_errors(None, HEIGHT_M))
+            self.open_parts(camera_errors(None, HEIGHT_M))
             if best is not None:
                 self.bank.reset(Filter(best.filter.pose, best.filter.covariance, self.unknown))
         seen = seen_of(observation, self.features, self.statistics.noise)

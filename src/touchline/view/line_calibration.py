@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.calibration.lines.calibration import LineCalibration
+from touchline.calibration.lines.equations import WIDTHS
 from touchline.calibration.lines.images import ImageCalibration
-from touchline.calibration.lines.search import WIDTHS
 from touchline.camera import GroundView, OmniCamera
 from touchline.field import FieldModel
 from touchline.field.drawing import draw_field, field_view

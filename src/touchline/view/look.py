@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from touchline.camera import Camera, GroundView, open_camera
+from touchline.camera import PERSPECTIVE_MODELS, Camera, GroundView, open_camera
 from touchline.errors import InputError, NoFitError, TouchlineError
 from touchline.evaluation.runner import robot_setup
 from touchline.evaluation.tum import pose_text
@@ -121,7 +121,7 @@ def look_at_recording(
     setup = robot_setup(source)
     system = system or DEFAULT_SYSTEM
     unseen = setup.camera is not None and setup.camera.model not in system_info(system).cameras
-    if unseen and source.camera_kind == "pinhole":
+    if unseen and source.camera_kind in PERSPECTIVE_MODELS:
         return _look_with_truth(source, index or 0, system)
     running = open_system(system, setup)
     running.reset()

@@ -18,10 +18,9 @@ from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray
 from touchline.localization.one_shot.certainty import points_covariance
-from touchline.localization.one_shot.locate import LocateSettings
-from touchline.localization.one_shot.scale import QuickSearch
+from touchline.localization.one_shot.point_search import PointSearch
+from touchline.localization.one_shot.scale import quick_pose
 from touchline.localization.one_shot.thinning import thinned_to
-from touchline.localization.published.nubot.matcher import Matcher
 from touchline.localization.registration.covariance import is_observed
 from touchline.localization.registration.weights import normalized
 from touchline.perception import LinePointDetector
@@ -165,18 +164,17 @@ def image_points(images: Sequence[ImageArray], camera: Camera, line_width_m: flo
 
 def find_places(seen: Iterable[LinePoints], field: FieldModel) -> list[Place]:
     """The places that points tell: on this field, near its lines, and fixed by them; the others are left out."""
-    search = QuickSearch(field, None, LocateSettings())
-    matcher = Matcher(field.distance_map())
+    search = PointSearch(field)
     places = []
     for points in seen:
         near = points.usable(MAX_M)
         if len(near) < MIN_POINTS:
             continue
         kept = thinned_to(near.positions_m, MAX_POINTS)
-        pose = search.best(kept)
+        pose = quick_pose(search, kept)
         fits = np.mean(field.line_distances(pose.transform(kept)) < NEAR_M) >= MIN_NEAR_RATIO
         weights = normalized(np.ones(len(kept)))
-        if fits and is_observed(points_covariance(matcher, kept, weights, pose)):
+        if fits and is_observed(points_covariance(search, kept, weights, pose)):
             places.append(Place(kept, _deviations(near, kept), pose.as_array()))
     return places
 

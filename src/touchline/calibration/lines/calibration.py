@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from touchline.calibration.lines.candidates import Candidate, find_candidates
 from touchline.calibration.lines.certainty import Alone, Certainty, certainty_of, each_alone
-from touchline.calibration.lines.equations import Lines, Seen
+from touchline.calibration.lines.equations import WIDTHS, Lines, Seen
 from touchline.calibration.lines.joint import JointFit, expected_mirror, fit_in_steps, linearise, starting
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.range_curve import KNOTS, fit_curve, held_upright
-from touchline.calibration.lines.search import CENTER_PX, WIDTHS
+from touchline.calibration.lines.search import CENTER_PX, Candidate, find_candidates
 from touchline.errors import NoFitError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose

@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from touchline.calibration.lines.equations import BEND_X, SHAPE, Lines, Seen
+from touchline.calibration.lines.equations import BEND_X, SHAPE, WIDTHS, Lines, Seen
 from touchline.calibration.lines.joint import HELD, fit_in_steps, linearise
 from touchline.calibration.lines.mirror_shape import MirrorShape
 from touchline.calibration.lines.range_curve import CurveFit, curve_weights
-from touchline.calibration.lines.search import WIDTHS
 from touchline.geometry import FloatArray
 
 _CELL_M = 2.0  # pieces of the field's lines that err together: tape measures and paint

@@ -25,6 +25,8 @@ SHAPE = 6  # parameters of a mirror before the spline's coefficients; a pose's t
 HEIGHT_M = 0.75  # of the mirror: MSL robots may be 0.8 m high
 STEEPEST_RAD = 1.53  # b rho beyond which the mirror looks at the horizon: 24 times the range at 45 degrees
 MIN_DEPTH = 0.2  # of 1 - g·p: beyond it is the horizon
+WIDTHS = (20.0, 6.0, 2.5)  # of the robust error (px), one after the other: the first reaches from line to line
+GROUND_M = 0.01  # carpets and tape measures
 _COARSEST_PX_M = 0.5  # a pixel never counts as more: far points must not be at peace with every line
 
 

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 
 from touchline.calibration.lines.calibration import LineCalibration, calibrate_points, refined_again
-from touchline.calibration.lines.equations import HEIGHT_M
-from touchline.calibration.lines.search import WIDTHS
+from touchline.calibration.lines.equations import HEIGHT_M, WIDTHS
 from touchline.camera import OmniCamera
 from touchline.camera.uncertainty import CameraUncertainty
 from touchline.errors import NoFitError

@@ -12,8 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from touchline.calibration.bundle import Equations, NormalEquations, minimise, prior_block, residual_block
-from touchline.calibration.lines.equations import BEND_X, BEND_Y, SHAPE, Lines, Noise, Seen, linearised
-from touchline.calibration.lines.search import GROUND_M, WIDTHS
+from touchline.calibration.lines.equations import (
+    BEND_X,
+    BEND_Y,
+    GROUND_M,
+    SHAPE,
+    WIDTHS,
+    Lines,
+    Noise,
+    Seen,
+    linearised,
+)
 from touchline.calibration.nearest_line import nearest_line
 from touchline.geometry import FloatArray
 

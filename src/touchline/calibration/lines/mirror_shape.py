@@ -16,7 +16,6 @@ from touchline.calibration.lines.equations import (
     PER_PX,
     SHAPE,
     STEEPEST_RAD,
-    spline_weights,
 )
 from touchline.camera import OmniCamera
 from touchline.geometry import FloatArray, wrap_angles
@@ -61,11 +60,8 @@ class MirrorShape:
         """Ranges (N,) at radii (N,) about the axis, without the bend; beyond the horizon's steepest angle they stay."""
         turn = np.minimum(self.parameters[PER_PX] * radius_px, STEEPEST_RAD)
         logs = self.parameters[LOG_SCALE] + np.log(np.tan(np.maximum(turn, 1e-9)))
-        spline, weights = self.parameters[SHAPE:], np.zeros(4)
-        if len(spline):
-            for i, radius in enumerate(radius_px):
-                first = spline_weights(float(radius), self.knot_px, len(spline), weights)
-                logs[i] += weights @ spline[first : first + 4]
+        if len(self.parameters) > SHAPE:
+            logs += spline_rows(radius_px, self.knot_px, len(self.parameters) - SHAPE) @ self.parameters[SHAPE:]
         ranges: FloatArray = np.exp(logs)
         return ranges
 
@@ -108,6 +104,15 @@ class MirrorShape:
             ranges[order, kept],
             None if level else offsets[order, kept],
         )
+
+
+def spline_rows(radius_px: FloatArray, knot_px: float, count: int) -> FloatArray:
+    """What each of so many coefficients of the spline of `equations` counts (N, K) at radii (N,)."""
+    from scipy.interpolate import BSpline
+
+    at = np.clip(radius_px / knot_px, 0.0, count - 3.0)
+    rows: FloatArray = BSpline.design_matrix(at, np.arange(-3.0, count + 1.0), 3).toarray()
+    return rows
 
 
 def _longest_run(fine: npt.NDArray[np.bool_]) -> tuple[int, int]:

@@ -12,10 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from touchline.calibration.lines.equations import BEND_X, BEND_Y, SHAPE, Lines, Seen, spline_weights
+from touchline.calibration.lines.equations import BEND_X, BEND_Y, SHAPE, WIDTHS, Lines, Seen
 from touchline.calibration.lines.joint import HELD, Expected, JointFit, crowding, fit_in_steps, fit_jointly, linearise
-from touchline.calibration.lines.mirror_shape import MirrorShape
-from touchline.calibration.lines.search import WIDTHS
+from touchline.calibration.lines.mirror_shape import MirrorShape, spline_rows
 from touchline.geometry import FloatArray
 
 KNOTS = 48  # intervals of the spline between the centre and the outermost point
@@ -121,11 +120,7 @@ def curve_weights(curve: FloatArray, curvature: float) -> FloatArray:
 def _pinned(seen: Sequence[Seen], mirror: FloatArray) -> FloatArray:
     """The information (K, K) that the curve of a mirror (Q,) is nought at two radii."""
     radii = np.concatenate([np.hypot(*(one.pixels - mirror[:2]).T) for one in seen])
-    count = len(mirror) - SHAPE
-    rows, weights = np.zeros((len(_PINNED), count)), np.zeros(4)
-    for row, radius in zip(rows, np.percentile(radii, _PINNED), strict=True):
-        first = spline_weights(float(radius), seen[0].knot_px, count, weights)
-        row[first : first + 4] = weights
+    rows = spline_rows(np.percentile(radii, _PINNED), seen[0].knot_px, len(mirror) - SHAPE)
     information: FloatArray = rows.T @ rows / _PIN**2
     return information
 

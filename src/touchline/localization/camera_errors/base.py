@@ -28,7 +28,8 @@ class ImageTrust(NamedTuple):
     is explained of late. tracked_ratio: of `min_explained`, what is enough while a pose is tracked. good: share that a
     right pose explains; the whole field is searched where it is less; None: `min_explained`. unseen: how much a
     crossing of a ray with a line counts where no point was seen, beside a point that was. min_noise: of points, as a
-    share of the variances that they state, whatever their residuals say: neighbours err together.
+    share of the variances that they state, whatever their residuals say: neighbours err together. free_fit: whether
+    line points have a pose by themselves; those of a sector may slide along a line.
     """
 
     max_gain: float
@@ -40,13 +41,14 @@ class ImageTrust(NamedTuple):
     good: float | None
     unseen: float
     min_noise: float
+    free_fit: bool
 
 
 # a mirror shows the field all round: a wrong pose is contradicted by a hundred points at once
-ALL_ROUND = ImageTrust(math.inf, math.inf, 0, 0.0, 1.0, 0.5, None, 0.25, 0.2)
+ALL_ROUND = ImageTrust(math.inf, math.inf, 0, 0.0, 1.0, 0.5, None, 0.25, 0.2, True)
 # a sector shows a few things, which err together, and what it was found in was fitted best of all places; a robot that
 # looks at the ball may see no line for seconds
-SECTOR = ImageTrust(4.0, 0.0, 1, 4.0, 0.4, 1.0, 0.85, 0.0, 0.5)
+SECTOR = ImageTrust(4.0, 0.0, 1, 4.0, 0.4, 1.0, 0.85, 0.0, 0.5, False)
 
 
 class Lean(NamedTuple):

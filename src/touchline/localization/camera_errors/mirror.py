@@ -47,7 +47,7 @@ NAMES = ("lean towards x (1/m)", "lean towards y (1/m)", "centre u (px)", "centr
 
 @dataclass(frozen=True, eq=False)
 class MirrorErrors:
-    """`CameraErrors` of a mirror. One that nobody tells of, behind a detector of the robot's own, leans and shakes, too."""
+    """`CameraErrors` of a mirror; one without a camera.yaml leans and shakes, too."""
 
     prior: FloatArray
     exact: FloatArray | None

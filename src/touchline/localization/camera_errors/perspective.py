@@ -17,6 +17,7 @@ from touchline.camera import Camera, ground_view
 from touchline.errors import InputError
 from touchline.geometry import FloatArray
 from touchline.localization.camera_errors.base import SECTOR, ImageTrust, Lean, fill_rows, place, prepare
+from touchline.localization.camera_errors.fisheye_focal import angle_stretch, scaled_angle
 from touchline.types import Frame
 
 HEIGHT_M = 1.0  # of a camera that nobody tells of
@@ -32,11 +33,12 @@ NAMES = ("roll (rad)", "pitch (rad)", "height ratio", "focal ratio")
 
 class PerspectiveResponse(NamedTuple):
     """eye (3,): x, y and height of the camera, robot frame (m). axis (3,): its optical axis, a unit vector; zeros where
-    nobody tells, and the focal length has no effect.
+    nobody tells, and the focal length has no effect. fisheye: whether this scales angles to it, not their tangents.
     """
 
     eye: FloatArray
     axis: FloatArray
+    fisheye: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,8 @@ class PerspectiveErrors:
 
     def response(self, frame: Frame | None = None) -> PerspectiveResponse:
         """Where a head looks at the image of a frame."""
-        return PerspectiveResponse(self.eye, NO_AXIS if frame is None else self._axis(frame))
+        fisheye = self.camera is not None and self.camera.model == "fisheye"
+        return PerspectiveResponse(self.eye, NO_AXIS if frame is None else self._axis(frame), fisheye)
 
     def _axis(self, frame: Frame) -> FloatArray:
         if self.camera is None:
@@ -123,7 +126,9 @@ def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
         eye, axis = response.eye, response.axis
         x, y, h = x - eye[0], y - eye[1], eye[2]
         along = x * axis[0] + y * axis[1] - h * axis[2]
-        if along > 0.0:
+        if response.fisheye:
+            x, y = scaled_angle(x, y, errors[3], h, axis)
+        elif along > 0.0:
             wide = 1.0 + errors[3]
             bent = along * errors[3]
             down = (h * wide + axis[2] * bent) / h
@@ -152,6 +157,8 @@ def _fill_rows(rows, i, normal, seen, placed, errors, prepared, response):  # ty
         rows[4, i] = -(rx * (h * h + x * x) + ry * x * y) / h
         rows[5, i] = rx * x + ry * y
         along = max(x * axis[0] + y * axis[1] - h * axis[2], 0.0)
+        if response.fisheye:
+            along = angle_stretch(x, y, h, axis)
         rows[6, i] = -along * (rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h))
 
     return columns

@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,13 +32,12 @@ from touchline.localization.search.pose_search import Mode
 from touchline.motion.delayed import Delayed
 from touchline.types import Evidence, Frame
 
-EVIDENCE_RATIO = 0.7  # of what an image tells of a pose, in how likely it makes a hypothesis: clutter repeats itself
 CARRIED_AWAY = -8.0  # logarithm of the odds that the robot was moved unfelt, in an image that makes one search
 CARRIED_BLIND = -3.0  # the same after seconds in which nothing was seen: it may have fallen
 SHOVE = -5.0  # and that it was shoved since the last image, against the odometry being right: every twenty seconds
 SHOVE_ON = -1.0  # the same in the image after one: a shove lasts longer than a tenth of a second
 MAX_SHOVE_M, MAX_SHOVE_RAD = 0.6, 0.8  # how far a shove moves and turns the robot
-SHOVED = np.diag(np.square([0.3, 0.3, 0.4]))  # covariance of what one does
+SHOVED = np.diag(np.square([0.15, 0.15, 0.12]))  # covariance of what one does
 SHOVE_BELOW = 0.7  # share explained below which a shove is tried though the prediction is met
 MAX_LOG_ODDS_BEHIND = 10.0  # of a member behind the best: one further behind is dropped
 MAX_MEMBERS = 12
@@ -83,6 +83,16 @@ class Image:
     stamp_shift: FloatArray | None = None
 
 
+class Jump(NamedTuple):
+    """How far an image by itself lies from a prediction: step (3,), its squared Mahalanobis distance, and how much more
+    of its line points the pose explains that they have alone, in logarithm of a likelihood ratio.
+    """
+
+    step: FloatArray
+    distance2: float
+    gain: float
+
+
 class ShoveTest:
     """Whether a robot may have been shoved since the last image: an image that a looser prediction explains better."""
 
@@ -90,19 +100,19 @@ class ShoveTest:
         """gate: squared Mahalanobis distance of an image from the prediction beyond which a shove is tried."""
         self.gate = gate
 
-    def apply(self, one: Member, distance2: float, fitted: Callable[[Filter, FloatArray, Plan], Member]) -> None:
+    def apply(self, one: Member, jump: Jump, fitted: Callable[[Filter, FloatArray, Plan], Member]) -> None:
         """Let a member have been shoved, if its image is explained better so. fitted: what a filter makes of it."""
         odds = SHOVE_ON if one.shoved else SHOVE
         one.shoved = False
-        if distance2 <= self.gate and one.explained >= SHOVE_BELOW:
+        if jump.distance2 <= self.gate and jump.gain <= -odds and one.explained >= SHOVE_BELOW:
             return
-        predicted = one.filter.pose.as_array()
-        other = fitted(one.filter.loosened(SHOVED), predicted, SHAKEN)
-        if other.fit is None or not is_shove(other.fit.state[:3] - predicted):
-            return
-        if other.log_evidence + odds > one.log_evidence:
-            one.filter, one.fit, one.expected, one.shoved = other.filter, other.fit, other.expected, True
-            one.log_evidence = other.log_evidence + odds
+        predicted, loose = one.filter.pose.as_array(), one.filter.loosened(SHOVED)
+        tried = [fitted(loose, predicted + step, SHAKEN) for step in (jump.step, np.zeros(3))]
+        near = [each for each in tried if each.fit is not None and is_shove(each.fit.state[:3] - predicted)]
+        best = max(near, key=lambda each: each.log_evidence, default=None)
+        if best is not None and best.log_evidence + odds > one.log_evidence:
+            one.filter, one.fit, one.expected, one.shoved = loose, best.fit, best.expected, True
+            one.log_evidence = best.log_evidence + odds
 
 
 class Bank:
@@ -174,9 +184,8 @@ class Bank:
             tried = [self._fitted(one.filter, image, start) for start in self._starts(one.filter, first)]
             found = max(tried, key=lambda each: each.log_evidence)
             one.fit, one.expected, one.log_evidence = found.fit, found.expected, found.log_evidence
-            if one.fit is not None:
-                distance2 = one.filter.innovation(one.fit, self.statistics.per_image)[1]
-                self.shoves.apply(one, distance2, lambda loose, start, plan: self._fitted(loose, image, start, plan))
+            jump = self._jump_of(one, image)
+            self.shoves.apply(one, jump, lambda loose, start, plan: self._fitted(loose, image, start, plan))
         if self.members:
             self.members.sort(key=lambda each: -(each.log_odds + each.log_evidence))
 
@@ -239,10 +248,23 @@ class Bank:
         state[2] = expected.mean[2] + wrap_angle(float(state[2] - expected.mean[2]))
         wide = self.statistics.plan_of(one) if plan is None else plan
         fit = self.registration.fit_state(image.seen, state, expected, wide, image.response)
-        log_evidence = EVIDENCE_RATIO * fit.log_likelihood - fit.contradiction
+        log_evidence = fit.log_likelihood - fit.contradiction
         fit = downweight_sparse_direction(fit, len(image.seen.positions_m) + FEATURE_POINTS * len(image.seen.raw_m))
         fit = fit if shift is None else inflate_along_motion(fit, shift)
         return Member(one, 0.0, 0, fit, expected, log_evidence)
+
+    def _jump_of(self, one: Member, image: Image) -> Jump:
+        """How far the image that a member was fitted to lies from its prediction."""
+        assert one.fit is not None
+        step, distance2 = one.filter.innovation(one.fit, self.statistics.per_image)
+        seen = image.seen
+        if not self.trust.free_fit or len(seen.raw_m) or not len(seen.positions_m):
+            return Jump(step, distance2, 0.0)
+        predicted = one.filter.pose.as_array()
+        upright = placed_points(seen.positions_m, one.filter.errors, image.response)
+        free = self.registration.fit(upright, seen.covariances_m2, predicted)
+        gain = float(seen.shares.mean()) * free.log_likelihood - one.fit.log_likelihood
+        return Jump(free.pose - predicted if gain > 0.0 else step, distance2, gain)
 
     def _shift_of(self, one: Filter, image: Image) -> FloatArray | None:
         """(3,) in the field frame, at a filter's heading."""

@@ -61,7 +61,9 @@ class Filter:
         """covariance (3, 3) of the pose, (m, m, rad), field frame."""
         count = _ERRORS + len(unknown.errors)
         self.pose, self.unknown = pose, unknown
-        self.scales, self.yaw_rate_rad_s, self.late_s, self.errors = np.zeros(3), 0.0, 0.0, np.zeros(count - _ERRORS)
+        self.scales: FloatArray = np.zeros(3)
+        self.errors: FloatArray = np.zeros(count - _ERRORS)
+        self.yaw_rate_rad_s, self.late_s = 0.0, 0.0
         self._joint = np.zeros((count, count))
         self._joint[:3, :3] = covariance
         self._joint[_SCALES, _SCALES] = np.square(unknown.scales)

@@ -1,8 +1,8 @@
 """Another measurement of the pose than the camera's: one file that gives information and gradient, and its line here.
 
 A measurement compares what a sensor says with what a pose predicts. Every hypothesis is corrected by it and weighed by
-how likely it makes what was measured; one that contradicts a prediction is left out there. Sensors that `Frame` does not
-name are brought by `Frame.measurements`.
+how likely it makes what was measured; one that contradicts a prediction is left out there. `Frame.measurements` brings
+sensors that `Frame` does not name.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ CLUTTER = math.exp(-6.0)  # likelihood of a false measurement beside that of a r
 
 
 class PoseEvidence(NamedTuple):
-    """What a measurement says at a pose of x, y (m), heading (rad), field frame: information (3, 3), inverse covariance;
-    gradient (3,) of its log-likelihood by the pose; the log-likelihood, 0 at best.
+    """A measurement at a pose of x, y (m), heading (rad), field frame: information (3, 3), inverse covariance; gradient
+    (3,) of its log-likelihood by the pose; the log-likelihood, 0 at best.
     """
 
     information: FloatArray

@@ -17,7 +17,7 @@ from touchline.localization.registration.joint import Seen, StateFit, StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import SETTLED, SHAKEN, UNSETTLED, USUAL_NOISE
 
-GAIN = 0.05  # share of a new image in what is learned
+GAIN = 0.03  # share of a new image in what is learned
 SETTLED_PER_M = 0.007  # standard deviation of an image's lean below which it is known beforehand: 0.15° of a mirror
 MAX_NOISE = 10.0  # of the points, as a multiple of the variances that they state
 
@@ -70,7 +70,7 @@ class CameraErrorStatistics:
         freedom, lean2 = degrees_of_freedom_and_lean(
             self.per_image, expected.information, fit.information, fit.state - expected.mean
         )
-        free = max(float(seen.shares.sum()), 1.0)  # the points that count, where they err as they say
+        free = max(float(seen.shares.sum()) * self.noise / seen.noise, 1.0)  # points, where they err as they say
         free /= max(free - freedom, 0.25 * free)
         noise = min(max(free * fit.noise / USUAL_NOISE, self.errors.trust.min_noise), MAX_NOISE)
         self.noise += GAIN * (noise - self.noise)

@@ -11,7 +11,8 @@ from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.one_shot.doubts import FAR_M
 from touchline.localization.one_shot.locate import LocateSettings
-from touchline.localization.one_shot.scale import QuickSearch, Scale, fit_scale
+from touchline.localization.one_shot.point_search import PointSearch
+from touchline.localization.one_shot.scale import Scale, fit_scale, quick_pose
 
 _BETTER = 0.7  # of the robust error: what is better than this is worth telling
 
@@ -38,7 +39,7 @@ def better_fits(
     for name in preset_names():
         other = open_field(name)
         if other != field:
-            best = QuickSearch(other, heading, s).best(points)
+            best = quick_pose(PointSearch(other, heading, s.heading_tolerance_rad), points)
             if (error := _error(points, other, best)) < limit:
                 mean_m = float(np.mean(other.line_distances(best.transform(points))))
                 found.append((error, Better(name, None, mean_m)))
@@ -48,7 +49,7 @@ def better_fits(
     except NoFitError:
         return tuple(fits)
     scaled = scale.factor * points
-    best = QuickSearch(field, heading, s).best(scaled)
+    best = quick_pose(PointSearch(field, heading, s.heading_tolerance_rad), scaled)
     if _error(scaled, field, best) < limit:
         fits.append(Better(None, scale, float(np.mean(field.line_distances(best.transform(scaled))))))
     return tuple(fits)

@@ -14,10 +14,14 @@ import numpy as np
 from touchline.camera import Camera, OmniCamera
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, wrap_angle
+from touchline.localization.one_shot.point_search import C_M, PointSearch
 from touchline.localization.one_shot.thinning import thinned_to
-from touchline.localization.published.nubot.kernels import moments
-from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.registration.covariance import UNKNOWN_POSITION_M, principal_information
+from touchline.localization.registration.covariance import (
+    UNKNOWN_POSITION_M,
+    UncertaintySettings,
+    principal_information,
+    visual_covariance,
+)
 from touchline.localization.registration.learned_mirror import ImageFit, LearnedMirror
 from touchline.localization.registration.weights import RANGE_NOISE_M
 from touchline.types import LinePoints
@@ -125,21 +129,20 @@ def camera_fit(field: FieldModel, points: FloatArray, pose: Pose, spread: Spread
     return fit
 
 
-def points_covariance(matcher: Matcher, points: FloatArray, weights: FloatArray, pose: Pose) -> FloatArray:
+def points_covariance(search: PointSearch, points: FloatArray, weights: FloatArray, pose: Pose) -> FloatArray:
     """Covariance (3, 3) in (m, m, rad) that the points leave a pose, as `visual_covariance`, but without its cliff.
 
     That one leaves out as many of the points that help most as may be clutter; of few points, nothing may be left of a
     direction that four of them fix. Here the k that help most are clutter with a probability of BY_CHANCE^k, and the
     variance is the mean over k. The surer of both counts.
     """
-    s = matcher.settings
-    found = moments(points, weights, matcher.distance_map.table, pose.as_array(), s.c_m)
-    told = principal_information(points, weights, found, s.c_m)
+    found, settings = search.moments(points, weights, pose), UncertaintySettings()
+    told = principal_information(points, weights, found, C_M)
     if told is None:
-        return s.uncertainty.unknown
-    strict = matcher.assess(points, weights, pose.as_array(), 0.0).covariance
+        return settings.unknown
+    strict = visual_covariance(points, weights, found, C_M, settings)
     chances = (1.0 - BY_CHANCE) * BY_CHANCE ** np.arange(min(len(points), 12))
     rest = np.sort(told.helps, axis=0).cumsum(axis=0)[::-1][: len(chances)] * told.unit
     variances = chances @ (1.0 / (rest + UNKNOWN_POSITION_M**-2)) / chances.sum()
-    mixed = told.covariance(1.0 / variances, s.uncertainty)
+    mixed = told.covariance(1.0 / variances, settings)
     return min((strict, mixed), key=lambda one: float(np.trace(one[:2, :2])))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,19 +17,15 @@ from touchline.errors import InputError, NoFitError
 from touchline.field import FieldModel, open_field, preset_names
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.given import given_numbers
-from touchline.localization.one_shot.certainty import Spread, points_covariance, with_camera
+from touchline.localization.one_shot.certainty import CameraDoubt, Spread, points_covariance, with_camera
 from touchline.localization.one_shot.doubts import judge
-from touchline.localization.one_shot.permutation_test import CANDIDATES, PermutationTest, Refiner, permutation_test
+from touchline.localization.one_shot.permutation_test import CANDIDATES, PermutationTest, permutation_test
+from touchline.localization.one_shot.point_search import PointSearch
 from touchline.localization.one_shot.points_file import points_and_weights
 from touchline.localization.one_shot.thinning import different, sampled, thinned_to
-from touchline.localization.published.nubot.matcher import Match, Matcher, MatchingSettings
 from touchline.localization.registration.weights import WeightSettings, normalized, range_weights
-from touchline.localization.search.coarse_search import CoarseSearch
-from touchline.localization.search.pose_grid import PoseGrid
 from touchline.types import Hypothesis, LinePoints, Observation, check_point_count
 
-BEYOND_M = 1.0  # how far beyond the field the samples reach: as far as the paper's
-SAMPLE_C_M = 0.5  # width c of the error function for ranking the samples: as spacing_m
 SAMPLE_POINTS = 150  # points, evenly over the ground, that rank and refine the samples: more only take longer
 MAX_POINTS = 10_000  # points that are matched: more only take longer, their noise has long averaged out
 SAME_M = 0.15  # poses nearer to each other than this and SAME_RAD are one: less than two lines are apart
@@ -42,16 +38,8 @@ class LocateSettings(Settings):
     min_points: int = Field(
         8, ge=4, le=10_000_000, description="different points needed: a pose has three unknowns, and clutter"
     )
-    spacing_m: float = Field(
-        0.5,
-        gt=0,
-        description="distance of the sample positions (m): half the paper's, for no compass narrows the search",
-    )
-    spacing_rad: float = Field(
-        0.0873, gt=0, description="distance of the sample headings (rad): 5°, half a metre at 6 m as spacing_m"
-    )
     candidates: int = Field(
-        80, ge=1, le=100_000, description="samples that are refined, of some 86 000: without a heading many look alike"
+        80, ge=1, le=100_000, description="poses of the grid that are refined: without a heading many look alike"
     )
     finalists: int = Field(
         20,
@@ -79,7 +67,7 @@ class LocateSettings(Settings):
         0.25,
         gt=0,
         description="largest median distance of the points to the lines (m): half of them must lie within the reach "
-        "c of the error function, matching.c_m; beyond it they no longer pull at the pose",
+        "c of the error function, 0.25 m; beyond it they no longer pull at the pose",
     )
     min_significance: float = Field(
         3.0,
@@ -87,7 +75,6 @@ class LocateSettings(Settings):
         description="deviations by which the error must lie below that of 20 rearranged copies of the points: chance "
         "alone reaches this 4 times in a thousand",
     )
-    matching: MatchingSettings = MatchingSettings()
     # The mirror of an unknown robot is off by more than its range noise: near points must not decide alone.
     weights: WeightSettings = WeightSettings(floor_m=0.1)
 
@@ -182,46 +169,39 @@ def locate_points(
     s = settings or LocateSettings()
     _check_heading(heading)
     points, weights = _different_points(points, weights, s)
-    matcher, search = whole_field_search(field, heading, s)
+    search = PointSearch(field, heading, s.heading_tolerance_rad)
     sample, weights = sampled(points, weights, MAX_POINTS, seed)
-    matches = _matches(matcher, search, sample, weights, heading, s)
+    matches = _matches(search, sample, weights, heading, s)
     if not matches:
         raise NoFitError(
             f"no pose within {s.heading_tolerance_rad:.2f} rad of the heading {heading:.2f} fits the points"
         )
-    best = matches[0]
-    chance = permutation_test(_refiner(field, matcher, search, heading), sample, seed)
-    distances = field.line_distances(best.pose.transform(points))
+    pose, error = matches[0]
+    candidates = CANDIDATES if field.is_symmetric or heading is not None else 2 * CANDIDATES
+    chance = permutation_test(search, sample, seed, candidates)
+    distances = field.line_distances(pose.transform(points))
     mean_m, median_m = float(np.mean(distances)), float(np.median(distances))
-    nearest = Hypothesis(best.pose, mean_m)
+    nearest = Hypothesis(pose, mean_m)
     if chance.significance < s.min_significance:
         raise NotSignificantError(_scatter_message(len(points), nearest, chance, heading, s), nearest, chance)
     if median_m > s.max_median_m:
         raise PoorFitError(_poor_message(len(points), nearest, median_m, heading, s), nearest, chance)
-    told = points_covariance(matcher, sample, weights, best.pose)
     spread = Spread.stated_by(camera)
-    covariance, doubted = with_camera(field, points, best.pose, told, spread)
-    judged = judge(field, best.pose.transform(points), distances, covariance, doubted)
-    nearest = Hypothesis(best.pose, mean_m, covariance=judged.covariance)
-    others = _hypotheses(matches, field, points, nearest, heading, s, spread)
-    doubts = (*_rivals(best.pose, others), *judged.doubts)
-    return Location(best.pose, judged.covariance, best.error, mean_m, median_m, others, len(points), chance, doubts)
 
+    def unsure(place: Pose) -> tuple[FloatArray, CameraDoubt]:
+        return with_camera(field, points, place, points_covariance(search, sample, weights, place), spread)
 
-def whole_field_search(field: FieldModel, heading: float | None, s: LocateSettings) -> tuple[Matcher, CoarseSearch]:
-    """What looks for poses all over a field, near a heading (rad) if there is one."""
-    matcher = Matcher(field.distance_map(), s.matching)
-    grid = PoseGrid(field.length, field.width, s.spacing_m, BEYOND_M, s.spacing_rad, heading, s.heading_tolerance_rad)
-    return matcher, CoarseSearch(matcher.distance_map, grid, SAMPLE_C_M)
-
-
-def _refiner(field: FieldModel, matcher: Matcher, search: CoarseSearch, heading: float | None) -> Refiner:
-    """What the test against chance searches with: half of a symmetric field, where it may face anywhere, shows all."""
-    if heading is not None:
-        return Refiner(matcher, search, search.whole, CANDIDATES)
-    if field.is_symmetric:
-        return Refiner(matcher, search, search.half, CANDIDATES)
-    return Refiner(matcher, search, search.whole, 2 * CANDIDATES)
+    covariance, doubted = unsure(pose)
+    judged = judge(field, pose.transform(points), distances, covariance, doubted)
+    nearest = Hypothesis(pose, mean_m, covariance=judged.covariance)
+    max_error = error * s.hypothesis_factor + s.hypothesis_margin
+    similar = [other for other, its_error in matches[1:] if its_error <= max_error]
+    others = tuple(
+        replace(one, covariance=unsure(one.pose)[0]) if one.covariance is None else one
+        for one in _hypotheses(similar, field, points, nearest, heading, s)
+    )
+    doubts = (*_rivals(pose, others), *judged.doubts)
+    return Location(pose, judged.covariance, error, mean_m, median_m, others, len(points), chance, doubts)
 
 
 def _check_heading(heading: float | None) -> None:
@@ -237,32 +217,22 @@ def _check_heading(heading: float | None) -> None:
 
 
 def _hypotheses(
-    matches: list[Match],
+    similar: Sequence[Pose],
     field: FieldModel,
     points: FloatArray,
     nearest: Hypothesis,
     heading: float | None,
     s: LocateSettings,
-    spread: Spread,
 ) -> tuple[Hypothesis, ...]:
-    """The other matches whose error and mean distance are both about those of the first (nearest), the better first.
-
-    Both, because the error saturates: once far points are lost, it hardly tells how far.
+    """The poses of similar error whose mean distance is about that of the nearest, too, the better first; only the twin
+    has a covariance. Both, because the error saturates: once far points are lost, it hardly tells how far.
     """
-    best = matches[0]
     assert nearest.covariance is not None
-    max_error = best.error * s.hypothesis_factor + s.hypothesis_margin
     max_m = nearest.residual_m * s.hypothesis_factor + s.hypothesis_margin_m
-    similar = [match for match in matches[1:] if match.error <= max_error]
-    means_m = [float(np.mean(field.line_distances(match.pose.transform(points)))) for match in similar]
-    others = [
-        Hypothesis(match.pose, found_m, covariance=with_camera(field, points, match.pose, match.covariance, spread)[0])
-        for match, found_m in zip(similar, means_m, strict=True)
-        if found_m <= max_m
-    ]
-    mirrored = best.pose.mirrored()
-    known = [other.pose for other in others]
-    if field.is_symmetric and _allowed(mirrored, heading, s) and not _is_among(mirrored, known):
+    means_m = [float(np.mean(field.line_distances(pose.transform(points)))) for pose in similar]
+    others = [Hypothesis(pose, mean_m) for pose, mean_m in zip(similar, means_m, strict=True) if mean_m <= max_m]
+    mirrored = nearest.pose.mirrored()
+    if field.is_symmetric and _allowed(mirrored, heading, s) and not _is_among(mirrored, [one.pose for one in others]):
         # it explains the points equally well by the field's symmetry
         others.insert(0, Hypothesis(mirrored, nearest.residual_m, covariance=mirrored_covariance(nearest.covariance)))
     return tuple(others)
@@ -301,26 +271,17 @@ def _different_points(
 
 
 def _matches(
-    matcher: Matcher,
-    search: CoarseSearch,
-    points: FloatArray,
-    weights: FloatArray,
-    heading: float | None,
-    s: LocateSettings,
-) -> list[Match]:
-    """Matches of all points at different poses, the better first."""
-    few = thinned_to(points, SAMPLE_POINTS)
-    alike = normalized(np.ones(len(few)))
-    starts = search.best(few, s.candidates)
-    refined = [matcher.descend(few, alike, start) for start in starts]
-    poses = [Pose(*map(float, pose)) for pose, _, _ in sorted(refined, key=lambda found: found[1])]
-    finalists = _different_poses(poses)[: s.finalists]
+    search: PointSearch, points: FloatArray, weights: FloatArray, heading: float | None, s: LocateSettings
+) -> list[tuple[Pose, float]]:
+    """Different poses refined with all points, and the mean error of each, the better first."""
+    refined = search.refined(thinned_to(points, SAMPLE_POINTS), s.candidates)
+    finalists = _different_poses([pose for pose, _ in refined])[: s.finalists]
     # The mirrored pose on a symmetric field is always a candidate, even if the grid happened to miss it.
     finalists += [pose.mirrored() for pose in finalists]
-    matches = sorted((matcher.match(points, weights, pose) for pose in finalists), key=lambda match: match.error)
-    allowed = [match for match in matches if _allowed(match.pose, heading, s)]
-    kept = _different_poses([match.pose for match in allowed])
-    return [match for match in allowed if any(match.pose is pose for pose in kept)]
+    matches = search.at(points, weights, np.array([pose.as_array() for pose in finalists]))
+    allowed = [match for match in matches if _allowed(match[0], heading, s)]
+    kept = _different_poses([pose for pose, _ in allowed])
+    return [match for match in allowed if any(match[0] is pose for pose in kept)]
 
 
 def _allowed(pose: Pose, heading: float | None, s: LocateSettings) -> bool:

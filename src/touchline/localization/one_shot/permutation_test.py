@@ -7,20 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from touchline.geometry import FloatArray
+from touchline.localization.one_shot.point_search import C_M, PointSearch
 from touchline.localization.one_shot.thinning import thinned, thinned_to
-from touchline.localization.published.nubot.matcher import Matcher
-from touchline.localization.registration.kernels import Plan
-from touchline.localization.registration.registration import CLUTTER_PER_M, Registration
-from touchline.localization.registration.weights import normalized
-from touchline.localization.search.coarse_search import CoarseSearch, Window
 
 PIECES = 8  # pieces that the view is cut into: some 45° of a full circle, about as much as one line fills
 COPIES = 20  # rearranged copies of the points: enough for a mean and a deviation
 CANDIDATES = 20  # poses refined for the points and for each copy
 MAX_POINTS = 150  # points that take part: more only make a clear case clearer
-COARSE_POINTS = 75  # and of these, evenly taken, so many judge the poses of the grid
-STEPS = 8  # of Gauss and Newton: twelve find errors that are half a per cent smaller, of points and copies alike
-_ALIKE_M2 = 1e-4  # variance of every point: what it is makes no difference
 
 
 class PermutationTest(NamedTuple):
@@ -36,30 +29,9 @@ class PermutationTest(NamedTuple):
         return (self.mean - self.error) / max(self.deviation, 1e-6)
 
 
-class Refiner:
-    """Looks for the pose of points alike in a window of a search, by the error function alone.
-
-    Gauss-Newton on the offsets, each weighed by (c² / (c² + d²))², comes to the least of e(d) in a third of the steps
-    of RPROP. candidates: poses of the window that are refined.
-    """
-
-    def __init__(self, matcher: Matcher, search: CoarseSearch, window: Window, candidates: int) -> None:
-        self.matcher, self.search = matcher, search
-        self._window, self._candidates = window, candidates
-        self._registration = Registration(matcher.distance_map)
-        self._plan = Plan(np.full(STEPS, matcher.settings.c_m), 0.0, 0.0, CLUTTER_PER_M)
-
-    def least_error(self, points: FloatArray) -> float:
-        """Least mean error of the points (N, 2), all alike, over the refined best poses of the search."""
-        some = np.ascontiguousarray(points[:: -(-len(points) // COARSE_POINTS)])
-        starts = self.search.best(some, self._candidates, self._window)
-        spreads = np.tile(_ALIKE_M2 * np.eye(2), (len(points), 1, 1))
-        weights = normalized(np.ones(len(points)))
-        fits = self._registration.register_all(points, spreads, starts, self._plan)
-        return min(self.matcher.error(points, weights, pose) for pose in fits.poses)
-
-
-def permutation_test(refiner: Refiner, points: FloatArray, seed: int) -> PermutationTest:
+def permutation_test(
+    search: PointSearch, points: FloatArray, seed: int, candidates: int = CANDIDATES
+) -> PermutationTest:
     """How much better the points (N, 2) fit the field than the same pieces in another arrangement.
 
     Any cloud of points fits some pose somehow: the best of a hundred thousand poses, on a field full of lines, leaves
@@ -78,10 +50,10 @@ def permutation_test(refiner: Refiner, points: FloatArray, seed: int) -> Permuta
     clump of 0.7 m by itself puts those scans at -1 and 2, and the heaps at -1 to 2. Nothing in the points tells them
     apart, so they are refused, and the best pose is named with the refusal.
     """
-    spread = thinned_to(thinned(points, refiner.matcher.settings.c_m), MAX_POINTS)
+    spread = thinned_to(thinned(points, C_M), MAX_POINTS)
     generator = np.random.default_rng(seed)
-    errors = [refiner.least_error(rearranged(spread, PIECES, generator)) for _ in range(COPIES)]
-    error = refiner.least_error(spread)
+    errors = [search.refined(rearranged(spread, PIECES, generator), candidates)[0][1] for _ in range(COPIES)]
+    error = search.refined(spread, candidates)[0][1]
     return PermutationTest(error, float(np.mean(errors)), float(np.std(errors, ddof=1)))
 
 

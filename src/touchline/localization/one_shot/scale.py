@@ -10,9 +10,9 @@ from touchline.errors import NoFitError
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose, as_pose
 from touchline.localization.one_shot.certainty import Spread, camera_fit
-from touchline.localization.one_shot.locate import SAMPLE_POINTS, LocateSettings, whole_field_search
+from touchline.localization.one_shot.locate import SAMPLE_POINTS, LocateSettings
+from touchline.localization.one_shot.point_search import C_M, PointSearch
 from touchline.localization.one_shot.thinning import different, thinned_to
-from touchline.localization.registration.weights import normalized
 
 SCALES = (0.8, 0.84, 0.88, 0.92, 0.96, 1.0, 1.04, 1.08, 1.13, 1.18, 1.24)  # tried: one within 3 % is found from there
 _STARTS = 40  # poses refined at each
@@ -27,19 +27,9 @@ class Scale(NamedTuple):
     deviation: float
 
 
-class QuickSearch:
-    """The best pose of points on a field, from a few of them and without any test of it."""
-
-    def __init__(self, field: FieldModel, heading: float | None, settings: LocateSettings) -> None:
-        """heading: from a compass (rad, field frame), or None."""
-        self._matcher, self._search = whole_field_search(field, heading, settings)
-
-    def best(self, points: FloatArray) -> Pose:
-        """The best pose of points (N, 2) in m, robot frame, all alike."""
-        few = thinned_to(points, SAMPLE_POINTS)
-        weights = normalized(np.ones(len(few)))
-        found = [self._matcher.descend(few, weights, start)[:2] for start in self._search.best(few, _STARTS)]
-        return as_pose(min(found, key=lambda one: one[1])[0])
+def quick_pose(search: PointSearch, points: FloatArray) -> Pose:
+    """The best pose of points (N, 2) in m, robot frame, all alike, from a few of them and without any test of it."""
+    return search.refined(thinned_to(points, SAMPLE_POINTS), _STARTS)[0][0]
 
 
 def fit_scale(
@@ -54,12 +44,12 @@ def fit_scale(
     s = settings or LocateSettings()
     seen = np.asarray(points, dtype=np.float64)
     seen = np.ascontiguousarray(seen[different(seen)])
-    search = QuickSearch(field, heading, s)
+    search = PointSearch(field, heading, s.heading_tolerance_rad)
     best_error, factor, pose = np.inf, 1.0, Pose(0.0, 0.0, 0.0)
     for tried in SCALES:
-        at = search.best(tried * seen)
+        at = quick_pose(search, tried * seen)
         squares = (field.line_distances(at.transform(tried * seen)) / tried) ** 2
-        error = float(np.mean(squares / (squares + s.matching.c_m**2)))
+        error = float(np.mean(squares / (squares + C_M**2)))
         if error < best_error:
             best_error, factor, pose = error, tried, at
     if factor in (SCALES[0], SCALES[-1]):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, TypeAlias
 
+import numba
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
 from touchline.config import Settings, added
+from touchline.field.distance_map import lookup
 from touchline.geometry import FloatArray
 
 Moments: TypeAlias = tuple[FloatArray, FloatArray, float, float]
@@ -66,7 +68,7 @@ class UncertaintySettings(Settings):
 def visual_covariance(
     points: FloatArray, weights: FloatArray, moments: Moments, c_m: float, settings: UncertaintySettings
 ) -> FloatArray:
-    """Covariance (3, 3) of x, y, heading in (m, m, rad), field frame; arguments as `kernels.moments` has them.
+    """Covariance (3, 3) of x, y, heading in (m, m, rad), field frame; arguments as `moments` has them.
 
     The result minimizes a mean of e(d), so it is an M-estimate, whose covariance is (Huber 1981, section 7.6)
 
@@ -179,3 +181,37 @@ def is_one_line(positions_m: FloatArray) -> bool:
     """Whether points (M, 2) in m all lie along one straight line."""
     across = np.linalg.eigvalsh(np.cov(positions_m.T))[0] if len(positions_m) > 1 else 0.0
     return bool(across < LINE_M**2)
+
+
+@numba.njit(cache=True)
+def moments(points, weights, table, pose, c_m):  # type: ignore[no-untyped-def]
+    """What each point's error e(d) says about the accuracy of a pose.
+
+    points (N, 2): robot frame (m); weights (N,) that sum to 1; table: the `MapTable` of a `DistanceMap`; pose (3,): x,
+    y (m), heading (rad), field frame; c_m: width of e(d) = 1 - c² / (c² + d²).
+
+    Returns u (N, 3): derivative of each point's distance by x, y, heading; curvature (N,): w max(e'', 0);
+    slope_power: sum of w² e'²; mean_distance_m: sum of w d.
+    """
+    x, y, heading = pose[0], pose[1], pose[2]
+    cosine, sine = math.cos(heading), math.sin(heading)
+    c2 = c_m * c_m
+    u = np.empty((points.shape[0], 3))
+    curvature = np.empty(points.shape[0])
+    slope_power = mean_distance_m = 0.0
+    for i in range(points.shape[0]):
+        px, py = points[i, 0], points[i, 1]
+        turned_x = cosine * px - sine * py
+        turned_y = sine * px + cosine * py
+        d, gx, gy = lookup(table, x + turned_x, y + turned_y)
+        # Beside a line the interpolated gradient is shorter than one; its direction is what counts here.
+        length = math.hypot(gx, gy)
+        if length > 1e-6:
+            gx /= length
+            gy /= length
+        u[i, 0], u[i, 1], u[i, 2] = gx, gy, gy * turned_x - gx * turned_y
+        s = c2 + d * d
+        curvature[i] = weights[i] * max(2.0 * c2 * (c2 - 3.0 * d * d) / (s * s * s), 0.0)
+        slope_power += (weights[i] * 2.0 * c2 * d / (s * s)) ** 2
+        mean_distance_m += weights[i] * d
+    return u, curvature, slope_power, mean_distance_m

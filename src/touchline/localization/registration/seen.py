@@ -9,9 +9,10 @@ from touchline.localization.registration.features import NO_POINTS, Features
 from touchline.localization.registration.joint import Seen
 from touchline.types import LinePoints, Lines, Observation
 
-REPEATED = 2.6  # of so many points one counts: neighbours on a line err together, and the same place in the next image
+REPEATED = 2.6  # of so many points one tells a pose: neighbours err together, and the same place in the next image
 FEW = 20  # of so few points twice as many: the ends of a lone line tell most, and may be none
 MIN_CONFIDENCE = 0.1
+POINT_SHARE = 0.25  # as so many a point tells how likely a pose is: clutter repeats itself, too
 LINE_SHARE = 2.0  # as so many points both ends of a line count of which only these are known
 FEATURE_SHARE = 1.0  # so much a crossing or a landmark beside the line points that run into it
 SPACING_M = 0.25  # between points that are laid on such a line
@@ -26,7 +27,8 @@ def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
     """noise: by how much larger the variances of line points have proved than they say."""
     if len(observation.points):
         points = observation.points
-        shares = np.clip(points.confidences, MIN_CONFIDENCE, 1.0) / repeated(len(points))
+        shares = POINT_SHARE * np.clip(points.confidences, MIN_CONFIDENCE, 1.0)
+        noise *= POINT_SHARE * repeated(len(points))
     else:
         points, shares = points_on(observation.lines)
     found = features.points_of(observation)

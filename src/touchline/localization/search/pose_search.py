@@ -123,6 +123,15 @@ class PoseSearch:
         window = Window(int(low[0]), rows, int(low[1]), columns, _around(float(start[2]), reach_rad))
         return self._modes(positions_m, covariances_m2, window, (NEAR_STARTS, FINISHED))
 
+    def starts(self, points: FloatArray, count: int, heading: tuple[float, float] | None = None) -> FloatArray:
+        """The poses of the grid (up to count, 3) at which points (N, 2), all alike, lie nearest to the lines, no two of
+        them neighbours; of a symmetric field one half. heading: and how far from it (rad); None: any.
+        """
+        rows, columns = self._grid.shape
+        first = rows // 2 if self.symmetric and heading is None else 0
+        headings = self._grid.headings if heading is None else _around(*heading)
+        return self._coarse.best(points, count, Window(first, rows - first, 0, columns, headings))
+
     def _modes(
         self,
         points: FloatArray,

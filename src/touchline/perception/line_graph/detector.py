@@ -76,7 +76,7 @@ class LineGraphDetector:
         if frame.image is None:
             raise InputError(f"the frame at {frame.stamp_ns} ns has no image")
         try:
-            view = self._view(frame)
+            view = ground_view(self.camera, frame.base_from_camera, *lean_of(frame))
         except InputError as error:
             return Observation(frame.stamp_ns, problem=str(error))
         return self.detect(frame.image, view, frame.stamp_ns)
@@ -85,16 +85,22 @@ class LineGraphDetector:
         """What an image (H, W, 3), B, G, R, shows from this view."""
         check_size(image, self.camera)
         image = np.ascontiguousarray(image)
-        plane = image_plane(self.lens, view)
-        self._last_view = view
         try:
             if self.colours.is_learning:
                 self.colours.learn(image, *self._masks(view))
         except NoCarpetError as error:
+            self._last_view = view
             return Observation(stamp_ns, problem=str(error))
+        return self.look(image, view, stamp_ns, watching=True)
+
+    def look(self, image: ImageArray, view: GroundView, stamp_ns: int = 0, watching: bool = False) -> Observation:
+        """As `detect`, in the colours that are known. watching: whether it is noticed when the green fades."""
         assert self.colours.classes is not None
+        plane = image_plane(self.lens, view)
+        self._last_view = view
         structure = self._structure(image, self.colours.classes, plane)
-        self.colours.watch(structure.counts, structure.sees_ground)
+        if watching:
+            self.colours.watch(structure.counts, structure.sees_ground)
         return self._features(image, structure, plane, stamp_ns)
 
     def stages(self, image: ImageArray) -> dict[str, ImageArray]:
@@ -133,10 +139,6 @@ class LineGraphDetector:
         landmarks = joined(upright, circle_landmark(circle))
         return Observation(stamp_ns, points, lines, crossings, landmarks, self._boundary(structure, plane))
 
-    def _view(self, frame: Frame) -> GroundView:
-        lean = (None, None) if frame.tilt is None or not len(frame.tilt) else map(float, frame.tilt.values[-1])
-        return ground_view(self.camera, frame.base_from_camera, *lean)
-
     def _structure(self, image: ImageArray, classes: ColourClasses, plane: ImagePlane) -> Structure:
         return find_structure(image, classes, self._usable, plane, self.field.line_width, self.settings)
 
@@ -170,3 +172,11 @@ class LineGraphDetector:
         pixels, ground = pixels[inside], ground[inside]
         covariances = ground_covariances(plane, pixels, 0.5 * CELL_PX, 0.05)
         return LinePoints(ground, covariances, np.full(len(ground), 0.5), pixels)
+
+
+def lean_of(frame: Frame) -> tuple[float | None, float | None]:
+    """The newest roll and pitch (rad) of a frame; None, None where nothing tells."""
+    if frame.tilt is None or not len(frame.tilt):
+        return None, None
+    roll, pitch = frame.tilt.values[-1].tolist()
+    return roll, pitch

@@ -37,10 +37,15 @@ class SimulatedCameraModel:
     """
 
     def __init__(
-        self, make_grid: Callable[[], RayGrid], sensor: ImageSensor, side: int, blur_steps: int, readout_s: float
+        self,
+        make_grid: Callable[[], RayGrid],
+        sensor: ImageSensor | None = None,
+        side: int = 2,
+        blur_steps: int = 5,
+        readout_s: float = 0.0,
     ) -> None:
         """make_grid: what each pixel looks along; asked for with the first image, so that who wants none won't wait."""
-        self.sensor = sensor
+        self.sensor = sensor or ImageSensor()
         self.blur_steps = blur_steps
         self.readout_s = readout_s
         self._make_grid, self._side = make_grid, side

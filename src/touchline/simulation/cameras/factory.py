@@ -9,25 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from touchline.camera import MODELS
 from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
 from touchline.messages import did_you_mean
+from touchline.simulation.cameras import mirror
 from touchline.simulation.cameras.base import Motion
 from touchline.simulation.cameras.image_sensor import ImageSensor
-from touchline.simulation.cameras.mirror import (
-    MirrorProfile,
-    Target,
-    combined,
-    horizontally_isometric,
-    hyperbolic,
-    solve_mirror,
-    tangent_range,
-    vertically_isometric,
-)
 from touchline.simulation.cameras.mirror_rays import MirrorMount
 from touchline.simulation.cameras.omni import SimulatedOmniCamera
-from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera
+from touchline.simulation.cameras.pinhole import SimulatedPinholeCamera, humanoid_camera, kid_size_camera
 from touchline.simulation.scenario import CameraSettings
 
 SimulatedCamera = SimulatedOmniCamera | SimulatedPinholeCamera
@@ -44,18 +36,11 @@ def open_simulated_camera(settings: CameraSettings, mount: MirrorMount | None = 
     }
     if settings.file is not None:
         return _from_file(Path(settings.file), settings.kind, options)
-    if settings.kind == "pinhole":
-        return SimulatedPinholeCamera(**options)
-    mirror = settings.mirror
-    profile = _solved(mirror.profile, mirror.metres_per_px, mirror.horizon_px)
+    if settings.kind != "omni":
+        return SimulatedPinholeCamera(humanoid_camera() if settings.kind == "pinhole" else kid_size_camera(), **options)
+    wanted = settings.mirror
+    profile = _solved(wanted.profile, wanted.metres_per_px, wanted.horizon_px)
     return SimulatedOmniCamera.from_mirror(profile, mount, **options)
-
-
-def project_ground(camera: SimulatedCamera, points: FloatArray, attitude: tuple[float, float]) -> FloatArray:
-    """Pixels (N, 2) of ground points (N, 2) in the base frame (m), of a body that leans by roll, pitch (rad)."""
-    if isinstance(camera, SimulatedPinholeCamera):
-        return camera.project(points, attitude)
-    return camera.project(points)
 
 
 def base_motion(velocity: FloatArray, heading: float, leaning: tuple[float, float] = (0.0, 0.0)) -> Motion:
@@ -68,8 +53,8 @@ def base_motion(velocity: FloatArray, heading: float, leaning: tuple[float, floa
 def _from_file(path: Path, kind: str, options: Mapping[str, Any]) -> SimulatedCamera:
     tree: dict[str, Any] = read_yaml_mapping(path)
     model = tree.get("model")
-    if model not in ("omni", "pinhole"):
-        raise InputError(f"{path}: unknown camera model {model!r}; {did_you_mean(str(model), ['omni', 'pinhole'])}")
+    if model not in MODELS:
+        raise InputError(f"{path}: unknown camera model {model!r}; {did_you_mean(str(model), MODELS)}")
     if model != kind:
         raise InputError(f"{path}: is a camera of the model '{model}', but camera.kind is '{kind}'")
     if model == "omni":
@@ -78,14 +63,14 @@ def _from_file(path: Path, kind: str, options: Mapping[str, Any]) -> SimulatedCa
 
 
 @lru_cache(maxsize=16)
-def _solved(profile: str, metres_per_px: float, horizon_px: float) -> MirrorProfile:
+def _solved(profile: str, metres_per_px: float, horizon_px: float) -> mirror.MirrorProfile:
     """The solved mirror of a profile's name. Raises InputError where no mirror shows the wanted range."""
     if profile == "hyperbolic":
-        return solve_mirror(*hyperbolic(horizon_px=horizon_px))
-    targets: dict[str, Callable[[], Target]] = {
-        "combined": combined,
-        "horizontally-isometric": lambda: horizontally_isometric(metres_per_px),
-        "vertically-isometric": vertically_isometric,
-        "recorded": tangent_range,
+        return mirror.solve_mirror(*mirror.hyperbolic(horizon_px=horizon_px))
+    targets: dict[str, Callable[[], mirror.Target]] = {
+        "combined": mirror.combined,
+        "horizontally-isometric": lambda: mirror.horizontally_isometric(metres_per_px),
+        "vertically-isometric": mirror.vertically_isometric,
+        "recorded": mirror.tangent_range,
     }
-    return solve_mirror(targets[profile]())
+    return mirror.solve_mirror(targets[profile]())

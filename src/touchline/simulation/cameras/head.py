@@ -20,9 +20,8 @@ from touchline.simulation.scenario import CameraSettings
 
 _DRIVING_M_S = 0.3  # from this speed on a head shakes as much as it ever does; standing it is still
 _TURNING_M = 0.3  # a robot that turns on the spot shakes like one whose wheels drive with this lever
-_PX_PER_MM = (
-    5.0  # of the image's centre, for a mirror displaced: 620 px of focal length over 0.1 m, less what looks tilted
-)
+# of the image's centre, for a mirror displaced: 620 px of focal length over 0.1 m, less what looks tilted
+_PX_PER_MM = 5.0
 _DIRECTIONS = 24  # in which the strip is laid for a calibration, as in the paper
 _EDGE_PX = 0.1  # error of an edge found in an image
 _BEARING_RAD = math.radians(0.1)  # error of a direction that the robot was turned to, after smoothing

@@ -42,12 +42,9 @@ class ImageSensor:
     def __post_init__(self) -> None:
         positive = (self.k, self.full_well_electrons, self.gamma, *self.white_balance_rgb)
         other = (self.read_noise_electrons, self.optics_blur_sigma_px, self.vignetting, self.bloom)
-        if not (
-            all(math.isfinite(v) and v > 0.0 for v in positive) and all(math.isfinite(v) and v >= 0.0 for v in other)
-        ):
-            raise InputError(
-                "image sensor: k, full well, gamma and white balance are positive, noise and blur not negative"
-            )
+        if not (all(map(math.isfinite, (*positive, *other))) and min(positive) > 0.0 and min(other) >= 0.0):
+            what = "k, full well, gamma and white balance are positive, noise and blur not negative"
+            raise InputError(f"image sensor: {what}")
 
     def develop(
         self, radiance: npt.NDArray[np.float32], exposure_ms: float, gain: float, rng: np.random.Generator | None
@@ -127,10 +124,7 @@ def _scattered(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 def _distance_squared(height: int, width: int) -> npt.NDArray[np.float32]:
     """(H, W) squared distance from the middle, 1 in the corners."""
     y, x = np.ogrid[-1.0 : 1.0 : height * 1j, -1.0 : 1.0 : width * 1j]
-    total: npt.NDArray[np.float32] = ((x * x * width**2 + y * y * height**2) / (width**2 + height**2)).astype(
-        np.float32
-    )
-    return total
+    return np.asarray((x * x * width**2 + y * y * height**2) / (width**2 + height**2), dtype=np.float32)
 
 
 @lru_cache(maxsize=8)

@@ -19,7 +19,6 @@ from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray
 from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
-from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.cameras.mirror import MirrorProfile
 from touchline.simulation.cameras.mirror_rays import MirrorMount, design_range_table, ground_of_rays, mirror_rays
 from touchline.simulation.rendering.rendering import RayGrid
@@ -46,24 +45,21 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         self,
         design: OmniCamera,
         height_m: float = 0.80,
-        sensor: ImageSensor | None = None,
-        side: int = 2,
-        blur_steps: int = 5,
-        readout_s: float = 0.0,
         mirror: tuple[MirrorProfile, MirrorMount] | None = None,
+        **options: Any,
     ) -> None:
+        """options: of `SimulatedCameraModel`."""
         if not (math.isfinite(height_m) and height_m > 0.0):
             raise InputError(f"omni camera: a height of {height_m} m is not above the ground")
         self.design = design
         self.height_m = height_m
         self.mirror = mirror
-        super().__init__(self._ray_grid, sensor or ImageSensor(), side, blur_steps, readout_s)
+        super().__init__(self._ray_grid, **options)
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> SimulatedOmniCamera:
         """From a camera.yaml with `model: omni`. Raises InputError naming file and key."""
-        path = Path(path)
-        return cls.from_mapping(read_yaml_mapping(path), path, **options)
+        return cls.from_mapping(read_yaml_mapping(Path(path)), Path(path), **options)
 
     @classmethod
     def from_mapping(cls, tree: Mapping[str, Any], path: Path = Path("camera"), **options: Any) -> SimulatedOmniCamera:
@@ -86,17 +82,8 @@ class SimulatedOmniCamera(SimulatedCameraModel):
         radii, ranges = design_range_table(profile)
         if len(radii) < 2 or np.any(np.diff(ranges) <= 0.0):
             raise InputError("omni camera: the mirror's ground range does not grow with the pixel radius")
-        design = OmniCamera(
-            *size,
-            center,
-            inner_radius_px,
-            float(radii[-1]),
-            handedness,
-            mount_yaw_rad,
-            radii,
-            np.zeros(1),
-            ranges[None],
-        )
+        image = (*size, center, inner_radius_px, float(radii[-1]))
+        design = OmniCamera(*image, handedness, mount_yaw_rad, radii, np.zeros(1), ranges[None])
         height = profile.head.camera_height_m + profile.head.apex_m
         return cls(design, height, mirror=(profile, mount or MirrorMount()), **options)
 
@@ -111,10 +98,11 @@ class SimulatedOmniCamera(SimulatedCameraModel):
             return self.design.ground_from_image(table)
         return ground_of_rays(mirror_rays(*self.mirror, *self._polar(table)))
 
-    def project(self, points: npt.ArrayLike) -> FloatArray:
+    def project(self, points: npt.ArrayLike, attitude: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
         """Pixels (N, 2) u, v of ground points (N, 2), base frame (m); NaN where they are not seen.
 
-        Of an ideal head the table's closed form; of a mirror mounted askew Newton's method from there on (to 1e-6 px).
+        attitude: of the body, which is taken for upright here. Of an ideal head the table's closed form; of a mirror
+        mounted askew Newton's method from there on (to 1e-6 px).
         """
         pixels = self.design.image_from_ground(points)
         if self.mirror is None or self.mirror[1].is_ideal:
@@ -176,10 +164,8 @@ class SimulatedOmniCamera(SimulatedCameraModel):
 
     def _jacobian(self, pixels: FloatArray) -> FloatArray:
         """(N, 2, 2) derivative of the ground point (m) by the pixel; NaN where no ground is seen."""
-        steps = [np.array([0.05, 0.0]), np.array([0.0, 0.05])]
-        columns = [
-            (self.ground_from_image(pixels + step) - self.ground_from_image(pixels - step)) / 0.1 for step in steps
-        ]
+        seen = self.ground_from_image
+        columns = [(seen(pixels + step) - seen(pixels - step)) / 0.1 for step in 0.05 * np.eye(2)]
         return np.stack(columns, axis=-1)
 
     def _ray_grid(self) -> RayGrid:
@@ -203,8 +189,7 @@ class SimulatedOmniCamera(SimulatedCameraModel):
             return _mirror_grid(*self.mirror, shape, (*d.center, float(d.handedness), d.mount_yaw_rad))
         v, u = np.indices(shape, dtype=np.float64)
         pixels = np.column_stack((u.ravel(), v.ravel()))
-        radius, bearing = self._polar(pixels)
-        return _table_rays(self.design, self.height_m, pixels, radius, bearing).reshape(*shape, 6)
+        return _table_rays(d, self.height_m, pixels, *self._polar(pixels)).reshape(*shape, 6)
 
 
 def omni_mapping(design: OmniCamera) -> dict[str, Any]:
@@ -293,20 +278,14 @@ def _head_layer(
     return (layer / _SAMPLES**2).astype(np.float32)
 
 
-def _head_colours(
-    x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], inner: float, outer: float
-) -> npt.NDArray[np.float64]:
+def _head_colours(x: FloatArray, y: FloatArray, inner: float, outer: float) -> FloatArray:
     radius = np.hypot(x, y)
     colours = np.zeros((*x.shape, 4))
     for angle in _RODS_RAD:
         along = x * np.cos(angle) + y * np.sin(angle)
         across = np.abs(y * np.cos(angle) - x * np.sin(angle))
-        colours[(along > 0.0) & (across < 0.006 * radius + 0.5 + 0.008 * np.maximum(radius - inner, 0.0))] = (
-            0.006,
-            0.006,
-            0.006,
-            1.0,
-        )
+        half = 0.006 * radius + 0.5 + 0.008 * np.maximum(radius - inner, 0.0)
+        colours[(along > 0.0) & (across < half)] = (0.006, 0.006, 0.006, 1.0)
     unit = inner / 52.0
     side = 41.0 * unit
     body = (np.maximum(np.abs(x), np.abs(y)) < side) & (np.abs(x) + np.abs(y) < side * 1.414)

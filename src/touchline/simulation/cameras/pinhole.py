@@ -1,4 +1,4 @@
-"""A simulated perspective camera: a pinhole with lens distortion on a body that leans."""
+"""A simulated camera with a lens, pinhole or fisheye, on a body that leans."""
 
 from __future__ import annotations
 
@@ -10,50 +10,44 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from touchline.camera import PinholeCamera, leaning
-from touchline.camera.pinhole import pinhole_from_mapping, pinhole_mapping
+from touchline.camera import FisheyeCamera, PerspectiveCamera, PinholeCamera, leaning, perspective_mapping
+from touchline.camera.fisheye import fisheye_from_mapping
+from touchline.camera.pinhole import pinhole_from_mapping
 from touchline.errors import InputError
 from touchline.files.yaml_text import read_yaml_mapping
 from touchline.geometry import FloatArray, Pose3
 from touchline.simulation.cameras.base import SimulatedCameraModel, with_glare
-from touchline.simulation.cameras.image_sensor import ImageSensor
 from touchline.simulation.rendering.rendering import RayGrid
 
 
 class SimulatedPinholeCamera(SimulatedCameraModel):
-    """A perspective camera; by default `humanoid_camera`.
+    """A perspective camera, pinhole or fisheye; by default `humanoid_camera`.
 
     Raises InputError if its lens maps no ray to some pixel of the image.
     """
 
-    def __init__(
-        self,
-        design: PinholeCamera | None = None,
-        sensor: ImageSensor | None = None,
-        side: int = 2,
-        blur_steps: int = 5,
-        readout_s: float = 0.0,
-    ) -> None:
+    def __init__(self, design: PerspectiveCamera | None = None, **options: Any) -> None:
+        """options: of `SimulatedCameraModel`."""
         self.design = design or humanoid_camera()
         _check_lens(self.design)
-        super().__init__(lambda: _ray_grid(self.design), sensor or ImageSensor(), side, blur_steps, readout_s)
+        super().__init__(lambda: _ray_grid(self.design), **options)
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> SimulatedPinholeCamera:
-        """From a camera.yaml with `model: pinhole`. Raises InputError naming file and key."""
-        path = Path(path)
-        return cls.from_mapping(read_yaml_mapping(path), path, **options)
+        """From a camera.yaml with `model: pinhole` or `fisheye`. Raises InputError naming file and key."""
+        return cls.from_mapping(read_yaml_mapping(Path(path)), Path(path), **options)
 
     @classmethod
     def from_mapping(
         cls, tree: Mapping[str, Any], path: Path = Path("camera"), **options: Any
     ) -> SimulatedPinholeCamera:
         """From the content of a camera.yaml; `path` is named in errors."""
-        return cls(pinhole_from_mapping(tree, path), **options)
+        read = fisheye_from_mapping if tree.get("model") == "fisheye" else pinhole_from_mapping
+        return cls(read(tree, path), **options)
 
     def camera_yaml(self) -> dict[str, Any]:
         """The mapping that a recording's camera.yaml holds."""
-        return pinhole_mapping(self.design)
+        return perspective_mapping(self.design)
 
     def project(self, points: npt.ArrayLike, attitude: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
         """Pixels (N, 2) u, v of points (N, 2) on the ground or (N, 3), base frame (m); NaN behind the camera.
@@ -78,18 +72,25 @@ def humanoid_camera(
     return PinholeCamera(752, 480, 493.0, 493.0, 377.3, 238.6, np.array(distortion), mount)
 
 
-def _check_lens(design: PinholeCamera) -> None:
+def kid_size_camera() -> FisheyeCamera:
+    """A kid-size humanoid's fisheye camera of 640 x 480 pixels, 0.52 m high: 128° wide, 160° from corner to corner."""
+    mount = Pose3.from_roll_pitch_yaw(0.0, 0.55, 0.0, (0.04, 0.0, 0.52))
+    lens = np.array([-0.02, 0.003, -0.001, 0.0002])
+    return FisheyeCamera(640, 480, 285.0, 285.0, 321.4, 238.2, lens, mount)
+
+
+def _check_lens(design: PerspectiveCamera) -> None:
     """Raises InputError if no ray is mapped to some pixel of the edges, which the lens bends most."""
     v, u = np.indices((design.height, design.width), dtype=np.float64)
     edge = (u == 0.0) | (u == design.width - 1.0) | (v == 0.0) | (v == design.height - 1.0)
     if not np.isfinite(design.ray(np.column_stack((u[edge], v[edge])))).all():
-        raise InputError("pinhole camera: its distortion maps no ray to some pixels of the image")
+        raise InputError(f"{design.model} camera: its distortion maps no ray to some pixels of the image")
 
 
-def _ray_grid(design: PinholeCamera) -> RayGrid:
+def _ray_grid(design: PerspectiveCamera) -> RayGrid:
     shape = (design.height, design.width)
     lens = (design.fx, design.fy, design.cx, design.cy, *design.distortion.tolist())
-    directions = _camera_rays(shape, lens) @ design.base_from_camera.rotation.T
+    directions = _camera_rays(isinstance(design, FisheyeCamera), shape, lens) @ design.base_from_camera.rotation.T
     place = design.base_from_camera.translation_m
     rays = np.hstack((np.broadcast_to(place, directions.shape), directions)).reshape(*shape, 6).astype(np.float32)
     still = with_glare(np.zeros((*shape, 4), dtype=np.float32), rays)
@@ -97,11 +98,12 @@ def _ray_grid(design: PinholeCamera) -> RayGrid:
 
 
 @lru_cache(maxsize=2)
-def _camera_rays(shape: tuple[int, int], lens: tuple[float, ...]) -> FloatArray:
-    """Unit vectors (H * W, 3) of all pixels in the camera body frame; lens: fx, fy, cx, cy, distortion (5)."""
+def _camera_rays(fisheye: bool, shape: tuple[int, int], lens: tuple[float, ...]) -> FloatArray:
+    """Unit vectors (H * W, 3) of all pixels in the camera body frame; lens: fx, fy, cx, cy, distortion."""
     fx, fy, cx, cy, *distortion = lens
     height, width = shape
     upright = Pose3(np.eye(3), np.array([0.0, 0.0, 1.0]))
     v, u = np.indices(shape, dtype=np.float64)
-    camera = PinholeCamera(width, height, fx, fy, cx, cy, np.array(distortion), upright)
+    kind = FisheyeCamera if fisheye else PinholeCamera
+    camera = kind(width, height, fx, fy, cx, cy, np.array(distortion), upright)
     return camera.camera_rays(np.column_stack((u.ravel(), v.ravel())))

@@ -67,13 +67,20 @@ def hidden(x, y, px, py, bodies):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _hides(x, y, cx, sx, distance, body):  # type: ignore[no-untyped-def]
     """Whether a body (4,) of `hidden` hides the ground at a distance (m) from x, y along (cx, sx)."""
+    first, last = _shadow(x, y, cx, sx, body)
+    return first < distance < last
+
+
+@njit(cache=True, error_model="numpy")
+def _shadow(x, y, cx, sx, body):  # type: ignore[no-untyped-def]
+    """From where to where (m) a body (4,) hides a ray from x, y along (cx, sx); 0, 0 where it stands beside it."""
     ox, oy = body[0] - x, body[1] - y
     along = ox * cx + oy * sx
     square = body[2] * body[2] - (ox * ox + oy * oy - along * along)
     if along <= 0.0 or square <= 0.0:
-        return False
+        return 0.0, 0.0
     half = math.sqrt(square)
-    return along - half < distance < (along + half) * body[3]
+    return along - half, (along + half) * body[3]
 
 
 @njit(cache=True, error_model="numpy")
@@ -103,12 +110,9 @@ def _shadows(x, y, cx, sx, bodies, shadows):  # type: ignore[no-untyped-def]
     """Stretches (K, 2) of a ray, from and to (m), that bodies (K, 4) hide, into shadows; returns how many."""
     count = 0
     for i in range(len(bodies)):
-        ox, oy = bodies[i, 0] - x, bodies[i, 1] - y
-        along = ox * cx + oy * sx
-        square = bodies[i, 2] * bodies[i, 2] - (ox * ox + oy * oy - along * along)
-        if along > 0.0 and square > 0.0:
-            half = math.sqrt(square)
-            shadows[count, 0], shadows[count, 1] = along - half, (along + half) * bodies[i, 3]
+        first, last = _shadow(x, y, cx, sx, bodies[i])
+        if last > first:
+            shadows[count, 0], shadows[count, 1] = first, last
             count += 1
     return count
 
@@ -269,10 +273,8 @@ def _on_rays(pose, ground, paint, bodies, sectors, out):  # type: ignore[no-unty
                 continue
             if h + 1 < count and runs[h + 1, 0] - runs[h, 1] < apart_px * scale:
                 continue
-            if not (
-                _ray_flank(runs[h, 0], -scale, view, ray, shadows[:dark], carpet)
-                and _ray_flank(runs[h, 1], scale, view, ray, shadows[:dark], carpet)
-            ):
+            lit = _ray_flank(runs[h, 0], -scale, view, ray, shadows[:dark], carpet)
+            if not (lit and _ray_flank(runs[h, 1], scale, view, ray, shadows[:dark], carpet)):
                 continue
             if runs[h, 3] == BAR and not through_mouth(x, y, x + along * ray[0], y + along * ray[1], mouth):
                 continue

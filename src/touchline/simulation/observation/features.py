@@ -9,6 +9,7 @@ on the line points of `LinePointDetector` (`benchmarks/fit_crossings.py`).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,10 +21,9 @@ from touchline.field.model import Goal
 from touchline.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from touchline.simulation.observation.feature_noise import FeatureNoise, LandmarkNoise
 from touchline.simulation.observation.feature_view import FeatureView, Looking, Mask, Seen, logistic, tail_variance
-from touchline.simulation.observation.observed_lines import occluders
+from touchline.simulation.observation.observed_lines import NO_BODIES, NO_SECTORS, occluders
 from touchline.types import Colors, CrossingKind, Crossings, LandmarkKind, Landmarks, Lines, Observation
 
-Table = FloatArray | None
 _STEP_M = 0.05
 _FALSE_M, _FALSE_RAD, _FALSE_LENGTH_M = 6.0, 0.65, (0.4, 2.0)  # of false lines: how far, how far aside, how long
 _THREAD_M = 0.12  # height of a net's lowest thread
@@ -63,11 +63,15 @@ class ObservedFeatures:
         self._landmarks = _landmarks(field, self.noise)
 
     def observe(
-        self, pose: Pose, rng: np.random.Generator, bodies: Table = None, black_rad: Table = None, stamp_ns: int = 0
+        self,
+        pose: Pose,
+        rng: np.random.Generator,
+        bodies: FloatArray = NO_BODIES,
+        black_rad: FloatArray = NO_SECTORS,
+        stamp_ns: int = 0,
     ) -> Observation:
         """What is seen from a pose; bodies (K, 4), black_rad (B, 2) as of `ObservedLines`."""
-        hiding = occluders(np.zeros((0, 4)) if bodies is None else bodies, self.noise.height_m)
-        looking = Looking(pose, hiding, np.zeros((0, 2)) if black_rad is None else black_rad)
+        looking = Looking(pose, occluders(bodies, self.noise.height_m), black_rad)
         crossings, landmarks = self._crossings(looking, rng), self._marks(looking, rng)
         seen = Observation(stamp_ns, lines=self._lines(looking, rng), crossings=crossings, landmarks=landmarks)
         if self.noise.lean_deg == 0.0:
@@ -109,14 +113,8 @@ class ObservedFeatures:
             turned += math.radians(noise.orientation_deg) * float(self.view.tailed(rng.standard_normal(1))[0])
             kinds.append(kind.value)
             orientations.append(turned % (0.5 * math.pi) if kind is CrossingKind.X else wrap_angle(turned))
-        return Crossings(
-            np.array(kinds, dtype="U1"),
-            seen.positions_m,
-            np.array(orientations, dtype=np.float64),
-            seen.covariances_m2,
-            np.ones(len(chosen)),
-            seen.pixels,
-        )
+        found, turns = np.array(kinds, dtype="U1"), np.array(orientations, dtype=np.float64)
+        return Crossings(found, seen.positions_m, turns, seen.covariances_m2, np.ones(len(chosen)), seen.pixels)
 
     def _marks(self, looking: Looking, rng: np.random.Generator) -> Landmarks:
         """Posts, poles, penalty marks and the circle; and goals, both of whose posts are seen."""
@@ -124,9 +122,8 @@ class ObservedFeatures:
         places = np.array([mark.place for mark in marks]).reshape(-1, 2)
         away = np.hypot(*(places - (pose.x, pose.y)).T)
         noises = [mark.noise for mark in marks]
-        ratio, half, slope = (
-            np.array([(n.found_ratio, n.found_half_m, n.found_slope_m) for n in noises]).reshape(-1, 3).T
-        )
+        found = np.array([(n.found_ratio, n.found_half_m, n.found_slope_m) for n in noises]).reshape(-1, 3)
+        ratio, half, slope = found.T
         visible = self.view.shows(looking, places)
         of_circle = np.array([mark.kind is LandmarkKind.CIRCLE for mark in marks], dtype=np.bool_)
         if of_circle.any():
@@ -134,17 +131,17 @@ class ObservedFeatures:
         chosen = np.flatnonzero(visible & (rng.random(len(marks)) < ratio * logistic((half - away) / slope)))
         sizes = np.array([(noises[k].outwards_px, noises[k].across_px) for k in chosen]).reshape(-1, 2)
         seen = self._seen(pose, places[chosen], sizes, rng)
-        found = [marks[k] for k in chosen]
-        pairs = [(k, [i for i, mark in enumerate(found) if mark.goal == k]) for k in range(len(self.field.goals))]
+        shown = [marks[k] for k in chosen]
+        pairs = [(k, [i for i, mark in enumerate(shown) if mark.goal == k]) for k in range(len(self.field.goals))]
         pairs = [(k, pair) for k, pair in pairs if len(pair) == len({*self.field.goals[k].y_posts})]
         middles = [seen.positions_m[pair].mean(axis=0) for _, pair in pairs]
         spreads = [seen.covariances_m2[pair].sum(axis=0) / len(pair) ** 2 for _, pair in pairs]
         return Landmarks(
-            np.array([mark.kind.value for mark in found] + [LandmarkKind.GOAL.value] * len(pairs), dtype="U12"),
+            np.array([mark.kind.value for mark in shown] + [LandmarkKind.GOAL.value] * len(pairs), dtype="U12"),
             np.concatenate((seen.positions_m, np.reshape(middles, (-1, 2)))),
             np.concatenate((seen.covariances_m2, np.reshape(spreads, (-1, 2, 2)))),
-            np.ones(len(found) + len(pairs)),
-            tuple(mark.colors for mark in found) + tuple((self.field.goals[k].color,) for k, _ in pairs),
+            np.ones(len(shown) + len(pairs)),
+            tuple(mark.colors for mark in shown) + tuple((self.field.goals[k].color,) for k, _ in pairs),
             np.concatenate((seen.pixels, np.full((len(pairs), 2), np.nan))),
         )
 
@@ -168,9 +165,8 @@ class ObservedFeatures:
             widths = self.view.widths(looking.pose, places[in_view], directions[in_view], self.field.line_width)
             in_view[in_view] = widths >= self.noise.thinnest_px
         stretches = []
-        for places, visible in zip(
-            paths, np.split(in_view, np.cumsum([len(places) for places in paths])), strict=False
-        ):
+        parts = np.split(in_view, np.cumsum([len(places) for places in paths]))
+        for places, visible in zip(paths, parts, strict=False):
             first, last = _longest_run(visible)
             ends = places[[first, last - 1]] if last > first else places[:0]
             long_enough = len(ends) > 0 and math.hypot(*(ends[1] - ends[0])) >= self.noise.shortest_line_m
@@ -224,10 +220,8 @@ class ObservedFeatures:
         ground = pose.inverse().transform(stretches.reshape(-1, 2)).reshape(-1, 2, 2)
         step = ground[:, 1] - ground[:, 0]
         along = step / np.hypot(step[:, 0], step[:, 1])[:, np.newaxis]
-        ground = (
-            ground
-            + noise.line_end_m * self.view.tailed(rng.standard_normal((len(ground), 2, 1))) * along[:, np.newaxis]
-        )
+        shifts_m = noise.line_end_m * self.view.tailed(rng.standard_normal((len(ground), 2, 1)))
+        ground = ground + shifts_m * along[:, np.newaxis]
         ends, along = ground.reshape(-1, 2), np.repeat(along, 2, axis=0)
         pixels = self.camera.image_from_ground(ends).reshape(-1, 2, 2)
         in_image = pixels[:, 1] - pixels[:, 0]
@@ -257,44 +251,31 @@ def leaning(seen: Observation, roll: float, pitch: float, height: float, known_d
         shared = sum(axis[..., :, np.newaxis] * axis[..., np.newaxis, :] for axis in (by_roll, by_pitch))
         return ground + roll * by_roll + pitch * by_pitch, covariances + lean_rad**2 * shared
 
-    lines, crossings, landmarks = seen.lines, seen.crossings, seen.landmarks
-    ends, end_covariances = moved(lines.ends_m, lines.covariances_m2)
-    corners, corner_covariances = moved(crossings.positions_m, crossings.covariances_m2)
-    feet, foot_covariances = moved(landmarks.positions_m, landmarks.covariances_m2)
-    return replace(
-        seen,
-        lines=replace(lines, ends_m=ends, covariances_m2=end_covariances),
-        crossings=replace(crossings, positions_m=corners, covariances_m2=corner_covariances),
-        landmarks=replace(landmarks, positions_m=feet, covariances_m2=foot_covariances),
-    )
+    return _moved(seen, moved)
 
 
 def turned(seen: Observation, angle_rad: float) -> Observation:
     """Lines, crossings and landmarks in a frame in which what saw them stands turned by an angle to the left."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     matrix = np.array([[c, -s], [s, c]])
+    found = _moved(seen, lambda ground, covariances: (ground @ matrix.T, matrix @ covariances @ matrix.T))
+    orientations = found.crossings.orientations_rad + angle_rad
+    of_x = found.crossings.kinds == CrossingKind.X.value
+    orientations = np.where(of_x, orientations % (0.5 * math.pi), wrap_angles(orientations))
+    return replace(found, crossings=replace(found.crossings, orientations_rad=orientations))
+
+
+def _moved(seen: Observation, move: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]) -> Observation:
+    """Lines, crossings and landmarks elsewhere. move: new places (..., 2) and covariances (..., 2, 2) of the old."""
     lines, crossings, landmarks = seen.lines, seen.crossings, seen.landmarks
-
-    def spread(covariances: FloatArray) -> FloatArray:
-        rotated: FloatArray = matrix @ covariances @ matrix.T
-        return rotated
-
-    x_lines, orientations = crossings.kinds == CrossingKind.X.value, crossings.orientations_rad + angle_rad
-    orientations = np.where(x_lines, orientations % (0.5 * math.pi), wrap_angles(orientations))
+    ends, of_ends = move(lines.ends_m, lines.covariances_m2)
+    corners, of_corners = move(crossings.positions_m, crossings.covariances_m2)
+    feet, of_feet = move(landmarks.positions_m, landmarks.covariances_m2)
     return replace(
         seen,
-        lines=replace(lines, ends_m=lines.ends_m @ matrix.T, covariances_m2=spread(lines.covariances_m2)),
-        crossings=replace(
-            crossings,
-            positions_m=crossings.positions_m @ matrix.T,
-            orientations_rad=orientations,
-            covariances_m2=spread(crossings.covariances_m2),
-        ),
-        landmarks=replace(
-            landmarks,
-            positions_m=landmarks.positions_m @ matrix.T,
-            covariances_m2=spread(landmarks.covariances_m2),
-        ),
+        lines=replace(lines, ends_m=ends, covariances_m2=of_ends),
+        crossings=replace(crossings, positions_m=corners, covariances_m2=of_corners),
+        landmarks=replace(landmarks, positions_m=feet, covariances_m2=of_feet),
     )
 
 

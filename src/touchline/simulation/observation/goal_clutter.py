@@ -35,17 +35,14 @@ class GoalClutter(Settings):
     net_points: float = Field(52.6, ge=0, description="points on the net behind, seen between the posts from close by")
     net_half_m: float = Field(1.0, description="distance of the goal at which half of these are seen")
     net_slope_m: float = Field(0.475, gt=0, description="how fast that changes with the distance (logistic)")
-    net_near_m: float = Field(
-        0.0, ge=0, description="distance within which half of these are lost again: threads too thick; 0: none are"
-    )
+    net_near_m: float = Field(0.0, ge=0, description="distance within which half are lost again: too thick; 0: none")
     side_points: float = Field(3.7, ge=0, description="points on posts and side nets, seen from close by")
     side_half_m: float = Field(5.12, description="distance of the goal at which half of these are seen")
     side_slope_m: float = Field(0.444, gt=0, description="how fast that changes with the distance (logistic)")
 
     def numbers(self) -> tuple[float, ...]:
         """All of them, in order."""
-        return (self.net_points, self.net_half_m, self.net_slope_m, self.net_near_m, self.side_points, self.side_half_m,
-                self.side_slope_m)  # fmt: skip
+        return tuple(self.model_dump().values())
 
 
 def thread_table(goals: FloatArray, white: Sequence[bool], seed: int) -> FloatArray:

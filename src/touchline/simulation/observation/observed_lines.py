@@ -24,11 +24,10 @@ from touchline.simulation.observation.crossings import (
     Ground,
     find_crossings,
     hidden,
-    inside_sector,
     scale_table,
 )
 from touchline.simulation.observation.fixed_noise import mosaic_table
-from touchline.simulation.observation.goal_clutter import NET_PLACES, PLACES, place_strays, seen_thread, thread_table
+from touchline.simulation.observation.goal_clutter import PLACES, place_strays, thread_table
 from touchline.simulation.observation.point_errors import ObservationNoise, PointErrors, perturbed
 from touchline.simulation.observation.runs import BAR, round_table, segment_table
 from touchline.types import LinePoints, empty_points
@@ -37,7 +36,7 @@ _BAR_M = (0.12, 0.05)  # a goal's bar on the ground as seen from above, with its
 _MARK_M = 0.06  # by so much blur lets a path pass beside a round mark and still meet it
 _STEP_PX = 4.0  # between the nodes of what a camera as built sees elsewhere
 _MAX_ANYWHERE = 32  # false points of an image, elsewhere
-_NO_BODIES = np.zeros((0, 4))
+NO_BODIES, NO_SECTORS = np.zeros((0, 4)), np.zeros((0, 2))
 
 
 class ScanPaths(NamedTuple):
@@ -59,17 +58,10 @@ class ScanPaths(NamedTuple):
     hull: bool = False
 
 
-def _nubot_paths(s: LinePointSettings) -> ScanPaths:
-    return ScanPaths(2 * s.radial_scan_lines, True, s.circles, STEEPEST_CROSSING, s.noise_px, NOISE_M)
-
-
-def _iris_paths(s: HsvLineSettings) -> ScanPaths:
-    return ScanPaths(
-        round(360.0 / s.ray_step_deg), False, 0, hsv_lines.MAX_RUN, s.noise_px, hsv_lines.NOISE_M, True, True
-    )
-
-
-NUBOT_PATHS, IRIS_PATHS = _nubot_paths(LinePointSettings()), _iris_paths(HsvLineSettings())
+_NUBOT, _IRIS = LinePointSettings(), HsvLineSettings()
+_IRIS_RAYS = round(360.0 / _IRIS.ray_step_deg)
+NUBOT_PATHS = ScanPaths(2 * _NUBOT.radial_scan_lines, True, _NUBOT.circles, STEEPEST_CROSSING, _NUBOT.noise_px, NOISE_M)
+IRIS_PATHS = ScanPaths(_IRIS_RAYS, False, 0, hsv_lines.MAX_RUN, _IRIS.noise_px, hsv_lines.NOISE_M, True, True)
 
 
 class BuiltCamera(NamedTuple):
@@ -138,23 +130,18 @@ class ObservedLines:
         self._found = np.empty((2048, COLUMNS))
         self._places = np.empty((PLACES * len(goals) + _MAX_ANYWHERE + len(self._rays), 2))
 
-    def crossings(
-        self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
-    ) -> FloatArray:
+    def crossings(self, pose: Pose, bodies: FloatArray = NO_BODIES, black_rad: FloatArray = NO_SECTORS) -> FloatArray:
         """(M, COLUMNS) all that the detector might find from a pose, arguments as of `observe`: see `crossings`."""
-        hiding = np.concatenate((self._posts, _NO_BODIES if bodies is None else bodies))
-        count = find_crossings(
-            (pose.x, pose.y, pose.heading), self._ground, occluders(hiding, self.noise.height_m),
-            self._sectors(black_rad), self._found,
-        )  # fmt: skip
-        return self._found[:count]
+        hiding = occluders(np.concatenate((self._posts, bodies)), self.noise.height_m)
+        place = pose.x, pose.y, pose.heading
+        return self._found[: find_crossings(place, self._ground, hiding, self._sectors(black_rad), self._found)]
 
     def observe(
         self,
         pose: Pose,
         rng: np.random.Generator,
-        bodies: FloatArray | None = None,
-        black_rad: FloatArray | None = None,
+        bodies: FloatArray = NO_BODIES,
+        black_rad: FloatArray = NO_SECTORS,
         swing_rad: tuple[float, float] = (0.0, 0.0),
     ) -> LinePoints:
         """Line points seen from a pose in the field.
@@ -164,16 +151,16 @@ class ObservedLines:
         much the mirror leans about x and y beyond its mount.
         """
         n, sectors = self.noise, self._sectors(black_rad)
-        covered = black_rad is not None and len(black_rad) > 0
+        goals = self._covered_goals if len(black_rad) else self._goals
         anywhere = min(int(rng.poisson(n.false_points)), _MAX_ANYWHERE)
         count, false_count = _seen(
             (pose.x, pose.y, pose.heading), self._ground,
-            (self._posts, _NO_BODIES if bodies is None else bodies, n.height_m), sectors, rng.random((anywhere, 2)),
-            (self._covered_goals if covered else self._goals, self._threads, self.seed), self._found, self._places,
+            (self._posts, bodies, n.height_m), sectors, rng.random((anywhere, 2)), (goals, self._threads, self.seed),
+            self._found, self._places,
         )  # fmt: skip
-        for place in self._seen_beside(pose, bodies):
-            self._places[false_count] = place
-            false_count += 1
+        beside = self._seen_beside(pose, bodies)
+        self._places[false_count : false_count + len(beside)] = beside
+        false_count += len(beside)
         total = count + false_count
         if total == 0:
             return empty_points()
@@ -201,9 +188,7 @@ class ObservedLines:
         if self._built is None or self._built.shift_by_swing is None:
             return None
         nodes = _nodes(self.camera)
-        shifts: FloatArray = self._built.shift_by_swing(nodes.reshape(-1, 2)).reshape(*nodes.shape, 2)
-        finite: FloatArray = np.nan_to_num(shifts)
-        return finite
+        return np.nan_to_num(self._built.shift_by_swing(nodes.reshape(-1, 2)).reshape(*nodes.shape, 2))
 
     @cached_property
     def _still_askew(self) -> FloatArray:
@@ -211,7 +196,7 @@ class ObservedLines:
         askew = self._errors.askew
         return askew if len(askew) else np.zeros(_nodes(self.camera).shape)
 
-    def _seen_beside(self, pose: Pose, bodies: FloatArray | None) -> FloatArray:
+    def _seen_beside(self, pose: Pose, bodies: FloatArray) -> FloatArray:
         """(N, 2) where rays meet the lines of the field beside (base frame, m), behind no body: the nearest on each."""
         if len(self._beside) == 0:
             return np.zeros((0, 2))
@@ -227,33 +212,15 @@ class ObservedLines:
         met = (part >= 0.0) & (part <= 1.0) & (reach > self._rays[:, 1:2]) & (reach < last)
         nearest = np.where(met, reach, np.inf).min(axis=1)
         places = out[np.isfinite(nearest)] * nearest[np.isfinite(nearest), np.newaxis]
-        hiding = occluders(_NO_BODIES if bodies is None else bodies, self.noise.height_m)
+        hiding = occluders(bodies, self.noise.height_m)
         at = pose.transform(places)
         clear = [not hidden(pose.x, pose.y, x, y, hiding) for x, y in at]
         seen: FloatArray = places[np.array(clear, dtype=np.bool_)]
         return seen
 
-    def goal_places(
-        self, pose: Pose, bodies: FloatArray | None = None, black_rad: FloatArray | None = None
-    ) -> FloatArray:
-        """(G, 2) share of each goal's places for false points that a pose can see: on the net behind, at the sides."""
-        moving, sectors = (
-            occluders(_NO_BODIES if bodies is None else bodies, self.noise.height_m),
-            self._sectors(black_rad),
-        )
-        seen = np.zeros((len(self._goals[0]), 2))
-        for row, thread in enumerate(self._threads):
-            goal, net = row // PLACES, row % PLACES < NET_PLACES
-            view = self.noise.height_m, self._ground.mouth, moving, self._ground.carpet, self._scales
-            x, y = seen_thread(thread, net, pose.x, pose.y, view)
-            if not math.isnan(x) and not inside_sector(math.atan2(y - pose.y, x - pose.x) - pose.heading, sectors):
-                seen[goal, 0 if net else 1] += 1.0
-        shares: FloatArray = seen / (NET_PLACES, PLACES - NET_PLACES)
-        return shares
-
-    def _sectors(self, black_rad: FloatArray | None) -> FloatArray:
+    def _sectors(self, black_rad: FloatArray) -> FloatArray:
         """(B, 2) directions in which nothing is seen."""
-        return self._unseen if black_rad is None or len(black_rad) == 0 else np.concatenate((self._unseen, black_rad))
+        return np.concatenate((self._unseen, black_rad))
 
 
 @njit(cache=True, error_model="numpy")

@@ -37,12 +37,8 @@ class ObservationNoise(Settings):
     oblique_sine: float = Field(
         0.353, ge=0, description="sine of a crossing in the image at which the deviation has doubled once more"
     )
-    thin_px: float = Field(
-        1.37, ge=0, description="width of a line in the image at which the deviation is 1.4 times that"
-    )
-    kept_ratio: float = Field(
-        0.963, ge=0, le=1, description="share of an error's variance that the next image repeats from the same place"
-    )
+    thin_px: float = Field(1.37, ge=0, description="width of a line in the image at which it is 1.4 times that")
+    kept_ratio: float = Field(0.963, ge=0, le=1, description="share of an error's variance that stays at one place")
     phase_px: float = Field(0.4, gt=0, description="way along the path after which the repeated part is another")
     frame_px: float = Field(0.01, ge=0, description="deviation that all points on rays of an image share")
     found_ratio: float = Field(0.938, ge=0, le=1, description="share of easy crossings of rays that are found")
@@ -54,9 +50,7 @@ class ObservationNoise(Settings):
     flat_half: float = Field(0.255, description="sine of a crossing in the image at which half is found")
     flat_slope: float = Field(0.0609, gt=0, description="how fast that changes with the sine (logistic)")
     blur_px: float = Field(2.91, ge=0, description="width (pixels) that blur gives the thinnest line")
-    long_slope_px: float = Field(
-        0.646, gt=0, description="how sharp the detector's limit of a line's width is (logistic)"
-    )
+    long_slope_px: float = Field(0.646, gt=0, description="how sharp the limit of a line's width is (logistic)")
     bar_ratio: float = Field(0.973, ge=0, le=1, description="share of near crossings of a goal's bar that are found")
     bar_half_m: float = Field(2.38, gt=0, description="range at which half of these are")
     bar_slope_m: float = Field(1.13, gt=0, description="how fast that changes with the range (logistic)")

@@ -40,18 +40,6 @@ def _on_arc(angle, start, sweep):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _kept_rows(rows, gaps, farthest):  # type: ignore[no-untyped-def]
-    """The rows (K, C), in order, whose gap (K,) is not beyond `farthest`."""
-    kept = np.empty_like(rows)
-    count = 0
-    for i in range(len(rows)):
-        if gaps[i] <= farthest:
-            kept[count] = rows[i]
-            count += 1
-    return kept[:count]
-
-
-@njit(cache=True, error_model="numpy")
 def near_paint(x, y, paint, width, farthest):  # type: ignore[no-untyped-def]
     """The paint of `ray_runs` that a place x, y could see within `farthest` (m); the rest need not be looked at."""
     segments, rounds, discs = paint
@@ -68,11 +56,8 @@ def near_paint(x, y, paint, width, farthest):  # type: ignore[no-untyped-def]
         ox, oy = discs[i, 0] - x, discs[i, 1] - y
         gaps[len(segments) + len(rounds) + i] = math.sqrt(ox * ox + oy * oy) - 0.5 * discs[i, 2]
     first, second = len(segments), len(segments) + len(rounds)
-    return (
-        _kept_rows(segments, gaps[:first], farthest),
-        _kept_rows(rounds, gaps[first:second], farthest),
-        _kept_rows(discs, gaps[second:], farthest),
-    )
+    near = gaps <= farthest
+    return segments[near[:first]], rounds[near[first:second]], discs[near[second:]]
 
 
 @njit(cache=True, error_model="numpy")

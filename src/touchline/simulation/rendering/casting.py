@@ -15,6 +15,7 @@ SECTORS, BINS = 512, 128  # of the directions in which bodies are looked for, se
 CAST_ROWS = 9
 
 Float32Array = npt.NDArray[np.float32]
+Weights = tuple[np.float32, np.float32, np.float32, np.float32]
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,13 +45,7 @@ def cast_rays(rays: Float32Array, first: int, count: int, pose: Float32Array, ca
 
 
 @njit(cache=True, error_model="numpy")
-def _weighted(
-    a: Float32Array,
-    b: Float32Array,
-    c: Float32Array,
-    weights: tuple[np.float32, np.float32, np.float32, np.float32],
-    out: Float32Array,
-) -> None:
+def _weighted(a: Float32Array, b: Float32Array, c: Float32Array, weights: Weights, out: Float32Array) -> None:
     of_a, of_b, of_c, constant = weights
     for i in range(len(out)):
         out[i] = of_a * a[i] + of_b * b[i] + of_c * c[i] + constant

@@ -114,14 +114,10 @@ def mark_sunlight(sun: FloatArray, windows: FloatArray, frame: FloatArray, flags
     nobody, rows, columns = np.zeros((0, 4)), flags.shape[0], flags.shape[1]
     for j in range(rows + 1):
         for i in range(columns + 1):
-            if sun_at(sun, windows, nobody, frame[0] + i / FLAGS_PER_M, frame[1] + j / FLAGS_PER_M, 0.0):
-                for v in range(max(j - 1, 0), min(j + 1, rows)):
-                    for u in range(max(i - 1, 0), min(i + 1, columns)):
-                        flags[v, u] |= SUNLIT
-            else:
-                for v in range(max(j - 1, 0), min(j + 1, rows)):
-                    for u in range(max(i - 1, 0), min(i + 1, columns)):
-                        flags[v, u] |= SUN_EDGE
+            lit = sun_at(sun, windows, nobody, frame[0] + i / FLAGS_PER_M, frame[1] + j / FLAGS_PER_M, 0.0)
+            for v in range(max(j - 1, 0), min(j + 1, rows)):
+                for u in range(max(i - 1, 0), min(i + 1, columns)):
+                    flags[v, u] |= SUNLIT if lit else SUN_EDGE
     for j in range(rows):  # an edge is where some corners are lit and some are not
         for i in range(columns):
             if not flags[j, i] & SUNLIT:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -92,10 +93,8 @@ class Scene:
     def update(self, state: WorldState) -> None:
         """Bring everything that moves or shines to a state. Raises InputError for a body outside the hall."""
         world = self.world
-        robots = np.array(state.robots or [(r.x, r.y, r.heading) for r in world.robots], dtype=np.float64).reshape(
-            -1, 3
-        )
-        balls = np.array(state.balls or [(b.x, b.y) for b in world.balls], dtype=np.float64).reshape(-1, 2)
+        robots = _table(state.robots or [(r.x, r.y, r.heading) for r in world.robots], 3)
+        balls = _table(state.balls or [(b.x, b.y) for b in world.balls], 2)
         if len(robots) != len(world.robots) or len(balls) != len(world.balls):
             raise InputError(
                 f"state at {state.time_s:g} s: {len(robots)} robots and {len(balls)} balls, but the world has "
@@ -109,40 +108,27 @@ class Scene:
         if len(rolling):
             rolling[:, 1:3] = balls
         self.solids = np.concatenate((self._standing, moving, rolling))
-        self.casters = self._casters(robots, balls)
+        self.casters = np.column_stack((np.concatenate((robots[:, :2], balls)), self._caster_sizes))
         self._shine(state.time_s)
         np.copyto(self.flags, self._lit_flags if self.sun[0] > 0.0 else self._still_flags)
         mark_shadows(self.casters, self.sun, self.paint.frame, self.flags)
 
     def arrays(self, cells: Cells) -> SceneArrays:
         """Everything for the loops, with the solids sorted into cells around a camera."""
-        return SceneArrays(
-            self.solids, cells, self.palette, self.room, self.room_colours, self.flags, self.paint,
-            self.paints, self.wear, self.carpet, self.pyramid, self.light, self.light_frame, self.casters, self.sun,
-            self.windows,
-        )  # fmt: skip
+        own = {name: getattr(self, name) for name in SceneArrays._fields if name != "cells"}
+        return SceneArrays(cells=cells, **own)
 
     def _build_solids(self) -> None:
         world, palette = self.world, Palette()
         rows = [block_row(block, palette) for block in (*field_blocks(world.field), *world.clutter)]
         rows += net_rows(world.field, palette)
-        self._standing = np.array(rows, dtype=np.float64).reshape(-1, COLUMNS)
+        self._standing = _table(rows, COLUMNS)
         self._robot_rows, self._robot_owners = robot_rows(world.robots, palette)
-        self._ball_rows = np.array([ball_row(ball, palette) for ball in world.balls], dtype=np.float64).reshape(
-            -1, COLUMNS
-        )
+        self._ball_rows = _table([ball_row(ball, palette) for ball in world.balls], COLUMNS)
         palette.add([PAINTS["white"]])  # never empty
         self.palette = palette.array()
-        self._caster_sizes = np.array(
-            [(r.radius, r.height) for r in world.robots] + [(b.radius, 2.0 * b.radius) for b in world.balls],
-            dtype=np.float64,
-        ).reshape(-1, 2)
-        self._caster_sizes = np.hstack((np.zeros((len(self._caster_sizes), 2)), self._caster_sizes))
-
-    def _casters(self, robots: FloatArray, balls: FloatArray) -> FloatArray:
-        table = self._caster_sizes.copy()
-        table[:, :2] = np.concatenate((robots[:, :2], balls))
-        return table
+        sizes = [(r.radius, r.height) for r in world.robots] + [(b.radius, 2.0 * b.radius) for b in world.balls]
+        self._caster_sizes = _table(sizes, 2)
 
     def _build_light(self, rng: np.random.Generator) -> None:
         world = self.world
@@ -162,11 +148,9 @@ class Scene:
         self._levels: npt.NDArray[np.float64] | None = None
         walls = {"east": (0.0, self.room[4]), "west": (0.0, -self.room[4])}
         walls |= {"north": (1.0, self.room[5]), "south": (1.0, -self.room[5])}
-        openings = [
-            (*walls[w.wall], w.start_m, w.end_m, w.bottom_m, w.top_m, *w.bars, w.bar_width_m)
-            for w in world.lights.windows
-        ]
-        self.windows = sunward(np.array(openings, dtype=np.float64).reshape(-1, 9), world.lights.sun_azimuth_rad)
+        lit = world.lights.windows
+        openings = [(*walls[w.wall], w.start_m, w.end_m, w.bottom_m, w.top_m, *w.bars, w.bar_width_m) for w in lit]
+        self.windows = sunward(_table(openings, 9), world.lights.sun_azimuth_rad)
 
     def _shine(self, time_s: float) -> None:
         lights = self.world.lights
@@ -196,3 +180,8 @@ class Scene:
             self._still_flags[:, near] |= HAS_SEAM
         self._lit_flags = self._still_flags
         self.flags = self._still_flags.copy()
+
+
+def _table(rows: Sequence[Sequence[float]], columns: int) -> FloatArray:
+    """(N, columns), of no rows, too."""
+    return np.array(rows, dtype=np.float64).reshape(-1, columns)

@@ -7,6 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.rendering import solids as body
 from touchline.simulation.rendering.carpet import PILE, pile_at, rubbed_off, seam_shade
 from touchline.simulation.rendering.illumination import (
     FLAGS_PER_M,
@@ -21,23 +22,6 @@ from touchline.simulation.rendering.illumination import (
 )
 from touchline.simulation.rendering.paint import paint_at
 from touchline.simulation.rendering.scene import SceneArrays
-from touchline.simulation.rendering.solids import (
-    BALL,
-    BANDS,
-    BOTTOM,
-    COLOUR,
-    COS,
-    CYLINDER,
-    DECAL,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    KIND,
-    RADIUS,
-    SIN,
-    TOP,
-    X,
-    Y,
-)
 from touchline.simulation.rendering.tracing import BOARD, CARPET, CEILING, FLOOR, Hits
 
 Float32Array = npt.NDArray[np.float32]
@@ -154,22 +138,23 @@ def _shade_upright(scene: SceneArrays, cast: Float32Array, hits: Hits, count: in
 @njit(cache=True, error_model="numpy")
 def _face(solids: FloatArray, k: int, x: float, y: float, z: float) -> tuple[float, float, int]:
     """Horizontal normal (0, 0 on top) and colour number of a point on solid k."""
-    ex, ey = x - solids[k, X], y - solids[k, Y]
-    bottom, top, radius, bands = solids[k, BOTTOM], solids[k, TOP], solids[k, RADIUS], int(solids[k, BANDS])
-    colour = int(solids[k, COLOUR]) + min(max(int((z - bottom) / (top - bottom) * bands), 0), bands - 1)
-    if solids[k, KIND] == BALL:
+    ex, ey = x - solids[k, body.X], y - solids[k, body.Y]
+    bottom, top, radius = solids[k, body.BOTTOM], solids[k, body.TOP], solids[k, body.RADIUS]
+    bands = int(solids[k, body.BANDS])
+    colour = int(solids[k, body.COLOUR]) + min(max(int((z - bottom) / (top - bottom) * bands), 0), bands - 1)
+    if solids[k, body.KIND] == body.BALL:
         return ex / radius, ey / radius, colour
     if z > top - _RIM_M or (bottom > 0.0 and z < bottom + _RIM_M):
         return 0.0, 0.0, colour
-    if solids[k, KIND] == CYLINDER:
+    if solids[k, body.KIND] == body.CYLINDER:
         return ex / radius, ey / radius, colour
-    c, s, half_length = solids[k, COS], solids[k, SIN], solids[k, HALF_LENGTH]
+    c, s, half_length = solids[k, body.COS], solids[k, body.SIN], solids[k, body.HALF_LENGTH]
     along, across = ex * c + ey * s, ey * c - ex * s
-    if solids[k, HALF_WIDTH] - abs(across) < half_length - abs(along):
+    if solids[k, body.HALF_WIDTH] - abs(across) < half_length - abs(along):
         side = 1.0 if across > 0.0 else -1.0
         high = abs(z - 0.5 * (bottom + top)) < 0.17 * (top - bottom)
-        if solids[k, DECAL] >= 0.0 and abs(along) < 0.5 * half_length and high:
-            colour = int(solids[k, DECAL])
+        if solids[k, body.DECAL] >= 0.0 and abs(along) < 0.5 * half_length and high:
+            colour = int(solids[k, body.DECAL])
         return -side * s, side * c, colour
     side = 1.0 if along > 0.0 else -1.0
     return side * c, side * s, colour

@@ -13,24 +13,8 @@ import numpy.typing as npt
 from numba import njit
 
 from touchline.geometry import FloatArray
+from touchline.simulation.rendering import solids as body
 from touchline.simulation.rendering.scene import SceneArrays
-from touchline.simulation.rendering.solids import (
-    BALL,
-    BANDS,
-    BOTTOM,
-    BOX,
-    COS,
-    DECAL,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    KIND,
-    NET,
-    RADIUS,
-    SIN,
-    TOP,
-    X,
-    Y,
-)
 
 _NOWHERE_M = 1e6  # beyond every hall
 CARPET, FLOOR, BOARD, WALL, CEILING = -1, -2, -3, -4, -8  # walls: east -4, west -5, north -6, south -7
@@ -70,11 +54,11 @@ def trace_rays(scene: SceneArrays, cast: npt.NDArray[np.float32], count: int, ne
             k = items[entry]
             if near[k] > s:
                 break
-            ex, ey = solids[k, X] - ray.x, solids[k, Y] - ray.y
+            ex, ey = solids[k, body.X] - ray.x, solids[k, body.Y] - ray.y
             along, lateral = ray.ux * ex + ray.uy * ey, ray.ux * ey - ray.uy * ex
-            if abs(lateral) >= solids[k, RADIUS] or along + solids[k, RADIUS] <= 0.0:
+            if abs(lateral) >= solids[k, body.RADIUS] or along + solids[k, body.RADIUS] <= 0.0:
                 continue
-            if solids[k, KIND] == NET:
+            if solids[k, body.KIND] == body.NET:
                 nets = True
                 continue
             found = _meet(solids, k, ray, along, lateral)
@@ -82,7 +66,7 @@ def trace_rays(scene: SceneArrays, cast: npt.NDArray[np.float32], count: int, ne
                 s, code = found, k
         if nets:
             for entry in range(starts[cell], starts[cell + 1]):
-                if solids[items[entry], KIND] == NET:
+                if solids[items[entry], body.KIND] == body.NET:
                     open_ratio *= net_ratio(solids, items[entry], ray, net_angle, s)
         hits.codes[i] = code
         hits.places[0, i], hits.places[1, i] = ray.x + s * ray.ux, ray.y + s * ray.uy
@@ -95,26 +79,26 @@ def _meet(solids: FloatArray, k: int, ray: Ray, along: float, lateral: float) ->
 
     Its middle lies `along` the ray and `lateral` to its left (m).
     """
-    radius, kind = solids[k, RADIUS], solids[k, KIND]
-    if kind == BALL:
+    radius, kind = solids[k, body.RADIUS], solids[k, body.KIND]
+    if kind == body.BALL:
         height, a = ray.z - radius, 1.0 + ray.rise * ray.rise
         b = along - height * ray.rise
         inside = b * b - a * (along * along + lateral * lateral + height * height - radius * radius)
         return float((b - np.sqrt(inside)) / a) if inside > 0.0 else _NOWHERE_M
-    if kind == BOX:
-        c, s = solids[k, COS], solids[k, SIN]
-        ex, ey = solids[k, X] - ray.x, solids[k, Y] - ray.y
+    if kind == body.BOX:
+        c, s = solids[k, body.COS], solids[k, body.SIN]
+        ex, ey = solids[k, body.X] - ray.x, solids[k, body.Y] - ray.y
         vx, vy = ray.ux * c + ray.uy * s, ray.uy * c - ray.ux * s
         per_x, per_y = 1.0 / (vx if vx != 0.0 else 1e-12), 1.0 / (vy if vy != 0.0 else 1e-12)
         middle_x, middle_y = (ex * c + ey * s) * per_x, (ey * c - ex * s) * per_y
-        half_x, half_y = solids[k, HALF_LENGTH] * abs(per_x), solids[k, HALF_WIDTH] * abs(per_y)
+        half_x, half_y = solids[k, body.HALF_LENGTH] * abs(per_x), solids[k, body.HALF_WIDTH] * abs(per_y)
         enter, leave = max(middle_x - half_x, middle_y - half_y), min(middle_x + half_x, middle_y + half_y)
     else:
         half = np.sqrt(max(radius * radius - lateral * lateral, 0.0))
         enter, leave = along - half, along + half
     if enter >= leave or leave <= 0.0:
         return _NOWHERE_M
-    bottom, top, height = solids[k, BOTTOM], solids[k, TOP], ray.z + enter * ray.rise
+    bottom, top, height = solids[k, body.BOTTOM], solids[k, body.TOP], ray.z + enter * ray.rise
     if bottom <= height <= top:
         return float(enter)
     found = ((top if height > top else bottom) - ray.z) / (ray.rise if ray.rise != 0.0 else 1e-12)
@@ -151,17 +135,17 @@ def _background(ray: Ray, ground: float, room: FloatArray) -> tuple[int, float]:
 @njit(cache=True, error_model="numpy")
 def net_ratio(solids: FloatArray, k: int, ray: Ray, net_angle: float, limit: float) -> float:
     """Share of a ray, net_angle (rad) wide, that passes between the threads of net k before it ends at `limit` (m)."""
-    c, s = solids[k, COS], solids[k, SIN]
-    ex, ey = solids[k, X] - ray.x, solids[k, Y] - ray.y
+    c, s = solids[k, body.COS], solids[k, body.SIN]
+    ex, ey = solids[k, body.X] - ray.x, solids[k, body.Y] - ray.y
     vx, vy = ray.ux * c + ray.uy * s, ray.uy * c - ray.ux * s
     if vy == 0.0:
         return 1.0
     far = (ey * c - ex * s) / vy
     along, height = far * vx - (ex * c + ey * s), ray.z + far * ray.rise
-    inside = abs(along) <= solids[k, HALF_LENGTH] and solids[k, BOTTOM] <= height <= solids[k, TOP]
+    inside = abs(along) <= solids[k, body.HALF_LENGTH] and solids[k, body.BOTTOM] <= height <= solids[k, body.TOP]
     if not 0.0 < far < limit or not inside:
         return 1.0
-    mesh, thread, width = solids[k, BANDS], solids[k, DECAL], far * net_angle
+    mesh, thread, width = solids[k, body.BANDS], solids[k, body.DECAL], far * net_angle
     upright = _grating(along, mesh, thread, width / max(abs(vy), 0.1))
     return (1.0 - upright) * (1.0 - _grating(height, mesh, thread, width))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +14,7 @@ from touchline.geometry import FloatArray
 from touchline.simulation.robot.track import STEP_S
 
 
-@dataclass(frozen=True, slots=True)
-class DriveLimits:
+class DriveLimits(NamedTuple):
     """What the robot can do, and how near a target it has to come before it turns to the next one.
 
     A pass_m above zero lets the robot go on to the next target without stopping once it is that near.
@@ -51,12 +51,7 @@ def drive_through(targets: FloatArray, dwell_s: FloatArray, limits: DriveLimits,
     A carried robot is put down standing and goes on to the target it was on its way to.
     """
     n = len(jumps.shoved)
-    numbers = np.array(
-        [
-            limits.speed_m_s, limits.acceleration_m_s2, limits.turn_rad_s, limits.turn_acceleration_rad_s2,
-            limits.pass_m, STEP_S,
-        ]
-    )  # fmt: skip
+    numbers = np.array([*limits, STEP_S])
     poses = np.empty((n, 3))
     _drive(targets, dwell_s, numbers, jumps.carried_rows, jumps.carried_to, jumps.shoved, poses)
     return poses

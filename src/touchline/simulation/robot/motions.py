@@ -30,13 +30,8 @@ def make_track(scenario: Scenario, field: FieldModel, rng: np.random.Generator) 
     carried_rows, carried_to, covered, events = _kidnaps(scenario, field, rows, kidnap_rng)
     shoved, shove_events = _shoves(scenario, rows, shove_rng)
     motion = scenario.motion
-    limits = DriveLimits(
-        motion.speed_m_s,
-        motion.acceleration_m_s2,
-        motion.turn_rad_s,
-        3.0 * motion.turn_rad_s,
-        _PASS_M if motion.kind == "match" else 0.0,
-    )
+    top, pass_m = motion.turn_rad_s, _PASS_M if motion.kind == "match" else 0.0
+    limits = DriveLimits(motion.speed_m_s, motion.acceleration_m_s2, top, 3.0 * top, pass_m)
     poses = drive_through(targets, dwell_s, limits, Jumps(carried_rows, carried_to, shoved))
     carried = np.zeros_like(poses)
     for row in carried_rows:
@@ -58,8 +53,8 @@ def targets_for(motion: MotionSettings, field: FieldModel, rng: np.random.Genera
         "turn": _turning,
         "waypoints": lambda m, f, r: _places(m.waypoints),
         "tracks": _straight_tracks,
-        "tour": _tour,
-        "match": _match,
+        "tour": lambda *setting: _anywhere(motion.points, *setting),
+        "match": lambda *setting: _anywhere(1000, *setting),  # so that a run repeats itself after many minutes only
         "walk": _walk,
     }
     targets = makers[motion.kind](motion, field, rng)
@@ -94,10 +89,16 @@ def _check_stays(poses: FloatArray, field: FieldModel) -> None:
 
 def random_pose(field: FieldModel, margin_m: float, rng: np.random.Generator) -> FloatArray:
     """(3,) a pose anywhere on the field, margin_m inside its outer lines, with any heading."""
+    half_x, half_y = _inside(field, margin_m)
+    return np.array([rng.uniform(-half_x, half_x), rng.uniform(-half_y, half_y), rng.uniform(-math.pi, math.pi)])
+
+
+def _inside(field: FieldModel, margin_m: float) -> tuple[float, float]:
+    """Half the length and half the width of the field less a margin."""
     half_x, half_y = 0.5 * field.length - margin_m, 0.5 * field.width - margin_m
     if half_x <= 0.0 or half_y <= 0.0:
         raise InputError(f"motion.margin_m: a margin of {margin_m:g} m leaves nothing of the field {field.name}")
-    return np.array([rng.uniform(-half_x, half_x), rng.uniform(-half_y, half_y), rng.uniform(-math.pi, math.pi)])
+    return half_x, half_y
 
 
 def _places(places: tuple[Place, ...]) -> FloatArray:
@@ -120,9 +121,7 @@ def _turning(motion: MotionSettings, field: FieldModel, rng: np.random.Generator
 
 def _straight_tracks(motion: MotionSettings, field: FieldModel, rng: np.random.Generator) -> FloatArray:
     """Up and down the field on parallel lines, as a robot is pushed along the seams of the carpet."""
-    half_x, half_y = 0.5 * field.length - motion.margin_m, 0.5 * field.width - motion.margin_m
-    if half_x <= 0.0 or half_y <= 0.0:
-        raise InputError(f"motion.margin_m: {motion.margin_m:g} m leaves nothing of the field {field.name}")
+    half_x, half_y = _inside(field, motion.margin_m)
     offsets = np.linspace(half_y, -half_y, motion.tracks) if motion.tracks > 1 else np.zeros(1)
     targets = []
     for index, y in enumerate(offsets):
@@ -132,13 +131,8 @@ def _straight_tracks(motion: MotionSettings, field: FieldModel, rng: np.random.G
     return np.array(targets)
 
 
-def _tour(motion: MotionSettings, field: FieldModel, rng: np.random.Generator) -> FloatArray:
-    return np.array([random_pose(field, motion.margin_m, rng) for _ in range(motion.points)])
-
-
-def _match(motion: MotionSettings, field: FieldModel, rng: np.random.Generator) -> FloatArray:
-    """Aims all over the field, enough that the run repeats itself only after many minutes."""
-    return np.array([random_pose(field, motion.margin_m, rng) for _ in range(1000)])
+def _anywhere(count: int, motion: MotionSettings, field: FieldModel, rng: np.random.Generator) -> FloatArray:
+    return np.array([random_pose(field, motion.margin_m, rng) for _ in range(count)])
 
 
 def _walk(motion: MotionSettings, field: FieldModel, rng: np.random.Generator) -> FloatArray:

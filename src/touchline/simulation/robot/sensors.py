@@ -7,21 +7,22 @@ tell the truth.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Field, model_validator
 
 from touchline.config import Settings
+from touchline.errors import InputError
 from touchline.geometry import FloatArray, wrap_angles
-from touchline.simulation.robot.bases import named_base
+from touchline.messages import did_you_mean
 from touchline.simulation.robot.noise import PlaceDisturbance, drift, random_walk
 from touchline.simulation.robot.track import STEP_S, Track, poses_from_twists
 from touchline.types import Samples
 
 SENSOR_PERIOD_S = 0.02
+BASES = ("three-wheels", "four-wheels", "legs")
 _STRIDE = round(SENSOR_PERIOD_S / STEP_S)
 _DIGITS = 6  # the recordings' tables hold micrometres and microradians; live samples are the same numbers
 
@@ -40,9 +41,7 @@ class OdometryNoise(Settings):
     """Dead reckoning from the driven wheels or the steps of a walking robot."""
 
     base: str = Field("three-wheels", description="three-wheels, four-wheels or legs")
-    scale_error: float = Field(
-        0.025, ge=0, lt=1, description="mean size of the relative error of forward, sideways and rotation, each signed"
-    )
+    scale_error: float = Field(0.025, ge=0, lt=1, description="mean size of each scale's relative error")
     scale_spread: float = Field(0.005, ge=0, lt=1, description="half width of the even distribution of that size")
     wheel_scale: float = Field(0.002, ge=0, description="standard deviation of each wheel's own relative error")
     travel_noise_m: float = Field(0.015, ge=0, description="position error after one metre, per axis (m, root of way)")
@@ -69,12 +68,8 @@ class ImuNoise(Settings):
     """Gyro, compass (or AHRS heading) and lean."""
 
     gyro_bias_deg_s: Range = Field((0.2, 0.5), description="range of the yaw rate's first bias; its sign is random")
-    tilt_rate_bias_deg_s: float = Field(
-        0.12, ge=0, description="size of the constant bias of the rates of roll and pitch"
-    )
-    gyro_bias_walk_deg_s: float = Field(
-        0.05, ge=0, description="random walk of that bias after one second (root of time)"
-    )
+    tilt_rate_bias_deg_s: float = Field(0.12, ge=0, description="size of the constant bias of roll's and pitch's rates")
+    gyro_bias_walk_deg_s: float = Field(0.05, ge=0, description="random walk of it after one second (root of time)")
     gyro_noise_deg_s: float = Field(0.15, ge=0, description="standard deviation of one sample")
     compass_drift_deg: float = Field(3.5, ge=0, description="root mean square of the slow drift")
     compass_drift_time_s: float = Field(15.0, gt=0, description="time constant of the drift's exponential correlation")
@@ -82,9 +77,7 @@ class ImuNoise(Settings):
     compass_noise_deg: float = Field(0.5, ge=0, description="standard deviation of one sample")
     tilt_noise_deg: float = Field(0.3, ge=0, description="standard deviation of one sample of roll or pitch")
     tilt_bias_deg: float = Field(0.5, ge=0, description="largest constant error of roll and of pitch")
-    tilt_and_yaw_lag_s: float = Field(
-        0.02, ge=0, le=1, description="how late roll, pitch and yaw are; the rates are not"
-    )
+    tilt_and_yaw_lag_s: float = Field(0.02, ge=0, le=1, description="how late roll, pitch and yaw are; rates are not")
 
 
 class SensorSettings(Settings):
@@ -95,8 +88,7 @@ class SensorSettings(Settings):
     imu: ImuNoise = ImuNoise()
 
 
-@dataclass(frozen=True, eq=False)
-class SensorLog:
+class SensorLog(NamedTuple):
     """All samples of a run. odometry: x, y, theta; wheels: a, b; imu: roll, pitch, yaw, gx, gy, gz."""
 
     odometry: Samples
@@ -123,12 +115,10 @@ def simulate_odometry(track: Track, noise: OdometryNoise, rng: np.random.Generat
     size = noise.scale_error + noise.scale_spread * rng.uniform(-1.0, 1.0, 3)
     scale = 1.0 + size * rng.choice((-1.0, 1.0), 3)
     base = named_base(noise.base)
+    measured = driven.copy()
     if base is not None:
-        travels = base.wheel_speeds(driven)
-        travels *= 1.0 + noise.wheel_scale * rng.standard_normal(travels.shape[1])
-        measured = base.body_velocity(travels)
-    else:
-        measured = driven.copy()
+        travels = driven @ base.T * (1.0 + noise.wheel_scale * rng.standard_normal(len(base)))
+        measured = travels @ np.linalg.pinv(base).T
     measured *= scale
     way, turn = np.hypot(driven[:, 0], driven[:, 1]), np.abs(driven[:, 2])
     measured[:, :2] += noise.travel_noise_m * np.sqrt(way)[:, np.newaxis] * rng.standard_normal((len(way), 2))
@@ -137,6 +127,37 @@ def simulate_odometry(track: Track, noise: OdometryNoise, rng: np.random.Generat
     poses = poses_from_twists(np.zeros(3), measured)
     poses[:, 2] = wrap_angles(poses[:, 2])
     return np.concatenate((np.zeros((1, 3)), poses))
+
+
+def wheels_from_body(directions_rad: FloatArray, levers_m: FloatArray) -> FloatArray:
+    """(K, 3) wheel travels of a base motion (forward, left, rotation); its pseudo-inverse is the least-squares motion.
+
+    Each omni wheel rolls along its own direction (K,), base frame, and is free across it. levers_m: (K,) arm of a
+    rotation of the base about its origin. Raises InputError unless they tell forward, sideways and rotation apart.
+    """
+    matrix = np.column_stack((np.cos(directions_rad), np.sin(directions_rad), levers_m))
+    if np.linalg.matrix_rank(matrix, tol=1e-6) < 3:
+        raise InputError("wheels: these directions and levers can't tell forward, sideways and rotation apart")
+    return matrix
+
+
+def omni_base(wheels: int, radius_m: float = 0.2) -> FloatArray:
+    """`wheels_from_body` of the usual base of three (at 60°, 180°, 300°) or four wheels (45°, 135°, ...), tangential.
+
+    Raises InputError for another number.
+    """
+    if wheels not in (3, 4):
+        raise InputError(f"wheels: there are bases with 3 and 4 omni wheels, not {wheels}")
+    first = math.pi / 3.0 if wheels == 3 else math.pi / 4.0
+    places = first + 2.0 * math.pi / wheels * np.arange(wheels)
+    return wheels_from_body(places + 0.5 * math.pi, np.full(wheels, radius_m))
+
+
+def named_base(name: str) -> FloatArray | None:
+    """The base of a scenario's robot; None for legs, which have no wheels. Raises InputError for another name."""
+    if name not in BASES:
+        raise InputError(f"base '{name}' is unknown; {did_you_mean(name, BASES)}")
+    return None if name == "legs" else omni_base(3 if name == "three-wheels" else 4)
 
 
 def simulate_wheels(track: Track, noise: WheelNoise, rng: np.random.Generator) -> FloatArray:

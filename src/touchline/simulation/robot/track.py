@@ -135,11 +135,3 @@ def poses_from_twists(start: FloatArray, twists: FloatArray) -> FloatArray:
     x = start[0] + np.cumsum(c * forward - s * left)
     y = start[1] + np.cumsum(s * forward + c * left)
     return np.column_stack((x, y, headings[1:]))
-
-
-def standing_track(pose: Pose, seconds: float) -> Track:
-    """A robot that doesn't move."""
-    n = round(seconds / STEP_S) + 1
-    zeros = np.zeros((n, 3))
-    poses = np.tile(pose.as_array(), (n, 1))
-    return Track(poses, zeros, zeros.copy(), np.zeros((n, 2)), np.zeros(n, dtype=np.bool_))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -71,8 +72,7 @@ def default_world(
     world = World(field_model, hall, lights, board_height=0.12 if field_model.length > 12.0 else 0.0, seed=seed)
     if not clutter:
         return world
-    blocks = random_clutter(world.hall, world.carpet, np.random.default_rng([seed, 11]))
-    return World(field_model, hall, lights, tuple(blocks), board_height=world.board_height, seed=seed)
+    return replace(world, clutter=tuple(random_clutter(hall, world.carpet, np.random.default_rng([seed, 11]))))
 
 
 def random_clutter(
@@ -128,10 +128,8 @@ def _thing(rng: np.random.Generator, x: float, y: float, side: int, size: float)
         top = float(rng.uniform(0.5, 1.4))
         return [Block("box", x, y, turn, size, 0.05, 0.0, top, (_paint(rng, _PANELS),), decal)]
     if kind < 0.7:
-        depth = float(rng.uniform(0.25, 0.5))
-        return [
-            Block("box", x, y, turn, min(size, 0.8), depth, 0.0, float(rng.uniform(0.3, 0.8)), (_paint(rng, _PANELS),))
-        ]
+        depth, top = float(rng.uniform(0.25, 0.5)), float(rng.uniform(0.3, 0.8))
+        return [Block("box", x, y, turn, min(size, 0.8), depth, 0.0, top, (_paint(rng, _PANELS),))]
     if kind < 0.85:  # somebody watching
         legs, torso = _paint(rng, _CLOTHES), _paint(rng, _CLOTHES)
         skin = (0.45, 0.27, 0.18)

@@ -140,12 +140,11 @@ class World:
             raise InputError(
                 f"hall: {self.hall[0]} x {self.hall[1]} m does not hold the carpet of {length} x {width} m"
             )
-        for number, robot in enumerate(self.robots):
-            self.check_inside(f"robot {number}", robot.x, robot.y)
-        for number, ball in enumerate(self.balls):
-            self.check_inside(f"ball {number}", ball.x, ball.y)
-        for number, block in enumerate(self.clutter):
-            self.check_inside(f"clutter {number}", block.x, block.y)
+        named: dict[str, Sequence[RobotActor | BallActor | Block]]
+        named = {"robot": self.robots, "ball": self.balls, "clutter": self.clutter}
+        for kind, things in named.items():
+            for number, thing in enumerate(things):
+                self.check_inside(f"{kind} {number}", thing.x, thing.y)
 
     @property
     def carpet(self) -> tuple[float, float]:
@@ -184,20 +183,11 @@ def robot_blocks(robot: RobotActor) -> tuple[Block, ...]:
     r, h, dark = robot.radius, robot.height, robot.body_colour
     if robot.shape == "humanoid":
         grey = PAINTS["light grey"]
-        legs = [
-            Block("box", 0.0, side * 0.45 * r, 0.0, 0.45 * r, 0.4 * r, 0.05, 0.5 * h, (grey,)) for side in (-1.0, 1.0)
-        ]
-        feet = [
-            Block("box", 0.1 * r, side * 0.5 * r, 0.0, 1.1 * r, 0.6 * r, 0.0, 0.05, (dark,)) for side in (-1.0, 1.0)
-        ]
-        arms = [
-            Block("box", 0.0, side * 1.0 * r, 0.0, 0.35 * r, 0.3 * r, 0.42 * h, 0.84 * h, (dark,))
-            for side in (-1.0, 1.0)
-        ]
+        sides = (-r, r)
         return (
-            *legs,
-            *feet,
-            *arms,
+            *(Block("box", 0.0, 0.45 * y, 0.0, 0.45 * r, 0.4 * r, 0.05, 0.5 * h, (grey,)) for y in sides),
+            *(Block("box", 0.1 * r, 0.5 * y, 0.0, 1.1 * r, 0.6 * r, 0.0, 0.05, (dark,)) for y in sides),
+            *(Block("box", 0.0, y, 0.0, 0.35 * r, 0.3 * r, 0.42 * h, 0.84 * h, (dark,)) for y in sides),
             Block("box", 0.0, 0.0, 0.0, 0.7 * r, 1.5 * r, 0.5 * h, 0.58 * h, (robot.marker_colour,)),
             Block("box", 0.0, 0.0, 0.0, 0.8 * r, 1.7 * r, 0.58 * h, 0.86 * h, (dark,)),
             Block("box", 0.0, 0.0, 0.0, 0.6 * r, 0.7 * r, 0.88 * h, h, (dark,)),

@@ -201,6 +201,7 @@ class Foreign:
             self._problems.add(ProblemKind.TOPIC, self._path.name, what)
         else:
             write_yaml(folder / "camera.yaml", mapping)
+            return str(mapping["model"])
         return "pinhole"
 
     def _camera_mapping(self) -> dict[str, Any] | str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from touchline.camera import Camera, PinholeCamera
+from touchline.camera import Camera, PerspectiveCamera
 from touchline.errors import InputError
 from touchline.geometry import FloatArray, Pose3, tilt_rotation
 from touchline.sources.bags import roles
@@ -55,7 +55,7 @@ class ForeignTables(NewFiles):
         self._seen: Gathering[str] = Gathering(_WAIT_NS)
         self._now_ns = -(2**63)
         self._model = camera
-        self._mount = camera.base_from_camera if isinstance(camera, PinholeCamera) else None
+        self._mount = camera.base_from_camera if isinstance(camera, PerspectiveCamera) else None
         self._track = CameraTrack(tree, base, self._mount)
 
     def __exit__(self, *error: object) -> None:

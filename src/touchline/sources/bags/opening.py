@@ -20,8 +20,8 @@ from touchline.sources.bags.roles import BagOptions
 from touchline.sources.bags.with_rosbags import BadMessageError, Codec, RosbagsBag
 from touchline.sources.decoding import Decoded, decode_bytes
 from touchline.sources.folder import Recording
+from touchline.sources.new_description import TemporaryFolder
 from touchline.sources.problems import ProblemKind, ProblemLog
-from touchline.sources.temporary import TemporaryFolder
 
 
 def open_bag(path: Path, files: BagFiles, options: BagOptions) -> Recording:

@@ -65,16 +65,17 @@ class StandardMessages:
         return self._make("tf2_msgs/msg/TFMessage", transforms=[each])
 
     def camera_info(self, stamp_ns: int, camera: Mapping[str, Any]) -> Any:
-        """sensor_msgs/CameraInfo of the keys of a pinhole camera.yaml."""
+        """sensor_msgs/CameraInfo of the keys of a perspective camera.yaml."""
         fx, fy, cx, cy = (float(camera[key]) for key in ("fx", "fy", "cx", "cy"))
         matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        fisheye = camera.get("model") == "fisheye"
         return self._make(
             "sensor_msgs/msg/CameraInfo",
             header=self.header(stamp_ns, OPTICAL),
             height=int(camera["height"]),
             width=int(camera["width"]),
-            distortion_model="plumb_bob",
-            d=camera.get("distortion", [0.0] * 5),
+            distortion_model="equidistant" if fisheye else "plumb_bob",
+            d=camera.get("distortion", [0.0] * (4 if fisheye else 5)),
             k=matrix.ravel(),
             r=np.eye(3).ravel(),
             p=np.column_stack((matrix, np.zeros(3))).ravel(),

@@ -8,6 +8,7 @@ import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import cache, cached_property, lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -194,7 +195,7 @@ class RosbagsBag:
     def topics(self) -> Mapping[str, Topic]:
         """By name."""
         found: dict[str, Topic] = {}
-        for connection in self._connections(None):
+        for connection in chain.from_iterable(map(_sound, self._readers)):
             language = _LANGUAGES.get(connection.msgdef.format)
             definition = None if language is None else Definition(language, connection.msgdef.data)
             name = connection.topic
@@ -218,14 +219,6 @@ class RosbagsBag:
             raise UnreadableError(self._paths[0], f"a message of {topic} is not where it was")
         self._following[topic] = following
         return message.data
-
-    def _connections(self, topics: Collection[str] | None) -> list[Connection]:
-        return [
-            connection
-            for reader in self._readers
-            for connection in _sound(reader)
-            if topics is None or connection.topic in topics
-        ]
 
     def _from(self, topics: Collection[str], start_ns: int | None) -> Iterator[Message]:
         """From a time on. The second number of a place counts the messages of a topic with the same time."""
@@ -259,9 +252,8 @@ def _check_tables(path: Path) -> None:
     """Raises UnreadableError for a database that would compute its rows, maybe without end, or has one of any size."""
     broken = (sqlite3.Error, UnicodeDecodeError)  # of text, also of an error's: rosbags says what cannot be read
     with suppress(*broken), closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
-        for (statement,) in database.execute(
-            "SELECT CAST(sql AS BLOB) FROM sqlite_master WHERE type IN ('table', 'view')"
-        ):
+        told = database.execute("SELECT CAST(sql AS BLOB) FROM sqlite_master WHERE type IN ('table', 'view')")
+        for (statement,) in told:
             if statement is not None and _COMPUTED.search(bytes(statement)):
                 raise UnreadableError(path, "is no bag: it holds a view or computed columns")
         (largest,) = database.execute("SELECT max(length(data)) FROM messages").fetchone()

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from touchline.camera import PERSPECTIVE_MODELS
 from touchline.errors import InputError
 from touchline.files.opened import UnreadableError, read_text
 from touchline.files.yaml_text import read_yaml_mapping
@@ -175,9 +176,9 @@ class _Outgoing:
         return None
 
     def _camera(self) -> Iterator[Outgoing]:
-        """What ROS knows of a pinhole camera."""
+        """What ROS knows of a perspective camera."""
         recording = self._recording
-        if recording.camera_kind != "pinhole" or recording.camera_file is None:
+        if recording.camera_kind not in PERSPECTIVE_MODELS or recording.camera_file is None:
             return
         try:
             camera = recording.camera

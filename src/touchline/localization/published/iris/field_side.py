@@ -62,7 +62,7 @@ class FieldSide:
         self._off_rad, self._steady = math.inf, 0
         self._agreed = self._against = self._straight = self._turned = 0
 
-    def hear(self, off_compass_rad: float | None, moved: bool = False) -> None:
+    def update_from_compass(self, off_compass_rad: float | None, moved: bool = False) -> None:
         """One image of a robot that is followed: its heading minus the compass; None without one.
 
         moved: the robot was, since the image before, and the odometry felt nothing of it.

@@ -13,10 +13,9 @@ from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.published.nimbro.feature_belief import BeliefSettings, FeatureBelief, is_narrow
 from touchline.localization.published.nimbro.feature_filter import FeatureFilter
 from touchline.localization.published.nimbro.field_ends import FieldEnds
-from touchline.localization.published.nimbro.particles import MODE_M, MODE_RAD, Mode
-from touchline.localization.published.nimbro.twin_odds import TwinOdds
+from touchline.localization.published.nimbro.particles import MODE_M, MODE_RAD, ParticleMode
 from touchline.localization.registration.covariance import UncertaintySettings
-from touchline.localization.registration.feature_model import FeatureView
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView
 from touchline.motion.odometry import Motion
 from touchline.types import Hypothesis, Prior, Status
 
@@ -38,15 +37,15 @@ class FeatureTracker:
         symmetric: bool,
         settings: BeliefSettings | None = None,
         refine: bool = True,
-        twin: TwinOdds | None = None,
+        colours: FeatureModel | None = None,
     ) -> None:
         """symmetric: nothing tells both ends of the field apart. refine: by least squares; else the mode's mean.
 
-        twin: where colours alone tell the ends apart.
+        colours: the model of the features, where their colours alone tell the ends apart.
         """
         self.filter, self.refine = feature_filter, refine
         self.belief = FeatureBelief(settings)
-        self.ends = FieldEnds(symmetric, refine, twin)
+        self.ends = FieldEnds(symmetric, refine, colours)
         self.unknown = UncertaintySettings().unknown
         self.reset()
 
@@ -90,7 +89,7 @@ class FeatureTracker:
         """The odometry carries the pose on; deviations (3,) of the motion, robot frame."""
         self.filter.predict(motion, deviations)
 
-    def update(self, view: FeatureView, mode: Mode, stamp_ns: int) -> None:
+    def update(self, view: FeatureView, mode: ParticleMode, stamp_ns: int) -> None:
         """Follow the pose with what is seen, or take that of the particles, and judge it."""
         if not self.has_pose:
             self._take(mode)
@@ -116,7 +115,7 @@ class FeatureTracker:
         self.belief.lose()
         self.ends.lose()
 
-    def _follow(self, view: FeatureView, mode: Mode) -> None:
+    def _follow(self, view: FeatureView, mode: ParticleMode) -> None:
         """Least squares on the features, beside a mode of the particles that may be elsewhere."""
         elsewhere = mode.weight >= SURE_WEIGHT and not self._is_near(mode.pose, MODE_M, MODE_RAD)
         rival = self.filter.explained(view, mode.pose) if elsewhere else None
@@ -128,7 +127,7 @@ class FeatureTracker:
                 self.ends.jump()
             self._take(mode)
 
-    def _follow_mode(self, view: FeatureView, mode: Mode) -> None:
+    def _follow_mode(self, view: FeatureView, mode: ParticleMode) -> None:
         """The mean of the particles' main mode, wherever that is: the paper's form."""
         explained = self.filter.explained(view, mode.pose)
         if not self._is_slip(mode.pose):
@@ -137,7 +136,7 @@ class FeatureTracker:
         self.filter.start(mode.pose, mode.covariance)
         self.belief.count(explained, None, self.pose)
 
-    def _take(self, mode: Mode) -> None:
+    def _take(self, mode: ParticleMode) -> None:
         """The particles' mode is the pose from now on, to be confirmed."""
         if not self._is_slip(mode.pose):
             self.ends.forget_twin()

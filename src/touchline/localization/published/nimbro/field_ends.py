@@ -1,30 +1,37 @@
 """At which end of a field whose lines look the same from both a robot without a compass is.
 
-A person has told it, or the colours of goals and poles tell it; else both the pose and its twin, half a turn about the
-centre mark, are named. An addition of ours to Schulz and Behnke 2012.
+A person has told it, or the colours of goals and poles tell it: lines and crossings fit a pose and its twin, half a
+turn about the centre mark, alike, so that whatever follows them alone can follow the twin for as long as it likes. The
+two are compared in every frame, and the evidence is added up; where nothing tells them apart, both are named. An
+addition of ours to Schulz and Behnke 2012.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from touchline.geometry import Pose, mirrored_covariance
-from touchline.localization.published.nimbro.particles import Mode
-from touchline.localization.published.nimbro.twin_odds import TwinOdds
-from touchline.localization.registration.feature_model import FeatureView
+from touchline.localization.published.nimbro.particles import ParticleMode
+from touchline.localization.registration.feature_model import FeatureModel, FeatureView
+
+MAX_GAIN = 4.0  # of one frame: what is taken for a post may be somebody in its colour
+SURE = 3.0  # odds of 20 to 1, from which one of the two is believed
+MAX = 12.0  # so that a belief of minutes is left within four frames that speak against it
 
 
 class FieldEnds:
     """`known`: at which end of a symmetric field the robot is; true of any other field.
 
     `symmetric`: nothing tells both ends apart. `alike`: something else than the particles tells which of a pose and its
-    twin is right.
+    twin is right. `log_odds`: logarithm of how much likelier the pose is than its twin, by colours.
     """
 
-    def __init__(self, symmetric: bool, alike: bool, twin: TwinOdds | None = None) -> None:
-        """twin: where colours alone tell the ends apart."""
-        self.symmetric, self.twin = symmetric, twin
-        self.alike = alike and (symmetric or twin is not None)
+    def __init__(self, symmetric: bool, alike: bool, colours: FeatureModel | None = None) -> None:
+        """colours: the model of the features, where their colours alone tell the ends apart."""
+        self.symmetric, self._colours = symmetric, colours
+        self.alike = alike and (symmetric or colours is not None)
         self.reset()
 
     def reset(self, told: bool = False, own_half: bool = False) -> None:
@@ -43,25 +50,26 @@ class FieldEnds:
 
     def forget_twin(self, told: bool = False) -> None:
         """Nothing speaks for the pose against its twin, unless it was told by a person."""
-        if self.twin is not None:
-            self.twin.reset(told)
+        self.log_odds = MAX if told else 0.0
 
     def compare(self, view: FeatureView, pose: Pose) -> bool:
         """Compare a pose and its twin; whether the twin is the pose from now on."""
-        if self.twin is None:
+        if self._colours is None or view.size == 0:
             return False
-        self.twin.update(view, pose)
-        refuted = self.twin.is_refuted
+        here, there = self._colours.log_likelihoods(view, np.array([pose, pose.mirrored()]))
+        gain = min(max(float(here - there), -MAX_GAIN), MAX_GAIN)
+        self.log_odds = min(max(self.log_odds + gain, -MAX), MAX)
+        refuted = self.log_odds <= -SURE
         if refuted:
-            self.twin.turn()
+            self.log_odds = -self.log_odds
         return refuted
 
     @property
     def in_doubt(self) -> bool:
         """Whether colours could tell the ends apart, and have not yet."""
-        return self.twin is not None and not self.twin.is_sure
+        return self._colours is not None and self.log_odds < SURE
 
-    def nearer(self, mode: Mode, to: Pose) -> Mode:
+    def nearer(self, mode: ParticleMode, to: Pose) -> ParticleMode:
         """A mode of the particles, or its twin, if that faces the way of a pose: they need not choose between both."""
         if not self.alike:
             return mode

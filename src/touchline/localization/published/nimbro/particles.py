@@ -113,7 +113,7 @@ class NimbroParticleSettings(Settings):
     paper: NimbroParticlePaper = NimbroParticlePaper()
 
 
-class Mode(NamedTuple):
+class ParticleMode(NamedTuple):
     """A cluster of particles: mean, covariance (3, 3) in (m, m, rad), field frame, and its share of all weight.
 
     twin_weight: the share of those about its twin, half a turn about the centre mark.
@@ -196,7 +196,7 @@ class NimbroParticles:
         """Equation (3): every particle moves by the odometry's motion, with noise of its own."""
         self.filter.predict(motion)
 
-    def update(self, view: FeatureView, about: Pose | Region | None = None, searching: bool = False) -> Mode:
+    def update(self, view: FeatureView, about: Pose | Region | None = None, searching: bool = False) -> ParticleMode:
         """Equations (4) to (8) and resampling; returns the main mode. A view without features changes nothing.
 
         about: the pose on whose side of a symmetric field random particles start, or the half they start in; None: on
@@ -215,18 +215,18 @@ class NimbroParticles:
             self._mode = self.main_mode()
         return self._mode
 
-    def main_mode(self) -> Mode:
+    def main_mode(self) -> ParticleMode:
         """The heaviest cluster of particles."""
         poses, weights = self.particles.poses, self.particles.weights
         inside = in_mode(poses, weights, self._reach_m[0], self._reach_m[1])
         weight = float(inside.sum())
         if weight <= 0.0:
             found = self.particles.estimate()
-            return Mode(found.pose, found.covariance, 0.0)
+            return ParticleMode(found.pose, found.covariance, 0.0)
         mean, covariance = mean_and_covariance(poses, inside / weight)
         floor = np.maximum(MIN_DEVIATIONS**2 - np.diag(covariance), 0.0)
         pose = as_pose(mean)
-        return Mode(pose, covariance + np.diag(floor), weight, self._weight_near(pose.mirrored()))
+        return ParticleMode(pose, covariance + np.diag(floor), weight, self._weight_near(pose.mirrored()))
 
     def _weight_near(self, pose: Pose) -> float:
         away = self.particles.poses - pose

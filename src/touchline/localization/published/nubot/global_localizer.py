@@ -1,15 +1,12 @@
-"""What every way to find a lost robot has in common: asked with each frame until its pose is confirmed."""
+"""What a search for a lost robot is given with each frame, and what it has come to."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-from touchline.field.region import Region
 from touchline.geometry import FloatArray, Pose, mirrored_covariance
-from touchline.localization.published.nubot.match_input import MatchInput
 from touchline.localization.published.nubot.matcher import Match
-from touchline.motion import Motion
 from touchline.types import Hypothesis
 
 
@@ -49,19 +46,3 @@ class Localization:
             self.match, pose=self.match.pose.mirrored(), covariance=mirrored_covariance(self.match.covariance)
         )
         return replace(self, pose=self.pose.mirrored(), covariance=mirrored_covariance(self.covariance), match=match)
-
-
-class GlobalLocalizer(Protocol):
-    """Finds the robot on the whole field, one frame after the other."""
-
-    def reset(self) -> None:
-        """Forget everything."""
-        ...
-
-    def predict(self, motion: Motion) -> None:
-        """The robot has moved since the last frame."""
-        ...
-
-    def localize(self, view: MatchInput, prediction: Prediction, region: Region | None = None) -> Localization | None:
-        """Search with one frame; None if nothing fits. region: where the robot is known to be."""
-        ...

@@ -125,34 +125,3 @@ def rprop(points, weights, table, start, c_m, schedule, record):  # type: ignore
             pose[k] -= np.sign(gradient[k]) * steps[k]
             before[k] = gradient[k]
     return best, best_error
-
-
-@numba.njit(cache=True)
-def moments(points, weights, table, pose, c_m):  # type: ignore[no-untyped-def]
-    """What each point's error says about the accuracy of a pose.
-
-    Returns u (N, 3): derivative of each point's distance by x, y, heading; curvature (N,): w max(e'', 0);
-    slope_power: sum of w² e'²; mean_distance_m: sum of w d.
-    """
-    x, y, heading = pose[0], pose[1], pose[2]
-    cosine, sine = math.cos(heading), math.sin(heading)
-    c2 = c_m * c_m
-    u = np.empty((points.shape[0], 3))
-    curvature = np.empty(points.shape[0])
-    slope_power = mean_distance_m = 0.0
-    for i in range(points.shape[0]):
-        px, py = points[i, 0], points[i, 1]
-        turned_x = cosine * px - sine * py
-        turned_y = sine * px + cosine * py
-        d, gx, gy = lookup(table, x + turned_x, y + turned_y)
-        # Beside a line the interpolated gradient is shorter than one; its direction is what counts here.
-        length = math.hypot(gx, gy)
-        if length > 1e-6:
-            gx /= length
-            gy /= length
-        u[i, 0], u[i, 1], u[i, 2] = gx, gy, gy * turned_x - gx * turned_y
-        s = c2 + d * d
-        curvature[i] = weights[i] * max(2.0 * c2 * (c2 - 3.0 * d * d) / (s * s * s), 0.0)
-        slope_power += (weights[i] * 2.0 * c2 * d / (s * s)) ** 2
-        mean_distance_m += weights[i] * d
-    return u, curvature, slope_power, mean_distance_m

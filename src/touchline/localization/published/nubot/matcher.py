@@ -13,8 +13,8 @@ from pydantic import Field
 from touchline.config import Settings, added
 from touchline.field.distance_map import DistanceMap
 from touchline.geometry import FloatArray, Pose, as_pose
-from touchline.localization.published.nubot.kernels import RpropSchedule, error_and_gradient, moments, rprop
-from touchline.localization.registration.covariance import UncertaintySettings, visual_covariance
+from touchline.localization.published.nubot.kernels import RpropSchedule, error_and_gradient, rprop
+from touchline.localization.registration.covariance import UncertaintySettings, moments, visual_covariance
 
 FIRST_STEP_M = 0.1  # first step in x and y: the size of a usual error of the start; 'rather large' in section 5.1
 FIRST_STEP_RAD = 0.05  # first step of the heading, moves a point 2 m away by as much as first_step_m

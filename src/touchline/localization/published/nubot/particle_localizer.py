@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from pydantic import Field
 
 from touchline.config import Settings, added
@@ -215,3 +217,41 @@ class ParticleLocalizer:
         fix = self.whole_field.locate_any_heading(view.positions_m, view.weights, view.heading_rad)
         held = match.error >= self.search.settings.accepted_error
         return stands_alone(self.whole_field, fix, match, match.covariance, held)
+
+
+class ParticleFollower:
+    """Particles that find the robot and go on to follow it, a cycle per frame."""
+
+    def __init__(self, search: ParticleSearch) -> None:
+        self.search = search
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.search.reset()
+
+    def predict(self, motion: Motion) -> None:
+        """The odometry carries the particles on."""
+        self.search.predict(motion)
+
+    def localize(self, view: MatchInput, prediction: Prediction, region: Region | None = None) -> Localization:
+        """One cycle of a search; what the particles have converged to is judged at the match nearby."""
+        self.search.start_if_due(view, prediction, region)
+        found = self.search.cycle(view)
+        if not self.search.converged:
+            return found
+        confirmed = self.search.confirms(self.match_nearby(view, found.pose))
+        return replace(found, confirmed=confirmed, has_pose=confirmed)
+
+    def follow(self, view: MatchInput, prediction: Prediction, region: Region | None = None) -> Localization:
+        """One more cycle; particles that rest start about the prediction."""
+        if not self.search.cycles:
+            self.search.start_around(view, prediction, region)
+        return replace(self.search.cycle(view), has_pose=True)
+
+    def match_nearby(self, view: MatchInput, mean: Pose) -> Match:
+        """The match that a mean leads to, or the mean itself if that is far away: it says nothing of the mean then."""
+        matcher, positions_m = self.search.particles.matcher, view.positions_m
+        pose, error, _ = matcher.descend(positions_m, view.weights, mean.as_array())
+        if mean.distance_to(as_pose(pose)) > SAME_M:
+            pose, error = mean.as_array(), matcher.error(positions_m, view.weights, mean.as_array())
+        return matcher.assess(positions_m, view.weights, pose, error)
