@@ -169,7 +169,8 @@ def _add_features(seen, tables, pose, camera, width_m, rows, counts):  # type: i
             rx, ry = (l00, l10) if half == 0 else (0.0, math.sqrt(max(w[1, 1] - l10 * l10, 0.0)))
             rows[0, row], rows[1, row] = cosine * rx - sine * ry, sine * rx + cosine * ry
             rows[2, row] = ry * bx - rx * by
-            fill_rows(rows, row, (rx, ry), (px, py), (bx, by), errors.values, errors.of_features, response)
+            column = rows[:, row - i :]  # such that the feature's own number is its column, too
+            fill_rows(column, i, (rx, ry), (px, py), (bx, by), errors.values, errors.of_features, response)
             rows[distance_row, row], rows[weight_row, row] = rx * off_x + ry * off_y, weight
         if width_m > 0.0:
             continue
