@@ -13,12 +13,14 @@ from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.localization.camera_errors import MirrorErrors
 from touchline.localization.camera_errors.base import placed_points
-from touchline.localization.estimator.filter import Filter, Unknown
+from touchline.localization.estimator.filter import DELAY_DRIFT_S, SCALE_DRIFT, YAW_RATE_DRIFT, Filter, Unknown
 from touchline.localization.estimator.statistics import CameraErrorStatistics
-from touchline.localization.registration.joint import Seen
+from touchline.localization.registration.joint import Seen, StateFit
 from touchline.localization.registration.registration import SETTLED, Registration
 from touchline.localization.registration.seen import repeated, seen_points
+from touchline.motion.delayed import Delayed
 from touchline.motion.driven import Scales
+from touchline.motion.odometry import Motion
 from touchline.systems import RobotSetup, open_system
 from touchline.types import LinePoints
 
@@ -111,6 +113,94 @@ def test_shaking_is_learned_from_a_lone_line_too(mirror: MirrorErrors) -> None:
         fit = registration.fit_state(seen, prior.mean, prior, SETTLED, mirror.response())
         statistics.learn(fit, prior, seen)
     assert statistics.lean == pytest.approx(per_m, rel=0.35)
+
+
+# --- against a dense Kalman filter in plain NumPy ---------------------------------------------------------------------
+
+STATES, MEASURED = 13, [0, 1, 2, 8, 9, 10, 11, 12]  # pose, scales, yaw rate, delay, errors; those that a fit measures
+
+
+def covariance_of(rng: np.random.Generator, count: int, deviations: np.ndarray) -> np.ndarray:
+    """Of correlated states."""
+    mixed = np.diag(deviations) @ (np.eye(count) + 0.3 * rng.standard_normal((count, count)))
+    return mixed @ mixed.T
+
+
+def unsure(learned: float) -> Filter:
+    """A filter all of whose states are correlated."""
+    rng = np.random.default_rng(4)
+    one = Filter(TRUTH, np.eye(3), UNKNOWN._replace(learned=learned, yaw_rate_rad_s=0.003, delay_s=0.05))
+    deviations = np.array([0.05, 0.04, 0.02, 0.03, 0.03, 0.03, 0.003, 0.05, *DEVIATIONS])
+    one._joint = covariance_of(rng, STATES, deviations)
+    one.scales, one.yaw_rate_rad_s, one.late_s, one.errors = np.array([0.02, -0.01, 0.015]), 0.002, 0.08, 0.3 * ERRORS
+    return one
+
+
+def state_of(one: Filter) -> np.ndarray:
+    return np.array([*one.pose, *one.scales, one.yaw_rate_rad_s, one.late_s, *one.errors])
+
+
+def test_the_prediction_is_that_of_a_dense_kalman_filter() -> None:
+    """Derivatives by finite differences of the motion of all states."""
+    moved = Delayed(Motion(Pose(0.2, -0.05, 0.1), np.diag([1e-4, 2e-4, 3e-5]), 0.0), 0.08, np.array([1.0, 0.3, -0.4]),
+                    np.zeros(3))  # fmt: skip
+    one, seconds = unsure(1.0), 0.1
+
+    def after(state: np.ndarray) -> np.ndarray:
+        x, y, turn = np.array(moved.motion.pose) * (1.0 + state[3:6]) + (state[7] - moved.late_s) * moved.by_delay
+        cosine, sine = np.cos(state[2]), np.sin(state[2])
+        step = np.array([cosine * x - sine * y, sine * x + cosine * y, turn + seconds * state[6]])
+        return np.concatenate((state[:3] + step, state[3:]))
+
+    state, joint = state_of(one), one._joint.copy()
+    by_state = np.array([(after(state + e) - after(state - e)) / 2e-6 for e in 1e-6 * np.eye(STATES)]).T
+    turned = np.array(
+        [[np.cos(state[2]), -np.sin(state[2]), 0.0], [np.sin(state[2]), np.cos(state[2]), 0.0], [0, 0, 1]]
+    )
+    expected = by_state @ joint @ by_state.T
+    expected[:3, :3] += turned @ moved.motion.covariance @ turned.T
+    expected[np.diag_indices(STATES)] += seconds * np.square(
+        [0.0, 0.0, 0.0, SCALE_DRIFT, SCALE_DRIFT, SCALE_DRIFT, YAW_RATE_DRIFT, DELAY_DRIFT_S, *UNKNOWN.error_drift]
+    )
+    one.predict(moved, seconds)
+    np.testing.assert_allclose(state_of(one), after(state), atol=1e-9)
+    np.testing.assert_allclose(one._joint, expected, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("learned", [1.0, 0.3, 0.0])
+def test_the_correction_is_that_of_a_dense_kalman_filter(learned: float) -> None:
+    """The fit as a measurement of pose and errors, those of each image's own; errors take a share of their step."""
+    rng = np.random.default_rng(7)
+    one, per_image = unsure(learned), np.diag([1e-5, 1e-5, 0.0, 0.0, 0.0])
+    noise = covariance_of(rng, 8, np.array([0.02, 0.03, 0.01, 0.01, 0.02, 2.0, 1.0, 0.02]))
+    state, joint = state_of(one), one._joint.copy()
+    fitted = state[MEASURED] + 0.02 * rng.standard_normal(8)
+    gradient = 10.0 * rng.standard_normal(8)
+    fit = StateFit(fitted, np.linalg.inv(noise), gradient, 1.0, 50.0, 1.0, 0.0, 0.0, 0.0)
+    shown = fitted + noise @ gradient  # the measurement: where the image alone would have its pose and errors
+    by_state = np.eye(STATES)[MEASURED]
+    spread = noise.copy()
+    spread[3:, 3:] += per_image
+    share = np.array([*np.ones(8), *np.full(5, learned)])[:, np.newaxis]
+    gain = share * (joint @ by_state.T @ np.linalg.inv(by_state @ joint @ by_state.T + spread))
+    left = np.eye(STATES) - gain @ by_state
+    one.correct(fit, per_image)
+    np.testing.assert_allclose(state_of(one), state + gain @ (shown - state[MEASURED]), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(one._joint, left @ joint @ left.T + gain @ spread @ gain.T, rtol=1e-5, atol=1e-9)
+
+
+def test_what_is_expected_of_an_image_is_the_covariance_of_what_it_measures() -> None:
+    one, per_image = unsure(1.0), np.diag([1e-5, 1e-5, 0.0, 0.0, 0.0])
+    shift = np.array([0.01, -0.02, 0.003])
+    expected = one._joint[np.ix_(MEASURED, MEASURED)].copy()
+    expected[3:, 3:] += per_image
+    expected[:3, :3] += np.outer(shift, shift)
+    prior = one.prior(per_image, shift)
+    np.testing.assert_allclose(prior.mean, state_of(one)[MEASURED])
+    np.testing.assert_allclose(prior.information @ expected, np.eye(8), atol=1e-6)
+
+
+# --- in play ----------------------------------------------------------------------------------------------------------
 
 
 def test_the_covariance_beside_a_lone_line_is_honest() -> None:
