@@ -23,7 +23,7 @@ from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter, Unknown
-from touchline.localization.estimator.measurement import MEASUREMENTS
+from touchline.localization.estimator.measurements import MEASUREMENTS
 from touchline.localization.estimator.pose_status import Criteria, PoseStatus
 from touchline.localization.estimator.stamp_delay import UNKNOWN_S, StampDelay
 from touchline.localization.estimator.statistics import CameraErrorStatistics
@@ -47,7 +47,7 @@ from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Sta
 
 ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
-REPEATED_IMAGES = 10.0  # over which what others say repeats itself
+REPEATED_IMAGES = 10.0  # over which the evidence of others repeats itself
 PLACE_M = 0.01  # error of a crossing's place on the field
 BEYOND_M = 1.0  # so far outside of the field a robot may stand
 STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
@@ -123,7 +123,7 @@ class Touchline:
     __repr__ = system_text
 
     def __init__(self, setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator) -> None:
-        """rng is not needed: nothing here is left to chance."""
+        """rng is not needed: nothing here is random."""
         field = setup.field
         self.setup, self.settings = setup, settings
         self.detector = detector_for(setup.camera, field)
@@ -183,7 +183,7 @@ class Touchline:
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
         clock, seconds = Stopwatch(), self._seconds(frame)
-        # predict: the odometry carries every hypothesis on
+        # predict: propagate every hypothesis by the odometry
         shift = self._predict(frame, seconds)
         self.bank.measure(frame, MEASUREMENTS)  # measure: by further sensors
         # observe: line points, lines, crossings, landmarks, at the lean of the image
@@ -196,7 +196,7 @@ class Touchline:
             self.bank.update(image, modes, self.judged.carried_log_odds)  # fuse, weigh
             self.bank.update_from_team(frame.evidence, 1.0 / REPEATED_IMAGES)
             self._judge_end(frame, observation, seconds)  # which end of the field
-        self._judge_status(seconds)  # is the pose believed?
+        self._judge_status(seconds)  # is the pose tracked?
         self._judge_delay(frame)  # how late are the stamps?
         return self._report(observation, clock)
 
@@ -235,7 +235,7 @@ class Touchline:
         return Image(seen, self.errors.response(frame), shift)
 
     def _tells_a_perspective_camera(self, seen: Observation) -> bool:
-        """Whether a robot that tells of no camera shows lines, crossings or landmarks at first, and no line points."""
+        """Whether an undescribed camera shows lines, crossings or landmarks at first, and no line points."""
         known = self.setup.camera is not None or self.setup.height_m is not None
         if known or self.judged.images or len(seen.points):
             return False
@@ -262,7 +262,7 @@ class Touchline:
         return self.history.at(frame.stamp_ns - round(1e9 * self.delay.late_s)).heading_rad
 
     def _known(self, compass_rad: float | None) -> tuple[Known, ...]:
-        """What a compass says of every pose, and the zone that the robot was said to be in."""
+        """The heading by a compass, and the zone that was given."""
         zone = () if self.zone is None else (self.zone,)
         if compass_rad is None or self.end.compass.is_suspect:
             return zone
@@ -270,7 +270,7 @@ class Touchline:
         return (Known(np.array([0.0, 0.0, compass_rad]), information), *zone)
 
     def _judge_end(self, frame: Frame, observation: Observation, seconds: float) -> None:
-        """Which of the pose and its twin is right, by the compass, by colours and by what others say."""
+        """Which of the pose and its twin is right, by the compass, by colours and by the evidence of others."""
         best, end = self.bank.best, self.end
         if best is None:
             return
@@ -279,7 +279,7 @@ class Touchline:
             self._begin_end(best, compass_rad)
         elif best.shoved or best is not self.followed:
             end.jumped()
-        if self.judged.is_consistent(self.bank):  # a pose in doubt says nothing of a compass
+        if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
             end.update_from_compass(_compass_error(best.filter.pose, compass_rad), seconds)
         if end.colours_tell:
             end.update_from_colours(self._view(observation, best.filter, frame), best.filter.pose)
@@ -308,7 +308,7 @@ class Touchline:
         return contradiction(pose.mirrored(), self.zone) - contradiction(pose, self.zone) > CLEARLY
 
     def _judge_status(self, seconds: float) -> None:
-        """Whether the pose is believed."""
+        """Whether the pose is tracked."""
         if self.judged.update(self.bank, self.end, seconds) is Status.TRACKING:
             self.problems += self.end.report_undecided(seconds)
 
@@ -317,7 +317,7 @@ class Touchline:
         best = self.bank.best
         if best is None or best.fit is None or self.judged.status is not Status.TRACKING or self.judged.blind_frames:
             return
-        pans = frame.base_from_camera is not None  # where the head was then is not known: named, and not corrected
+        pans = frame.base_from_camera is not None  # the camera's pose then is unknown: named, and not corrected
         if not self.setup.walks:
             late_s, deviation_s = best.filter.late_s, self.statistics.lean_ratio * best.filter.delay_deviation_s
         elif frame.image is None or best.explained < self.settings.min_explained:
@@ -364,7 +364,7 @@ class Touchline:
         )
 
     def _at_stamp(self, one: Filter, stamp_ns: int) -> Filter:
-        """A filter carried from when the last image was taken to its stamp."""
+        """A filter propagated from when the last image was taken to its stamp."""
         return one.ahead(until_stamp(self.history, stamp_ns, self.delay.late_s)) if self.delay.late_s else one
 
 

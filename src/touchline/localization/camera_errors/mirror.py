@@ -32,12 +32,12 @@ from touchline.localization.camera_errors.mirror_response import (
 from touchline.types import Frame
 
 DRIFT_RATIO = 0.01  # of the errors in the root of a second, as a share of what was unknown at first: a loosening mount
-LEARNED = 0.3  # of what an image says of the errors: points of neighbouring images err together
+LEARNED = 0.3  # share of an image's correction of the errors: points of neighbouring images err together
 # of g about its mean from image to image: 0.06° at first, 0.04 to 0.4° in robots that drive
 LEAN = Lean(first=0.003, min=0.002, max=0.02, per_m=1.0)
 # by how much mirrors shift the ground about the robot beyond these errors, median of five shapes: per 1/m of g, per px
 MISFIT_M2, MISFIT_M_PER_PX = 0.08, 0.0003
-UNTOLD = CameraUncertainty(USUAL_TILT_DEG, 0.0, USUAL_RANGE_RATIO)  # of a camera that nobody tells of
+UNTOLD = CameraUncertainty(USUAL_TILT_DEG, 0.0, USUAL_RANGE_RATIO)  # of an undescribed camera
 # standard deviations of what an exact one still seems to differ by, as a detector shifts the edges of lines by a
 # twentieth of a pixel: tilt (deg), centre (share of the outer radius), ranges
 EXACT_TILT_DEG, EXACT_CENTER_RATIO, EXACT_RANGE_RATIO = 0.02, 0.0005, 0.002

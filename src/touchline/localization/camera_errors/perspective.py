@@ -20,20 +20,20 @@ from touchline.localization.camera_errors.base import SECTOR, ImageTrust, Lean, 
 from touchline.localization.camera_errors.fisheye_focal import angle_stretch, scaled_angle
 from touchline.types import Frame
 
-HEIGHT_M = 1.0  # of a camera that nobody tells of
+HEIGHT_M = 1.0  # of an undescribed camera
 MOUNT_RAD = 0.02  # how far a camera is mounted askew, in roll and in pitch: two degrees happen
 HEIGHT_RATIO, FOCAL_RATIO = 0.02, 0.02  # how far its height and its focal length are off
 DRIFT = np.array([0.0003, 0.0003, 0.0001, 0.00003])  # of these in the root of a second
-LEARNED = 1.0  # of what an image says of the errors
+LEARNED = 1.0  # share of an image's correction of the errors
 LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD = 0.008, 0.002, 0.03  # error of roll and pitch in one image
-MIN_POSITION_M, MIN_HEADING_RAD = 0.005, 0.015  # what no image tells: how far a camera is turned aside turns all
+MIN_POSITION_M, MIN_HEADING_RAD = 0.005, 0.015  # what no image shows: a camera turned aside turns all
 NO_AXIS = np.zeros(3)
 NAMES = ("roll (rad)", "pitch (rad)", "height ratio", "focal ratio")
 
 
 class PerspectiveResponse(NamedTuple):
-    """eye (3,): x, y and height of the camera, robot frame (m). axis (3,): its optical axis, a unit vector; zeros where
-    nobody tells, and the focal length has no effect. fisheye: whether this scales angles to it, not their tangents.
+    """eye (3,): x, y and height of the camera, robot frame (m). axis (3,): its optical axis, a unit vector; zeros if
+    it is unknown, and the focal length has no effect. fisheye: whether this scales angles to it, not their tangents.
     """
 
     eye: FloatArray
@@ -43,7 +43,7 @@ class PerspectiveResponse(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PerspectiveErrors:
-    """`CameraErrors` of a perspective camera at `eye` (3,), robot frame (m); camera: None where nobody tells."""
+    """`CameraErrors` of a perspective camera at `eye` (3,), robot frame (m); camera: None if it is undescribed."""
 
     camera: Camera | None
     eye: FloatArray
@@ -87,7 +87,7 @@ class PerspectiveErrors:
         return np.zeros(4)
 
     def response(self, frame: Frame | None = None) -> PerspectiveResponse:
-        """Where a head looks at the image of a frame."""
+        """Where the camera looks at the image of a frame."""
         fisheye = self.camera is not None and self.camera.model == "fisheye"
         return PerspectiveResponse(self.eye, NO_AXIS if frame is None else self._axis(frame), fisheye)
 

@@ -1,4 +1,4 @@
-"""Whether the likeliest pose is believed, by what the images show of late and how much of it the pose explains."""
+"""Whether the likeliest pose is tracked, by what the images show of late and how much of it the pose explains."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BLIND_S = 4.0  # without anything that the pose explains, after which it is in d
 
 
 class Criteria(NamedTuple):
-    """min_points: line points without which an image tells nothing. min_explained: share of what is seen that a pose
+    """min_points: line points without which an image shows too little. min_explained: share of what is seen that a pose
     must explain. min_probability: from which the likeliest is tracked. blind_frames: images in a row that show nothing.
     """
 
@@ -39,7 +39,7 @@ class PoseStatus:
         self._explained, self._unexplained_s = 1.0, 0.0  # of late; time in which a pose explained nothing
 
     def sees(self, seen: Seen) -> bool:
-        """Take what an image shows; whether that tells anything of the pose."""
+        """Take what an image shows; whether that is enough to correct a pose."""
         shows = len(seen.positions_m) >= self.criteria.min_points or len(seen.raw_m) > 0
         self.blind_frames = 0 if shows else self.blind_frames + 1
         return shows
@@ -63,7 +63,7 @@ class PoseStatus:
         return min(best.explained, self._explained) < good
 
     def is_likely(self, bank: Bank) -> bool:
-        """Whether the likeliest pose is the only likely one, and enough images speak for it."""
+        """Whether the likeliest pose is the only likely one, and enough images support it."""
         return bank.probabilities[0] >= self.criteria.min_probability and bank.is_confirmed
 
     def is_consistent(self, bank: Bank) -> bool:

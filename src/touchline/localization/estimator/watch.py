@@ -73,7 +73,7 @@ class FieldWatch:
 
 def at_one_end(modes: Sequence[Mode], followed: Sequence[Pose], aligned: bool) -> tuple[Mode, ...]:
     """Of each pair of twins the likelier one, or that which is nearer to a pose that is followed, the likeliest first.
-    aligned: nothing tells them apart, and the heading of the likeliest decides.
+    aligned: nothing distinguishes them, and the heading of the likeliest decides.
     """
     kept: list[Mode] = []
     for mode in sorted(modes, key=lambda one: -sum(_is_near(one.pose, pose) for pose in followed)):
