@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touchline.localization.registration.mirror_kernels import upright_points
 
+from touchline.localization.camera_errors.base import placed_points
 from touchline.localization.camera_errors.mirror_response import mirror_response
 from touchline.simulation.cameras.factory import open_simulated_camera
 from touchline.simulation.cameras.mirror_rays import MirrorMount
@@ -28,10 +28,10 @@ def left_m(profile: str, mount: MirrorMount) -> tuple[np.ndarray, np.ndarray]:
     seen, response = camera.design.ground_from_image(camera.project(EXACT)), mirror_response(camera.design)
     errors = np.zeros(5)
     for _ in range(6):
-        off = (upright_points(seen, errors, response) - EXACT).ravel()
-        rows = [(upright_points(seen, errors + step, response) - EXACT).ravel() - off for step in 1e-6 * np.eye(5)]
+        off = (placed_points(seen, errors, response) - EXACT).ravel()
+        rows = [(placed_points(seen, errors + step, response) - EXACT).ravel() - off for step in 1e-6 * np.eye(5)]
         errors -= 1e-6 * np.linalg.lstsq(np.array(rows).T, off, rcond=None)[0]
-    left = upright_points(seen, errors, response) - EXACT
+    left = placed_points(seen, errors, response) - EXACT
     return errors, np.hypot(left[:, 0], left[:, 1])
 
 

@@ -132,10 +132,10 @@ def place(x: Any, y: Any, errors: Any, prepared: Any, i: Any, response: Any) -> 
     """(x, y): where point i belongs, robot frame (m), as a camera without errors (K,) would see it."""
 
 
-def fill_rows(rows: Any, i: Any, normal: Any, seen: Any, placed: Any, errors: Any, prepared: Any, response: Any) -> Any:
-    """Into rows[3:3 + K, i]: derivative by the errors of where a point lies along a normal (2,), robot frame.
+def fill_rows(rows: Any, row: Any, i: Any, normal: Any, points: Any, errors: Any, prepared: Any, response: Any) -> Any:
+    """Into rows[3:3 + K, row]: derivative by the errors of where point i lies along a normal (2,), robot frame.
 
-    seen, placed: the point before and after `place`.
+    points: the point as seen, and where `place` puts it.
     """
 
 

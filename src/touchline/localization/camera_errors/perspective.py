@@ -145,20 +145,21 @@ def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
 
 
 @overload(fill_rows, jit_options={"error_model": "numpy"})
-def _fill_rows(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+def _fill_rows(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
     if not _is_perspective(response):
         return None
 
-    def columns(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+    def columns(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
         eye, axis = response.eye, response.axis
+        placed = points[1]
         rx, ry = normal
         x, y, h = placed[0] - eye[0], placed[1] - eye[1], eye[2]
-        rows[3, i] = (rx * x * y + ry * (h * h + y * y)) / h
-        rows[4, i] = -(rx * (h * h + x * x) + ry * x * y) / h
-        rows[5, i] = rx * x + ry * y
+        rows[3, row] = (rx * x * y + ry * (h * h + y * y)) / h
+        rows[4, row] = -(rx * (h * h + x * x) + ry * x * y) / h
+        rows[5, row] = rx * x + ry * y
         along = max(x * axis[0] + y * axis[1] - h * axis[2], 0.0)
         if response.fisheye:
             along = angle_stretch(x, y, h, axis)
-        rows[6, i] = -along * (rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h))
+        rows[6, row] = -along * (rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h))
 
     return columns

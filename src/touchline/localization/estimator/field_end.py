@@ -52,7 +52,7 @@ class FieldEnd:
     def _forget(self, known: bool) -> None:
         self.prior_log_odds = PRIOR_LOG_ODDS if known else 0.0
         self.colours = 0.0
-        self.others: dict[str, float] = {}
+        self._said: dict[str, float] = {}
         self._silent_s: dict[str, float] = {}
         self._jumping = 0
         self._support: int | None = None
@@ -92,12 +92,11 @@ class FieldEnd:
 
     def update_from_team(self, evidence: Sequence[Evidence], pose: Pose, seconds: float) -> None:
         """Take the evidence of others. Each source counts once, however often it repeats itself: it errs as one."""
-        self.others = {source: value * math.exp(-seconds / FORGET_S) for source, value in self.others.items()}
         self._silent_s = {source: silent_s + seconds for source, silent_s in self._silent_s.items()}
         for one in evidence:
             gain = one.log_likelihood(pose) - one.log_likelihood(pose.mirrored())
-            before, silent_s = self.others.get(one.source, 0.0), self._silent_s.get(one.source, FIRST_SHARE * MEMORY_S)
-            self.others[one.source] = before + (gain - before) * min(silent_s / MEMORY_S, 1.0)
+            before, silent_s = self._said.get(one.source, 0.0), self._silent_s.get(one.source, FIRST_SHARE * MEMORY_S)
+            self._said[one.source] = before + (gain - before) * min(silent_s / MEMORY_S, 1.0)
             self._silent_s[one.source] = 0.0
 
     def turn(self) -> None:
@@ -105,7 +104,12 @@ class FieldEnd:
         self.prior_log_odds, self.colours = 0.0, -self.colours
         self._support = None if self._support is None else -self._support
         self.compass.turn()
-        self.others = {source: -value for source, value in self.others.items()}
+        self._said = {source: -gain for source, gain in self._said.items()}
+
+    @property
+    def others(self) -> dict[str, float]:
+        """Of the pose, against its twin, by what each of the others says; what is not repeated is forgotten."""
+        return {source: gain * math.exp(-self._silent_s[source] / FORGET_S) for source, gain in self._said.items()}
 
     @property
     def evidence_log_odds(self) -> float:

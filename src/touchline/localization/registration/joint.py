@@ -124,7 +124,7 @@ def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type
         spread = rx * rx * c[i, 0, 0] + 2.0 * rx * ry * c[i, 0, 1] + ry * ry * c[i, 1, 1]
         variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
         rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by
-        fill_rows(rows, i, (rx, ry), (px, py), (bx, by), errors.values, errors.of_points, response)
+        fill_rows(rows, i, i, (rx, ry), ((px, py), (bx, by)), errors.values, errors.of_points, response)
         reach = width2 + plan.gate2 * variance
         kept = reach / (reach + d2)
         kept *= kept
@@ -169,7 +169,7 @@ def _add_features(seen, tables, pose, camera, width_m, rows, counts):  # type: i
             rx, ry = (l00, l10) if half == 0 else (0.0, math.sqrt(max(w[1, 1] - l10 * l10, 0.0)))
             rows[0, row], rows[1, row] = cosine * rx - sine * ry, sine * rx + cosine * ry
             rows[2, row] = ry * bx - rx * by
-            fill_rows(rows[:, row - i :], i, (rx, ry), (px, py), (bx, by), errors.values, errors.of_features, response)
+            fill_rows(rows, row, i, (rx, ry), ((px, py), (bx, by)), errors.values, errors.of_features, response)
             rows[distance_row, row], rows[weight_row, row] = rx * off_x + ry * off_y, weight
         if width_m > 0.0:
             continue

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touchline.localization.camera_errors.mirror_head import MirrorHead
-from touchline.localization.estimator.exact_mirror import ExactMirror, as_exact
-from touchline.localization.estimator.joint_filter import JointFilter, Unknown
 
 from touchline.camera import OmniCamera
 from touchline.experiments.drives import driven
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.camera_errors import MirrorErrors
+from touchline.localization.estimator.exact_camera import ExactCamera, as_exact
+from touchline.localization.estimator.filter import Filter, Unknown
 from touchline.motion.driven import Scales
 
 
@@ -56,20 +56,21 @@ def test_one_model_follows_from_the_other_as_if_it_had_been_filtered_itself() ->
     assert fits + normalisation == pytest.approx(other_evidence - evidence, abs=1e-9)
 
 
-def learned(head: MirrorHead, errors: list[float]) -> JointFilter:
+def learned(mirror: MirrorErrors, errors: list[float]) -> Filter:
     """A filter that has seen these errors, each known to a twentieth of what it was, and a pose that goes with them."""
-    one = JointFilter(Pose(1.0, 2.0, 3.0), np.diag([1e-4, 1e-4, 1e-6]), Unknown(Scales(0, 0, 0), head.unknown, True))
+    unknown = Unknown(Scales(0, 0, 0), mirror.prior, mirror.drift, mirror.learned)
+    one = Filter(Pose(1.0, 2.0, 3.0), np.diag([1e-4, 1e-4, 1e-6]), unknown)
     one.errors = np.array(errors)
-    deviations = 0.05 * np.sqrt(np.diag(head.unknown))
+    deviations = 0.05 * np.sqrt(np.diag(mirror.prior))
     one.error_covariance[:] = np.diag(deviations**2)
-    one._joint[0, 9] = one._joint[9, 0] = 0.8 * 0.01 * deviations[2]
+    one.error_crossed[0, 2] = 0.8 * 0.01 * deviations[2]
     return one
 
 
 def test_a_mirror_that_shows_no_error_is_taken_for_exact_and_one_that_does_is_not(camera: OmniCamera) -> None:
-    head = MirrorHead(camera)
-    exact = ExactMirror(camera, head)
-    small, large = learned(head, [0.0, 0.0, 0.08, 0.0, 0.0]), learned(head, [0.01, 0.0, 1.0, 0.0, 0.0])
+    mirror = MirrorErrors.of(camera)
+    exact = ExactCamera(mirror)
+    small, large = learned(mirror, [0.0, 0.0, 0.08, 0.0, 0.0]), learned(mirror, [0.01, 0.0, 1.0, 0.0, 0.0])
     pose, covariance = exact.pose_of(small)
     assert pose.x < small.pose.x - 0.002  # as the centre is not displaced, nor is the pose
     assert covariance[0, 0] < 0.8 * small.covariance[0, 0]
@@ -79,8 +80,7 @@ def test_a_mirror_that_shows_no_error_is_taken_for_exact_and_one_that_does_is_no
 
 
 def test_who_states_how_sure_a_file_is_is_believed(camera: OmniCamera) -> None:
-    stated = replace(camera, stated_uncertainty=camera.uncertainty)
-    head = MirrorHead(stated)
-    one = learned(head, [0.0, 0.0, 0.08, 0.0, 0.0])
-    assert ExactMirror(stated, head).pose_of(one)[0] == one.pose
-    assert ExactMirror(None, MirrorHead(None)).pose_of(one)[0] == one.pose
+    mirror = MirrorErrors.of(replace(camera, stated_uncertainty=camera.uncertainty))
+    one = learned(mirror, [0.0, 0.0, 0.08, 0.0, 0.0])
+    assert ExactCamera(mirror).pose_of(one)[0] == one.pose
+    assert ExactCamera(MirrorErrors.of(None)).pose_of(one)[0] == one.pose
