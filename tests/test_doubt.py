@@ -133,7 +133,7 @@ def poses_of_moved(truth: np.ndarray, to_twin: bool) -> np.ndarray:
 @ALL
 def test_a_robot_carried_to_its_twin_is_at_either_end_and_found_by_the_compass_when_carried_again(name: str) -> None:
     drive = Fault("carried", 1.5, 9.0, moved_as_the_compass_turns).laid_into(driven(1), np.random.default_rng(0))
-    drive = drive._replace(truth=np.concatenate((drive.truth[:15], poses_of_moved(drive.truth[15:], to_twin=True))))
+    drive = replace(drive, truth=np.concatenate((drive.truth[:15], poses_of_moved(drive.truth[15:], to_twin=True))))
     drive = spliced(drive, driven(3), 2.5)
     estimates = localized(name, drive)
     assert wrong(drive, estimates) <= 5
@@ -146,7 +146,7 @@ def test_a_compass_that_fails_in_the_frame_of_a_shove_moves_nothing(name: str) -
     fault = Fault("shoved", 1.5, 2.5, moved_as_the_compass_turns)
     drive = fault.laid_into(driven(1), np.random.default_rng(0))
     moved = poses_of_moved(drive.truth[15:25], to_twin=False)
-    drive = drive._replace(truth=np.concatenate((drive.truth[:15], moved, drive.truth[25:])))
+    drive = replace(drive, truth=np.concatenate((drive.truth[:15], moved, drive.truth[25:])))
     estimates = localized(name, drive)
     for estimate, truth in zip(estimates[5:], drive.truth[5:].tolist(), strict=True):
         assert estimate.pose.distance_to(Pose(*truth)) < 0.5

@@ -131,7 +131,7 @@ def test_every_command_does_what_the_page_says(
     found = open_camera(tmp_path / "camera.yaml")
     assert isinstance(found, PinholeCamera)
     assert found.fx == pytest.approx(493.0, rel=0.02)
-    report = (tmp_path / "run" / "report.html").read_text()  # the worst image may be one of the five chosen evenly
+    report = (tmp_path / "again" / "report.html").read_text()  # the worst image may be one of the five chosen evenly
     assert report.count("<strong>The field at") == report.count("<strong>Image ") >= 5
 
 

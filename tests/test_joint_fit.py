@@ -73,7 +73,7 @@ def compiled_columns(points, placed, normals, errors, began, response):  # type:
     prepared, rows = prepare(points, began, response), np.zeros((3 + errors.shape[0], points.shape[0]))
     for i in range(points.shape[0]):
         seen, at = (points[i, 0], points[i, 1]), (placed[i, 0], placed[i, 1])
-        fill_rows(rows, i, (normals[i, 0], normals[i, 1]), seen, at, errors, prepared, response)
+        fill_rows(rows, i, i, (normals[i, 0], normals[i, 1]), (seen, at), errors, prepared, response)
     return rows[3:]
 
 

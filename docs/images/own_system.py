@@ -13,11 +13,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from touchline.localization.estimator.compass_witness import CompassWitness
 
 from touchline.experiments.drives import driven
 from touchline.field import FieldModel
 from touchline.geometry import FloatArray, Pose
+from touchline.localization.estimator.compass_fault import CompassFaultFilter
 from touchline.localization.registration.registration import TRACKING, Registration
 from touchline.localization.search.pose_search import PoseSearch
 from touchline.palette import BLUE, GREEN, ORANGE, VERMILLION
@@ -128,18 +128,18 @@ def learning() -> Figure:
 def compass() -> Figure:
     """Probability that the pose is at its end, by the compass alone, which turns round for 10 s and once for good."""
     figure, each = plt.subplots(figsize=(11.0, 2.6), layout="constrained")
-    witness = CompassWitness()
-    witness.begin(0.0)
+    compass = CompassFaultFilter()
+    compass.begin(0.0)
     times_s = np.arange(0.0, 120.0, 0.1)
-    told = []
+    probabilities = []
     for time_s in times_s:
         failed = 40.0 <= time_s < 50.0 or time_s >= 80.0
-        witness.hear(np.pi if failed else 0.0, 0.1)
-        told.append(1.0 / (1.0 + np.exp(-witness.log_odds)))
+        compass.update(np.pi if failed else 0.0, 0.1)
+        probabilities.append(1.0 / (1.0 + np.exp(-compass.log_odds)))
     each.axvspan(40.0, 50.0, color="0.88")
     each.axvspan(80.0, 120.0, color="0.88")
-    each.plot(times_s, told, color=BLUE)
-    each.set(xlabel="time (s); grey: the compass says the other end", ylabel="probability", ylim=(-0.02, 1.02))
+    each.plot(times_s, probabilities, color=BLUE)
+    each.set(xlabel="time (s); grey: the compass is half a turn off", ylabel="probability", ylim=(-0.02, 1.02))
     return figure
 
 

@@ -45,7 +45,7 @@ def check_lines(survey: Survey) -> Iterator[Finding]:
         return
     if (recording.has_observations and not survey.seen["point"]) or (field := survey.field) is None:
         return  # features alone are another check's
-    system, tilt = open_system(_SYSTEM, RobotSetup(field, camera)), LearnedMirror(field)
+    system, tilt = open_system(_SYSTEM, RobotSetup(field, camera)), LearnedMirror(field, looked_for=(False, False))
     estimates, looked, odometry = [], 0, []
     chosen = chosen_frames(len(recording))
     for index, frame in enumerate(recording.again(chosen)):

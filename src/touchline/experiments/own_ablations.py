@@ -56,7 +56,7 @@ class _NoShoves(ShoveTest):
 
 def _without_search(system: Touchline) -> None:
     setup = system.setup
-    system.search = _NoSearch(setup.field, system.registration, system.model, np.zeros(2))
+    system.watch.search = _NoSearch(setup.field, system.registration, system.model, np.zeros(2))
 
 
 def _with_one_hypothesis(system: Touchline) -> None:

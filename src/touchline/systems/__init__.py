@@ -58,7 +58,7 @@ class Needs:
 class SystemInfo:
     """One system: its name, one line about it, its settings, and how it is made from setup, settings and rng.
 
-    needs: sensors whose absence a user should be told of. cameras: the camera models in whose images it can see.
+    needs: sensors whose absence is reported to the user. cameras: the camera models in whose images it can see.
     """
 
     name: str
@@ -130,7 +130,7 @@ def system_info(name: str) -> SystemInfo:
 
 
 def paper_settings(name: str, *changes: str) -> Settings:
-    """The settings with which a system does exactly what its paper says, but for changes `KEY=VALUE`."""
+    """The settings with which a system is exactly its paper's, but for changes `KEY=VALUE`."""
     return load_settings(system_info(name).settings, None, changes, preset=PAPER)
 
 

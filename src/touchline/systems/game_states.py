@@ -1,4 +1,4 @@
-"""What the state of a game says of where a robot stands: priors by name, for `reset`."""
+"""Where a robot stands in a state of the game: priors by name, for `reset`."""
 
 from __future__ import annotations
 

@@ -60,14 +60,14 @@ _STILL = Motion(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
 
 NEAR_FITTED_M = 0.06  # the same while the camera's errors are unknown, of points that they are fitted to
 NEAR_M = 0.1  # distance within which a point lies on a line: calibration, blur
-# what the head may shake by in one image (rad), which moves far points off their lines: while the robot is searched for
-# such points count, up to NEAR_M more
+# what the camera may shake by in one image (rad), which moves far points off their lines: while the robot is searched
+# for such points count, up to NEAR_M more
 SHAKE_RAD = math.radians(0.1)
 _END_RAD = 0.5 * math.pi  # difference of two headings from which they belong to different ends of the field
 # standard deviation of the first headings about the one known before the robot was lost, without a compass, beside what
 # odometry may have gone wrong: a robot may have been turned, hardly to the other goal
 KNOWN_HEADING_RAD = 0.8
-OWN_HALF_M = 0.1  # how far beyond the centre line a robot may stand of which its own half is told
+OWN_HALF_M = 0.1  # how far beyond the centre line a robot may stand whose own half is given
 
 
 class IrisPaper(Settings):
@@ -199,7 +199,7 @@ class IrisFusion:
     def _particle_filter(
         self, points: LinePoints, motion: Motion, compass_rad: float | None
     ) -> tuple[ParticleEstimate | None, float]:
-        """Figure 8: one cycle; what it says, and the mean error of the points (m, at most the map's largest)."""
+        """Figure 8: one cycle; its estimate, and the mean error of the points (m, at most the map's largest)."""
         self._move(motion)
         image_cycles = self.settings.restart.paper.image_cycles
         if len(points) < MIN_POINTS:
@@ -259,9 +259,9 @@ class IrisFusion:
         return found._replace(points=len(points), inlier_ratio=inlier_ratio), float(errors_m.mean())
 
     def _shaken_m(self, positions_m: FloatArray) -> FloatArray:
-        """How far (M,) a shaking head may have moved points (M, 2) off their lines; none while the robot is followed.
+        """How far (M,) a shaking camera may have moved points (M, 2) off their lines; none while the robot is followed.
 
-        There the strict measure tells sooner that it is not where it was. The paper knows no errors of its camera.
+        There the strict measure notices sooner that it is not where it was. The paper knows no errors of its camera.
         """
         if not self.searching or not self.mirror.enabled:
             return np.zeros(len(positions_m))

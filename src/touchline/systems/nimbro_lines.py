@@ -31,7 +31,7 @@ from touchline.systems.setup import RobotSetup, system_text
 from touchline.systems.stopwatch import Stopwatch
 from touchline.types import Estimate, Frame, Observation, Prior, as_prior
 
-CAMERA_HEIGHT_M = 1.0  # where nobody tells: that of a robot between kid and adult size
+CAMERA_HEIGHT_M = 1.0  # where it is unknown: that of a robot between kid and adult size
 
 
 class NimbroPaper(Settings):
@@ -125,7 +125,7 @@ class NimbroLines:
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # features, sections 3 and 4
         view = self.features.of(observation, self._level)  # egocentric, sections 4.4 and 5.3
         mode = self.particles.update(view, self._side(), self.tracker.belief.is_searching)  # resampling, (4) to (8)
-        self.tracker.update(view, mode, frame.stamp_ns)  # ours: least squares about the main mode; is it believed
+        self.tracker.update(view, mode, frame.stamp_ns)  # ours: least squares about the main mode; is it tracked
         if self.tracker.turned:
             self.particles.start_at(self.tracker.pose, self.tracker.filter.covariance)
         if self.tracker.is_lost and self.settings.paper.restart:
@@ -142,7 +142,7 @@ class NimbroLines:
         return ground if lean is None else levelled(ground, self.features.height_m, lean)
 
     def _side(self) -> Pose | Region | None:
-        """The end of the field, where that is known: the pose's, or what was told before there is a pose."""
+        """The end of the field, where that is known: the pose's, or as given before there is a pose."""
         if not self.tracker.ends.known:
             return None
         return self.tracker.pose if self.tracker.has_pose else OWN_HALF

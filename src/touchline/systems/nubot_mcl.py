@@ -107,7 +107,7 @@ class NubotMcl:
         return report(observation, self.tracker.filter, self.belief, match, (), clock, self.tracker.unseen(view))
 
     def _has_failed(self, view: MatchInput, match: Match | None, fusion: Fusion, missing_s: float) -> bool:
-        """Whether the pose is believed wrong, by the papers' rule or because another place alone fits far better."""
+        """Whether the pose counts as wrong, by the papers' rule or because another place alone fits far better."""
         refuted = self.doubt.refutes(view, match, self.tracker.filter, fusion)
         self.belief.doubts = (*self.doubt.reasons, *self.compass_correction.either_end)
         self.belief.notes = self.compass_correction.doubts

@@ -75,7 +75,7 @@ class NubotMclAlone:
         self.follower = ParticleFollower(ParticleSearch(self.particles, s))
         self.belief = Belief(field.is_symmetric, s.matching.uncertainty.unknown)
         mirror = LearnedMirror(field, enabled=False)
-        # Only matches tell of mirror and compass, and there are none here: both are taken as they are.
+        # Only matches show errors of mirror and compass, and there are none here: both are taken as they are.
         self.inputs = MatchInputs(self.history, mirror, CompassCorrection(), s.weights, s.failure.min_points)
         self.reset()
 

@@ -101,14 +101,14 @@ class NubotMti:
         return report(observation, self.tracker.filter, self.belief, match, rivals, clock, self.tracker.unseen(view))
 
     def _has_failed(self, view: MatchInput, match: Match | None, fusion: Fusion, missing_s: float) -> bool:
-        """Whether the pose is believed wrong, by the papers' rule or because another place alone fits far better."""
+        """Whether the pose counts as wrong, by the papers' rule or because another place alone fits far better."""
         refuted = self.doubt.refutes(view, match, self.tracker.filter, fusion)
         self.belief.doubts = (*self.doubt.reasons, *self.compass_correction.either_end)
         self.belief.notes = self.compass_correction.doubts
         return self.failure.has_failed(view, match, self.tracker.filter.pose, missing_s) or refuted
 
     def _localize(self, view: MatchInput, match: Match | None) -> tuple[Match | None, tuple[Hypothesis, ...]]:
-        """The best pose of the search, or the tracked one if no other is better; believed once it is confirmed."""
+        """The best pose of the search, or the tracked one if no other is better; tracked once it is confirmed."""
         lost = self.belief.status is Status.LOST
         prediction = Prediction(self.tracker.filter.pose, self.tracker.filter.covariance, lost, match)
         found = self.localizer.localize(view, prediction, self.belief.region)

@@ -13,7 +13,7 @@ from touchline.motion import FrameClock, FrameOrder
 from touchline.motion.samples import NANOSECONDS
 from touchline.types import Estimate, Frame, Prior, Samples, Status, System
 
-_POSE_KEPT = 10  # frames without tracking after which the last pose says nothing of where the robot is: one second
+_POSE_KEPT = 10  # frames without tracking after which the last pose no longer locates the robot: one second
 _MAX_DROPPED = 20  # frames whose samples wait: two seconds
 _AHEAD_NS = int(1.0 * NANOSECONDS)  # samples may be newer than the image that they come with, by its delay
 _SENSORS = ("odometry", "wheels", "gyro", "compass", "tilt")
@@ -69,7 +69,7 @@ class OrderedSystem:
         return estimate
 
     def _remember(self, estimate: Estimate) -> None:
-        """What a new start would begin with: the pose tracked last, or what was told as long as none was."""
+        """What a new start would begin with: the pose tracked last, or the given prior as long as none was."""
         if estimate.status is Status.TRACKING:
             self._prior, self._untracked = Prior(estimate.pose), 0
         elif self._prior.pose is not None:

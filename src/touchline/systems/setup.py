@@ -1,4 +1,4 @@
-"""What every system is told of the robot that it runs on."""
+"""What every system knows of the robot that it runs on."""
 
 from __future__ import annotations
 

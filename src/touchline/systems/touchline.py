@@ -7,7 +7,6 @@ image ─▶ points, lines, features ─▶ registration from every hypothesis �
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -17,32 +16,25 @@ from touchline.config import Settings
 from touchline.field.association import FieldAssociations
 from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.camera_errors import camera_errors
-from touchline.localization.camera_errors.base import ALL_ROUND, CameraErrors, placed_points
+from touchline.localization.camera_errors.base import CameraErrors, placed_points
 from touchline.localization.camera_errors.perspective import HEIGHT_M
-from touchline.localization.estimator.bank import (
-    CARRIED_AWAY,
-    CARRIED_BLIND,
-    Bank,
-    Image,
-    Member,
-    ShoveTest,
-    is_shove,
-)
+from touchline.localization.estimator.bank import Bank, Image, Member, ShoveTest, is_shove
 from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import FieldEnd
 from touchline.localization.estimator.filter import Filter, Unknown
-from touchline.localization.estimator.measurement import MEASUREMENTS
+from touchline.localization.estimator.measurements import MEASUREMENTS
+from touchline.localization.estimator.pose_status import Criteria, PoseStatus
 from touchline.localization.estimator.stamp_delay import UNKNOWN_S, StampDelay
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.sway_delay import SwayDelay
-from touchline.localization.registration.covariance import is_observed
+from touchline.localization.estimator.watch import Ends, FieldWatch
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.registration.features import Features
 from touchline.localization.registration.registration import Registration
 from touchline.localization.registration.seen import seen_of
-from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
+from touchline.localization.search.field_search import FieldSearch
 from touchline.localization.search.pose_search import Known, Mode, contradiction
 from touchline.motion import CompassTrackSettings, LeanFilter, MotionHistory, OdometrySettings
 from touchline.motion.delayed import delayed, until_stamp
@@ -55,12 +47,9 @@ from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Sta
 
 ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
-REPEATED_IMAGES = 10.0  # over which what others say repeats itself
-SEARCH_PARTS = 3  # of the headings: a third of them, in a third of the images, delays none by a whole search
-HOPELESS = 40.0  # logarithm of odds against the pose that is followed from which another is not tried
+REPEATED_IMAGES = 10.0  # over which the evidence of others repeats itself
 PLACE_M = 0.01  # error of a crossing's place on the field
 BEYOND_M = 1.0  # so far outside of the field a robot may stand
-BLIND_S = 4.0  # without anything that the pose explains, after which it is in doubt: the robot may have been carried
 STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
 YAW_RATE_RAD_S = 0.003  # drift of the heading by a walking robot's odometry: ten degrees a minute
 UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
@@ -134,7 +123,7 @@ class Touchline:
     __repr__ = system_text
 
     def __init__(self, setup: RobotSetup, settings: TouchlineSettings, rng: np.random.Generator) -> None:
-        """rng is not needed: nothing here is left to chance."""
+        """rng is not needed: nothing here is random."""
         field = setup.field
         self.setup, self.settings = setup, settings
         self.detector = detector_for(setup.camera, field)
@@ -145,7 +134,8 @@ class Touchline:
         self.model = FeatureModel(self.places.tables, field_lines(field), polar=False)
         self.registration = Registration(field.distance_map(), self.places.tables)
         reach_m = 0.5 * np.array([field.length, field.width]) + BEYOND_M
-        self.search = FieldSearch(field, self.registration, self.model, reach_m)
+        search = FieldSearch(field, self.registration, self.model, reach_m)
+        self.watch = FieldWatch(search, settings.search_every)
         self.open_parts(camera_errors(setup.camera, setup.height_m))
         self.end = FieldEnd(field.is_symmetric, self.model, self.features.tell_ends_apart)
         self.reset()
@@ -153,7 +143,7 @@ class Touchline:
     def open_parts(self, errors: CameraErrors) -> None:
         """The parts that depend on the camera's errors."""
         s, walks = self.settings, self.setup.walks
-        self.errors, self.trust = errors, errors.trust
+        self.errors = errors
         self.features = Features(self.places, None, errors.height_m, PLACE_M)
         more = STEPS_RATIO if walks else 1.0
         scales = Scales(*(more * scale for scale in s.odometry.scales))
@@ -165,6 +155,8 @@ class Touchline:
         start = Filter(Pose(0.0, 0.0, 0.0), s.start_covariance, self.unknown)
         lines = self.setup.field.line_tables
         self.bank = Bank(self.registration, lines, self.statistics, start, StepNoise(walks), ShoveTest(s.gate))
+        criteria = Criteria(s.min_points, s.min_explained, s.min_probability, s.blind_frames)
+        self.judged = PoseStatus(criteria, errors.trust)
 
     def reset(self, prior: Prior | None = None) -> None:
         """Forget everything but the prior."""
@@ -184,28 +176,27 @@ class Touchline:
             start = Filter(prior.pose, spread, self.unknown)
         self.bank.reset(start)
         self.end.reset(known=prior.pose is not None)
-        self.status = Status.SEARCHING if start is None else Status.TRACKING
-        self.since_search, self.search_part, self.blind_frames, self.unexplained_s = 0, 0, 0, 0.0
-        self.explained, self.images, self.last_ns = 1.0, 0, 0
-        self.problems: tuple[str, ...] = ()
+        self.judged.reset(tracking=start is not None)
+        self.watch.reset()
+        self.last_ns, self.problems = 0, tuple[str, ...]()
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
         clock, seconds = Stopwatch(), self._seconds(frame)
-        # predict: the odometry carries every hypothesis on
+        # predict: propagate every hypothesis by the odometry
         shift = self._predict(frame, seconds)
         self.bank.measure(frame, MEASUREMENTS)  # measure: by further sensors
         # observe: line points, lines, crossings, landmarks, at the lean of the image
         frame = self.leaning.carried(frame, round(1e9 * self._late_s))
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)
         image = self._image(frame, observation, shift)
-        if self._shows_something(image):
+        if self.judged.sees(image.seen):
             self.bank.register(image)  # register: fit the image from every hypothesis
             modes = self._search(frame, observation, image)  # search: in doubt, every pose that explains it
-            self.bank.update(image, modes, CARRIED_BLIND if self._is_blind else CARRIED_AWAY)  # fuse, weigh
+            self.bank.update(image, modes, self.judged.carried_log_odds)  # fuse, weigh
             self.bank.update_from_team(frame.evidence, 1.0 / REPEATED_IMAGES)
             self._judge_end(frame, observation, seconds)  # which end of the field
-        self._judge_status(seconds)  # is the pose believed?
+        self._judge_status(seconds)  # is the pose tracked?
         self._judge_delay(frame)  # how late are the stamps?
         return self._report(observation, clock)
 
@@ -244,62 +235,19 @@ class Touchline:
         return Image(seen, self.errors.response(frame), shift)
 
     def _tells_a_perspective_camera(self, seen: Observation) -> bool:
-        """Whether a robot that tells of no camera shows lines, crossings or landmarks at first, and no line points."""
+        """Whether an undescribed camera shows lines, crossings or landmarks at first, and no line points."""
         known = self.setup.camera is not None or self.setup.height_m is not None
-        if known or self.images or len(seen.points):
+        if known or self.judged.images or len(seen.points):
             return False
         return bool(len(seen.lines) or len(seen.crossings) or len(seen.landmarks))
 
-    def _shows_something(self, image: Image) -> bool:
-        """Whether an image tells anything of the pose."""
-        seen = image.seen
-        shows = len(seen.positions_m) >= self.settings.min_points or len(seen.raw_m) > 0
-        self.blind_frames = 0 if shows else self.blind_frames + 1
-        return shows
-
-    @property
-    def _is_blind(self) -> bool:
-        """Whether nothing that the pose explains has been seen for too long."""
-        blind = self.blind_frames >= self.settings.blind_frames and self.unexplained_s >= self.trust.looks_away_s
-        return blind or self.unexplained_s > BLIND_S
-
-    def _searched_part(self) -> tuple[int, int] | None:
-        """Which of so many parts of the field's headings is searched in this image: in doubt all of them, else each in
-        turn, now and then.
-        """
-        best, s = self.bank.best, self.settings
-        self.since_search += 1
-        if self.status is not Status.TRACKING or best is None or not is_observed(best.filter.covariance):
-            return WHOLE
-        good = s.min_explained if self.trust.good is None else self.trust.good
-        if min(best.explained, self.explained) < good:
-            return WHOLE
-        parts = min(SEARCH_PARTS, s.search_every)
-        if self.since_search * parts < s.search_every:
-            return None
-        self.search_part = (self.search_part + 1) % parts
-        return self.search_part, parts
-
     def _search(self, frame: Frame, observation: Observation, image: Image) -> tuple[Mode, ...]:
-        """Poses that explain an image; on a symmetric field one of each pair of twins."""
-        part = self._searched_part()
+        """Poses that explain an image, if the field is searched now."""
+        part = self.watch.part(self.judged.is_in_doubt(self.bank.best))
         if part is None:
             return ()
-        self.since_search, best, knowing = 0, self.bank.best, self.bank.knowing
-        expected = knowing.prior(self.statistics.per_image)
-        view = self._view(observation, knowing, frame)
-        upright = self.bank.upright(image)
-        searched = Searched(image.seen, view, upright, expected, image.response, self.trust is ALL_ROUND)
-        known = self._known(self._compass(frame))
-        modes = self.search.modes(searched, known, part)
-        if part != WHOLE and best is not None and best.fit is not None:
-            min_likely = best.fit.log_likelihood - HOPELESS
-            modes = tuple(mode for mode in modes if mode.log_likelihood > min_likely)
-        if not self.end.symmetric:
-            return tuple(mode for mode in modes if mode.pose.x <= 0.0 or best is not None or not self.own_half)
-        if self.own_half and best is None:
-            modes = tuple(mode if mode.pose.x <= 0.0 else mode.mirrored() for mode in modes)
-        return self._at_one_end(modes, aligned=not known)
+        view, known = self._view(observation, self.bank.knowing, frame), self._known(self._compass(frame))
+        return self.watch.modes(image, view, self.bank, known, part, Ends(self.end.symmetric, self.own_half))
 
     def _view(self, observation: Observation, knowing: Filter, frame: Frame) -> FeatureView:
         """The features of an image, without the camera's errors that a filter knows."""
@@ -308,34 +256,21 @@ class Touchline:
 
     def _compass(self, frame: Frame) -> float | None:
         """The compass heading (rad) when the image was taken; None where none counts."""
-        counts = self.trust is ALL_ROUND if self.settings.compass is None else self.settings.compass
+        counts = not self.setup.walks if self.settings.compass is None else self.settings.compass
         if not counts or self.stuck.sticks:
             return None
         return self.history.at(frame.stamp_ns - round(1e9 * self.delay.late_s)).heading_rad
 
     def _known(self, compass_rad: float | None) -> tuple[Known, ...]:
-        """What a compass says of every pose, and the zone that the robot was said to be in."""
+        """The heading by a compass, and the zone that was given."""
         zone = () if self.zone is None else (self.zone,)
         if compass_rad is None or self.end.compass.is_suspect:
             return zone
         information = np.diag([0.0, 0.0, 1.0 / self.settings.compass_sigma_rad**2])
         return (Known(np.array([0.0, 0.0, compass_rad]), information), *zone)
 
-    def _at_one_end(self, modes: tuple[Mode, ...], aligned: bool) -> tuple[Mode, ...]:
-        """Of each pair of twins the likelier one, or that which is nearer to a pose that is followed. aligned: nothing
-        tells them apart, and the heading that is followed decides.
-        """
-        best, kept = self.bank.best, list[Mode]()
-        followed = [one.filter.pose for one in self.bank.members]
-        for mode in sorted(modes, key=lambda one: -sum(_is_near(one.pose, pose) for pose in followed)):
-            if any(_is_near(mode.pose, one.pose) or _is_near(mode.pose.mirrored(), one.pose) for one in kept):
-                continue
-            apart = 0.0 if best is None else math.cos(mode.pose.heading - best.filter.pose.heading)
-            kept.append(mode.mirrored() if aligned and apart < 0.0 else mode)
-        return tuple(kept)
-
     def _judge_end(self, frame: Frame, observation: Observation, seconds: float) -> None:
-        """Which of the pose and its twin is right, by the compass, by colours and by what others say."""
+        """Which of the pose and its twin is right, by the compass, by colours and by the evidence of others."""
         best, end = self.bank.best, self.end
         if best is None:
             return
@@ -344,7 +279,7 @@ class Touchline:
             self._begin_end(best, compass_rad)
         elif best.shoved or best is not self.followed:
             end.jumped()
-        if self._is_consistent(best):  # a pose in doubt says nothing of a compass
+        if self.judged.is_consistent(self.bank):  # a doubtful pose does not test a compass
             end.update_from_compass(_compass_error(best.filter.pose, compass_rad), seconds)
         if end.colours_tell:
             end.update_from_colours(self._view(observation, best.filter, frame), best.filter.pose)
@@ -372,39 +307,17 @@ class Touchline:
             return False
         return contradiction(pose.mirrored(), self.zone) - contradiction(pose, self.zone) > CLEARLY
 
-    def _is_consistent(self, best: Member) -> bool:
-        """Whether a pose is the only likely one, known in all directions, and explains the image."""
-        s = self.settings
-        decided = self.bank.probabilities[0] >= s.min_probability and self.bank.is_confirmed
-        return decided and is_observed(best.filter.covariance) and best.explained >= s.min_explained
-
     def _judge_status(self, seconds: float) -> None:
-        """Whether the pose is believed."""
-        best, s, tracked = self.bank.best, self.settings, self.status is Status.TRACKING
-        if best is None:
-            return
-        if self.blind_frames == 0:
-            memory = 1.0 if self.images == 0 or self.unexplained_s > BLIND_S else self.trust.memory
-            self.explained += memory * (best.explained - self.explained)
-            self.images += 1
-        fits = self.blind_frames == 0 and best.explained >= 0.5 * s.min_explained
-        self.unexplained_s = 0.0 if fits else self.unexplained_s + seconds
-        decided = self.bank.probabilities[0] >= s.min_probability and self.bank.is_confirmed
-        decided = decided and self.end.is_decided(s.min_probability)
-        ratio = self.trust.tracked_ratio if tracked else 1.0
-        explained = self.blind_frames > 0 or self.explained >= ratio * s.min_explained
-        if decided and explained and is_observed(best.filter.covariance) and not self._is_blind:
-            self.status, self.bank.confirmed = Status.TRACKING, True
+        """Whether the pose is tracked."""
+        if self.judged.update(self.bank, self.end, seconds) is Status.TRACKING:
             self.problems += self.end.report_undecided(seconds)
-        else:
-            self.status = Status.SEARCHING if not tracked or decided else Status.LOST
 
     def _judge_delay(self, frame: Frame) -> None:
         """How late images are stamped, by the motion that the pose shows or by how a walking robot sways."""
         best = self.bank.best
-        if best is None or best.fit is None or self.status is not Status.TRACKING or self.blind_frames:
+        if best is None or best.fit is None or self.judged.status is not Status.TRACKING or self.judged.blind_frames:
             return
-        pans = frame.base_from_camera is not None  # where the head was then is not known: named, and not corrected
+        pans = frame.base_from_camera is not None  # the camera's pose then is unknown: named, and not corrected
         if not self.setup.walks:
             late_s, deviation_s = best.filter.late_s, self.statistics.lean_ratio * best.filter.delay_deviation_s
         elif frame.image is None or best.explained < self.settings.min_explained:
@@ -437,8 +350,8 @@ class Touchline:
         return Estimate(
             observation.stamp_ns,
             pose,
-            covariance if self.status is Status.TRACKING else covariance + UNKNOWN,
-            self.status,
+            covariance if self.judged.status is Status.TRACKING else covariance + UNKNOWN,
+            self.judged.status,
             residual_m,
             sum(map(len, seen)),
             tuple(others),
@@ -451,13 +364,9 @@ class Touchline:
         )
 
     def _at_stamp(self, one: Filter, stamp_ns: int) -> Filter:
-        """A filter carried from when the last image was taken to its stamp."""
+        """A filter propagated from when the last image was taken to its stamp."""
         return one.ahead(until_stamp(self.history, stamp_ns, self.delay.late_s)) if self.delay.late_s else one
 
 
 def _compass_error(pose: Pose, compass_rad: float | None) -> float | None:
     return None if compass_rad is None else wrap_angle(compass_rad - pose.heading)
-
-
-def _is_near(one: Pose, other: Pose) -> bool:
-    return one.distance_to(other) < 0.5 and abs(wrap_angle(one.heading - other.heading)) < 0.5

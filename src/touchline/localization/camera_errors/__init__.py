@@ -7,7 +7,7 @@ from touchline.localization.camera_errors.perspective import PerspectiveErrors
 
 
 def camera_errors(camera: Camera | None, height_m: float | None = None) -> CameraErrors:
-    """Those of a camera; without one of a perspective camera at a height, or of a mirror that nobody tells of."""
+    """Those of a camera; without one of a perspective camera at a height, or of an undescribed mirror."""
     perspective = height_m is not None if camera is None else camera.model != "omni"
     return PerspectiveErrors.of(camera, height_m) if perspective else MirrorErrors.of(camera)
 

@@ -20,15 +20,15 @@ Response = Any  # a NamedTuple of arrays and numbers, of a type of its own for e
 
 
 class ImageTrust(NamedTuple):
-    """How much one image may say, by how much of the field it shows.
+    """Limits of one image's evidence, by how much of the field it shows.
 
-    max_gain: logarithm of the odds by which one image speaks against a pose, at most. found_gain: the same for a pose
+    max_gain: largest log-odds that one image takes from a pose. found_gain: the same for a pose
     that was found in it, against the poses that are followed. confirming_images: beside the one in which a pose was
-    found, until it is believed. looks_away_s: for so long it may show nothing. memory: share of an image in how much
+    found, until it is tracked. looks_away_s: for so long it may show nothing. memory: share of an image in how much
     is explained of late. tracked_ratio: of `min_explained`, what is enough while a pose is tracked. good: share that a
     right pose explains; the whole field is searched where it is less; None: `min_explained`. unseen: how much a
     crossing of a ray with a line counts where no point was seen, beside a point that was. min_noise: of points, as a
-    share of the variances that they state, whatever their residuals say: neighbours err together. free_fit: whether
+    share of the variances that they state, however small their residuals: neighbours err together. free_fit: whether
     line points have a pose by themselves; those of a sector may slide along a line.
     """
 
@@ -99,7 +99,7 @@ class CameraErrors(Protocol):
 
     @property
     def trust(self) -> ImageTrust:
-        """How much one image may say."""
+        """Limits of one image's evidence."""
         ...
 
     @property
@@ -114,8 +114,8 @@ class CameraErrors(Protocol):
 
     @property
     def exact(self) -> FloatArray | None:
-        """Inverse covariance (K, K) of the errors if camera.yaml is exact, as it may be where it says nothing of its
-        uncertainty; None where it states that.
+        """Inverse covariance (K, K) of the errors if camera.yaml is exact, as one without a stated uncertainty may be;
+        None with one.
         """
         ...
 
@@ -132,10 +132,10 @@ def place(x: Any, y: Any, errors: Any, prepared: Any, i: Any, response: Any) -> 
     """(x, y): where point i belongs, robot frame (m), as a camera without errors (K,) would see it."""
 
 
-def fill_rows(rows: Any, i: Any, normal: Any, seen: Any, placed: Any, errors: Any, prepared: Any, response: Any) -> Any:
-    """Into rows[3:3 + K, i]: derivative by the errors of where a point lies along a normal (2,), robot frame.
+def fill_rows(rows: Any, row: Any, i: Any, normal: Any, points: Any, errors: Any, prepared: Any, response: Any) -> Any:
+    """Into rows[3:3 + K, row]: derivative by the errors of where point i lies along a normal (2,), robot frame.
 
-    seen, placed: the point before and after `place`.
+    points: the point as seen, and where `place` puts it.
     """
 
 

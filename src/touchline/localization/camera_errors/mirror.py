@@ -32,12 +32,12 @@ from touchline.localization.camera_errors.mirror_response import (
 from touchline.types import Frame
 
 DRIFT_RATIO = 0.01  # of the errors in the root of a second, as a share of what was unknown at first: a loosening mount
-LEARNED = 0.3  # of what an image says of the errors: points of neighbouring images err together
+LEARNED = 0.3  # share of an image's correction of the errors: points of neighbouring images err together
 # of g about its mean from image to image: 0.06° at first, 0.04 to 0.4° in robots that drive
 LEAN = Lean(first=0.003, min=0.002, max=0.02, per_m=1.0)
 # by how much mirrors shift the ground about the robot beyond these errors, median of five shapes: per 1/m of g, per px
 MISFIT_M2, MISFIT_M_PER_PX = 0.08, 0.0003
-UNTOLD = CameraUncertainty(USUAL_TILT_DEG, 0.0, USUAL_RANGE_RATIO)  # of a camera that nobody tells of
+UNTOLD = CameraUncertainty(USUAL_TILT_DEG, 0.0, USUAL_RANGE_RATIO)  # of an undescribed camera
 # standard deviations of what an exact one still seems to differ by, as a detector shifts the edges of lines by a
 # twentieth of a pixel: tilt (deg), centre (share of the outer radius), ranges
 EXACT_TILT_DEG, EXACT_CENTER_RATIO, EXACT_RANGE_RATIO = 0.02, 0.0005, 0.002
@@ -164,7 +164,7 @@ def _prepare(points, errors, response):  # type: ignore[no-untyped-def]
     return shapes
 
 
-@overload(place, inline="always", jit_options={"error_model": "numpy"})
+@overload(place, jit_options={"error_model": "numpy"})
 def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
     if not _is_mirror(response):
         return None
@@ -177,22 +177,23 @@ def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
     return upright
 
 
-@overload(fill_rows, inline="always", jit_options={"error_model": "numpy"})
-def _fill_rows(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+@overload(fill_rows, jit_options={"error_model": "numpy"})
+def _fill_rows(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
     if not _is_mirror(response):
         return None
 
-    def columns(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+    def columns(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
+        seen, placed = points
         rx, ry = normal
         cxx, cxy, cyy, gxx, gxy, gyy = _shape(prepared, i)
         qx, qy = _shifted(seen[0], seen[1], errors, (cxx, cxy, cyy, gxx, gxy, gyy))
         nearer, square = _nearer(qx, qy, errors), response.height_m * response.height_m
         outward = rx * placed[0] + ry * placed[1]
         mx, my = nearer * (rx + outward * errors[0]), nearer * (ry + outward * errors[1])  # before the tilt
-        rows[3, i] = nearer * (outward * qx + square * rx) + gxx * mx + gxy * my
-        rows[4, i] = nearer * (outward * qy + square * ry) + gxy * mx + gyy * my
-        rows[5, i] = cxx * mx + cxy * my
-        rows[6, i] = cxy * mx + cyy * my
-        rows[7, i] = seen[0] * mx + seen[1] * my
+        rows[3, row] = nearer * (outward * qx + square * rx) + gxx * mx + gxy * my
+        rows[4, row] = nearer * (outward * qy + square * ry) + gxy * mx + gyy * my
+        rows[5, row] = cxx * mx + cxy * my
+        rows[6, row] = cxy * mx + cyy * my
+        rows[7, row] = seen[0] * mx + seen[1] * my
 
     return columns

@@ -1,8 +1,8 @@
 """What a mirror that leans or lies aside does to the ground points, by the law of reflection.
 
-A range table tells the shape of its mirror: at each radius the mirror sends the camera's ray to the ground where the
-table says. So it tells, too, where the ray goes once the mirror has moved by a little: it meets the surface elsewhere,
-and at another slope. Lens and height are not in a camera.yaml, usual ones are taken; of these the answer
+A range table determines the shape of its mirror: at each radius the mirror sends the camera's ray to the ground at the
+table's range. So it also determines where the ray goes once the mirror has moved by a little: it meets the surface
+elsewhere, and at another slope. Lens and height are not in a camera.yaml, usual ones are taken; of these the answer
 depends little (`MISFIT_M2` and `MISFIT_M_PER_PX` of `mirror.py` say how little).
 """
 

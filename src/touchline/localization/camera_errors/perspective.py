@@ -20,20 +20,20 @@ from touchline.localization.camera_errors.base import SECTOR, ImageTrust, Lean, 
 from touchline.localization.camera_errors.fisheye_focal import angle_stretch, scaled_angle
 from touchline.types import Frame
 
-HEIGHT_M = 1.0  # of a camera that nobody tells of
+HEIGHT_M = 1.0  # of an undescribed camera
 MOUNT_RAD = 0.02  # how far a camera is mounted askew, in roll and in pitch: two degrees happen
 HEIGHT_RATIO, FOCAL_RATIO = 0.02, 0.02  # how far its height and its focal length are off
 DRIFT = np.array([0.0003, 0.0003, 0.0001, 0.00003])  # of these in the root of a second
-LEARNED = 1.0  # of what an image says of the errors
+LEARNED = 1.0  # share of an image's correction of the errors
 LEAN_RAD, MIN_LEAN_RAD, MAX_LEAN_RAD = 0.008, 0.002, 0.03  # error of roll and pitch in one image
-MIN_POSITION_M, MIN_HEADING_RAD = 0.005, 0.015  # what no image tells: how far a camera is turned aside turns all
+MIN_POSITION_M, MIN_HEADING_RAD = 0.005, 0.015  # what no image shows: a camera turned aside turns all
 NO_AXIS = np.zeros(3)
 NAMES = ("roll (rad)", "pitch (rad)", "height ratio", "focal ratio")
 
 
 class PerspectiveResponse(NamedTuple):
-    """eye (3,): x, y and height of the camera, robot frame (m). axis (3,): its optical axis, a unit vector; zeros where
-    nobody tells, and the focal length has no effect. fisheye: whether this scales angles to it, not their tangents.
+    """eye (3,): x, y and height of the camera, robot frame (m). axis (3,): its optical axis, a unit vector; zeros if
+    it is unknown, and the focal length has no effect. fisheye: whether this scales angles to it, not their tangents.
     """
 
     eye: FloatArray
@@ -43,7 +43,7 @@ class PerspectiveResponse(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PerspectiveErrors:
-    """`CameraErrors` of a perspective camera at `eye` (3,), robot frame (m); camera: None where nobody tells."""
+    """`CameraErrors` of a perspective camera at `eye` (3,), robot frame (m); camera: None if it is undescribed."""
 
     camera: Camera | None
     eye: FloatArray
@@ -87,7 +87,7 @@ class PerspectiveErrors:
         return np.zeros(4)
 
     def response(self, frame: Frame | None = None) -> PerspectiveResponse:
-        """Where a head looks at the image of a frame."""
+        """Where the camera looks at the image of a frame."""
         fisheye = self.camera is not None and self.camera.model == "fisheye"
         return PerspectiveResponse(self.eye, NO_AXIS if frame is None else self._axis(frame), fisheye)
 
@@ -145,20 +145,21 @@ def _place(x, y, errors, prepared, i, response):  # type: ignore[no-untyped-def]
 
 
 @overload(fill_rows, jit_options={"error_model": "numpy"})
-def _fill_rows(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+def _fill_rows(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
     if not _is_perspective(response):
         return None
 
-    def columns(rows, i, normal, seen, placed, errors, prepared, response):  # type: ignore[no-untyped-def]
+    def columns(rows, row, i, normal, points, errors, prepared, response):  # type: ignore[no-untyped-def]
         eye, axis = response.eye, response.axis
+        placed = points[1]
         rx, ry = normal
         x, y, h = placed[0] - eye[0], placed[1] - eye[1], eye[2]
-        rows[3, i] = (rx * x * y + ry * (h * h + y * y)) / h
-        rows[4, i] = -(rx * (h * h + x * x) + ry * x * y) / h
-        rows[5, i] = rx * x + ry * y
+        rows[3, row] = (rx * x * y + ry * (h * h + y * y)) / h
+        rows[4, row] = -(rx * (h * h + x * x) + ry * x * y) / h
+        rows[5, row] = rx * x + ry * y
         along = max(x * axis[0] + y * axis[1] - h * axis[2], 0.0)
         if response.fisheye:
             along = angle_stretch(x, y, h, axis)
-        rows[6, i] = -along * (rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h))
+        rows[6, row] = -along * (rx * (axis[0] + x * axis[2] / h) + ry * (axis[1] + y * axis[2] / h))
 
     return columns

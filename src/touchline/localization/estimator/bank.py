@@ -41,13 +41,13 @@ SHOVED = np.diag(np.square([0.15, 0.15, 0.12]))  # covariance of what one does
 SHOVE_BELOW = 0.7  # share explained below which a shove is tried though the prediction is met
 MAX_LOG_ODDS_BEHIND = 10.0  # of a member behind the best: one further behind is dropped
 MAX_MEMBERS = 12
-MAX_MEASURED_GAIN = 4.0  # logarithm of the odds by which a further measurement speaks against a member, at most
+MAX_MEASURED_GAIN = 4.0  # largest log-odds that a further measurement takes from a member
 SAME_M, SAME_RAD = 0.25, 0.12  # members nearer than this are one
-SPARSE = 5.0  # points that alone show a direction, of which half is believed
+SPARSE = 5.0  # points that alone show a direction, whose information counts half
 FEATURE_POINTS = 20.0  # as so many points a crossing or a landmark shows where it is
 MIN_EXPLAINED = 0.4  # share of what is seen that a pose has to explain to be corrected by it
 CONTESTED = 0.15  # share by which another pose explains more of an image from which the likeliest one is in doubt
-START_STEP = 1.2  # standard deviations from a told pose to the starts about it
+START_STEP = 1.2  # standard deviations from a given pose to the starts about it
 ALLOWED = 16.3  # squared Mahalanobis distance within which 99.9 % of right poses are
 ANYWHERE = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose of which nothing is known
 
@@ -147,7 +147,7 @@ class Bank:
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether enough images speak for the likeliest pose, and no other one explains more of the last."""
+        """Whether enough images support the likeliest pose, and no other one explains more of the last."""
         best = self.best
         if best is None or best.images < self.trust.confirming_images:
             return False
@@ -156,11 +156,11 @@ class Bank:
 
     @property
     def knowing(self) -> Filter:
-        """What knows camera and odometry: who was never right has learned them wrong."""
+        """The filter whose camera errors and odometry scales are used: a wrong pose has learned wrong ones."""
         return self.members[0].filter if self.members and self.confirmed else self.start
 
     def predict(self, moved: Delayed, seconds: float) -> None:
-        """The odometry carries every member on."""
+        """Propagate every member by the odometry."""
         noise = self.steps.of(moved.motion)
         for one in self.members:
             one.filter.predict(moved, seconds, noise)
@@ -211,7 +211,7 @@ class Bank:
         self._fuse(image)
 
     def update_from_team(self, evidence: Sequence[Evidence], share: float) -> None:
-        """What others say weighs the members, a pose and its twin alike; share: of it that is new."""
+        """Weigh the members by the evidence of others, a pose and its twin alike; share: of it that is new."""
         for one, said in itertools.product(self.members, evidence):
             ends = (one.filter.pose, one.filter.pose.mirrored())
             one.log_odds += share * max(said.log_likelihood(end) for end in ends)
@@ -224,7 +224,7 @@ class Bank:
             one.filter = one.filter.mirrored()
 
     def delayed_by(self, late_s: float, deviation_s: float) -> None:
-        """How late images are stamped, told by another measurement than the odometry."""
+        """Take a stamp delay that another measurement than the odometry has given."""
         for one in (self.start, *(member.filter for member in self.members)):
             one.delayed_by(late_s, deviation_s)
 
@@ -234,7 +234,7 @@ class Bank:
         return points
 
     def _starts(self, one: Filter, first: bool) -> list[FloatArray]:
-        """The prediction; of a pose that was told, off by some decimetres and degrees, all about it, too."""
+        """The prediction; of a given pose, off by some decimetres and degrees, starts all about it, too."""
         pose, deviations = one.pose.as_array(), START_STEP * np.sqrt(np.diag(one.covariance))
         if not first or deviations.max() > 1.0:
             return [pose]
@@ -292,7 +292,7 @@ class Bank:
         return self._fitted(self.knowing.placed(mode.pose, ANYWHERE), image, mode.pose.as_array())
 
     def _weigh_unseen(self, members: Sequence[Member], image: Image) -> None:
-        """What was not seen of the lines that members predict in view speaks against them; only differences count."""
+        """Lines that members predict in view and that were not seen count against them; only differences count."""
         if self.trust.unseen == 0.0 or len(members) < 2 or not len(image.seen.positions_m):
             return
         poses = np.array([one.filter.pose.as_array() if one.fit is None else one.fit.state[:3] for one in members])
@@ -341,8 +341,8 @@ def is_same(one: Pose, other: Pose) -> bool:
 
 
 def downweight_sparse_direction(fit: StateFit, count: float) -> StateFit:
-    """A fit of so many points that says less along the direction that only few of them show: those may be none of the
-    line's, and of the next image's, too. Everything else is said as before.
+    """A fit of so many points with less information along the direction that only few of them show: those may be none
+    of the line's, and of the next image's, too. All other information stays.
     """
     information = fit.information
     (xx, xy), (_, yy) = information[:2, :2].tolist()
@@ -358,7 +358,7 @@ def downweight_sparse_direction(fit: StateFit, count: float) -> StateFit:
 
 
 def inflate_along_motion(fit: StateFit, shift: FloatArray) -> StateFit:
-    """A fit that says less along the way (3,) by which the image was taken earlier or later than its stamp says."""
+    """A fit with less information along the way (3,) by which the image was taken earlier or later than stamped."""
     measured = fit.information[:, :3] @ shift
     less = measured / (1.0 + float(measured[:3] @ shift))
     pull = float(fit.gradient[:3] @ shift)

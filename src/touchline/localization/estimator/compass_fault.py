@@ -1,10 +1,10 @@
-"""What a compass says of the end of the field, as log-odds: a sensor that now and then fails for a while.
+"""The end of the field by a compass, as log-odds: a sensor that now and then fails for a while.
 
 A robot that is followed from image to image does not change its end, and a compass either works or has failed, then
 stuck or turned by half a circle. So there are four states, right or wrong end with a working or a failed compass, and a
 filter over them (Rabiner 1989, the forward recursion): faults begin seldom and end soon. A compass that turns round
-while a robot is followed has probably failed, unless it had agreed for a moment only; one that has failed does not tell
-where a robot is that was lost meanwhile.
+while a robot is followed has probably failed, unless it had agreed for a moment only; one that has failed does not
+locate a robot that was lost meanwhile.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from touchline.types import Samples
 
 FAULT_EVERY_S, FAULT_S = 600.0, 10.0  # mean times until a fault begins, and until it ends
 UNLIKELY = 0.05  # of what a state does not lead to, in one image: the compass is late, or the robot turns
-MAX_S = 0.2  # between two images, as far as it counts: what a compass said in a pause is not known
+MAX_S = 0.2  # between two images, as far as it counts: readings in a pause are unknown
 MAX_LOG_ODDS = 10.0  # log-odds that a minute of agreement comes to
-SUSPECT = 0.2  # probability of a failed compass from which it is not asked where a lost robot is
+SUSPECT = 0.2  # probability of a failed compass from which it does not count in the search of a lost robot
 NEAR_RAD, FAR_RAD = math.pi / 4.0, 0.75 * math.pi  # errors of a compass at the right end, and at the wrong one
 # rows right and wrong end, columns a working and a failed compass: of four numbers NumPy takes several times as long
 _States = tuple[tuple[float, float], tuple[float, float]]
@@ -29,14 +29,14 @@ _States = tuple[tuple[float, float], tuple[float, float]]
 CARRIED = 0.33
 REPEATS = 15  # equal readings in a row of one that sticks: 0.3 s at 50 Hz
 PAIRS, DIFFERING = 50, 0.7  # successive readings that must be known, and the share of them that differ
-# of each word (for the pose's end, for neither, against it) how likely it is; a failed compass may say anything
+# likelihood of each reading (for the pose's end, for neither, against it); a failed compass may show anything
 _LIKELY: dict[int, _States] = {
     1: ((1.0, 1.0), (UNLIKELY, 1.0)),
     0: ((UNLIKELY, 1.0), (UNLIKELY, 1.0)),
     -1: ((UNLIKELY, 1.0), (1.0, 1.0)),
 }
 
-# the word with which a pose was found: a failed compass has led the search to the other end, or happens to be right
+# the reading with which a pose was found: a failed compass has led the search to the other end, or is right by chance
 _FIRST_READING: dict[int, _States] = {
     1: ((1.0, 0.25), (1e-6, 1.0)),
     -1: ((1e-6, 1.0), (1.0, 0.25)),
@@ -44,7 +44,7 @@ _FIRST_READING: dict[int, _States] = {
 
 
 class StuckCompass:
-    """Whether a compass sticks: one whose readings have always differed a little says exactly the same again and again.
+    """Whether a compass sticks: one whose readings have always differed a little repeats exactly the same one.
 
     A compass of whole degrees repeats itself while the robot stands; of that nothing is concluded.
     """
@@ -90,7 +90,7 @@ class CompassFaultFilter:
 
     @property
     def is_suspect(self) -> bool:
-        """Whether it has probably failed: it is not asked where a lost robot is."""
+        """Whether it has probably failed: it does not count in the search of a lost robot."""
         return self._failed > SUSPECT
 
     @property

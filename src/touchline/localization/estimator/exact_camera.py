@@ -1,7 +1,7 @@
-"""A camera that may be just as its camera.yaml says, or as robots are built: two models, weighed by the images.
+"""A camera that may be exactly that of its camera.yaml, or one as robots are built: two models, weighed by the images.
 
-A file that says nothing of its uncertainty may come from a simulator, or from a head that was adjusted until nothing
-was left to see; else it is a drawing of a mirror that leans and stands aside by what is usual. Both models are the
+A file without a stated uncertainty may come from a simulator, or from a camera that was adjusted until no error was
+visible; else it is the design of a mirror that leans and stands aside by what is usual. Both models are the
 filter of pose and errors with a different prior; as all of it is linear, the one follows from the other by what their
 priors differ by, and so does the ratio of their evidences (Bayes factor; nested models: Dickey 1971). The pose is the
 mean of both, each as probable as the images make it (Bayesian model averaging: Hoeting et al. 1999).

@@ -1,7 +1,7 @@
 """At which end of a symmetric field the robot is, as log-odds of the pose against its twin.
 
-One belief with four sources: the prior that was given, the compass, the colours of goals and poles, and what others
-say.
+One belief with four sources: the prior that was given, the compass, the colours of goals and poles, and the evidence
+of others.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from touchline.localization.registration.feature_model import FeatureModel, Feat
 from touchline.types import Evidence
 
 # log-odds of an end that the operator gave: one start in 150 is given wrongly. A smaller prior costs where nothing else
-# tells the ends apart, a larger one where it is wrong: colours and compass need an image or a second more against it
+# distinguishes the ends, a larger one where it is wrong: colours and compass need an image or a second more against it
 PRIOR_LOG_ODDS = 5.0
 MAX_COLOUR_GAIN = 4.0  # of one image: what is taken for a post may be somebody in its colour
-MAX_COLOUR_LOG_ODDS = 12.0  # so that a belief of minutes is left within four images that speak against it
-MEMORY_S = 2.0  # time over which others have to say the same, so that a moment's fault tells nothing
-FORGET_S = 10.0  # after which what others said and don't repeat has lost most of its weight
-FIRST_SHARE = 0.25  # of what somebody says first that counts at once
+MAX_COLOUR_LOG_ODDS = 12.0  # so that a belief of minutes is given up within four images against it
+MEMORY_S = 2.0  # time over which others have to repeat their evidence, so that a moment's fault counts little
+FORGET_S = 10.0  # after which evidence that is not repeated has lost most of its weight
+FIRST_SHARE = 0.25  # of a source's first evidence that counts at once
 REFUTED = -2.0  # log-odds from which the twin is taken
 CLEAR = 3.0  # log-odds, without the prior, from which the end is confirmed
 JUMP_IMAGES = 2  # after a jump, in which a compass that turns round has turned with it
-UNDECIDED_S = 10.0  # after which it is reported, and reported again, that nothing tells the ends apart
+UNDECIDED_S = 10.0  # after which it is reported, and reported again, that nothing distinguishes the ends
 
 
 class FieldEnd:
@@ -59,7 +59,7 @@ class FieldEnd:
         self.undecided = False
 
     def begin(self, known: bool, compass_error_rad: float | None) -> None:
-        """A pose was found anew: what speaks for its end at once."""
+        """A pose was found anew: the prior and the compass reading at that image."""
         self._forget(known)
         self.compass.begin(compass_error_rad)
         self._support = supports(compass_error_rad)
@@ -83,7 +83,7 @@ class FieldEnd:
         self.undecided = self.undecided and abs(self.log_odds) < -REFUTED
 
     def update_from_colours(self, view: FeatureView, pose: Pose) -> None:
-        """Compare a pose and its twin by the features of an image; lines and crossings say the same of both."""
+        """Compare a pose and its twin by the features of an image; lines and crossings are alike for both."""
         if not self.colours_tell or view.size == 0:
             return
         here, there = self._model.log_likelihoods(view, np.array([pose, pose.mirrored()]))
@@ -91,7 +91,7 @@ class FieldEnd:
         self.colours = min(max(self.colours + gain, -MAX_COLOUR_LOG_ODDS), MAX_COLOUR_LOG_ODDS)
 
     def update_from_team(self, evidence: Sequence[Evidence], pose: Pose, seconds: float) -> None:
-        """Take what others say of the pose. Each one counts once, however often it repeats itself: it errs as one."""
+        """Take the evidence of others. Each source counts once, however often it repeats itself: it errs as one."""
         self._silent_s = {source: silent_s + seconds for source, silent_s in self._silent_s.items()}
         for one in evidence:
             gain = one.log_likelihood(pose) - one.log_likelihood(pose.mirrored())
@@ -132,20 +132,20 @@ class FieldEnd:
         return self.symmetric and self.log_odds <= REFUTED
 
     def is_decided(self, min_probability: float) -> bool:
-        """Whether a pose may be tracked: no jump has left its end open, and colours, if they differ, have told it."""
+        """Whether a pose may be tracked: no jump has left its end open, and colours, if they differ, decide it."""
         if not self.symmetric:
             return True
         return not self.undecided and (not self.colours_tell or self.probability >= min_probability)
 
     @property
     def refutation(self) -> str:
-        """Who speaks against the pose, the one that weighs most first."""
+        """The sources against the pose, the one that weighs most first."""
         sources = {"the compass": self.compass.log_odds, "the colours of goals and poles": self.colours, **self.others}
         against = [source for source in sorted(sources, key=lambda one: sources[one]) if sources[source] < 0.0]
         return f"{' and '.join(against)}: the robot is at the other end of the field"
 
     def report_undecided(self, seconds: float) -> tuple[str, ...]:
-        """Name the twin now and then while nothing that was seen or heard tells it from a pose that is tracked."""
+        """Report the twin now and then while nothing seen or heard distinguishes it from a tracked pose."""
         if not self.symmetric or self.evidence_log_odds >= CLEAR:
             return ()
         self._open_s += seconds

@@ -64,7 +64,7 @@ class Filter:
         self.scales: FloatArray = np.zeros(3)
         self.errors: FloatArray = np.zeros(count - _ERRORS)
         self.yaw_rate_rad_s, self.late_s = 0.0, 0.0
-        self._joint = np.zeros((count, count))
+        self._joint: FloatArray = np.zeros((count, count))
         self._joint[:3, :3] = covariance
         self._joint[_SCALES, _SCALES] = np.square(unknown.scales)
         self._joint[_YAW_RATE, _YAW_RATE] = unknown.yaw_rate_rad_s**2
@@ -105,7 +105,7 @@ class Filter:
         return math.sqrt(self._joint[_DELAY, _DELAY])
 
     def placed(self, pose: Pose, covariance: FloatArray) -> Filter:
-        """A filter that starts at another pose, and still knows scales, delay and errors."""
+        """A filter that starts at another pose and keeps scales, delay and errors."""
         other = Filter(pose, covariance, self.unknown)
         other.scales, other.yaw_rate_rad_s = self.scales.copy(), self.yaw_rate_rad_s
         other.late_s, other.errors = self.late_s, self.errors.copy()
@@ -122,13 +122,13 @@ class Filter:
         return other
 
     def loosened(self, more: FloatArray) -> Filter:
-        """A copy whose pose is less sure by a covariance (3, 3)."""
+        """A copy with a covariance (3, 3) added to that of its pose."""
         other = self._copy(self.pose)
         other._joint[:3, :3] += more
         return other
 
     def delayed_by(self, late_s: float, deviation_s: float) -> None:
-        """Take a delay that another measurement than the odometry has told."""
+        """Take a delay that another measurement than the odometry has given."""
         self.late_s = late_s
         self._joint[_DELAY, :] = self._joint[:, _DELAY] = 0.0
         self._joint[_DELAY, _DELAY] = deviation_s**2

@@ -117,7 +117,7 @@ def correction(joint, measured, per_image, information, gradient, residual, lear
 
 @njit(cache=True)
 def degrees_of_freedom_and_lean(per_image, expected, information, strain):  # type: ignore[no-untyped-def]
-    """How many numbers an image tells, of the S that it is asked, and the mean square of its own lean.
+    """Effective degrees of freedom of an image, of S, and the mean square of its own lean.
 
     expected (S, S): `expected_information`; strain (S,): from what was expected to the fit. The lean, the first two of
     the errors, is what this image's differ by from the camera's, and how unsure that still is.

@@ -1,8 +1,8 @@
-"""Another measurement of the pose than the camera's: one file that gives information and gradient, and its line here.
+"""Another measurement of the pose than the camera's: one file that gives information and gradient.
 
-A measurement compares what a sensor says with what a pose predicts. Every hypothesis is corrected by it and weighed by
-how likely it makes what was measured; one that contradicts a prediction is left out there. `Frame.measurements` brings
-sensors that `Frame` does not name.
+A measurement compares the reading of a sensor with the prediction of a pose. It corrects every hypothesis and adds its
+log-likelihood to the hypothesis's log-odds; one that contradicts a prediction corrects nothing there.
+`Frame.measurements` brings the readings of sensors that `Frame` does not name; `measurements.py` is the table.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ CLUTTER = math.exp(-6.0)  # likelihood of a false measurement beside that of a r
 
 
 class PoseEvidence(NamedTuple):
-    """A measurement at a pose of x, y (m), heading (rad), field frame: information (3, 3), inverse covariance; gradient
-    (3,) of its log-likelihood by the pose; the log-likelihood, 0 at best.
+    """Of a measurement at a pose of x, y (m), heading (rad), field frame: information (3, 3), inverse covariance;
+    gradient (3,) of its log-likelihood by the pose; the log-likelihood, 0 at best.
     """
 
     information: FloatArray
@@ -33,7 +33,7 @@ class Measurement(Protocol):
     """A further measurement, valid with every kind of camera."""
 
     def of(self, frame: Frame, pose: Pose) -> PoseEvidence | None:
-        """What a frame's says of a pose; None where it brings none."""
+        """The evidence for a pose, field frame, of a frame's reading; None where it brings none."""
         ...
 
 
@@ -56,7 +56,3 @@ def summed_evidence(each: Iterable[PoseEvidence]) -> PoseEvidence | None:
         np.sum([one.gradient for one in found], axis=0),
         sum(one.log_likelihood for one in found),
     )
-
-
-MEASUREMENTS: tuple[Measurement, ...] = ()
-"""The table of further measurements: a new one is a line here."""

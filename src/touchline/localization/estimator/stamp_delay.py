@@ -1,9 +1,9 @@
-"""Whether images are stamped late, which nobody told, and by how much: what of the filter's delay is believed.
+"""Whether images are stamped late, by an unknown delay: when the filter's delay is accepted.
 
-Two measurements tell it: the odometry, by a state of the filter that learns from every start, stop and turn (`Filter`),
-and how a walking robot sways (`SwayDelay`). Nothing is corrected by it until it is sure: a robot whose stamps are right
+Two measurements give it: the odometry, by a state of the filter that learns from every start, stop and turn (`Filter`),
+and how a walking robot sways (`SwayDelay`). Nothing is corrected by it until it is sure: a robot with correct stamps
 loses nothing by the noise of a state that it does not need. Stamps that seem too early are an odometry that comes late;
-to correct them would take the motion after the stamp, which nobody knows yet.
+to correct them would take the motion after the stamp, which is unknown yet.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NOT_CORRECTED = "not corrected, for where the head was then is not told; at leas
 
 
 class StampDelay:
-    """`late_s`: how late images are stamped, as far as it is believed and can be corrected, else 0; `deviation_s`:
+    """`late_s`: how late images are stamped, as far as it is accepted and can be corrected, else 0; `deviation_s`:
     standard deviation.
     """
 
@@ -42,7 +42,7 @@ class StampDelay:
         return WANDERING_S if self.late_s else 0.0
 
     def update(self, late_s: float, deviation_s: float, correctable: bool = True) -> str | None:
-        """Take what is measured by an image. correctable: not so of a head that pans and was elsewhere at the image.
+        """Take the delay that an image gives. correctable: not so of a head that pans and was elsewhere then.
 
         Returns the problem to report: at first and every REPORTED_EVERY images.
         """

@@ -1,4 +1,4 @@
-"""What images teach of a camera beside its errors: how much each leans anew, and how much points err.
+"""Statistics of camera errors beside their mean: how much each image leans anew, and how much points err.
 
 The errors themselves are states of each hypothesis (`Filter`); what all hypotheses share is here.
 """
@@ -17,13 +17,13 @@ from touchline.localization.registration.joint import Seen, StateFit, StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import SETTLED, SHAKEN, UNSETTLED, USUAL_NOISE
 
-GAIN = 0.03  # share of a new image in what is learned
+GAIN = 0.05  # share of a new image in what is learned
 SETTLED_PER_M = 0.007  # standard deviation of an image's lean below which it is known beforehand: 0.15° of a mirror
 MAX_NOISE = 10.0  # of the points, as a multiple of the variances that they state
 
 
 class CameraErrorStatistics:
-    """`noise`: by how much larger the variances of points are than they say; `per_image` (K, K): covariance of what
+    """`noise`: ratio of the variances of points to those that they state; `per_image` (K, K): covariance of what
     the errors of one image differ by from the camera's.
     """
 
@@ -56,21 +56,20 @@ class CameraErrorStatistics:
         return SETTLED if tilt2 < SETTLED_PER_M**2 else UNSETTLED
 
     def floor(self, one: Filter) -> FloatArray:
-        """Covariance (3, 3) of what no image tells of any pose, in (m, m, rad)."""
+        """Covariance (3, 3) of every pose that no image lowers, in (m, m, rad)."""
         floor = self.errors.floor**2
         floor[:2] += 0.5 * float(((self.errors.misfit * one.errors) ** 2).sum())
         return np.diag(floor)
 
     def learn(self, fit: StateFit, expected: StatePrior, seen: Seen) -> None:
-        """What an image has told of the leaning and of the points' noise. expected: what the fit was given.
+        """Learn the lean of single images and the points' noise from an image. expected: the prior of its fit.
 
-        Expectation maximisation: what this image's own lean is, and how unsure it still is, where the lines say little
-        of it.
+        Expectation maximisation: this image's own lean, and its remaining variance where the lines show little of it.
         """
         freedom, lean2 = degrees_of_freedom_and_lean(
             self.per_image, expected.information, fit.information, fit.state - expected.mean
         )
-        free = max(float(seen.shares.sum()) * self.noise / seen.noise, 1.0)  # points, where they err as they say
+        free = max(float(seen.shares.sum()) * self.noise / seen.noise, 1.0)  # points, where they err as they state
         free /= max(free - freedom, 0.25 * free)
         noise = min(max(free * fit.noise / USUAL_NOISE, self.errors.trust.min_noise), MAX_NOISE)
         self.noise += GAIN * (noise - self.noise)

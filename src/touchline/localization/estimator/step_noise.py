@@ -1,4 +1,4 @@
-"""How noisy motions are: what the odometry says of itself on wheels, and more, learned from the images, on legs.
+"""How noisy motions are: as the odometry's settings state on wheels; learned from the images on legs.
 
 Feet slip, turn on the spot and sway at rest, each robot's otherwise: the variance of its steps is a multiple of what is
 usual, found by expectation maximisation.
@@ -26,7 +26,7 @@ class StepNoise:
     """`factors` (2,): how much larger the variance of motions is than usual, of positions and of headings."""
 
     def __init__(self, walks: bool) -> None:
-        """walks: whether the robot has legs; wheels err by what the odometry's settings say."""
+        """walks: whether the robot has legs; wheels err as the odometry's settings state."""
         self.walks = walks
         self.reset()
 
@@ -45,7 +45,7 @@ class StepNoise:
         return (motion.covariance + np.diag([slip2, slip2, turn2])) * np.outer(scale, scale)
 
     def learn(self, one: Filter, fit: StateFit, per_image: FloatArray) -> None:
-        """What an image tells of the motion before it, by the hypothesis that it is about to correct."""
+        """Learn from an image the noise of the motion before it, by the hypothesis that it is about to correct."""
         if not self.walks:
             return
         squares, expected = one.motion_error(fit, per_image)

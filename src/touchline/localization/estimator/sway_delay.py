@@ -1,7 +1,7 @@
-"""How late the images of a walking robot are stamped, by how it sways: lines tell the lean at the image, the IMU's
-rates how it leans before and after.
+"""How late the images of a walking robot are stamped, by how it sways: lines give the lean at the image, the IMU's
+rates the lean before and after.
 
-A robot that walks sways by 20° per second, so that an image tells the time to 10 ms, and thirty of them to 2 ms.
+A robot that walks sways by 20° per second, so that an image gives the time to 10 ms, and thirty of them to 2 ms.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ class SwayDelay:
     def update(self, lean_rad: FloatArray, leaning: LeanFilter, stamp_ns: int, lag_s: float) -> tuple[float, float]:
         """Take an image stamped so; returns `late_s` and `deviation_s`.
 
-        lean_rad (2,): by how much the camera leans further than the IMU says lag_s before the stamp, by the lines, what
-        it is askew by left out. leaning: what the IMU says.
+        lean_rad (2,): lean of the camera by the lines, without its mounting error, less that by the IMU lag_s before
+        the stamp. leaning: the lean by the IMU.
         """
         turned = [leaning.turned(stamp_ns - round(1e9 * late_s)) for late_s in LAGS_S]
         self._add(lean_rad, np.array(turned) - leaning.turned(stamp_ns - round(1e9 * lag_s)))
         return self.late_s, self.deviation_s
 
     def _add(self, lean_rad: FloatArray, turned_rad: FloatArray) -> None:
-        """turned_rad (L, 2): by how much the IMU says it leant further at each of LAGS_S before the stamp."""
+        """turned_rad (L, 2): further lean by the IMU at each of LAGS_S before the stamp."""
         if not np.isfinite(turned_rad).all() or np.abs(lean_rad).max() > MAX_RAD:
             return
         kept = 1.0 - 1.0 / MEMORY_IMAGES

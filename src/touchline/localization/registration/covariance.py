@@ -23,7 +23,7 @@ _DIAGONAL = np.diag_indices(3)
 # simulated clutter is 5 %
 CLUTTER_RATIO = 0.05
 MIN_CLUTTER = 4  # and so many of few points: two or three beside a lone line's end are no second line
-MIN_RESIDUAL_M = 0.01  # smallest believed deviation of a point: the error of the distance map and carpet
+MIN_RESIDUAL_M = 0.01  # smallest standard deviation of a point: the error of the distance map and carpet
 UNKNOWN_POSITION_M = 10.0  # standard deviation along a direction that no line observes: the field's size
 UNKNOWN_HEADING_RAD = 3.0  # standard deviation of a heading that no line observes: the full circle
 
@@ -107,7 +107,7 @@ def _least(helps: FloatArray) -> npt.NDArray[np.intp]:
 
 
 def _values(helps: FloatArray) -> FloatArray:
-    """(3,) what points, of which each helps (N, 3), tell of the three directions but for clutter."""
+    """(3,) information of points, of which each helps (N, 3), along the three directions but for clutter."""
     kept = _kept(len(helps))
     values = np.partition(helps, kept - 1, axis=0)[:kept].sum(axis=0)
     told: FloatArray = np.maximum(values - CLUTTER_RATIO * values.mean(), 0.0)
@@ -115,7 +115,7 @@ def _values(helps: FloatArray) -> FloatArray:
 
 
 class PrincipalInformation(NamedTuple):
-    """What each point says of a pose along its three principal directions.
+    """Information of each point about a pose along its three principal directions.
 
     helps (N, 3): of each point along each direction, the least known first; unit: what makes it an inverse variance.
     vectors (3, 3): the directions, in columns; scale (3,): of x, y and heading to one length. roots (N, 3): their
@@ -147,7 +147,7 @@ class PrincipalInformation(NamedTuple):
 def principal_information(
     points: FloatArray, weights: FloatArray, moments: Moments, c_m: float
 ) -> PrincipalInformation | None:
-    """The information of points, arguments as for `visual_covariance`; None where they say nothing."""
+    """The information of points, arguments as for `visual_covariance`; None where they have none."""
     u, curvature, slope_power, _ = moments
     n = len(points)
     mean_curvature = float(curvature.sum()) / n

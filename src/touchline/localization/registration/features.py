@@ -121,7 +121,7 @@ class Features:
 
     @property
     def tell_ends_apart(self) -> bool:
-        """Whether colours that count tell the two ends of the field apart."""
+        """Whether colours that count distinguish the two ends of the field."""
         use = self.settings.use
         return self.associations.tells_ends_apart(
             (*(_POSTS if use.posts else ()), *((LandmarkKind.POLE.value,) if use.poles else ()))

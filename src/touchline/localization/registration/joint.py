@@ -4,8 +4,8 @@ Line points go to the nearest line, crossings and landmarks to the nearest one o
 that begins wide and narrows (as in `kernels`). All of an image shares the errors of its camera, so that they are found
 next to the pose, with what was known of both as a prior (an iterated extended Kalman filter: Bell and Cathey 1993).
 
-A state (S,) is x, y (m), heading (rad) in the field frame and the camera's errors (S - 3,); what these do is said by
-`camera_errors` for the type of `response`. Each thing that is seen gives rows, a derivative by the state, a distance
+A state (S,) is x, y (m), heading (rad) in the field frame and the camera's errors (S - 3,); `camera_errors` says
+what these do, for the type of `response`. Each thing that is seen gives rows, a derivative by the state, a distance
 and a weight: a line point one, a point feature two.
 """
 
@@ -32,7 +32,7 @@ _MAX_STEP = 0.5  # of the pose in one Gauss-Newton step (m, m, rad)
 
 class Seen(NamedTuple):
     """What an image shows, robot frame: line points positions_m (N, 2), covariances_m2 (N, 2, 2), and shares (N,): as
-    how many independent ones each counts; noise: by how much larger their variances are than they say. features:
+    how many independent ones each counts; noise: ratio of their variances to those that they state. features:
     crossings and landmarks, whose `positions_m` are overwritten by every fit; raw_m (M, 2): those as seen;
     feature_share: of each.
     """
@@ -65,7 +65,7 @@ class StateFit(NamedTuple):
 
     explained: share of what is seen that lies where it should, of so much: `of`. noise: mean square of the line points'
     residuals in units of their own noise, clutter left out. residual_m: mean distance of what is seen from where it
-    belongs. log_likelihood: of all that is seen. contradiction: what the prior says against it, in logarithm of a
+    belongs. log_likelihood: of all that is seen. contradiction: how much the prior contradicts it, logarithm of a
     likelihood ratio, by Laplace's approximation: who expects less, and is right, gains by it.
     """
 
@@ -124,7 +124,7 @@ def _add_points(seen, lines, pose, camera, plan, width_m, rows, counts):  # type
         spread = rx * rx * c[i, 0, 0] + 2.0 * rx * ry * c[i, 0, 1] + ry * ry * c[i, 1, 1]
         variance = min(max(ratio, 0.5), 2.0) * spread + plan.floor_m2
         rows[0, i], rows[1, i], rows[2, i] = nx, ny, ry * bx - rx * by
-        fill_rows(rows, i, (rx, ry), (px, py), (bx, by), errors.values, errors.of_points, response)
+        fill_rows(rows, i, i, (rx, ry), ((px, py), (bx, by)), errors.values, errors.of_points, response)
         reach = width2 + plan.gate2 * variance
         kept = reach / (reach + d2)
         kept *= kept
@@ -169,8 +169,7 @@ def _add_features(seen, tables, pose, camera, width_m, rows, counts):  # type: i
             rx, ry = (l00, l10) if half == 0 else (0.0, math.sqrt(max(w[1, 1] - l10 * l10, 0.0)))
             rows[0, row], rows[1, row] = cosine * rx - sine * ry, sine * rx + cosine * ry
             rows[2, row] = ry * bx - rx * by
-            column = rows[:, row - i :]  # such that the feature's own number is its column, too
-            fill_rows(column, i, (rx, ry), (px, py), (bx, by), errors.values, errors.of_features, response)
+            fill_rows(rows, row, i, (rx, ry), ((px, py), (bx, by)), errors.values, errors.of_features, response)
             rows[distance_row, row], rows[weight_row, row] = rx * off_x + ry * off_y, weight
         if width_m > 0.0:
             continue

@@ -1,7 +1,7 @@
 """What a mirror differs by from its camera.yaml, learned beside a pose that a system finds in its own way.
 
 The errors g (1/m: lean), c (px: displacement) and s (ranges too short by a share) are those of `camera_errors`. They
-are the same in every image of a head, so no number of images averages them out of the pose; but lines that should be
+are the same in every image of a camera, so no number of images averages them out of the pose; but lines that should be
 straight, parallel and in their places show them next to it. Each image's lean differs from the head's, too, as the head
 shakes. Pose and errors are registered jointly; a Kalman filter keeps the mean of the errors over the images.
 """
@@ -48,9 +48,9 @@ class ImageFit(NamedTuple):
     """Pose and mirror errors that suit one image best.
 
     pose (3,): by the lines alone, these errors (5,) taken out. covariance (8, 8): of both, with what was known before.
-    information (5, 5), vector (5,): what the image alone says of the errors. lever (3, 5): derivative of the pose by
+    information (5, 5), vector (5,): what the image alone shows of the errors. lever (3, 5): derivative of the pose by
     errors that are not taken out, field frame. own (5, 5): how unsure the image's own errors are where the head's are
-    known. of_pose (3, 3): what the image says of the pose, the errors as unsure as before. noise: mean square of
+    known. of_pose (3, 3): what the image shows of the pose, the errors as unsure as before. noise: mean square of
     the residuals in units of the points' noise. left_m: standard deviation of the position along its least known
     direction if the errors are right.
     """
@@ -83,7 +83,7 @@ class LearnedMirror:
         looked_for: tuple[bool, bool] = (True, True),
         height_m: float = HEIGHT_M,
     ) -> None:
-        """enabled: False takes the camera for what it is said to be. looked_for: displacement, and scale of the ranges,
+        """enabled: False takes camera.yaml for exact. looked_for: displacement, and scale of the ranges,
         beside the tilt. height_m: of the mirror.
         """
         self.enabled, self.field = enabled, field
@@ -191,7 +191,7 @@ class LearnedMirror:
         return SETTLED if float(np.trace(spread[:2, :2])) < SETTLED_PER_M**2 else UNSETTLED
 
     def learn(self, fit: ImageFit) -> None:
-        """What an image has told of the head's errors, of its shaking and of the points' noise."""
+        """Learn the camera's errors, its shaking and the points' noise from an image."""
         self.noise += GAIN * (min(max(fit.noise, MIN_NOISE), MAX_NOISE) - self.noise)
         self.fit = fit
         if not self.enabled:
@@ -208,7 +208,7 @@ class LearnedMirror:
         self.believed = self._ratio_wrong() * self.mean
 
     def leave_open(self, fit: ImageFit) -> None:
-        """An image that tells nothing of its errors: they may be as large as the head's shaking makes them."""
+        """An image that shows nothing of its errors: they may be as large as the head's shaking makes them."""
         self.fit = fit._replace(own=self.swing)
 
     def update(self, points: LinePoints, pose: Pose) -> ImageFit | None:

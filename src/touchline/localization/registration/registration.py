@@ -2,8 +2,8 @@
 
 Robust Gauss-Newton steps on the offsets of the points from their nearest lines. The kernel (Geman and McClure 1987)
 begins wide and narrows to the points' own noise (graduated non-convexity: Blake and Zisserman 1987). Each point weighs
-by the inverse of its variance across the line, whose direction the offset tells anew in every step: a point of a mirror
-camera knows its bearing far better than its range. Where the noise is as it was told, the error comes near the
+by the inverse of its variance across the line, whose direction the offset gives anew in every step: a point of a mirror
+camera knows its bearing far better than its range. Where the noise is as stated, the error comes near the
 Cramér-Rao bound (`bound`).
 """
 
@@ -25,7 +25,7 @@ GATE2 = 16.0  # at four standard deviations a point has a quarter of its weight 
 FLOOR_M = 0.01  # standard deviation that no point falls below: carpet, paint, the map's own error
 # density of clutter along a line's normal (1/m), against that of points of lines: one point in ten within 6 m is none
 CLUTTER_PER_M = 0.1
-USUAL_NOISE = 0.8  # `Fit.noise` of points that err as they say
+USUAL_NOISE = 0.8  # `Fit.noise` of points that err as they state
 NO_PLACES = AssociationTables(np.zeros((0, 2)), np.zeros((0, 0, 0), dtype=np.int16), 0.0, 0.0)
 _UNKNOWN = np.diag(1.0 / np.square([10.0, 10.0, 3.0]))  # inverse covariance of a pose somewhere on a field
 
@@ -36,7 +36,7 @@ def _plan(widths_m: list[float]) -> Plan:
 
 # from a prediction that is off by some decimetres and degrees: fewer steps end beside the pose, more gain nothing
 TRACKING = _plan([*np.geomspace(0.4, 0.05, 6), 0.0, 0.0, 0.0, 0.0])
-SEARCHING = _plan([0.4, 0.3, 0.2, 0.15, 0.1])  # from a sample of a coarse grid, to tell likely ones from the others
+SEARCHING = _plan([0.4, 0.3, 0.2, 0.15, 0.1])  # from a sample of a coarse grid, to distinguish likely ones
 FINISHING = _plan([0.15, 0.1, 0.05, 0.02, 0.0, 0.0, 0.0])  # from where those end
 SETTLED = _plan([0.1, 0.03, 0.0, 0.0])  # of pose and mirror errors that are nearly known
 UNSETTLED = _plan([0.25, 0.25, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # 0.3 degrees move a line 7 m off by so much
@@ -46,9 +46,9 @@ SHAKEN = _plan([0.5, 0.5, 0.4, 0.25, 0.15, 0.1, 0.05, 0.0, 0.0])  # and in some 
 class Registered(NamedTuple):
     """Pose (3,) as x, y (m), heading (rad, not wrapped), field frame, and its covariance (3, 3) in (m, m, rad).
 
-    The covariance is huge along a direction that no line observes; it holds as far as the points err as they say.
+    The covariance is huge along a direction that no line observes; it holds as far as the points err as they state.
     explained: share of the points within three standard deviations of a line. noise: mean square of the residuals in
-    units of the points' noise, clutter left out; 1 where they err as they say. log_likelihood: of the points there.
+    units of the points' noise, clutter left out; 1 where they err as they state. log_likelihood: of the points there.
     """
 
     pose: FloatArray

@@ -9,22 +9,22 @@ from touchline.localization.registration.features import NO_POINTS, Features
 from touchline.localization.registration.joint import Seen
 from touchline.types import LinePoints, Lines, Observation
 
-REPEATED = 2.6  # of so many points one tells a pose: neighbours err together, and the same place in the next image
-FEW = 20  # of so few points twice as many: the ends of a lone line tell most, and may be none
+REPEATED = 2.6  # of so many points one counts in the information: neighbours err together, and again in the next image
+FEW = 20  # of so few points twice as many: the ends of a lone line weigh most, and may be none
 MIN_CONFIDENCE = 0.1
-POINT_SHARE = 0.25  # as so many a point tells how likely a pose is: clutter repeats itself, too
+POINT_SHARE = 0.25  # as so many a point counts in the likelihood of a pose: clutter repeats itself, too
 LINE_SHARE = 2.0  # as so many points both ends of a line count of which only these are known
 FEATURE_SHARE = 1.0  # so much a crossing or a landmark beside the line points that run into it
 SPACING_M = 0.25  # between points that are laid on such a line
 
 
 def repeated(count: int) -> float:
-    """Of so many points one counts, where they err as they say."""
+    """Of so many points one counts, where they err as they state."""
     return REPEATED * (1.0 + FEW / max(count, 1))
 
 
 def seen_of(observation: Observation, features: Features, noise: float) -> Seen:
-    """noise: by how much larger the variances of line points have proved than they say."""
+    """noise: ratio of the variances of line points, as learned, to those that they state."""
     if len(observation.points):
         points = observation.points
         shares = POINT_SHARE * np.clip(points.confidences, MIN_CONFIDENCE, 1.0)

@@ -1,6 +1,6 @@
 """Lines that a pose predicts in view and that no point was seen of.
 
-Points say where lines are; that there are none elsewhere they say, too, as far as was looked. What was looked at is
+Points show where lines are, and where none are, as far as was looked. What was looked at is
 taken from the points themselves: the bearings at which points were seen, with narrow gaps between them, out to the
 farthest. Rays from a pose cross the field's lines there; a crossing is seen where a point lies in its cell of range and
 bearing, or beside.
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from touchline.field.distances import LineTables
 from touchline.geometry import FloatArray
 
-# what speaks against a pose for each unseen crossing, in logarithm of a likelihood ratio: in full images of a match one
+# how much each unseen crossing contradicts a pose, logarithm of a likelihood ratio: in full images of a match one
 # in fourteen is missing, robots hide neighbours together
 UNSEEN = 1.0
 RAYS = 72  # bearings, 5 degrees apart

@@ -1,8 +1,8 @@
 """Poses from which the features of a frame can be what they are seen as: where random particles start best.
 
 An addition of ours to Schulz and Behnke 2012, as in sensor resetting localization (Lenser and Veloso 2000). A line or
-a crossing that is seen tells the heading but for a few quarter turns; then each point feature that is taken for one of
-its kind tells a position, and so do two lines that are taken for two of the field's.
+a crossing that is seen gives the heading but for a few quarter turns; then each point feature that is taken for one of
+its kind gives a position, and so do two lines that are taken for two of the field's.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PARALLEL = 0.2  # sine of the angle below which lines are parallel
 CROSSING = 0.7  # and above which they cross
 BEYOND_M = 1.0  # by so much a line may seem longer than the field's
 APART_M = 0.3  # error of the distance of two points
-HEADINGS_OF_POINTS = 40  # most headings that pairs of points tell
+HEADINGS_OF_POINTS = 40  # largest number of headings by pairs of points
 JITTER = np.array([0.1, 0.1, 0.03])  # standard deviations of particles about such a pose (m, m, rad)
 EFFECTIVE = 10.0  # of the poses at least, however much likelier the best one is
 
@@ -50,7 +50,7 @@ class PoseProposals:
         self._directions = np.unique(np.arctan2(model.lines[:, 1], model.lines[:, 0]).round(6) % math.pi)
 
     def of(self, view: FeatureView) -> FeaturePoses:
-        """The poses that a view tells; none of one that tells no heading or no position."""
+        """The poses that a view proposes; none if it gives no heading or no position."""
         headings = self._headings(view)
         found = np.concatenate([np.zeros((0, 3)), *self._by_points(view, headings), *self._by_lines(view, headings)])
         found = found[(np.abs(found[:, :2]) <= self.reach_m).all(axis=1)]

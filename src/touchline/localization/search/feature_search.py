@@ -33,7 +33,7 @@ class FeatureSearch:
     def modes(
         self, seen: Seen, view: FeatureView, expected: StatePrior, response: Response, known: Sequence[Known] = ()
     ) -> tuple[Mode, ...]:
-        """The registered poses, the likeliest first; none of an image that tells no position.
+        """The registered poses, the likeliest first; none of an image that gives no position.
 
         view: the same as `seen`, without the lean that is known. expected: what is known of the camera; its pose is not
         used. known: of the pose.

@@ -3,7 +3,7 @@
 Coarse: the mean error of every pose of a grid, by look-ups in a table (`CoarseSearch`). Fine: registration from the
 best of them. What is left are the modes of the likelihood; each one's probability is its share of the whole, by
 Laplace's approximation (the likelihood at the top times the volume of its covariance). Lines that a pose predicts where
-none was seen (`unseen`) speak against it: half a view fits many places, until they are asked what else should be there.
+none was seen (`unseen`) count against it: half a view fits many places, until what else should be there is compared.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ CLOSE_STARTS = 30  # so many of the starts may be neighbours on the grid
 NEAR_STARTS = 25  # of a search near a pose
 UNLIKELY = 7.0  # logarithm of odds against the best from which a mode is dropped
 SAME = 0.1, 0.05  # m, rad: poses nearer than this are one mode
-COARSE_POINTS = 90  # so many at most, evenly taken, tell the coarse errors
+COARSE_POINTS = 90  # so many at most, evenly taken, give the coarse errors
 SEARCH_POINTS = 60  # and so many, of a narrower view as many times fewer, which starts are worth more
-MIN_POINTS = 20  # that tell that
+MIN_POINTS = 20  # at least for that
 HOPELESS = 25.0  # logarithm of odds against the best from which a start is not
-# so many points tell as one: what the likelihoods leave out is shared between points. Fitted to how often modes of half
-# views and sectors of 120 degrees are right (temperature scaling: Guo et al. 2017)
+# so many points count as one: what the likelihoods leave out is shared between points. Fitted to how often modes of
+# half views and sectors of 120 degrees are right (temperature scaling: Guo et al. 2017)
 TEMPERATURE = 1.5
-MAX_CONTRADICTION = 4.0  # what something known speaks against a pose, at most: one compass in fifty is false
+MAX_CONTRADICTION = 4.0  # largest contradiction by something known: one compass in fifty is false
 
 
 class Known(NamedTuple):
@@ -214,7 +214,7 @@ def _with_probabilities(fits: Fits, known: Sequence[Known], twins: bool) -> tupl
 
 
 def contradiction(pose: Pose, known: Known) -> float:
-    """How much something known speaks against a pose: logarithm of a likelihood ratio."""
+    """How much something known contradicts a pose: logarithm of a likelihood ratio."""
     away = pose.as_array() - known.pose
     away[2] = wrap_angle(float(away[2]))
     return min(0.5 * float(away @ known.information @ away), MAX_CONTRADICTION)

@@ -16,7 +16,7 @@ from touchline.types import LinePoints
 LEFT_M = 0.02  # deviation that the lines leave the position, up to which an image tells of the camera
 # how far the pose that an image wants may be off the expected one for its own errors to be believed: more than wheels
 # and gyro miss from image to image
-CLOSE_M, CLOSE_RAD = 0.05, 0.005
+CLOSE_M, CLOSE_RAD = 0.05, 0.01
 
 
 class ImageDoubt(NamedTuple):

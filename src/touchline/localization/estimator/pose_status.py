@@ -1,0 +1,95 @@
+"""Whether the likeliest pose is tracked, by what the images show of late and how much of it the pose explains."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from touchline.localization.camera_errors.base import ImageTrust
+from touchline.localization.estimator.bank import CARRIED_AWAY, CARRIED_BLIND, Bank, Member
+from touchline.localization.estimator.field_end import FieldEnd
+from touchline.localization.registration.covariance import is_observed
+from touchline.localization.registration.joint import Seen
+from touchline.types import Status
+
+BLIND_S = 4.0  # without anything that the pose explains, after which it is in doubt: the robot may have been carried
+
+
+class Criteria(NamedTuple):
+    """min_points: line points without which an image shows too little. min_explained: share of what is seen that a pose
+    must explain. min_probability: from which the likeliest is tracked. blind_frames: images in a row that show nothing.
+    """
+
+    min_points: int
+    min_explained: float
+    min_probability: float
+    blind_frames: int
+
+
+class PoseStatus:
+    """`status`; `images`: so many have shown something; `blind_frames`: so many in a row have not."""
+
+    def __init__(self, criteria: Criteria, trust: ImageTrust) -> None:
+        self.criteria, self.trust = criteria, trust
+        self.reset(tracking=False)
+
+    def reset(self, tracking: bool) -> None:
+        """Nothing has been seen. tracking: whether the pose was given."""
+        self.status = Status.TRACKING if tracking else Status.SEARCHING
+        self.images, self.blind_frames = 0, 0
+        self._explained, self._unexplained_s = 1.0, 0.0  # of late; time in which a pose explained nothing
+
+    def sees(self, seen: Seen) -> bool:
+        """Take what an image shows; whether that is enough to correct a pose."""
+        shows = len(seen.positions_m) >= self.criteria.min_points or len(seen.raw_m) > 0
+        self.blind_frames = 0 if shows else self.blind_frames + 1
+        return shows
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether nothing that the pose explains has been seen for too long."""
+        blind = self.blind_frames >= self.criteria.blind_frames and self._unexplained_s >= self.trust.looks_away_s
+        return blind or self._unexplained_s > BLIND_S
+
+    @property
+    def carried_log_odds(self) -> float:
+        """That the robot was moved unfelt, in an image that makes one search."""
+        return CARRIED_BLIND if self.is_blind else CARRIED_AWAY
+
+    def is_in_doubt(self, best: Member | None) -> bool:
+        """Whether the whole field is searched."""
+        if self.status is not Status.TRACKING or best is None or not is_observed(best.filter.covariance):
+            return True
+        good = self.criteria.min_explained if self.trust.good is None else self.trust.good
+        return min(best.explained, self._explained) < good
+
+    def is_likely(self, bank: Bank) -> bool:
+        """Whether the likeliest pose is the only likely one, and enough images support it."""
+        return bank.probabilities[0] >= self.criteria.min_probability and bank.is_confirmed
+
+    def is_consistent(self, bank: Bank) -> bool:
+        """Whether it is, is known in all directions, and explains the last image."""
+        best = bank.members[0]
+        return self.is_likely(bank) and is_observed(best.filter.covariance) and self._fits(best, 1.0)
+
+    def update(self, bank: Bank, end: FieldEnd, seconds: float) -> Status:
+        """Judge the likeliest pose after an image, so many seconds after the last."""
+        best, tracked = bank.best, self.status is Status.TRACKING
+        if best is None:
+            return self.status
+        if self.blind_frames == 0:
+            memory = 1.0 if self.images == 0 or self._unexplained_s > BLIND_S else self.trust.memory
+            self._explained += memory * (best.explained - self._explained)
+            self.images += 1
+        seen_and_fits = self.blind_frames == 0 and self._fits(best, 0.5)
+        self._unexplained_s = 0.0 if seen_and_fits else self._unexplained_s + seconds
+        decided = self.is_likely(bank) and end.is_decided(self.criteria.min_probability)
+        ratio = self.trust.tracked_ratio if tracked else 1.0
+        explained = self.blind_frames > 0 or self._explained >= ratio * self.criteria.min_explained
+        if decided and explained and is_observed(best.filter.covariance) and not self.is_blind:
+            self.status, bank.confirmed = Status.TRACKING, True
+        else:
+            self.status = Status.SEARCHING if not tracked or decided else Status.LOST
+        return self.status
+
+    def _fits(self, best: Member, ratio: float) -> bool:
+        return best.explained >= ratio * self.criteria.min_explained

@@ -1,0 +1,88 @@
+"""When the whole field is searched, and which of the poses that are found become hypotheses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from touchline.geometry import Pose, wrap_angle
+from touchline.localization.camera_errors.base import placed_points
+from touchline.localization.estimator.bank import Bank, Image
+from touchline.localization.registration.feature_model import FeatureView
+from touchline.localization.registration.seen import POINT_SHARE
+from touchline.localization.search.field_search import WHOLE, FieldSearch, Searched
+from touchline.localization.search.pose_search import Known, Mode
+
+PARTS = 3  # of the headings: a third of them, in a third of the images, delays none by a whole search
+HOPELESS = 40.0  # logarithm of odds of line points against the pose that is followed from which another is not tried
+NEAR_M, NEAR_RAD = 0.5, 0.5  # poses nearer than this are the same place
+
+
+class Ends(NamedTuple):
+    """What is known of the ends of the field: whether it is symmetric, and whether the robot is in its own half."""
+
+    symmetric: bool
+    own_half: bool
+
+
+class FieldWatch:
+    """Searches the whole field in doubt, and part after part of it now and then."""
+
+    def __init__(self, search: FieldSearch, every: int) -> None:
+        """every: images in which the whole field is searched once though nothing is wrong."""
+        self.search, self.every = search, every
+        self.reset()
+
+    def reset(self) -> None:
+        """No image has been searched."""
+        self._since, self._part = 0, 0
+
+    def part(self, in_doubt: bool) -> tuple[int, int] | None:
+        """Which of so many parts is searched in this image; None: nothing."""
+        self._since += 1
+        parts = min(PARTS, self.every)
+        if not in_doubt and self._since * parts < self.every:
+            return None
+        self._since = 0
+        if in_doubt:
+            return WHOLE
+        self._part = (self._part + 1) % parts
+        return self._part, parts
+
+    def modes(
+        self, image: Image, view: FeatureView, bank: Bank, known: Sequence[Known], part: tuple[int, int], ends: Ends
+    ) -> tuple[Mode, ...]:
+        """Poses that explain an image; on a symmetric field one of each pair of twins. view: its features, without the
+        camera's errors that are known; known: of the pose.
+        """
+        best, knowing, trust = bank.best, bank.knowing, bank.trust
+        upright = placed_points(image.seen.positions_m, knowing.errors, image.response)
+        expected = knowing.prior(bank.statistics.per_image)
+        searched = Searched(image.seen, view, upright, expected, image.response, trust.free_fit)
+        modes = self.search.modes(searched, known, part)
+        if part != WHOLE and trust.free_fit and best is not None and best.fit is not None:
+            min_likely = best.fit.log_likelihood / POINT_SHARE - HOPELESS
+            modes = tuple(mode for mode in modes if mode.log_likelihood > min_likely)
+        if not ends.symmetric:
+            return tuple(mode for mode in modes if mode.pose.x <= 0.0 or best is not None or not ends.own_half)
+        if ends.own_half and best is None:
+            modes = tuple(mode if mode.pose.x <= 0.0 else mode.mirrored() for mode in modes)
+        return at_one_end(modes, [one.filter.pose for one in bank.members], aligned=not known)
+
+
+def at_one_end(modes: Sequence[Mode], followed: Sequence[Pose], aligned: bool) -> tuple[Mode, ...]:
+    """Of each pair of twins the likelier one, or that which is nearer to a pose that is followed, the likeliest first.
+    aligned: nothing distinguishes them, and the heading of the likeliest decides.
+    """
+    kept: list[Mode] = []
+    for mode in sorted(modes, key=lambda one: -sum(_is_near(one.pose, pose) for pose in followed)):
+        if any(_is_near(mode.pose, one.pose) or _is_near(mode.pose.mirrored(), one.pose) for one in kept):
+            continue
+        turned = bool(followed) and math.cos(mode.pose.heading - followed[0].heading) < 0.0
+        kept.append(mode.mirrored() if aligned and turned else mode)
+    return tuple(kept)
+
+
+def _is_near(one: Pose, other: Pose) -> bool:
+    return one.distance_to(other) < NEAR_M and abs(wrap_angle(one.heading - other.heading)) < NEAR_RAD
