@@ -22,7 +22,9 @@ from touchline.config import settings_rows
 from touchline.field import open_field
 from touchline.localization.one_shot.locate import LocateSettings
 from touchline.sources import open_source
-from touchline.systems import SYSTEMS
+from touchline.systems import SYSTEMS, RobotSetup, open_system
+from touchline.systems.touchline import Touchline
+from touchline.types import Frame, Status
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "touchline"
@@ -71,7 +73,7 @@ UNTRUSTED_MODULES = (
     *("pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "code", "runpy"),
     *("socket", "ssl", "urllib", "http", "ftplib", "smtplib", "requests", "httpx", "aiohttp", "asyncio", "subprocess"),
 )
-MAX_FUNCTION_LINES, MAX_PARAMETERS = 60, 8
+MAX_FUNCTION_LINES, MAX_PARAMETERS, MAX_STEP_LINES = 60, 8, 15
 STRANGERS = (("sources", "systems"), ("checks", "experiments"))  # rooms that don't know each other
 
 
@@ -229,6 +231,50 @@ def test_a_long_function_is_noticed() -> None:
     assert list(too_large("def f(a, b, c, d, e, f, g, h): pass")) == []
     assert len(list(too_large("class A:\n def f(self, a, b, c, d, e, f, g, h, i): pass"))) == 1
     assert len(list(too_large("def f():\n" + "    pass\n" * 60))) == 1
+
+
+def steps_of(text: str) -> list[tuple[str, str]]:
+    """(code, comment) of every visible line of `step` in a module; a comment of its own announces the line after it."""
+    functions = [
+        node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef) and node.name == "step"
+    ]
+    (step,) = functions
+    body = step.body[1:] if ast.get_docstring(step) else step.body
+    found, announced = [], ""
+    for line in text.splitlines()[body[0].lineno - 1 : step.end_lineno]:
+        code, _, comment = (part.strip() for part in line.partition("#"))
+        if code:
+            found.append((code, comment or announced))
+        announced = "" if code else comment
+    return found
+
+
+def test_our_own_step_is_fifteen_lines_each_step_announced() -> None:
+    lines = steps_of((PACKAGE / "systems" / "touchline.py").read_text(encoding="utf-8"))
+    assert len(lines) <= MAX_STEP_LINES
+    comments = [comment for _, comment in lines if comment]
+    words = ("predict", "measure", "observe", "register", "search", "fuse", "which end", "tracked", "late")
+    assert [word for word, comment in zip(words, comments, strict=True) if word not in comment] == []
+    silent = "".join(" " if comment else "." for _, comment in lines)
+    assert max(map(len, silent.split())) <= 3, "lines that belong to the comment before them"
+
+
+@pytest.mark.parametrize("camera", ["none", "height", "mirror", "pinhole", "fisheye"])
+def test_our_own_system_is_one_class_with_every_camera(camera: str, tmp_path: Path) -> None:
+    """And what differs between cameras is asked of the model of their errors: the system asks no camera what it is."""
+    text = (PACKAGE / "systems" / "touchline.py").read_text(encoding="utf-8")
+    assert re.findall(r"isinstance\(|camera\.model\b|OmniCamera|PinholeCamera|Fisheye", text) == []
+    _, mirror, _, perspective = yaml_blocks("how-to-recording.md")
+    files = {"mirror": mirror, "pinhole": perspective}
+    files["fisheye"] = re.sub("distortion: .*", "", perspective.replace("model: pinhole", "model: fisheye"))
+    if camera in files:
+        (tmp_path / "camera.yaml").write_text(files[camera], encoding="utf-8")
+    chosen = open_camera(tmp_path / "camera.yaml") if camera in files else None
+    setup = RobotSetup(open_field("msl-18x12"), chosen, height_m=1.1 if camera == "height" else None)
+    system = open_system("touchline", setup)
+    assert type(system) is Touchline
+    assert "step" not in vars(system)
+    assert system.step(Frame(1)).status is Status.SEARCHING
 
 
 def test_versions_agree() -> None:

@@ -37,6 +37,7 @@ class PoseStatus:
         self.status = Status.TRACKING if tracking else Status.SEARCHING
         self.images, self.blind_frames = 0, 0
         self._explained, self._unexplained_s = 1.0, 0.0  # of late; time in which a pose explained nothing
+        self._contradicted_s = 0.0  # of that, time in which something was seen
 
     def sees(self, seen: Seen) -> bool:
         """Take what an image shows; whether that is enough to correct a pose."""
@@ -48,12 +49,12 @@ class PoseStatus:
     def is_blind(self) -> bool:
         """Whether nothing that the pose explains has been seen for too long."""
         blind = self.blind_frames >= self.criteria.blind_frames and self._unexplained_s >= self.trust.looks_away_s
-        return blind or self._unexplained_s > BLIND_S
+        return blind or self._contradicted_s > BLIND_S
 
     @property
     def carried_log_odds(self) -> float:
         """That the robot was moved unfelt, in an image that makes one search."""
-        return CARRIED_BLIND if self.is_blind else CARRIED_AWAY
+        return CARRIED_BLIND if self._unexplained_s > BLIND_S else CARRIED_AWAY
 
     def is_in_doubt(self, best: Member | None) -> bool:
         """Whether the whole field is searched."""
@@ -82,6 +83,8 @@ class PoseStatus:
             self.images += 1
         seen_and_fits = self.blind_frames == 0 and self._fits(best, 0.5)
         self._unexplained_s = 0.0 if seen_and_fits else self._unexplained_s + seconds
+        if self.blind_frames == 0:
+            self._contradicted_s = 0.0 if seen_and_fits else self._contradicted_s + seconds
         decided = self.is_likely(bank) and end.is_decided(self.criteria.min_probability)
         ratio = self.trust.tracked_ratio if tracked else 1.0
         explained = self.blind_frames > 0 or self._explained >= ratio * self.criteria.min_explained
