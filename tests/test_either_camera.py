@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -265,13 +265,13 @@ def rough(frames: Sequence[Frame], times_s: FloatArray) -> list[Frame]:
     """
     found = []
     for each, time_s in zip(frames, (times_s - times_s[0]).tolist(), strict=True):
-        jumps = [jump for start_s, jump in JUMPS if start_s <= time_s]
-        now = with_odometry(each, lambda poses, by=sum(jumps): poses + by)  # type: ignore[misc]
+        jumped = sum(jump for start_s, jump in JUMPS if start_s <= time_s)
+        now = with_odometry(each, partial(np.add, jumped))
         if now.compass is not None:
             now = replace(now, compass=replace(now.compass, values=now.compass.values + 1.5 * math.sin(2.0 * time_s)))
         if 3.0 < time_s < 9.0:
             now = replace(now, observation=Observation(now.stamp_ns))
-        elif 2.4 < time_s or 1.0 < time_s < 1.8:
+        elif time_s > 2.4 or 1.0 < time_s < 1.8:
             now = replace(now, observation=sector(now.observation, 0.6))
         found.append(now)
     return found
