@@ -99,7 +99,7 @@ GOOD = {
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"model": "fisheye"}, "unknown camera model 'fisheye'"),
+        ({"model": "spherical"}, "unknown camera model 'spherical'"),
         ({"center": [5]}, "'center' needs two numbers"),
         ({"center": None}, "'center' must be a list of finite numbers"),
         ({"handedness": 2}, "'handedness' must be 1 or -1"),

@@ -57,7 +57,7 @@ class TestCalibrationInputs:
         recording = open_source(tmp_path / "askew")
         askew = np.mean(errors_of(recording, recording.camera)[:, 0])
         calibrated = np.mean(errors_of(recording, calibrate_mirror(recording).camera)[:, 0])
-        assert 0.015 < askew < 0.035
+        assert 0.008 < askew < 0.02
         assert calibrated < 0.004
 
     def test_chessboard_corners_are_where_opencv_finds_them(self, recordings: dict[str, Path]) -> None:

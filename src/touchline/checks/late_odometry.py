@@ -85,7 +85,8 @@ def find_late(field: FieldModel, frames: Sequence[Frame]) -> Late | None:
 def _corrections(field: FieldModel, frames: Sequence[Frame], late_s: float) -> FloatArray:
     """(K,) by how much images turned the heading that odometry had carried on (rad, absolute), were it so late."""
     shifted = [*_redealt(frames, round(1e9 * late_s))]
-    system = open_system(_SYSTEM, RobotSetup(field, None))
+    # a scale of the turns that is learned would take up a part of it
+    system = open_system(_SYSTEM, RobotSetup(field, None), {"odometry.turn_scale": 0.0})
     estimates = [system.step(frame) for frame in shifted]
     told = [frame.odometry for frame in shifted if frame.odometry is not None]
     if not told:

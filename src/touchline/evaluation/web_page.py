@@ -20,9 +20,8 @@ def html_page(title: str, sections: Sequence[str], data: str | None = None) -> s
     style, scripts = _file("page.css"), ""
     if data is not None:
         style = _file("uPlot.min.css") + style
-        scripts = (
-            f'<script type="application/json" id="data">{data}</script>\n'
-            f"<script>{_file('uPlot.iife.min.js')}</script>\n<script>{_file('page.js')}</script>\n"
+        scripts = f'<script type="application/json" id="data">{data}</script>\n' + "".join(
+            f"<script>{_file(name)}</script>\n" for name in ("uPlot.iife.min.js", "drawing.js", "page.js")
         )
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

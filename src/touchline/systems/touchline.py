@@ -178,11 +178,11 @@ class Touchline:
         self.end.reset(known=prior.pose is not None)
         self.judged.reset(tracking=start is not None)
         self.watch.reset()
-        self.last_ns, self.problems = 0, tuple[str, ...]()
+        self.before_ns, self.problems = 0, tuple[str, ...]()
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
-        clock, seconds = Stopwatch(), self._seconds(frame)
+        clock, seconds = Stopwatch(), self._take(frame)
         # predict: propagate every hypothesis by the odometry
         shift = self._predict(frame, seconds)
         self.bank.measure(frame, MEASUREMENTS)  # measure: by further sensors
@@ -200,11 +200,12 @@ class Touchline:
         self._judge_delay(frame)  # how late are the stamps?
         return self._report(observation, clock)
 
-    def _seconds(self, frame: Frame) -> float:
-        """Since the frame before."""
-        seconds = 1e-9 * max(frame.stamp_ns - self.last_ns, 0) if self.last_ns else 0.0
-        self.last_ns, self.problems = frame.stamp_ns, ()
-        return seconds
+    def _take(self, frame: Frame) -> float:
+        """Take a frame's samples; seconds since the one before. One from the past is refused and changes nothing."""
+        before_ns = self.history.clocks.frame_ns
+        self.history.add(frame)
+        self.before_ns, self.problems = frame.stamp_ns if before_ns is None else before_ns, ()
+        return 1e-9 * (frame.stamp_ns - self.before_ns)
 
     @property
     def _late_s(self) -> float:
@@ -214,10 +215,8 @@ class Touchline:
 
     def _predict(self, frame: Frame, seconds: float) -> FloatArray | None:
         """From when the last image was taken to when this one was; (3,) by how much that may be off, robot frame."""
-        before_ns = self.history.clocks.frame_ns
-        self.history.add(frame)
         self.stuck.update(frame.compass)
-        moved = delayed(self.history, frame.stamp_ns if before_ns is None else before_ns, frame.stamp_ns, self._late_s)
+        moved = delayed(self.history, self.before_ns, frame.stamp_ns, self._late_s)
         self.bank.predict(moved, seconds)
         self.followed = self.bank.best
         self.predicted = np.zeros(3) if self.followed is None else self.followed.filter.pose.as_array()

@@ -8,44 +8,6 @@
   const wide = () => byId("charts").clientWidth;
   let row = -1, linked = false;
 
-  // ---- the field with the true path as a broad line, the estimates as dots, and a marker for each place
-  function drawPath(svg) {
-    const { size: [length, width], line_width, lines, discs } = data.field, left = -length / 2, low = -width / 2;
-    const carried = new Set(data.gaps), size = length / 60, text = length / 42, drawn = [];
-    for (const run of data.runs) {
-      if (run.dots) continue;
-      let path = "", on = false;
-      run.x.forEach((x, i) => {
-        if (x != null) path += `${on && !carried.has(i) ? "L" : "M"}${x},${run.y[i]}`;
-        on = x != null;
-      });
-      drawn.push(`<path d='${path}' class='truth' stroke='var(--truth)'/>`);
-    }
-    const located = data.runs.filter(run => run.dots);
-    for (const run of located) {
-      const groups = new Map();
-      run.dots.forEach((color, i) => {
-        if (color && Math.abs(run.x[i]) < 1e4 && Math.abs(run.y[i]) < 1e4)
-          groups.set(color, (groups.get(color) || "") + `M${run.x[i].toFixed(2)},${run.y[i].toFixed(2)}h0`);
-      });
-      for (const [color, path] of groups) drawn.push(`<path d='${path}' class='dots' stroke='var(--${color})'/>`);
-      const first = run.dots.findIndex(color => color);
-      if (located.length === 1 && first >= 0) drawn.push(`<circle cx='${run.x[first]}' cy='${run.y[first]}' r='0.16' class='first'/>`);
-    }
-    data.runs.forEach((run, k) => drawn.push(
-      `<g id='at-${k}' class='marker ${run.marker}' style='display:none'><circle r='${size}'/><line x2='${2.2 * size}'/></g>`));
-    const paint = lines.map(line => "M" + line.join(" ")).join(" "), spots = discs.map(([x, y, d]) => `<circle cx='${x}' cy='${y}' r='${d / 2}' fill='var(--paint)'/>`).join("");
-    const ticks = [], tick = (x, y, how, words) => ticks.push(`<text x='${x}' y='${y}' ${how}>${words}</text>`);
-    for (let x = Math.ceil(left / 2) * 2; x <= -left; x += 2)
-      if (x > left + 1.5 * text && x < -left - 6 * text) tick(x, -low + 1.2 * text, "text-anchor='middle'", x);
-    for (let y = Math.ceil(low / 2) * 2; y <= -low; y += 2) tick(left + 0.2 * text, -y + 0.35 * text, "fill='var(--ink)' opacity='0.65'", y);
-    tick(-left, -low + 1.2 * text, "text-anchor='end'", "x, y (m)");
-    svg.setAttribute("viewBox", `${left} ${low} ${length} ${width + 1.6 * text}`);
-    svg.innerHTML = `<g id='metres' transform='scale(1,-1)'><rect x='${left}' y='${low}' width='${length}' height='${width}' fill='var(--carpet)'/>` +
-      `<path d='${paint}' fill='none' stroke='var(--paint)' stroke-width='${line_width}' stroke-linecap='square'/>${spots}${drawn.join("")}</g>` +
-      `<g font-size='${text}' fill='var(--soft)'>${ticks.join("")}</g>`;
-  }
-
   // ---- curves
   function axis(extra) {
     const stroke = () => css("soft"), grid = { stroke: () => css("grid"), width: 1 };
@@ -125,15 +87,8 @@
     charts.push(new uPlot(options(chart.title, chart.last ? 190 : 160, series, more), columns, byId("charts")));
   }
   function addHistogram(box, told) {
-    const bins = told.later.length, span = Math.log(told.high / told.low), ticks = [];
+    const bins = told.later.length, span = Math.log(told.high / told.low), ticks = ticksOf(told);
     const across = ms => bins * Math.min(Math.max(Math.log(ms / told.low) / span, 0), 1);
-    if (told.high > 8 * told.low) {
-      for (let k = -3; k < 6; k++) for (const n of told.high > 300 * told.low ? [1] : [1, 2, 5]) ticks.push(n * 10 ** k);
-    } else {
-      const least = (told.high - told.low) / 7, decade = 10 ** Math.floor(Math.log10(least));
-      const step = decade * [1, 2, 5, 10].find(n => n * decade >= 0.999 * least);
-      for (let k = Math.ceil(told.low / step); k * step <= told.high; k++) ticks.push(k * step);
-    }
     const shown = ticks.filter(ms => told.low <= ms && ms <= told.high), names = new Map(shown.map(ms => [across(ms), String(+ms.toPrecision(3))]));
     const mark = u => {
       const c = u.ctx, ratio = devicePixelRatio || 1, right = u.bbox.left + u.bbox.width, [median, p99] = told.marks;
@@ -169,11 +124,6 @@
   }
 
   // ---- one time for all
-  function nearest(list, i) {
-    let best = 0;
-    list.forEach((one, k) => { if (Math.abs(one.row - i) < Math.abs(list[best].row - i)) best = k; });
-    return list[best];
-  }
   function place(from) {
     linked = true;
     for (const u of charts) if (u !== from) u.setCursor({ left: u.valToPos(t[row], "x"), top: 10 }, false, false);
@@ -202,7 +152,6 @@
     byId("frame").dataset.row = picture.row;
     byId("frame-time").textContent = `image at ${t[picture.row].toFixed(2)} s`;
   }
-  function escaped(text) { const span = document.createElement("span"); span.textContent = text; return span.innerHTML; }
 
   // ---- hands
   function onPath(event) {
@@ -236,7 +185,7 @@
   byId("zoom-out").addEventListener("click", () => zoom(2));
   byId("zoom-all").addEventListener("click", () => zoom(0));
   if (byId("path")) for (const kind of ["click", "mousemove"]) byId("path").addEventListener(kind, onPath);
-  if (byId("path")) drawPath(byId("path"));
+  if (byId("path")) drawPath(byId("path"), data);
   addStatus();
   data.charts.forEach(addChart);
   if (data.histogram && byId("histogram")) addHistogram(byId("histogram"), data.histogram);
