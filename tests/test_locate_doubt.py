@@ -107,7 +107,7 @@ def test_what_a_camera_is_unsure_of_is_as_its_file_states_it() -> None:
     for mirror in made:
         mirror.update(points_at(view(FIELD, Pose(1.0, 0.5, 0.2), np.random.default_rng(1))), Pose(1.0, 0.5, 0.2))
     shift_m = np.sqrt(made[0].misfit[0, 0])
-    assert 0.005 * 0.03 * outer_px < shift_m < 0.05 * 0.03 * outer_px  # of 1 to 5 cm per pixel
+    assert 0.005 * 0.03 * outer_px < shift_m < 0.05 * 0.03 * outer_px  # of 0.5 to 5 cm per pixel
     assert made[1].misfit[0, 0] < 1e-8
 
 
