@@ -10,6 +10,7 @@ import sys
 import threading
 import types
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -364,6 +365,31 @@ def test_between_images_the_pose_is_carried_on() -> None:
     assert localizer.pose(estimates[-1].stamp_ns).pose == pytest.approx(estimates[-1].pose, abs=1e-12)
     assert localizer.pose(frames[39].stamp_ns + 5_000_000_000).status is Status.SEARCHING
     assert play(localizer, frames[45:50])[-1].pose == pytest.approx(play(made(), frames[:50])[-1].pose, abs=0.02)
+
+
+def test_a_bound_grows_as_the_pose_is_carried_on_and_ends_with_the_knowledge(monkeypatch: pytest.MonkeyPatch) -> None:
+    localizer, frames = made(), drive()[1]
+    system = localizer._system.system
+    bound = {"protection_m": 0.06, "protection_rad": 0.02, "end_probability": 0.9, "statistics": {"motion": 0.1}}
+    step = system.step
+    monkeypatch.setattr(system, "step", lambda frame: replace(step(frame), **bound))
+    last = play(localizer, frames[:40])[-1]
+    for frame in frames[40:45]:
+        feed(localizer, frame)
+    here, ahead = (localizer.pose(stamp) for stamp in (last.stamp_ns, frames[44].stamp_ns))
+    assert (here.protection_m, here.protection_rad) == pytest.approx((0.06, 0.02))
+    assert ahead.protection_m is not None
+    assert ahead.protection_rad is not None
+    way = last.pose.distance_to(ahead.pose)
+    assert 0.06 + 0.02 * way < ahead.protection_m < 0.06 + 0.02 * way + 0.5
+    assert 0.02 < ahead.protection_rad < 0.2
+    assert (ahead.end_probability, ahead.statistics, ahead.reason) == (0.9, {"motion": 0.1}, "")
+    far = localizer.pose(frames[39].stamp_ns + 5_000_000_000)
+    assert (far.protection_m, far.protection_rad) == (None, None)
+    assert far.reason == "the last image is more than 1 s away"
+    late = localizer.localize(frames[15].stamp_ns, observation=frames[15].observation)
+    assert (late.protection_m, late.status) == (None, Status.SEARCHING)
+    assert "older" in late.reason
 
 
 def test_a_pose_is_carried_on_with_the_scales_of_the_odometry_that_were_learned() -> None:

@@ -53,6 +53,8 @@ _MAX_EVIDENCE = 100  # that waits for an image
 _MAX_STAMP_NS = 2**62
 _PREDICTED_NS = 1_000_000_000  # a pose carried on for longer is a guess: odometry may have slipped
 _MISSING_S = 0.5
+_PROTECTION_SIGMAS = 6.0  # that a protection level holds of a motion's standard deviation
+_NO_IMAGE, _NO_STAMP = "no image has been localised yet", "the stamp is no whole number of nanoseconds"
 _SEEN = {"points": "point", "lines": "line", "crossings": "crossing", "landmarks": "landmark"}
 _ODD_ORDERS = {
     FrameOrder.LATE: "image: older than the one before, left out",
@@ -177,7 +179,7 @@ class Localizer:
             last = self._last
             stamp = self._stamp("image", stamp_ns)
             if stamp is None:
-                return self._finished(replace(last or self._unknown(0), status=Status.SEARCHING))
+                return self._finished((last or self._unknown(0)).unconfirmed(_NO_STAMP))
             frame = Frame(
                 stamp,
                 image=self._usable_image(image, points is not None or observation is not None),
@@ -199,7 +201,7 @@ class Localizer:
             last = self._last
             stamp = self._stamp("pose", stamp_ns)
             if last is None or stamp is None:
-                return replace(last or self._unknown(stamp or 0), status=Status.SEARCHING)
+                return (last or self._unknown(stamp or 0)).unconfirmed(_NO_IMAGE if last is None else _NO_STAMP)
             for sensor, samples in self._ahead_pending.take().items():
                 self._ahead.add_samples(sensor, samples)
             return _carried(last, self._ahead, stamp)
@@ -323,8 +325,8 @@ class Localizer:
             _log.exception("localization failed and starts anew")
             self._counts.add(f"localization: failed by {type(error).__name__} and started anew")
             self._system.reset(Prior(self._last.pose) if self._last is not None else self._prior)
-            estimate = replace(self._last or self._unknown(frame.stamp_ns), status=Status.SEARCHING)
-            estimate = replace(estimate, stamp_ns=frame.stamp_ns)
+            estimate = replace(self._last or self._unknown(frame.stamp_ns), stamp_ns=frame.stamp_ns)
+            estimate = estimate.unconfirmed(f"localization failed by {type(error).__name__} and started anew")
         order = self._system.order
         if order in _ODD_ORDERS:
             self._counts.add(_ODD_ORDERS[order])
@@ -358,7 +360,7 @@ class Localizer:
         anywhere = np.diag([0.5 * self.field.length, 0.5 * self.field.width, math.pi]) ** 2
         known = self._prior.covariance
         pose = self._prior.pose or Pose(0.0, 0.0, 0.0)
-        return Estimate(stamp_ns, pose, anywhere if known is None else known, Status.SEARCHING)
+        return Estimate(stamp_ns, pose, anywhere if known is None else known, Status.SEARCHING, reason=_NO_IMAGE)
 
 
 class _Queue:
@@ -435,17 +437,36 @@ def _carried(last: Estimate, history: MotionHistory, stamp_ns: int) -> Estimate:
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         covariance = turn @ covariance @ turn.T
     carried = driven(last.pose, EXACT_SCALES, step)
-    guessed = abs(stamp_ns - last.stamp_ns) > _PREDICTED_NS or motion.missing_s > _MISSING_S
-    return Estimate(
+    added = carried.by_motion @ covariance @ carried.by_motion.T
+    protection_m, protection_rad = _carried_protection(last, step, added)
+    estimate = Estimate(
         stamp_ns,
         carried.pose,
-        carried.by_pose @ last.covariance @ carried.by_pose.T + carried.by_motion @ covariance @ carried.by_motion.T,
-        Status.SEARCHING if guessed else last.status,
+        carried.by_pose @ last.covariance @ carried.by_pose.T + added,
+        last.status,
         hypotheses=tuple(replace(other, pose=other.pose.compose(step)) for other in last.hypotheses),
         probability=last.probability,
         mode=last.mode,
         odometry=last.odometry,
+        protection_m=protection_m,
+        protection_rad=protection_rad,
+        reason=last.reason,
+        end_probability=last.end_probability,
+        statistics=last.statistics,
     )
+    if abs(stamp_ns - last.stamp_ns) > _PREDICTED_NS:
+        return estimate.unconfirmed(f"the last image is more than {_PREDICTED_NS / 1e9:g} s away")
+    return estimate.unconfirmed("motion was not measured") if motion.missing_s > _MISSING_S else estimate
+
+
+def _carried_protection(last: Estimate, step: Pose, added: FloatArray) -> tuple[float | None, float | None]:
+    """Protection levels after a motion, whose covariance (3, 3) is added: the heading's turns the way into an error."""
+    if last.protection_m is None or last.protection_rad is None:
+        return None, None
+    more_m = _PROTECTION_SIGMAS * math.sqrt(max(np.linalg.eigvalsh(added[:2, :2])[-1], 0.0))
+    turned_m = math.hypot(step.x, step.y) * last.protection_rad
+    more_rad = _PROTECTION_SIGMAS * math.sqrt(added[2, 2])
+    return math.hypot(last.protection_m + turned_m, more_m), math.hypot(last.protection_rad, more_rad)
 
 
 def _as_floats(points: LinePoints) -> LinePoints:

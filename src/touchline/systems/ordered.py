@@ -55,7 +55,7 @@ class OrderedSystem:
         self.counts[self.order] += 1
         if self.order in (FrameOrder.LATE, FrameOrder.UNCONFIRMED) and self._last is not None:
             self._dropped.append(replace(frame, image=None, observation=None))
-            return replace(self._last, status=Status.SEARCHING)
+            return self._last.unconfirmed("the image's stamp is older than that of the one before, or far ahead")
         if self.order is FrameOrder.CLOCK_SET_BACK:
             self.system.reset(self._prior)
         if self._dropped:
@@ -64,7 +64,7 @@ class OrderedSystem:
         estimate = self.system.step(frame)
         self._remember(estimate)
         if self.order is FrameOrder.CLOCK_SET_BACK:
-            estimate = replace(estimate, status=Status.SEARCHING)
+            estimate = estimate.unconfirmed("the clock was set back")
         self._last = estimate
         return estimate
 

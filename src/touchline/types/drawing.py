@@ -31,7 +31,8 @@ def estimate_html(estimate: Estimate, picture: str | None = None) -> str:
         f"<td>{'' if of.probability is None else f'{of.probability:.3g}'}</td></tr>"
         for name, of in rows
     )
-    problems = "".join(f"<p>{html.escape(problem)}</p>" for problem in estimate.problems)
+    said = [*filter(None, (_bound_text(estimate), estimate.reason, _statistics_text(estimate))), *estimate.problems]
+    problems = "".join(f"<p>{html.escape(each)}</p>" for each in said)
     return (
         f"<p>{estimate.stamp_ns / 1e9:.3f} s, {estimate.points} points</p><table><thead><tr>{head}</tr></thead>"
         f"<tbody>{body}</tbody></table>{problems}{_on_a_grid(estimate) if picture is None else picture}"
@@ -91,6 +92,24 @@ def _pose_cells(pose: Pose, covariance: FloatArray | None) -> str:
         spreads = units * np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
         values = [f"{value} ± {spread:.3f}" for value, spread in zip(values, spreads, strict=True)]
     return "".join(f"<td>{value}</td>" for value in values)
+
+
+def _bound_text(estimate: Estimate) -> str:
+    """The protection level and the end's probability; empty where neither is known."""
+    parts = []
+    if estimate.protection_m is not None:
+        parts.append(f"within {100.0 * estimate.protection_m:.1f} cm")
+    if estimate.protection_rad is not None:
+        parts.append(f"within {math.degrees(estimate.protection_rad):.1f}°")
+    if estimate.end_probability is not None:
+        parts.append(f"this end of the field: {100.0 * estimate.end_probability:.4g} %")
+    return ", ".join(parts)
+
+
+def _statistics_text(estimate: Estimate) -> str:
+    """The consistency statistics; empty where there are none."""
+    values = ", ".join(f"{name} {value:.2f}" for name, value in estimate.statistics.items())
+    return f"consistency, 1 is the alarm: {values}" if values else ""
 
 
 def _number(value: float, how: str) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -21,8 +22,11 @@ class Status(StrEnum):
     """How far an estimate can be trusted."""
 
     TRACKING = "tracking"
+    """Consistent with all that was measured; bounded, where a system gives bounds."""
     SEARCHING = "searching"
+    """A pose that is likely, but not confirmed."""
     LOST = "lost"
+    """Nothing is known but the motion since the last pose."""
 
 
 class Mode(StrEnum):
@@ -73,6 +77,9 @@ class Estimate:
     poses that are possible, this one not among them. probability: of this pose being the right one; None where the
     system estimates none. mode: of systems that fuse sensors by modes, None of others. odometry: what is known of its
     scales, None where a system learns nothing of them.
+
+    protection_m, protection_rad: the protection level. The error of the position (m) and of the heading (rad) is larger
+    in at most one of a thousand tracked images, given the end of the field; None where no bound can be given.
     """
 
     stamp_ns: int
@@ -90,6 +97,14 @@ class Estimate:
     problems: tuple[str, ...] = ()
     """What was wrong with the robot's data since the estimate before: a phrase each."""
     odometry: OdometryScales | None = None
+    protection_m: float | None = None
+    protection_rad: float | None = None
+    reason: str = ""
+    """Why the pose is not tracked, or why no bound can be given: a phrase; empty where nothing is to be said."""
+    end_probability: float | None = None
+    """Of the robot playing towards the end of the field that the pose says; None where a system estimates none."""
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    """How far sensors and field contradict each other, by name, each over its threshold: from 1 on it is an alarm."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", Pose(*map(float, self.pose)))
@@ -120,12 +135,21 @@ class Estimate:
         others = f", {counted(len(self.hypotheses), 'other pose')}" if self.hypotheses else ""
         return (
             f"Estimate({self.stamp_ns / 1e9:.3f} s: x {x:.3f} ± {dx:.3f} m, y {y:.3f} ± {dy:.3f} m, heading "
-            f"{math.degrees(heading):.2f} ± {math.degrees(turn):.2f}°, {self.status.value}, {self.points} points"
+            f"{math.degrees(heading):.2f} ± {math.degrees(turn):.2f}°, {self.status_text()}, {self.points} points"
             f"{residual}{others})"
         )
 
     def _repr_html_(self) -> str:
         return estimate_html(self)
+
+    def status_text(self) -> str:
+        """The status with its bound and reason: "tracking within 7 cm", "searching (not yet confirmed by motion)"."""
+        within = "" if self.protection_m is None else f" within {math.ceil(100.0 * self.protection_m)} cm"
+        return f"{self.status.value}{within}{f' ({self.reason})' if self.reason else ''}"
+
+    def unconfirmed(self, reason: str) -> Estimate:
+        """The same pose, searching and without a bound, for this reason."""
+        return replace(self, status=Status.SEARCHING, protection_m=None, protection_rad=None, reason=reason)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the observation, in numbers, words and lists as JSON knows them; NaN as None."""
@@ -134,10 +158,14 @@ class Estimate:
             "pose": _pose_tree(self.pose),
             "covariance": self.covariance.tolist(),
             "status": self.status.value,
+            "reason": self.reason,
+            "protection_m": self.protection_m,
+            "protection_rad": self.protection_rad,
             "residual_m": _number_or_none(self.residual_m),
             "points": int(self.points),
             "probability": self.probability,
             "twin_probability": self.twin_probability,
+            "end_probability": self.end_probability,
             "hypotheses": [
                 {
                     "pose": _pose_tree(other.pose),
@@ -151,6 +179,7 @@ class Estimate:
             "localization_ms": float(self.localization_ms),
             "mode": None if self.mode is None else self.mode.value,
             "problems": list(self.problems),
+            "statistics": {name: _number_or_none(value) for name, value in self.statistics.items()},
         }
 
     def matrix(self) -> FloatArray:
