@@ -169,7 +169,7 @@ def test_without_rates_the_newest_angles_count_as_in_the_paper() -> None:
     rates = Samples(np.array([0, 10**8]), np.array([[1.0, 2.0, 0.0], [1.0, 2.0, 0.0]]))
     for stamp_ns, roll in ((10**8, 0.1), (2 * 10**8, 0.3)):
         angles = Samples(np.array([stamp_ns - 10**7]), np.array([[roll, -roll]]))
-        carried = leaning.carried(Frame(stamp_ns, tilt=angles, gyro=rates))
+        carried = leaning.at_image(Frame(stamp_ns, tilt=angles, gyro=rates))
         assert carried.tilt is not None
         assert carried.tilt.values.tolist() == [[roll, -roll]]
 

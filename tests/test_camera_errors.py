@@ -88,7 +88,7 @@ def test_a_head_that_shakes_does_not_move_the_mean_but_is_taken_off_each_image()
         if k >= 30:
             off[0].append(float(np.hypot(*(camera.mean - TRUE)[:2])))
             own = image.errors_of(points, pose)
-            off[1].append(float(np.hypot(*((camera.believed if own is None else own) - errors)[:2])))
+            off[1].append(float(np.hypot(*((camera.correction if own is None else own) - errors)[:2])))
         image.see(points, pose)
         image.learn()
     assert np.mean(off[0]) < 0.0015

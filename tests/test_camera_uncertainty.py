@@ -152,5 +152,5 @@ def test_a_right_file_is_not_spoilt_by_what_the_detector_errs_by() -> None:
     for k in range(8):
         pose = Pose(-3.0 + 0.7 * k, 0.5, 0.3 * k)
         tilt.update(seen(pose, CAMERA, np.zeros(2)), pose)
-    assert np.abs(tilt.believed).max() < 1e-3
+    assert np.abs(tilt.correction).max() < 1e-3
     assert np.trace(tilt.unseen) > 0.0

@@ -12,7 +12,7 @@ from touchline.experiments.drives import driven
 from touchline.geometry import FloatArray, Pose
 from touchline.localization.camera_errors import MirrorErrors
 from touchline.localization.estimator.exact_camera import ExactCamera, as_exact
-from touchline.localization.estimator.filter import Filter, Unknown
+from touchline.localization.estimator.filter import Filter, InitialUncertainty
 from touchline.motion.driven import Scales
 
 
@@ -58,7 +58,7 @@ def test_one_model_follows_from_the_other_as_if_it_had_been_filtered_itself() ->
 
 def learned(mirror: MirrorErrors, errors: list[float]) -> Filter:
     """A filter that has seen these errors, each known to a twentieth of what it was, and a pose that goes with them."""
-    unknown = Unknown(Scales(0, 0, 0), mirror.prior, mirror.drift, mirror.learned)
+    unknown = InitialUncertainty(Scales(0, 0, 0), mirror.prior, mirror.drift, mirror.learned)
     one = Filter(Pose(1.0, 2.0, 3.0), np.diag([1e-4, 1e-4, 1e-6]), unknown)
     one.errors = np.array(errors)
     deviations = 0.05 * np.sqrt(np.diag(mirror.prior))

@@ -13,7 +13,13 @@ from touchline.field import open_field
 from touchline.geometry import Pose
 from touchline.localization.camera_errors import MirrorErrors
 from touchline.localization.camera_errors.base import placed_points
-from touchline.localization.estimator.filter import DELAY_DRIFT_S, SCALE_DRIFT, YAW_RATE_DRIFT, Filter, Unknown
+from touchline.localization.estimator.filter import (
+    DELAY_DRIFT_S,
+    SCALE_DRIFT,
+    YAW_RATE_DRIFT,
+    Filter,
+    InitialUncertainty,
+)
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.registration.joint import Seen, StateFit
 from touchline.localization.registration.registration import SETTLED, Registration
@@ -29,7 +35,7 @@ AS_BUILT = ("camera.known_from=design", "camera.mirror.range_spread=0.01")
 TRUTH = Pose(3.0, -1.0, 0.4)
 ERRORS = np.array([0.006, -0.004, 0.6, -0.3, 0.008])
 DEVIATIONS = np.array([0.02, 0.02, 3.0, 3.0, 0.02])
-UNKNOWN = Unknown(Scales(0.03, 0.03, 0.03), np.diag(DEVIATIONS**2), 0.01 * DEVIATIONS, 1.0)
+UNKNOWN = InitialUncertainty(Scales(0.03, 0.03, 0.03), np.diag(DEVIATIONS**2), 0.01 * DEVIATIONS, 1.0)
 NO_LEAN = np.zeros((5, 5))  # per image
 
 
@@ -103,7 +109,7 @@ def test_shaking_is_learned_from_a_lone_line_too(mirror: MirrorErrors) -> None:
     statistics, rng, per_m = CameraErrorStatistics(mirror), np.random.default_rng(1), 0.006
     exact = TRUTH.inverse().transform(np.column_stack((np.linspace(0.0, 5.0, 60), np.full(60, 5.9375))))
     registration, n = Registration(FIELD.distance_map()), len(exact)
-    known = Unknown(Scales(0.0, 0.0, 0.0), np.zeros((5, 5)), np.zeros(5), 1.0)
+    known = InitialUncertainty(Scales(0.0, 0.0, 0.0), np.zeros((5, 5)), np.zeros(5), 1.0)
     for _ in range(200):
         errors = np.concatenate((per_m * rng.standard_normal(2), np.zeros(3)))
         found = as_seen(exact, errors, mirror) + 0.01 * rng.standard_normal((n, 2))
@@ -132,12 +138,12 @@ def unsure(learned: float) -> Filter:
     one = Filter(TRUTH, np.eye(3), UNKNOWN._replace(learned=learned, yaw_rate_rad_s=0.003, delay_s=0.05))
     deviations = np.array([0.05, 0.04, 0.02, 0.03, 0.03, 0.03, 0.003, 0.05, *DEVIATIONS])
     one._joint = covariance_of(rng, STATES, deviations)
-    one.scales, one.yaw_rate_rad_s, one.late_s, one.errors = np.array([0.02, -0.01, 0.015]), 0.002, 0.08, 0.3 * ERRORS
+    one.scales, one.yaw_rate_rad_s, one.delay_s, one.errors = np.array([0.02, -0.01, 0.015]), 0.002, 0.08, 0.3 * ERRORS
     return one
 
 
 def state_of(one: Filter) -> np.ndarray:
-    return np.array([*one.pose, *one.scales, one.yaw_rate_rad_s, one.late_s, *one.errors])
+    return np.array([*one.pose, *one.scales, one.yaw_rate_rad_s, one.delay_s, *one.errors])
 
 
 def test_the_prediction_is_that_of_a_dense_kalman_filter() -> None:

@@ -21,7 +21,7 @@ from touchline.geometry import FloatArray, Pose, wrap_angle
 from touchline.localization.camera_errors import PerspectiveErrors
 from touchline.localization.camera_errors.perspective import PerspectiveResponse
 from touchline.localization.estimator import field_end
-from touchline.localization.estimator.filter import Filter, Unknown
+from touchline.localization.estimator.filter import Filter, InitialUncertainty
 from touchline.localization.estimator.stamp_delay import MIN_IMAGES
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
@@ -167,7 +167,7 @@ def test_the_sway_tells_how_late_images_are_stamped(late_s: float) -> None:
     for time_s in (0.125 * np.arange(120.0) + 0.01 * rng.random(120)).tolist():
         more = lean_rad(time_s - late_s) - lean_rad(time_s) + 0.005 * rng.standard_normal(2)
         found.update(more, Swaying(), round(1e9 * time_s), 0.0)
-    assert found.late_s == pytest.approx(late_s, abs=2.0 * found.deviation_s)
+    assert found.delay_s == pytest.approx(late_s, abs=2.0 * found.deviation_s)
     assert found.deviation_s < 0.008
 
 
@@ -192,7 +192,7 @@ def test_images_that_are_known_to_be_late_are_taken_at_their_own_time() -> None:
         system.reset(near_start(COLOURED))
         for _ in range(MIN_IMAGES):
             system.delay.update(late_s, 0.005)
-        system.bank.delayed_by(system.delay.late_s, 0.005)
+        system.bank.take_delay(system.delay.corrected_s, 0.005)
         off_m.append(errors_m(truth[1:], [system.step(frame) for frame in late])[16:].mean())
     assert off_m[0] > 0.02
     assert off_m[1] < 0.6 * off_m[0]
@@ -297,18 +297,18 @@ def as_seen(ground: FloatArray, state: FloatArray, eye: FloatArray) -> FloatArra
 
 def walking_filter(pose: Pose, covariance: FloatArray) -> Filter:
     errors = PerspectiveErrors.of(None, 1.0)
-    return Filter(pose, covariance, Unknown(Scales(0.05, 0.05, 0.0), errors.prior, errors.drift, 1.0, 0.003))
+    return Filter(pose, covariance, InitialUncertainty(Scales(0.05, 0.05, 0.0), errors.prior, errors.drift, 1.0, 0.003))
 
 
 def test_a_filter_keeps_what_it_knows_of_the_camera_at_another_place() -> None:
     one = walking_filter(Pose(1.0, 2.0, 0.3), np.diag([0.1, 0.2, 0.3]))
-    one.scales, one.yaw_rate_rad_s, one.late_s, one.errors = np.arange(3.0), 4.0, 0.1, np.arange(5.0, 9.0)
+    one.scales, one.yaw_rate_rad_s, one.delay_s, one.errors = np.arange(3.0), 4.0, 0.1, np.arange(5.0, 9.0)
     twin = one.mirrored()
     assert twin.pose.distance_to(Pose(-1.0, -2.0, 0.0)) < 1e-12
     assert wrap_angle(twin.pose.heading - 0.3 - math.pi) == pytest.approx(0.0)
     np.testing.assert_array_equal(twin.scales, one.scales)
     np.testing.assert_array_equal(twin.errors, one.errors)
-    assert (twin.yaw_rate_rad_s, twin.late_s) == (one.yaw_rate_rad_s, one.late_s)
+    assert (twin.yaw_rate_rad_s, twin.delay_s) == (one.yaw_rate_rad_s, one.delay_s)
     np.testing.assert_array_equal(twin.covariance, one.covariance)
     np.testing.assert_array_equal(twin.error_covariance, one.error_covariance)
     assert twin.odometry == one.odometry

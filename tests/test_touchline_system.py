@@ -121,7 +121,7 @@ def test_lines_that_are_not_seen_speak_against_a_pose() -> None:
     points = LinePoints(lone, polar_covariances(lone, (0.02, 0.01, 0.0087)), np.ones(60), np.full((60, 2), np.nan))
     side, goal = Pose(3.5, 4.94, 0.5 * math.pi), Pose(7.31, 0.0, 0.0)
     known = np.diag([0.01, 0.01, 0.001])
-    members = [Member(Filter(pose, known, system.unknown), 0.0) for pose in (goal, side)]
+    members = [Member(Filter(pose, known, system.initial), 0.0) for pose in (goal, side)]
     image = Image(seen_of(Observation(0, points), system.features, system.statistics.noise), system.errors.response())
     system.bank.members = members.copy()
     system.bank.register(image)
@@ -176,7 +176,7 @@ def test_a_compass_turns_the_pose_only_after_some_time() -> None:
     assert 0.1 < compared(end, math.pi, 1.0).probability < 0.7  # undecided at once
     assert not end.is_refuted
     assert compared(end, math.pi, 20.0).is_refuted
-    end.turn()
+    end.swap_ends()
     assert end.probability > 0.8
 
 
@@ -196,7 +196,7 @@ def test_where_a_lost_robot_is_a_compass_that_had_failed_speaks_against_what_it_
     assert end.compass.is_suspect
     end.begin(known=False, compass_error_rad=0.2)
     assert end.log_odds < -1.0
-    end.turn()
+    end.swap_ends()
     assert compared(end, math.pi, 2.5).probability > 0.7
     assert compared(end, 0.2, 5.0).probability > 0.8
 
@@ -321,13 +321,13 @@ def test_a_delay_that_nobody_told_is_corrected_while_driving(delay_s: float) -> 
         told += [problem for problem in estimate.problems if not problem.startswith("undecided which end")]
     if delay_s == 0.0:
         assert told == []
-        assert system.delay.late_s == 0.0
+        assert system.delay.corrected_s == 0.0
     else:
         first, *later = told
         assert first.startswith("images are stamped ")
         assert first.endswith(" ms too late: corrected")
         assert len(later) <= 1, "said every 200 images"
-        assert system.delay.late_s == pytest.approx(0.1, abs=0.005)
+        assert system.delay.corrected_s == pytest.approx(0.1, abs=0.005)
         assert estimate.stamp_ns == stamp_ns
         assert estimate.pose.distance_to(Pose(*where(times_s[-1:])[0])) < 0.02, "at the stamp, not where it was taken"
 
@@ -336,9 +336,9 @@ def test_stamps_that_seem_too_early_are_an_odometry_that_comes_late_and_not_corr
     """Corrected they were carried by motion that is not known yet, which seemed earlier still: 45 cm off at 4.5 m/s."""
     late, early = StampDelay(), StampDelay()
     assert [late.update(0.05, 0.005) for _ in range(10)].count(None) == 9
-    assert late.late_s == 0.05
+    assert late.corrected_s == 0.05
     assert [early.update(-0.05, 0.005) for _ in range(10)] == 10 * [None]
-    assert early.late_s == 0.0
+    assert early.corrected_s == 0.0
 
 
 def test_a_compass_that_repeats_itself_exactly_sticks_and_one_of_whole_degrees_does_not() -> None:

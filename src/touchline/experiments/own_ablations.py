@@ -68,8 +68,8 @@ def _without_shoves(system: Touchline) -> None:
 
 
 def _without_delay(system: Touchline) -> None:
-    system.unknown = system.unknown._replace(delay_s=0.0)
-    system.bank.start = Filter(Pose(0.0, 0.0, 0.0), system.settings.start_covariance, system.unknown)
+    system.initial = system.initial._replace(delay_s=0.0)
+    system.bank.start = Filter(Pose(0.0, 0.0, 0.0), system.settings.start_covariance, system.initial)
 
 
 def _with_scales_as_noise(system: Touchline) -> None:

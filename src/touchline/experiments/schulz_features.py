@@ -54,7 +54,7 @@ def measure(source: Recording | Simulation, settings: LineGraphSettings | None =
     detector = LineGraphDetector(source.camera, settings or LineGraphSettings(), source.field)
     scores, leaning = FeatureScores(), LeanFilter()
     for late, truth in _frames(source):
-        frame = leaning.carried(late)
+        frame = leaning.at_image(late)
         learning, start = detector.colours.is_learning, time.thread_time()
         seen = detector.observe(frame)
         if not learning:

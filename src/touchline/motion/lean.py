@@ -52,7 +52,7 @@ class LeanFilter:
         roll, pitch = self._offset + self.turned(stamp_ns)
         return float(roll), float(pitch)
 
-    def carried(self, frame: Frame, late_ns: int = 0) -> Frame:
+    def at_image(self, frame: Frame, late_ns: int = 0) -> Frame:
         """Add a frame's samples; the frame, with the lean late_ns before its stamp in the place of the angles."""
         self.add(frame)
         lean = self.lean(frame.stamp_ns - late_ns)

@@ -121,7 +121,7 @@ class NimbroLines:
         motion = self.history.take(frame)
         self.particles.predict(motion)  # motion model, equation (3)
         self.tracker.predict(motion, self.particles.filter.motion_model.deviations(motion))
-        frame = self.leaning.carried(frame)  # roll and pitch at the image, section 4.4
+        frame = self.leaning.at_image(frame)  # roll and pitch at the image, section 4.4
         observation = clock.perception(observe, frame, self.detector, self.max_range_m)  # features, sections 3 and 4
         view = self.features.of(observation, self._level)  # egocentric, sections 4.4 and 5.3
         mode = self.particles.update(view, self._side(), self.tracker.belief.is_searching)  # resampling, (4) to (8)

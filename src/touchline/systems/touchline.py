@@ -18,18 +18,19 @@ from touchline.geometry import FloatArray, Pose, mirrored_covariance, wrap_angle
 from touchline.localization.camera_errors import camera_errors
 from touchline.localization.camera_errors.base import CameraErrors, placed_points
 from touchline.localization.camera_errors.perspective import HEIGHT_M
-from touchline.localization.estimator.bank import Bank, Image, Member, ShoveTest, is_shove
+from touchline.localization.estimator.bank import Bank, Image, Member, ShoveTest, could_be_shove
 from touchline.localization.estimator.compass_fault import StuckCompass
 from touchline.localization.estimator.exact_camera import ExactCamera
 from touchline.localization.estimator.field_end import FieldEnd
-from touchline.localization.estimator.filter import Filter, Unknown
+from touchline.localization.estimator.filter import Filter, InitialUncertainty
 from touchline.localization.estimator.measurements import MEASUREMENTS
 from touchline.localization.estimator.pose_status import Criteria, PoseStatus
-from touchline.localization.estimator.stamp_delay import UNKNOWN_S, StampDelay
+from touchline.localization.estimator.stamp_delay import INITIAL_DEVIATION_S, StampDelay
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
 from touchline.localization.estimator.sway_delay import SwayDelay
 from touchline.localization.estimator.watch import Ends, FieldWatch
+from touchline.localization.registration.covariance import ANYWHERE
 from touchline.localization.registration.feature_model import FeatureModel, FeatureView, field_lines
 from touchline.localization.registration.features import Features
 from touchline.localization.registration.registration import Registration
@@ -47,12 +48,10 @@ from touchline.types import Estimate, Frame, Hypothesis, Observation, Prior, Sta
 
 ZONE = 0.6  # standard deviation (m, rad) of a given pose from which it is a zone: registration reaches no farther
 CLEARLY = 2.0  # logarithm of the odds of one end from which a zone decides it
-REPEATED_IMAGES = 10.0  # over which the evidence of others repeats itself
 PLACE_M = 0.01  # error of a crossing's place on the field
 BEYOND_M = 1.0  # so far outside of the field a robot may stand
 STEPS_RATIO = 5.0 / 3.0  # of the errors of steps' scales to those of wheels'
 YAW_RATE_RAD_S = 0.003  # drift of the heading by a walking robot's odometry: ten degrees a minute
-UNKNOWN = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose that may be anywhere
 
 
 class TouchlineSettings(Settings):
@@ -147,12 +146,12 @@ class Touchline:
         self.features = Features(self.places, None, errors.height_m, PLACE_M)
         more = STEPS_RATIO if walks else 1.0
         scales = Scales(*(more * scale for scale in s.odometry.scales))
-        self.unknown = Unknown(
+        self.initial = InitialUncertainty(
             scales, errors.prior, errors.drift, errors.learned if s.self_calibration else 0.0,
-            YAW_RATE_RAD_S if walks else 0.0, 0.0 if walks else UNKNOWN_S,
+            YAW_RATE_RAD_S if walks else 0.0, 0.0 if walks else INITIAL_DEVIATION_S,
         )  # fmt: skip
         self.statistics, self.exact = CameraErrorStatistics(errors), ExactCamera(errors)
-        start = Filter(Pose(0.0, 0.0, 0.0), s.start_covariance, self.unknown)
+        start = Filter(Pose(0.0, 0.0, 0.0), s.start_covariance, self.initial)
         lines = self.setup.field.line_tables
         self.bank = Bank(self.registration, lines, self.statistics, start, StepNoise(walks), ShoveTest(s.gate))
         criteria = Criteria(s.min_points, s.min_explained, s.min_probability, s.blind_frames)
@@ -173,7 +172,7 @@ class Touchline:
             self.zone = Known(prior.pose.as_array(), np.linalg.inv(prior.covariance))
         elif prior.pose is not None:
             spread = self.settings.start_covariance if prior.covariance is None else prior.covariance
-            start = Filter(prior.pose, spread, self.unknown)
+            start = Filter(prior.pose, spread, self.initial)
         self.bank.reset(start)
         self.end.reset(known=prior.pose is not None)
         self.judged.reset(tracking=start is not None)
@@ -182,63 +181,62 @@ class Touchline:
 
     def step(self, frame: Frame) -> Estimate:
         """Take one frame, return where the robot stands at its time stamp."""
-        clock, seconds = Stopwatch(), self._take(frame)
-        # predict: propagate every hypothesis by the odometry
-        shift = self._predict(frame, seconds)
+        seconds = self._take(frame)
+        shift = self._predict(frame, seconds)  # predict: propagate every hypothesis by the odometry
         self.bank.measure(frame, MEASUREMENTS)  # measure: by further sensors
-        # observe: line points, lines, crossings, landmarks, at the lean of the image
-        frame = self.leaning.carried(frame, round(1e9 * self._late_s))
-        observation = clock.perception(observe, frame, self.detector, self.max_range_m)
-        image = self._image(frame, observation, shift)
+        frame, observation = self._observe(frame)  # observe: line points, lines, crossings, landmarks
+        self._describe_camera(observation)
+        image = Image(seen_of(observation, self.features, self.statistics.noise), self.errors.response(frame), shift)
         if self.judged.sees(image.seen):
             self.bank.register(image)  # register: fit the image from every hypothesis
             modes = self._search(frame, observation, image)  # search: in doubt, every pose that explains it
-            self.bank.update(image, modes, self.judged.carried_log_odds)  # fuse, weigh
-            self.bank.update_from_team(frame.evidence, 1.0 / REPEATED_IMAGES)
+            self.bank.update(image, modes, self.judged.carried_log_odds, frame.evidence)  # fuse, weigh
             self._judge_end(frame, observation, seconds)  # which end of the field
         self._judge_status(seconds)  # is the pose tracked?
         self._judge_delay(frame)  # how late are the stamps?
-        return self._report(observation, clock)
+        return self._report(observation)
 
     def _take(self, frame: Frame) -> float:
         """Take a frame's samples; seconds since the one before. One from the past is refused and changes nothing."""
+        self.clock = Stopwatch()
         before_ns = self.history.clocks.frame_ns
         self.history.add(frame)
         self.before_ns, self.problems = frame.stamp_ns if before_ns is None else before_ns, ()
         return 1e-9 * (frame.stamp_ns - self.before_ns)
 
     @property
-    def _late_s(self) -> float:
-        """How late images are stamped, as the pose that is followed has learned it."""
+    def _estimated_delay_s(self) -> float:
+        """How late images are stamped by the filter of the likeliest pose; accepted or not."""
         best = self.bank.best
-        return 0.0 if best is None else best.filter.late_s
+        return 0.0 if best is None else best.filter.delay_s
 
     def _predict(self, frame: Frame, seconds: float) -> FloatArray | None:
         """From when the last image was taken to when this one was; (3,) by how much that may be off, robot frame."""
         self.stuck.update(frame.compass)
-        moved = delayed(self.history, self.before_ns, frame.stamp_ns, self._late_s)
+        moved = delayed(self.history, self.before_ns, frame.stamp_ns, self._estimated_delay_s)
         self.bank.predict(moved, seconds)
         self.followed = self.bank.best
         self.predicted = np.zeros(3) if self.followed is None else self.followed.filter.pose.as_array()
         return self.delay.wandering_s * moved.after if self.delay.wandering_s else None
 
-    def _image(self, frame: Frame, observation: Observation, shift: FloatArray | None) -> Image:
-        """What registration takes of a frame."""
-        if self._tells_a_perspective_camera(observation):
-            self.setup = replace(self.setup, height_m=HEIGHT_M)
-            best = self.bank.best
-            self.open_parts(camera_errors(None, HEIGHT_M))
-            if best is not None:
-                self.bank.reset(Filter(best.filter.pose, best.filter.covariance, self.unknown))
-        seen = seen_of(observation, self.features, self.statistics.noise)
-        return Image(seen, self.errors.response(frame), shift)
+    def _observe(self, frame: Frame) -> tuple[Frame, Observation]:
+        """A frame with the lean at which its image was taken, and what is seen in it."""
+        frame = self.leaning.at_image(frame, round(1e9 * self._estimated_delay_s))
+        return frame, self.clock.perception(observe, frame, self.detector, self.max_range_m)
 
-    def _tells_a_perspective_camera(self, seen: Observation) -> bool:
-        """Whether an undescribed camera shows lines, crossings or landmarks at first, and no line points."""
-        known = self.setup.camera is not None or self.setup.height_m is not None
-        if known or self.judged.images or len(seen.points):
-            return False
-        return bool(len(seen.lines) or len(seen.crossings) or len(seen.landmarks))
+    def _describe_camera(self, seen: Observation) -> None:
+        """An undescribed camera that at first shows lines, crossings or landmarks, and no line points, is a perspective
+        one: the parts that depend on the camera are opened anew.
+        """
+        described = self.setup.camera is not None or self.setup.height_m is not None
+        features = len(seen.lines) + len(seen.crossings) + len(seen.landmarks)
+        if described or self.judged.images or len(seen.points) or not features:
+            return
+        best = self.bank.best
+        self.setup = replace(self.setup, height_m=HEIGHT_M)
+        self.open_parts(camera_errors(None, HEIGHT_M))
+        if best is not None:
+            self.bank.reset(Filter(best.filter.pose, best.filter.covariance, self.initial))
 
     def _search(self, frame: Frame, observation: Observation, image: Image) -> tuple[Mode, ...]:
         """Poses that explain an image, if the field is searched now."""
@@ -258,7 +256,7 @@ class Touchline:
         counts = not self.setup.walks if self.settings.compass is None else self.settings.compass
         if not counts or self.stuck.sticks:
             return None
-        return self.history.at(frame.stamp_ns - round(1e9 * self.delay.late_s)).heading_rad
+        return self.history.at(frame.stamp_ns - round(1e9 * self.delay.corrected_s)).heading_rad
 
     def _known(self, compass_rad: float | None) -> tuple[Known, ...]:
         """The heading by a compass, and the zone that was given."""
@@ -274,7 +272,7 @@ class Touchline:
         if best is None:
             return
         compass_rad = self._compass(frame)
-        if self.followed is None or not is_shove(best.filter.pose.as_array() - self.predicted):
+        if self.followed is None or not could_be_shove(best.filter.pose.as_array() - self.predicted):
             self._begin_end(best, compass_rad)
         elif best.shoved or best is not self.followed:
             end.jumped()
@@ -285,7 +283,7 @@ class Touchline:
         end.update_from_team(frame.evidence, best.filter.pose, seconds)
         if end.is_refuted:
             self.problems = (end.refutation,)
-            self._turn()
+            self._swap_ends()
 
     def _begin_end(self, best: Member, compass_rad: float | None) -> None:
         """A pose was found anew, or found elsewhere."""
@@ -293,12 +291,12 @@ class Touchline:
         self.end.begin(known, _compass_error(best.filter.pose, compass_rad))
         self.zone = None
         if self.end.symmetric and self.end.log_odds < 0.0:  # the compass has probably failed
-            self._turn()
+            self._swap_ends()
 
-    def _turn(self) -> None:
+    def _swap_ends(self) -> None:
         """The twin is the pose from now on."""
-        self.bank.turn()
-        self.end.turn()
+        self.bank.swap_ends()
+        self.end.swap_ends()
 
     def _is_in_zone(self, pose: Pose) -> bool:
         """Whether a pose is in the zone that was given, and its twin clearly is not."""
@@ -318,23 +316,24 @@ class Touchline:
             return
         pans = frame.base_from_camera is not None  # the camera's pose then is unknown: named, and not corrected
         if not self.setup.walks:
-            late_s, deviation_s = best.filter.late_s, self.statistics.lean_ratio * best.filter.delay_deviation_s
+            delay_s, deviation_s = best.filter.delay_s, self.statistics.lean_ratio * best.filter.delay_deviation_s
         elif frame.image is None or best.explained < self.settings.min_explained:
             return
         else:
             lean_rad = best.fit.state[3:5] - best.filter.errors[:2]
-            lag_s = LAG_S if pans else self._late_s
-            late_s, deviation_s = self.sway.update(lean_rad, self.leaning, frame.stamp_ns, lag_s)
-        problem = self.delay.update(late_s, deviation_s, correctable=not pans)
+            lag_s = LAG_S if pans else self._estimated_delay_s
+            delay_s, deviation_s = self.sway.update(lean_rad, self.leaning, frame.stamp_ns, lag_s)
+        problem = self.delay.update(delay_s, deviation_s, correctable=not pans)
         self.problems += () if problem is None else (problem,)
         if self.setup.walks:
-            self.bank.delayed_by(self.delay.late_s, self.delay.deviation_s)
+            self.bank.take_delay(self.delay.corrected_s, self.delay.deviation_s)
 
-    def _report(self, observation: Observation, clock: Stopwatch) -> Estimate:
+    def _report(self, observation: Observation) -> Estimate:
+        """What is published: the likeliest pose at the stamp, and the others."""
         best, end, members = self.bank.best, self.end.probability, self.bank.members
         seen = (observation.points, observation.lines, observation.crossings, observation.landmarks)
         others: list[Hypothesis] = []
-        pose, covariance, residual_m = Pose(0.0, 0.0, 0.0), UNKNOWN, float("nan")
+        pose, covariance, residual_m = Pose(0.0, 0.0, 0.0), ANYWHERE, float("nan")
         for one, probability in zip(members, self.bank.probabilities, strict=True):
             now = self._at_stamp(one.filter, observation.stamp_ns)
             at, spread = self.exact.pose_of(now) if one is best else (now.pose, now.covariance)
@@ -349,14 +348,14 @@ class Touchline:
         return Estimate(
             observation.stamp_ns,
             pose,
-            covariance if self.judged.status is Status.TRACKING else covariance + UNKNOWN,
+            covariance if self.judged.status is Status.TRACKING else covariance + ANYWHERE,
             self.judged.status,
             residual_m,
             sum(map(len, seen)),
             tuple(others),
             None if best is None else self.bank.probabilities[0] * end,
-            clock.perception_ms,
-            clock.localization_ms,
+            self.clock.perception_ms,
+            self.clock.localization_ms,
             observation,
             problems=self.problems,
             odometry=None if best is None else best.filter.odometry,
@@ -364,7 +363,7 @@ class Touchline:
 
     def _at_stamp(self, one: Filter, stamp_ns: int) -> Filter:
         """A filter propagated from when the last image was taken to its stamp."""
-        return one.ahead(until_stamp(self.history, stamp_ns, self.delay.late_s)) if self.delay.late_s else one
+        return one.ahead(until_stamp(self.history, stamp_ns, self.delay.corrected_s)) if self.delay.corrected_s else one
 
 
 def _compass_error(pose: Pose, compass_rad: float | None) -> float | None:

@@ -23,6 +23,7 @@ from touchline.localization.estimator.filter import Filter
 from touchline.localization.estimator.measurement import Measurement
 from touchline.localization.estimator.statistics import CameraErrorStatistics
 from touchline.localization.estimator.step_noise import StepNoise
+from touchline.localization.registration.covariance import ANYWHERE
 from touchline.localization.registration.joint import Seen, StateFit, StatePrior
 from touchline.localization.registration.kernels import Plan
 from touchline.localization.registration.registration import SHAKEN, Registration
@@ -41,6 +42,7 @@ SHOVED = np.diag(np.square([0.15, 0.15, 0.12]))  # covariance of what one does
 SHOVE_BELOW = 0.7  # share explained below which a shove is tried though the prediction is met
 MAX_LOG_ODDS_BEHIND = 10.0  # of a member behind the best: one further behind is dropped
 MAX_MEMBERS = 12
+REPEATED_IMAGES = 10.0  # over which the evidence of others repeats itself
 MAX_MEASURED_GAIN = 4.0  # largest log-odds that a further measurement takes from a member
 SAME_M, SAME_RAD = 0.25, 0.12  # members nearer than this are one
 SPARSE = 5.0  # points that alone show a direction, whose information counts half
@@ -49,7 +51,6 @@ MIN_EXPLAINED = 0.4  # share of what is seen that a pose has to explain to be co
 CONTESTED = 0.15  # share by which another pose explains more of an image from which the likeliest one is in doubt
 START_STEP = 1.2  # standard deviations from a given pose to the starts about it
 ALLOWED = 16.3  # squared Mahalanobis distance within which 99.9 % of right poses are
-ANYWHERE = np.diag(np.square([10.0, 10.0, 3.0]))  # covariance of a pose of which nothing is known
 
 
 @dataclass(eq=False, slots=True)
@@ -108,7 +109,7 @@ class ShoveTest:
             return
         predicted, loose = one.filter.pose.as_array(), one.filter.loosened(SHOVED)
         tried = [fitted(loose, predicted + step, SHAKEN) for step in (jump.step, np.zeros(3))]
-        near = [each for each in tried if each.fit is not None and is_shove(each.fit.state[:3] - predicted)]
+        near = [each for each in tried if each.fit is not None and could_be_shove(each.fit.state[:3] - predicted)]
         best = max(near, key=lambda each: each.log_evidence, default=None)
         if best is not None and best.log_evidence + odds > one.log_evidence:
             one.filter, one.fit, one.expected, one.shoved = loose, best.fit, best.expected, True
@@ -189,10 +190,10 @@ class Bank:
         if self.members:
             self.members.sort(key=lambda each: -(each.log_odds + each.log_evidence))
 
-    def update(self, image: Image, modes: Sequence[Mode], carried: float) -> None:
+    def update(self, image: Image, modes: Sequence[Mode], carried: float, evidence: Sequence[Evidence] = ()) -> None:
         """Fuse the image that was registered, and weigh the members; modes: poses that a search has found in it.
 
-        carried: logarithm of the odds that the robot was moved unfelt.
+        carried: logarithm of the odds that the robot was moved unfelt. evidence: of others.
         """
         new = [self._found(mode, image) for mode in modes if not self._is_followed(mode.pose, image)]
         before = max((one.log_odds for one in self.members), default=-carried)
@@ -209,24 +210,17 @@ class Bank:
             one.log_odds += max(one.log_evidence - top, -self.trust.max_gain)
         self._settle(every)
         self._fuse(image)
+        self._update_from_team(evidence)
 
-    def update_from_team(self, evidence: Sequence[Evidence], share: float) -> None:
-        """Weigh the members by the evidence of others, a pose and its twin alike; share: of it that is new."""
-        for one, said in itertools.product(self.members, evidence):
-            ends = (one.filter.pose, one.filter.pose.mirrored())
-            one.log_odds += share * max(said.log_likelihood(end) for end in ends)
-        if evidence:
-            self._settle(self.members)
-
-    def turn(self) -> None:
+    def swap_ends(self) -> None:
         """Every member stands at the other end of a symmetric field."""
         for one in self.members:
             one.filter = one.filter.mirrored()
 
-    def delayed_by(self, late_s: float, deviation_s: float) -> None:
+    def take_delay(self, delay_s: float, deviation_s: float) -> None:
         """Take a stamp delay that another measurement than the odometry has given."""
         for one in (self.start, *(member.filter for member in self.members)):
-            one.delayed_by(late_s, deviation_s)
+            one.take_delay(delay_s, deviation_s)
 
     def upright(self, image: Image) -> FloatArray:
         """Line points (N, 2) without the camera's errors that are known (robot frame, m)."""
@@ -316,6 +310,14 @@ class Bank:
             self.statistics.learn(best.fit, best.expected, image.seen)
         self._settle(self.members)
 
+    def _update_from_team(self, evidence: Sequence[Evidence]) -> None:
+        """Weigh the members by the evidence of others, a pose and its twin alike."""
+        for one, said in itertools.product(self.members, evidence):
+            ends = (one.filter.pose, one.filter.pose.mirrored())
+            one.log_odds += max(said.log_likelihood(end) for end in ends) / REPEATED_IMAGES
+        if evidence:
+            self._settle(self.members)
+
     def _settle(self, members: Iterable[Member]) -> None:
         """The likeliest, those that have come together taken for one. The log-odds of the first are 0 then."""
         kept: list[Member] = []
@@ -330,7 +332,7 @@ class Bank:
         self.members = kept
 
 
-def is_shove(jump: FloatArray) -> bool:
+def could_be_shove(jump: FloatArray) -> bool:
     """Whether a robot may have been shoved so (3,): points may slide farther along a lone line."""
     return math.hypot(jump[0], jump[1]) < MAX_SHOVE_M and abs(wrap_angle(float(jump[2]))) < MAX_SHOVE_RAD
 

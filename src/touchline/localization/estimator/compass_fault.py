@@ -124,7 +124,7 @@ class CompassFaultFilter:
         """It has turned round in the image in which the pose jumped."""
         self._states = (0.0, 1.0 - CARRIED), (CARRIED, 0.0)
 
-    def turn(self) -> None:
+    def swap_ends(self) -> None:
         """The twin is the pose from now on."""
         right, wrong = self._states
         self._states = wrong, right

@@ -34,7 +34,7 @@ class ExactCamera:
 
     def pose_of(self, one: Filter) -> tuple[Pose, FloatArray]:
         """Pose and covariance (3, 3), (m, m, rad), field frame: the mean of both models."""
-        if self._more is None or not one.unknown.learned:
+        if self._more is None or not one.initial.learned:
             return one.pose, one.covariance
         shift, covariance, evidence = as_exact(
             one.covariance, one.error_crossed, one.error_covariance, one.errors, self._more

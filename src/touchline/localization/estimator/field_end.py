@@ -99,11 +99,11 @@ class FieldEnd:
             self._said[one.source] = before + (gain - before) * min(silent_s / MEMORY_S, 1.0)
             self._silent_s[one.source] = 0.0
 
-    def turn(self) -> None:
+    def swap_ends(self) -> None:
         """The twin is the pose from now on; the prior was wrong."""
         self.prior_log_odds, self.colours = 0.0, -self.colours
         self._support = None if self._support is None else -self._support
-        self.compass.turn()
+        self.compass.swap_ends()
         self._said = {source: -gain for source, gain in self._said.items()}
 
     @property

@@ -35,7 +35,7 @@ _NO_ERRORS = np.zeros((0, 0))
 _YAW_RATE, _DELAY, _ERRORS = 6, 7, 8  # the errors are all states from there on
 
 
-class Unknown(NamedTuple):
+class InitialUncertainty(NamedTuple):
     """At first: standard deviations of the odometry's scales, of its drift of heading (rad/s), of how late images are
     stamped (s), and covariance (K, K) of the camera's errors; error_drift (K,) of these in the root of a second.
 
@@ -54,26 +54,26 @@ class Unknown(NamedTuple):
 
 class Filter:
     """`pose`, where the last image was taken; `scales` (3,), relative errors of the odometry; `yaw_rate_rad_s`, its
-    drift of heading; `late_s`: how much later images are stamped than taken; `errors` (K,) of the camera.
+    drift of heading; `delay_s`: how much later images are stamped than taken; `errors` (K,) of the camera.
     """
 
-    def __init__(self, pose: Pose, covariance: FloatArray, unknown: Unknown) -> None:
+    def __init__(self, pose: Pose, covariance: FloatArray, initial: InitialUncertainty) -> None:
         """covariance (3, 3) of the pose, (m, m, rad), field frame."""
-        count = _ERRORS + len(unknown.errors)
-        self.pose, self.unknown = pose, unknown
+        count = _ERRORS + len(initial.errors)
+        self.pose, self.initial = pose, initial
         self.scales: FloatArray = np.zeros(3)
         self.errors: FloatArray = np.zeros(count - _ERRORS)
-        self.yaw_rate_rad_s, self.late_s = 0.0, 0.0
+        self.yaw_rate_rad_s, self.delay_s = 0.0, 0.0
         self._joint: FloatArray = np.zeros((count, count))
         self._joint[:3, :3] = covariance
-        self._joint[_SCALES, _SCALES] = np.square(unknown.scales)
-        self._joint[_YAW_RATE, _YAW_RATE] = unknown.yaw_rate_rad_s**2
-        self._joint[_DELAY, _DELAY] = unknown.delay_s**2
-        self._joint[_ERRORS:, _ERRORS:] = unknown.errors
-        drift = np.array([*3 * [0.0], *3 * [SCALE_DRIFT], YAW_RATE_DRIFT, DELAY_DRIFT_S, *unknown.error_drift])
+        self._joint[_SCALES, _SCALES] = np.square(initial.scales)
+        self._joint[_YAW_RATE, _YAW_RATE] = initial.yaw_rate_rad_s**2
+        self._joint[_DELAY, _DELAY] = initial.delay_s**2
+        self._joint[_ERRORS:, _ERRORS:] = initial.errors
+        drift = np.array([*3 * [0.0], *3 * [SCALE_DRIFT], YAW_RATE_DRIFT, DELAY_DRIFT_S, *initial.error_drift])
         self._drift2 = np.where(np.diag(self._joint) > 0.0, drift, 0.0) ** 2
         self._learned = np.ones(count)
-        self._learned[_ERRORS:] = unknown.learned
+        self._learned[_ERRORS:] = initial.learned
         self._measured = np.array([0, 1, 2, *range(_ERRORS, count)])  # the states that a fit measures
         self._motion_noise = np.zeros((3, 3))  # that the motion since the last image has added
 
@@ -101,14 +101,14 @@ class Filter:
 
     @property
     def delay_deviation_s(self) -> float:
-        """Standard deviation of `late_s`."""
+        """Standard deviation of `delay_s`."""
         return math.sqrt(self._joint[_DELAY, _DELAY])
 
     def placed(self, pose: Pose, covariance: FloatArray) -> Filter:
         """A filter that starts at another pose and keeps scales, delay and errors."""
-        other = Filter(pose, covariance, self.unknown)
+        other = Filter(pose, covariance, self.initial)
         other.scales, other.yaw_rate_rad_s = self.scales.copy(), self.yaw_rate_rad_s
-        other.late_s, other.errors = self.late_s, self.errors.copy()
+        other.delay_s, other.errors = self.delay_s, self.errors.copy()
         other._joint[3:, 3:] = self._joint[3:, 3:]
         other._drift2 = self._drift2
         return other
@@ -127,9 +127,9 @@ class Filter:
         other._joint[:3, :3] += more
         return other
 
-    def delayed_by(self, late_s: float, deviation_s: float) -> None:
+    def take_delay(self, delay_s: float, deviation_s: float) -> None:
         """Take a delay that another measurement than the odometry has given."""
-        self.late_s = late_s
+        self.delay_s = delay_s
         self._joint[_DELAY, :] = self._joint[:, _DELAY] = 0.0
         self._joint[_DELAY, _DELAY] = deviation_s**2
         self._drift2 = np.where(np.arange(len(self._joint)) == _DELAY, 0.0, self._drift2)
@@ -148,7 +148,7 @@ class Filter:
         by_state[:6, :6] = step.by_state
         by_state[:3, _DELAY] = step.by_motion @ moved.by_delay
         by_state[2, _YAW_RATE] = seconds
-        x, y, turn = ((self.late_s - moved.late_s) * by_state[:3, _DELAY]).tolist()
+        x, y, turn = ((self.delay_s - moved.late_s) * by_state[:3, _DELAY]).tolist()
         turn += seconds * self.yaw_rate_rad_s
         self.pose = Pose(step.pose.x + x, step.pose.y + y, wrap_angle(step.pose.heading + turn))
         added = step.by_motion @ (moved.motion.covariance if noise is None else noise) @ step.by_motion.T
@@ -187,7 +187,7 @@ class Filter:
         self.pose = Pose(self.pose.x + x, self.pose.y + y, wrap_angle(self.pose.heading + heading))
         self.scales, self.errors = self.scales + step[_SCALES], self.errors + step[_ERRORS:]
         self.yaw_rate_rad_s += float(step[_YAW_RATE])
-        self.late_s = min(max(self.late_s + float(step[_DELAY]), MIN_DELAY_S), MAX_DELAY_S)
+        self.delay_s = min(max(self.delay_s + float(step[_DELAY]), MIN_DELAY_S), MAX_DELAY_S)
 
     def distance2_to(self, evidence: PoseEvidence) -> float:
         """Squared Mahalanobis distance of the pose by another measurement from the prediction."""

@@ -14,7 +14,7 @@ from numba import njit
 from touchline.matrices import inverse, times
 
 _EXACT = 1e-14  # variance of what is known exactly
-_NOWHERE = (1e-2, 1e-2, 1.0 / 9.0)  # inverse variances of a pose somewhere on a field
+_ANYWHERE_INFORMATION = (1e-2, 1e-2, 1.0 / 9.0)  # inverse variances of a pose somewhere on a field
 
 
 @njit(cache=True)
@@ -64,7 +64,7 @@ def pose_innovation(joint, measured, per_image, information, gradient, residual)
     """How far the pose by an image alone lies from the prediction (3,), and its squared Mahalanobis distance."""
     pose = information[:3, :3].copy()
     for a in range(3):
-        pose[a, a] += _NOWHERE[a]
+        pose[a, a] += _ANYWHERE_INFORMATION[a]
     spread = inverse(pose)  # of the pose by the image
     by_state = times(spread, information[:3])  # of that pose by pose and errors
     off = np.zeros(3)

@@ -8,7 +8,7 @@ to correct them would take the motion after the stamp, which is unknown yet.
 
 from __future__ import annotations
 
-UNKNOWN_S = 0.06  # standard deviation of the delay, at first
+INITIAL_DEVIATION_S = 0.06  # standard deviation of the delay, at first
 MIN_S = 0.012  # that is corrected: 4 cm at 3 m/s
 ACCEPTED = 4.0  # z-score above which a delay is accepted
 MIN_IMAGES = 5  # in a row
@@ -19,7 +19,7 @@ NOT_CORRECTED = "not corrected, for where the head was then is not told; at leas
 
 
 class StampDelay:
-    """`late_s`: how late images are stamped, as far as it is accepted and can be corrected, else 0; `deviation_s`:
+    """`corrected_s`: how late images are stamped, as far as it is accepted and can be corrected, else 0; `deviation_s`:
     standard deviation.
     """
 
@@ -28,36 +28,36 @@ class StampDelay:
 
     def reset(self) -> None:
         """Nothing is known."""
-        self._believed_s, self.deviation_s, self._correctable = 0.0, 0.0, True
+        self._accepted_s, self.deviation_s, self._correctable = 0.0, 0.0, True
         self._sure, self._since_reported = 0, REPORTED_EVERY
 
     @property
-    def late_s(self) -> float:
+    def corrected_s(self) -> float:
         """How late images are stamped (s)."""
-        return self._believed_s if self._correctable else 0.0
+        return self._accepted_s if self._correctable else 0.0
 
     @property
     def wandering_s(self) -> float:
         """Standard deviation of a stamp about the mean: of stamps on arrival alone."""
-        return WANDERING_S if self.late_s else 0.0
+        return WANDERING_S if self.corrected_s else 0.0
 
-    def update(self, late_s: float, deviation_s: float, correctable: bool = True) -> str | None:
+    def update(self, estimated_s: float, deviation_s: float, correctable: bool = True) -> str | None:
         """Take the delay that an image gives. correctable: not so of a head that pans and was elsewhere then.
 
         Returns the problem to report: at first and every REPORTED_EVERY images.
         """
         self._correctable = correctable
-        if self._believed_s:
-            if late_s < max(REJECTED * deviation_s, 0.5 * MIN_S):
+        if self._accepted_s:
+            if estimated_s < max(REJECTED * deviation_s, 0.5 * MIN_S):
                 self.reset()
         else:
-            self._sure = self._sure + 1 if late_s > max(ACCEPTED * deviation_s, MIN_S) else 0
-        if not self._believed_s and self._sure < MIN_IMAGES:
+            self._sure = self._sure + 1 if estimated_s > max(ACCEPTED * deviation_s, MIN_S) else 0
+        if not self._accepted_s and self._sure < MIN_IMAGES:
             return None
-        self._believed_s, self.deviation_s = late_s, deviation_s
+        self._accepted_s, self.deviation_s = estimated_s, deviation_s
         self._since_reported += 1
         if self._since_reported <= REPORTED_EVERY:
             return None
         self._since_reported = 0
         what = "corrected" if correctable else NOT_CORRECTED
-        return f"images are stamped {1e3 * late_s:.0f} ± {1e3 * deviation_s:.0f} ms too late: {what}"
+        return f"images are stamped {1e3 * estimated_s:.0f} ± {1e3 * deviation_s:.0f} ms too late: {what}"

@@ -21,25 +21,25 @@ MAX_RAD = 0.15  # error of a lean beyond which an image was taken for another pl
 
 
 class SwayDelay:
-    """`late_s`, `deviation_s`: what it is, and its standard deviation; infinite while nothing is known."""
+    """`delay_s`, `deviation_s`: what it is, and its standard deviation; infinite while nothing is known."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
         """Nothing is known."""
-        self.late_s, self.deviation_s = 0.0, math.inf
+        self.delay_s, self.deviation_s = 0.0, math.inf
         self._squares, self._images = np.zeros(len(LAGS_S)), 0.0
 
     def update(self, lean_rad: FloatArray, leaning: LeanFilter, stamp_ns: int, lag_s: float) -> tuple[float, float]:
-        """Take an image stamped so; returns `late_s` and `deviation_s`.
+        """Take an image stamped so; returns `delay_s` and `deviation_s`.
 
         lean_rad (2,): lean of the camera by the lines, without its mounting error, less that by the IMU lag_s before
         the stamp. leaning: the lean by the IMU.
         """
-        turned = [leaning.turned(stamp_ns - round(1e9 * late_s)) for late_s in LAGS_S]
+        turned = [leaning.turned(stamp_ns - round(1e9 * lag_s)) for lag_s in LAGS_S]
         self._add(lean_rad, np.array(turned) - leaning.turned(stamp_ns - round(1e9 * lag_s)))
-        return self.late_s, self.deviation_s
+        return self.delay_s, self.deviation_s
 
     def _add(self, lean_rad: FloatArray, turned_rad: FloatArray) -> None:
         """turned_rad (L, 2): further lean by the IMU at each of LAGS_S before the stamp."""
@@ -50,11 +50,11 @@ class SwayDelay:
         self._images = kept * self._images + 1.0
         best = int(np.argmin(self._squares))
         if self._images < MIN_IMAGES or best in (0, len(LAGS_S) - 1):
-            self.late_s, self.deviation_s = 0.0, math.inf
+            self.delay_s, self.deviation_s = 0.0, math.inf
             return
         below, least, above = self._squares[best - 1 : best + 2]
         step_s = float(LAGS_S[1] - LAGS_S[0])
         bend = (below - 2.0 * least + above) / step_s**2
-        self.late_s = float(LAGS_S[best] + 0.5 * step_s * (below - above) / (below - 2.0 * least + above))
+        self.delay_s = float(LAGS_S[best] + 0.5 * step_s * (below - above) / (below - 2.0 * least + above))
         variance = least / self._images / bend  # each of the two leans errs by half of the mean square
         self.deviation_s = math.sqrt(variance + CLOCK_S**2)

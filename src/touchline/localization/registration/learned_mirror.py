@@ -68,8 +68,8 @@ class ImageFit(NamedTuple):
 
 
 class LearnedMirror:
-    """`mean` (5,): errors of the mirror as learned so far; `covariance` (5, 5). `believed` (5,): what is taken off the
-    points, which is nothing until the lines contradict camera.yaml beyond doubt.
+    """`mean` (5,): errors of the mirror as learned so far; `covariance` (5, 5). `correction` (5,): those that are taken
+    off the points, none until the lines contradict camera.yaml beyond doubt.
 
     `noise`: how much larger the points' variances are than stated; `vibration_per_m`: by how much (standard deviation)
     a shaking head turns g in each image; `fit`: the last one learned from.
@@ -99,7 +99,7 @@ class LearnedMirror:
 
     def reset(self) -> None:
         """Nothing has been seen yet."""
-        self.mean, self.believed = np.zeros(ERRORS), np.zeros(ERRORS)
+        self.mean, self.correction = np.zeros(ERRORS), np.zeros(ERRORS)
         self.covariance: FloatArray = self._unknown * self._open
         self.vibration_per_m, self.noise = self.errors.lean.first if self.enabled else 0.0, 1.0
         self.fit: ImageFit | None = None
@@ -110,22 +110,22 @@ class LearnedMirror:
         return float(np.trace(self.covariance[:2, :2])) < 0.2 * UNKNOWN_PER_M**2
 
     @property
-    def swing(self) -> FloatArray:
-        """Covariance (5, 5) of what a shaking head adds to the errors in each image."""
+    def per_image(self) -> FloatArray:
+        """Covariance (5, 5) of what one image's errors differ by from the camera's: its head shakes."""
         return np.diag([self.vibration_per_m**2, self.vibration_per_m**2, 0.0, 0.0, 0.0])
 
     def corrected(self, positions_m: FloatArray, errors: FloatArray | None = None) -> FloatArray:
-        """Points (N, 2) as a perfect mirror would have seen them; without what is believed, or errors (5,) given."""
+        """Points (N, 2) as a perfect mirror would have seen them; without `correction`, or errors (5,) given."""
         if errors is None and not self.enabled:
             return np.ascontiguousarray(positions_m)
-        chosen = self.believed if errors is None else errors
+        chosen = self.correction if errors is None else errors
         points: FloatArray = placed_points(np.ascontiguousarray(positions_m), chosen, self._mirror)
         return points
 
     @property
     def misfit(self) -> FloatArray:
         """Covariance (3, 3) of what a mirror does to every pose alike beyond the errors looked for, in (m, m, rad)."""
-        shift2 = 0.5 * float(((self.errors.misfit * self.believed) ** 2).sum())
+        shift2 = 0.5 * float(((self.errors.misfit * self.correction) ** 2).sum())
         shift = np.diag([shift2, shift2, 0.0])
         return shift if self.fit is None else shift + self.fit.lever @ self._not_looked_for @ self.fit.lever.T
 
@@ -134,7 +134,7 @@ class LearnedMirror:
         """Covariance (3, 3) of what the errors do to every pose alike, in (m, m, rad): no number of images shows it."""
         if self.fit is None:
             return np.zeros((3, 3))
-        left = self.mean - self.believed
+        left = self.mean - self.correction
         shared: FloatArray = self.fit.lever @ (self.covariance + np.outer(left, left)) @ self.fit.lever.T
         return shared + self.misfit
 
@@ -152,11 +152,11 @@ class LearnedMirror:
         expected: where the robot should be; what the lines leave open between pose and errors is decided by it.
         """
         place = expected or Expected(pose, np.diag(np.square(LOOSE)))
-        spread, mean = self.covariance + self.swing, np.array([*place.pose, *self.believed])
+        spread, mean = self.covariance + self.per_image, np.array([*place.pose, *self.correction])
         information = np.zeros((8, 8))
         information[:3, :3] = np.linalg.inv(place.covariance)
         information[3:, 3:] = np.linalg.inv(spread + _EXACT2 * np.eye(ERRORS))
-        start = np.array([*pose, *self.believed])
+        start = np.array([*pose, *self.correction])
         seen, prior = seen_points(points, 1.0 / (REPEATED_POINTS * self.noise)), StatePrior(mean, information)
         found = self._registration.fit_state(seen, start, prior, self._plan(spread), self._mirror)
         if not math.isfinite(found.state.sum() + found.information.sum()):
@@ -169,7 +169,7 @@ class LearnedMirror:
         vector = said[3:] + lever.T @ pull + alone @ state[3:]
         unsure = np.linalg.inv(matrix[3:, 3:] + information[3:, 3:])
         of_pose = matrix[:3, :3] - matrix[:3, 3:] @ unsure @ matrix[3:, :3]
-        shaking = self.swing @ np.linalg.inv(np.eye(ERRORS) + alone @ self.swing)
+        shaking = self.per_image @ np.linalg.inv(np.eye(ERRORS) + alone @ self.per_image)
         covariance = np.linalg.inv(matrix + information)
         free = state[:3] + own @ pull  # the pose that the lines want with these errors, whatever is expected
         return ImageFit(
@@ -196,20 +196,20 @@ class LearnedMirror:
         self.fit = fit
         if not self.enabled:
             return
-        deviation = fit.errors[:2] - self.believed[:2]
+        deviation = fit.errors[:2] - self.correction[:2]
         seen = 0.5 * (float(deviation @ deviation) + fit.own[0, 0] + fit.own[1, 1])
         variance = self.vibration_per_m**2 + GAIN * (seen - self.vibration_per_m**2)
-        share = np.linalg.inv(REPEATED_IMAGES * np.eye(ERRORS) + fit.information @ self.swing)
+        share = np.linalg.inv(REPEATED_IMAGES * np.eye(ERRORS) + fit.information @ self.per_image)
         self.vibration_per_m = min(max(math.sqrt(variance), self.errors.lean.min), self.errors.lean.max)
         gain = self.covariance @ np.linalg.inv(np.eye(ERRORS) + share @ fit.information @ self.covariance)
         self.mean = self.mean + gain @ (share @ (fit.vector - fit.information @ self.mean))
         drift = np.diag(np.square(DRIFT) * np.diag(self._unknown))
         self.covariance = (0.5 * (gain + gain.T) + drift) * self._open
-        self.believed = self._ratio_wrong() * self.mean
+        self.correction = self._ratio_wrong() * self.mean
 
     def leave_open(self, fit: ImageFit) -> None:
         """An image that shows nothing of its errors: they may be as large as the head's shaking makes them."""
-        self.fit = fit._replace(own=self.swing)
+        self.fit = fit._replace(own=self.per_image)
 
     def update(self, points: LinePoints, pose: Pose) -> ImageFit | None:
         """`fit_to`, and `learn` if there is a fit."""
